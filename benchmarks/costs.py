@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.run.time_steps import validated_step
+from granular.run.time_steps import parse_time_step
 from granular.run.work_precision import damping_kind
 from granular.scene.loading import load_scene
 from granular.scene.published_beds import damper
@@ -173,7 +173,7 @@ def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     return {
         "method": setting.method,
         "dt": str(setting.dt),
-        "fraction": validated_step(setting.dt, item.scene).fraction,
+        "fraction": parse_time_step(setting.dt, item.scene).fraction,
         "frequency": rounded(seen),
         "seconds": rounded(seconds),
         "bounds": {

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.compression import PUBLISHED
 from benchmarks.sums import exponent
-from granular.shared.html import Page
+from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import figure
 from validation.report_tasks import FAILED, Plain
 from validation.text_tables import TextTable, text_table
@@ -286,27 +286,27 @@ def _machine(result: Mapping[str, Any]) -> str:
     return ", ".join(f"{key} {value}" for key, value in result["machine"].items())
 
 
-def page(result: Mapping[str, Any]) -> Page:
+def page(result: Mapping[str, Any]) -> HtmlPage:
     """The page."""
-    shown = Page("Speed", "Least times of several, taken in turn; all of a table in one run.")
+    shown = HtmlPage("Speed", "Least times of several, taken in turn; all of a table in one run.")
     for sheet, rows, failures in _sections(result):
         if rows or failures:
-            shown.section(sheet.title)
+            shown.add_section(sheet.title)
             for words in failures:
-                shown.note(words)
+                shown.add_warning(words)
         if rows:
             made = _table(sheet, rows)
-            shown.table(made.header, made.rows)
+            shown.add_table(made.header, made.rows)
             _draw(shown, sheet, rows)
     for item in result["missing"]:
-        shown.note(f"Not measured: {item['what']}: {item['why']}.")
+        shown.add_warning(f"Not measured: {item['what']}: {item['why']}.")
     when = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     kind = "full" if result["full"] else "quick"
-    shown.footer(f"Made on {when} ({kind}) with {_machine(result)}")
+    shown.add_footer(f"Made on {when} ({kind}) with {_machine(result)}")
     return shown
 
 
-def _draw(shown: Page, sheet: Sheet, rows: Sequence[Row]) -> None:
+def _draw(shown: HtmlPage, sheet: Sheet, rows: Sequence[Row]) -> None:
     if sheet.label is None:
         return
     with figure() as (drawing, axes):
@@ -317,4 +317,4 @@ def _draw(shown: Page, sheet: Sheet, rows: Sequence[Row]) -> None:
         axes.set_xlabel("grains")
         axes.set_ylabel("time [us]")
         axes.legend(fontsize=7)
-        shown.figure(drawing, sheet.title)
+        shown.add_figure(drawing, sheet.title)

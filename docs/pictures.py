@@ -28,9 +28,9 @@ from granular.observables import per_distance, radial_distribution, track_defect
 from granular.observables.plots import plot_correlation_function, plot_defect_paths
 from granular.render import movie, save_picture, still
 from granular.response import frequency_response
-from granular.run.accuracy import FLOORS
-from granular.run.work_precision import WorkPrecisionTable
-from granular.run.work_precision import load_work_precision_table as prices
+from granular.run.settings_for_accuracy import FLOORS
+from granular.run.work_precision import SceneWorkPrecision
+from granular.run.work_precision import load_work_precision_scenes as prices
 from granular.schema.scales import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
 from reduced_models import damper_maps, fit, predict, predict_fall
@@ -81,7 +81,7 @@ def draw_damper() -> None:
 def draw_fall() -> None:
     """The fall, and the swing after the lift with the law fitted to its first two thirds."""
     run = damper_run()
-    drop, swing = run.piston("drop").from_zero(), run.piston("release").from_zero()
+    drop, swing = run.piston("drop").with_time_from_zero(), run.piston("release").with_time_from_zero()
     seen = swing.between(0.0, 4.0)
     model = fit(seen, law="polynomial-spring", test_fraction=0.0)
     predicted = model.simulate(swing.time)
@@ -340,7 +340,7 @@ def draw_studies() -> None:
 
 def draw_record() -> None:
     """A record with noise and a gap, the law fitted to it, and what is left over."""
-    record = noisy(damper_run().piston().from_zero().between(0.0, 4.0))
+    record = noisy(damper_run().piston().with_time_from_zero().between(0.0, 4.0))
     model = fit(record, law="polynomial-spring")
     drawing: Any = model.plot(record).figure
     drawing.set_size_inches(7.0, 4.2)
@@ -377,7 +377,7 @@ def draw_limits() -> None:
     """A law of small lifts, asked for a whole fall, which it has not seen."""
     run = damper_run()
     small = fit(run.piston(), law="power-law-spring")
-    fall = run.piston("drop").from_zero().between(0.0, 2.0)
+    fall = run.piston("drop").with_time_from_zero().between(0.0, 2.0)
     asked = small.simulate(fall.time, z0=float(fall.height[0]), v0=0.0)
     known = predict(damper()).simulate(fall.time, z0=float(fall.height[0]), v0=0.0)
     with figure(width=7.0, height=3.2) as (drawing, axes):
@@ -587,7 +587,7 @@ def write_prices() -> None:
     write_block("prices", words, DOCS / "guide" / "methods.md")
 
 
-def fastest(scene: WorkPrecisionTable, quantity: str, level: float) -> str:
+def fastest(scene: SceneWorkPrecision, quantity: str, level: float) -> str:
     """The fastest rung whose bound is within a level, and its seconds; or why there is none."""
     if level < FLOORS * scene.floors[quantity]:
         return "more starts"
@@ -791,7 +791,7 @@ X_Value\theight"""
             left.axis("off")
             left.set_title(name, fontsize=10, loc="left")
             left.text(0.0, 0.98, text, va="top", family="monospace", fontsize=9, transform=left.transAxes)
-            right.plot(record.from_zero().time, 1e3 * record.height, color=COLOURS[place])
+            right.plot(record.with_time_from_zero().time, 1e3 * record.height, color=COLOURS[place])
             right.set_ylabel("height [mm]")
         rows[-1][1].set_xlabel("time [s]")
         keep(drawing, "forms")

@@ -2,7 +2,7 @@ from .effects.custom import effect, wall_law
 from .methods import Method
 from .protocol.custom_stages import stage
 from .run.evaluation import Evaluation, evaluate
-from .run.record import PistonRecord
+from .run.piston_record import PistonRecord
 from .run.simulation import simulate
 from .run.summary import run_text, scene_text
 from .run.trajectory import Trajectory, load_trajectory
@@ -10,7 +10,7 @@ from .scene.loading import load_scene, scene_names
 from .scene.published_beds import bidisperse, damper, mono_bed
 from .scene.scene import Scene
 from .schema.sections import quantity
-from .shared.citing import cite
+from .shared.citations import cite
 from .shared.errors import GranularError, InputError
 from .shared.version import __version__
 from .studies.sweep import Study, sweep

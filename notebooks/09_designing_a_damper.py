@@ -96,7 +96,7 @@ found.plot(maps)
 # %%
 warnings.simplefilter("ignore")
 run = simulate(found.damper.scene(seed=7), progress=False)
-swing = fit(run.piston("release").from_zero(), law="polynomial-spring").at_rest
+swing = fit(run.piston("release").with_time_from_zero(), law="polynomial-spring").at_rest
 own_frequency, own_damping = 1.0 / swing.period, swing.damping_ratio
 frequency_error = own_frequency / wanted_frequency - 1.0
 damping_error = own_damping / wanted_damping - 1.0

@@ -90,8 +90,8 @@ def main(folder: Path) -> None:
     )
     print(words + ".")
     page = comparison_page(table)
-    page.note(f"Over {PERIODS:g} periods of the {JUDGED} D lift {words}.")
-    page.table(
+    page.add_warning(f"Over {PERIODS:g} periods of the {JUDGED} D lift {words}.")
+    page.add_table(
         ("law", "parameters", "rms error, in amplitudes"),
         [(name, str(counts[name]), f"{100 * error:.3g} %") for name, error in ranked],
     )

@@ -15,9 +15,9 @@ record and a law. On these stand ``falls`` (a law against records of other falls
 
 import lazy_loader
 
-from granular.shared.errors import advise_on_missing_module
+from granular.shared.errors import with_missing_package_advice
 
 # Names, which stand in __init__.pyi, are imported when they are used: importing the package costs
 # next to nothing.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__getattr__ = advise_on_missing_module(__getattr__)
+__getattr__ = with_missing_package_advice(__getattr__)

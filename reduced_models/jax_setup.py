@@ -9,12 +9,12 @@ import os
 from pathlib import Path
 from typing import Any
 
-from granular.shared.caches import private_folder, toolkit_cache
+from granular.shared.cache_files import toolkit_cache_folder, trusted_cache_folder
 from granular.shared.errors import InputError
-from granular.shared.messages import quote, sanitize
-from granular.shared.stops import deferred_stop
+from granular.shared.message_text import quote, sanitize
+from granular.shared.stop_signals import defer_stop_signals
 
-with deferred_stop():  # broken off, the import of JAX's C++ ended in a segmentation fault
+with defer_stop_signals():  # broken off, the import of JAX's C++ ended in a segmentation fault
     import diffrax  # noqa: F401
     import jax
 
@@ -22,10 +22,10 @@ _VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 
 
 def _cache_folder() -> Path | None:
-    """Folder where compiled code is kept; see `granular.shared.caches.private_folder`."""
+    """Folder where compiled code is kept; see `granular.shared.cache_files.trusted_cache_folder`."""
     chosen = os.environ.get(_VARIABLE)
-    home = toolkit_cache()
-    return private_folder(Path(chosen) if chosen else home and home / "jax", _VARIABLE)
+    home = toolkit_cache_folder()
+    return trusted_cache_folder(Path(chosen) if chosen else home and home / "jax", _VARIABLE)
 
 
 def _check_platform(chosen: str) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 from granular.commands.console import Parser, add_version_option, print_result
 from granular.commands.options import OUTPUT
 from granular.shared.errors import InputError
-from granular.shared.files import finite_or_none, write_text
+from granular.shared.files import replace_non_finite_by_none, write_text
 from granular.shared.result_cache import ResultCache
 from validation.text_tables import TextTable
 
@@ -234,7 +234,7 @@ def kept_rows(
     progress: bool,
 ) -> list[Plain]:
     """A row for each case, cached as soon as it is made, and found there again."""
-    from granular.shared.progress import progress_bar
+    from granular.shared.progress_bars import progress_bar
 
     rows = []
     with progress_bar(total=len(cases), desc=what, wanted=progress) as bar:
@@ -268,7 +268,7 @@ def read_results(path: Path, from_plain: Callable[[Any], Results], empty: Result
 
 def write_results(plain: Mapping[str, Any], path: Path) -> None:
     """Write results, one row a line, so that changes of the file can be read."""
-    text = json.dumps(finite_or_none(plain), separators=(",", ":"))
+    text = json.dumps(replace_non_finite_by_none(plain), separators=(",", ":"))
     for mark in ('},"', '},{"'):
         text = text.replace(mark, "},\n" + mark[2:])
     write_text(path, text + "\n")

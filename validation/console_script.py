@@ -141,7 +141,7 @@ def _list_all_commands(programs: dict[str, Program]) -> str:
 )
 def cite(options: Any) -> None:
     """Print BibTeX entries."""
-    from granular.shared.citing import cite as bibtex
+    from granular.shared.citations import cite as bibtex
 
     text = bibtex(*map(_resolve_cited_name, options.things))
     print_result({"bibtex": text}, text, options.json)

@@ -133,12 +133,12 @@ def method_suits_problem(problem: ExactProblem, method: str) -> bool:
 
     Some methods take no dry friction, and variable steps follow distances, so there must be some.
     """
-    from granular.run.time_steps import is_step_allowed
+    from granular.run.time_steps import can_run_with_step
 
     effects = problem.scene.effects
     distances = effects.dipole is not None or effects.walls is not None
     variable = method_named(method).variable
-    return is_step_allowed(problem.scene, "auto", method) and (distances or not variable)
+    return can_run_with_step(problem.scene, "auto", method) and (distances or not variable)
 
 
 def convergence(

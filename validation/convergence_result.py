@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-    from granular.shared.html import Page
+    from granular.shared.html_pages import HtmlPage
 
 HIGH_ORDER = 6
 """Methods of this order and more have many stages a step; see `validation.convergence_order`."""
@@ -205,9 +205,9 @@ OUTSIDE_REACH = 1e-12
 """Distance from the exact place that an outside reference must reach [m]."""
 
 
-def show_convergence(page: Page, results: Sequence[ConvergenceResult]) -> None:
+def show_convergence(page: HtmlPage, results: Sequence[ConvergenceResult]) -> None:
     """Show slopes, and a plot for each problem."""
-    page.text(
+    page.add_paragraph(
         "Error at the end against the exact solution (closed forms, or quadrature of the energy "
         "integral to thirty digits), over the time step. The slope is fitted over the finest "
         f"decade of steps whose error is at least {CLEAR:g} times the measured rounding; its "
@@ -219,18 +219,18 @@ def show_convergence(page: Page, results: Sequence[ConvergenceResult]) -> None:
     )
     add_table_to_page(page, slope_table(results))
     for failed in (result for result in results if not convergence_holds(result)):
-        page.note(f"{failed.method} on {failed.problem} does not show its order {failed.order}.")
+        page.add_warning(f"{failed.method} on {failed.problem} does not show its order {failed.order}.")
     for name in dict.fromkeys(result.problem for result in results):
         group = [result for result in results if result.problem == name and not result.is_exact]
         if not group:
-            page.text(f"On {name} every method shown is exact to rounding.")
+            page.add_paragraph(f"On {name} every method shown is exact to rounding.")
             continue
         with figure(width=WIDTH, height=5.2) as (drawing, axes):
             for k, result in enumerate(group):
                 style = STYLES[k // len(COLOURS) % len(STYLES)]
                 result.plot(axes, color=COLOURS[k % len(COLOURS)], linestyle=style, linewidth=1.0)
             draw_legend_below(axes)
-            page.figure(drawing, f"{name}: error at the end over the time step.")
+            page.add_figure(drawing, f"{name}: error at the end over the time step.")
 
 
 def slope_table(results: Sequence[ConvergenceResult]) -> TextTable:

@@ -30,7 +30,7 @@ from validation.text_tables import WIDTH, TextTable, draw_legend_below, text_tab
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from granular.shared.html import Page
+    from granular.shared.html_pages import HtmlPage
 
 STEPS = (1e-6, 5e-7, 2e-7, 1e-7, 5e-8, 2e-8, 1e-8)
 PLAIN, COMPENSATED, TOOLKIT = "position form", "compensated increments", "toolkit, compensated"
@@ -330,11 +330,11 @@ def _run_toolkit(step: float, exact: float) -> DepaulaRun:
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_depaula_section(page: Page, experiments: Sequence[DepaulaStepTest]) -> None:
+def show_depaula_section(page: HtmlPage, experiments: Sequence[DepaulaStepTest]) -> None:
     """Show errors over the step, and the peaks, with and without rounding."""
     for experiment in experiments:
         clean, plain = experiment.runs_of_form(COMPENSATED)[-1], experiment.runs_of_form(PLAIN)[-1]
-        page.text(
+        page.add_paragraph(
             "A grain of 5 mm bounces for 2 s from 40 D [D, 2.3.4]. With compensated sums the error "
             f"against the exact height falls with the slope {experiment.error_slope(COMPENSATED):.4f}, "
             f"to {clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form it "
@@ -345,7 +345,7 @@ def show_depaula_section(page: Page, experiments: Sequence[DepaulaStepTest]) -> 
             "sequence: its heights, compensated, differ from those of the position form by "
             f"{experiment.greatest_form_difference():.1g} m at most."
         )
-        page.text(
+        page.add_paragraph(
             "De Paula sees its points scatter about the line, and ascribes that to errors that "
             "are relative to the finest step. That alone makes a slope of "
             f"{experiment.slope_relative_to_finest(COMPENSATED):.3f}, with points within "
@@ -357,7 +357,7 @@ def show_depaula_section(page: Page, experiments: Sequence[DepaulaStepTest]) -> 
         with figure(width=WIDTH, height=5.2) as (drawing, axes):
             experiment.plot(axes)
             draw_legend_below(axes, columns=1)
-            page.figure(
+            page.add_figure(
                 drawing,
                 "Error of the height after 2 s: against the exact one (dots), and relative to the "
                 "finest step (rings).",
@@ -367,7 +367,7 @@ def show_depaula_section(page: Page, experiments: Sequence[DepaulaStepTest]) -> 
             experiment.plot_peaks(below)
             above.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
             below.legend(fontsize=8, loc="center right")
-            page.figure(
+            page.add_figure(
                 drawing,
                 "Height over time at the finest step, and how far each peak is from the start's height.",
             )

@@ -20,8 +20,8 @@ from granular.engine.columns import record_width
 from granular.engine.loop import TickRange, advance_ticks
 from granular.engine.step_size import Step, StepSchedule
 from granular.methods import method_named
-from granular.run.run import Run
-from granular.run.summary import effect_names
+from granular.run.protocol_runner import ProtocolRunner
+from granular.run.summary import active_effect_names
 from granular.scene.scene import Scene
 from granular.scene.system import scene_in_natural_units
 from granular.shared.errors import GranularError
@@ -37,7 +37,7 @@ class EngineSteps:
         method = method_named("stormer-verlet")
         system = scene_in_natural_units(scene, threads=threads, method=method)
         self.threads, self.step = threads, step
-        self.run = Run(scene, system, method, Step(), None)
+        self.run = ProtocolRunner(scene, system, method, Step(), None)
         self.run.begin_stage()
         self.watch = self.run.stop_criteria()._replace(stiff=math.inf, rest=-1.0)
         self.rows = np.zeros((3, record_width(len(system.effects))))
@@ -101,7 +101,7 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
         the scene can be run with it) and ``effects``: a row each, with what it adds where it comes
         first and saves where it is taken away last [us], and half the interval of each.
     """
-    names = effect_names(scene)
+    names = active_effect_names(scene)
     held = scene.replace(**_HELD)
     builds = _scenes_to_time(held, names)
     if workers > 1:

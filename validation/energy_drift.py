@@ -28,7 +28,7 @@ from validation.trend_significance import BLOCKS, SIGNIFICANCE, EnergyTrend, ene
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from granular.shared.html import Page
+    from granular.shared.html_pages import HtmlPage
 
 SHOWN = 800
 """Points of a line that are kept."""
@@ -269,9 +269,9 @@ def trend_is_as_expected(study: EnergyStudy) -> bool:
     return study.trend.verdict() == ("none" if study.keeps else CONTROLS[study.method])
 
 
-def show_energy_section(page: Page, studies: Sequence[EnergyStudy]) -> None:
+def show_energy_section(page: HtmlPage, studies: Sequence[EnergyStudy]) -> None:
     """Show trends, the error over time, and phase portraits."""
-    page.text(
+    page.add_paragraph(
         "Error of the energy over the energy turned over. A trend is claimed where it stands out "
         f"against stationary noise and against a random walk, at p below {SIGNIFICANCE:g}. "
         "Symplectic methods, and reversible variable steps, should show none; the controls gain "
@@ -279,7 +279,7 @@ def show_energy_section(page: Page, studies: Sequence[EnergyStudy]) -> None:
     )
     for study in studies:
         if not trend_is_as_expected(study):
-            page.note(
+            page.add_warning(
                 f"{study.method} on the {study.system} {study.trend.verdict()} energy by "
                 f"{study.trend.total_drift:.1e} (p = {study.trend.p_value:.1g}), unlike its kind."
             )
@@ -287,7 +287,7 @@ def show_energy_section(page: Page, studies: Sequence[EnergyStudy]) -> None:
         _energy_figures(page, system, [study for study in studies if study.system == system])
 
 
-def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> None:
+def _energy_figures(page: HtmlPage, system: str, group: Sequence[EnergyStudy]) -> None:
     for kind, keeps in (("symplectic or reversible", True), ("controls", False)):
         runs = [run for run in group if run.keeps is keeps]
         if not runs:
@@ -305,7 +305,7 @@ def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> No
             axes.set_ylabel("greatest energy error")
             axes.set_xlabel("fraction of the run")
             draw_legend_below(axes)
-            page.figure(
+            page.add_figure(
                 drawing,
                 f"{system}, {kind}: greatest error of the energy in each {BINS}th of the run (of "
                 f"{_run_lengths(runs)}), over the energy turned over.",
@@ -328,7 +328,7 @@ def _error_envelope(study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
     return middles / study.times[-1], np.where(greatest > 0.0, greatest, np.nan)
 
 
-def _phase_portraits(page: Page, system: str, group: Sequence[EnergyStudy]) -> None:
+def _phase_portraits(page: HtmlPage, system: str, group: Sequence[EnergyStudy]) -> None:
     chosen = [run for run in group if run.method in PORTRAYED] or list(group[:1])
     with figure(2, len(chosen), height=5.0, width=2.6 * len(chosen) + 0.8, squeeze=False) as (
         drawing,
@@ -342,7 +342,7 @@ def _phase_portraits(page: Page, system: str, group: Sequence[EnergyStudy]) -> N
             column[1].set_xlabel("height [D]")
         panels[0, 0].set_ylabel("velocity [m/s]")
         panels[1, 0].set_ylabel("velocity [m/s], zoom")
-        page.figure(drawing, f"{system}: phase portraits, and a zoom at the upper turning point.")
+        page.add_figure(drawing, f"{system}: phase portraits, and a zoom at the upper turning point.")
 
 
 PORTRAYED = ("stormer-verlet", "stormer-verlet+compensated", "explicit-euler", "runge-kutta-4")

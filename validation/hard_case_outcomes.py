@@ -21,7 +21,7 @@ from validation.report_tasks import PlainData, Section, Task
 from validation.text_tables import TextTable, add_table_to_page, text_table
 
 if TYPE_CHECKING:
-    from granular.shared.html import Page
+    from granular.shared.html_pages import HtmlPage
 
 ACCURATE, DEGRADED, STOPPED = "accurate", "degraded and said so", "stopped"
 SILENT, CRASHED = "SILENT FAILURE", "CRASH"
@@ -130,13 +130,15 @@ def _run_case(case: HardCase, method: str, dt: float | str, until: float) -> tup
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_outcomes(page: Page, outcomes: Sequence[HardCaseOutcome]) -> None:
+def show_outcomes(page: HtmlPage, outcomes: Sequence[HardCaseOutcome]) -> None:
     """Show the outcome of every hard case."""
-    page.text(outcome_summary(outcomes))
+    page.add_paragraph(outcome_summary(outcomes))
     for outcome in outcomes:
         if not outcome.allowed:
-            page.note(f"{outcome.case} ({outcome.method}, dt {outcome.dt}): {outcome.kind}. {outcome.said}")
-    page.text(
+            page.add_warning(
+                f"{outcome.case} ({outcome.method}, dt {outcome.dt}): {outcome.kind}. {outcome.said}"
+            )
+    page.add_paragraph(
         "Each run's ending and its error, in the unit of the second column; the third says up to "
         "what the case's own run counts as accurate (ten times that for other methods, sixteen "
         "for a step four times as long). An InputError says that a method does not suit the scene. "

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.run.trajectory import Trajectory
 from granular.schema.scales import Scales
 from granular.schema.sections import unknown

@@ -13,11 +13,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from granular.methods import METHODS
-from granular.run.time_steps import is_step_allowed
+from granular.run.time_steps import can_run_with_step
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
-from granular.shared.files import finite_or_none
+from granular.shared.files import replace_non_finite_by_none
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.cost.advised_setting import (
     FLOORS,
@@ -57,7 +57,7 @@ from validation.text_tables import WIDTH, TextTable, add_table_to_page, draw_leg
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from granular.shared.html import Page
+    from granular.shared.html_pages import HtmlPage
     from validation.cost.work_precision import ReferenceValue
 
 QUICK_SECONDS, FULL_SECONDS = 75.0, 1200.0
@@ -94,7 +94,7 @@ def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[T
 
 
 def _measure_effects(scene: Scene) -> Plain:
-    return {"effects": finite_or_none(effect_costs(scene))}
+    return {"effects": replace_non_finite_by_none(effect_costs(scene))}
 
 
 def _run_hard_cases() -> Plain:
@@ -135,7 +135,7 @@ def plan_runs(
 
     Steps are halved from the longest one on, each at twice the time of the one before.
     """
-    steps = [dt for dt in STEPS if is_step_allowed(scene, dt, "stormer-verlet")]
+    steps = [dt for dt in STEPS if can_run_with_step(scene, dt, "stormer-verlet")]
     took = _run_seconds(scene, SolverSettings("stormer-verlet", steps[0]), until)
     random = depends_on_seed(scene)
     many = random and MANY_STARTS * took * 2.0**6 <= seconds
@@ -147,7 +147,7 @@ def plan_runs(
         calls = METHODS[name].force_calls
         runs = seconds * FRACTION / (starts * took * calls)
         more = min(math.floor(math.log2(runs + 1.0)), len(steps)) if runs >= 1.0 else 0
-        ladder += [SolverSettings(name, dt) for dt in steps[:more] if is_step_allowed(scene, dt, name)]
+        ladder += [SolverSettings(name, dt) for dt in steps[:more] if can_run_with_step(scene, dt, name)]
     reference = SolverSettings("stormer-verlet", steps[entries]) if random else reference_setting(scene)
     return ladder, scenes_with_other_seeds(scene, starts - 1), reference
 
@@ -220,7 +220,7 @@ def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) ->
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_overview(page: Page, results: Sequence[Plain]) -> None:
+def show_overview(page: HtmlPage, results: Sequence[Plain]) -> None:
     """Show the answers for each scene, and the row of the hard cases."""
     for result in results:
         if "studies" in result:
@@ -228,7 +228,7 @@ def show_overview(page: Page, results: Sequence[Plain]) -> None:
         elif "effects" in result:
             _show_effects(page, result["effects"])
     if outcomes := _outcomes(results):
-        page.section("Hard cases at a glance")
+        page.add_section("Hard cases at a glance")
         add_table_to_page(page, outcome_count_table(outcomes))
 
 
@@ -236,12 +236,12 @@ def _outcomes(results: Sequence[Plain]) -> list[HardCaseOutcome]:
     return [HardCaseOutcome.from_plain(row) for result in results for row in result.get("outcomes", ())]
 
 
-def _show_accuracy(page: Page, plain: Plain) -> None:
+def _show_accuracy(page: HtmlPage, plain: Plain) -> None:
     studies = studies_from_plain(plain)
     first, starts = studies[0], plain["starts"]
-    page.section(f"{first.scene}: what accuracy costs")
+    page.add_section(f"{first.scene}: what accuracy costs")
     if starts > 1:
-        page.text(
+        page.add_paragraph(
             f"Errors are means over {starts} starts, against a finer step from the same starts; "
             "bars end at the bound that the starts allow. Dashed: how far the starts themselves "
             f"scatter. One run cannot be trusted below {FLOORS:g} times that, whatever its step; "
@@ -252,7 +252,7 @@ def _show_accuracy(page: Page, plain: Plain) -> None:
         plot_error_over_run_time(axes, studies)
         draw_legend_below(axes)
         until = "" if first.horizon is None else f" over {first.horizon:g} s"
-        page.figure(drawing, f"{first.scene}{until}: error over the time of a run.")
+        page.add_figure(drawing, f"{first.scene}{until}: error over the time of a run.")
     add_table_to_page(page, advice_table(studies))
 
 
@@ -322,9 +322,9 @@ def _setting_and_price(advice: AdvisedSetting) -> str:
 # Effects ----------------------------------------------------------------------------------------
 
 
-def _show_effects(page: Page, plain: Mapping[str, Any]) -> None:
-    page.section(f"{plain['scene']}: what its effects cost")
-    page.text(
+def _show_effects(page: HtmlPage, plain: Mapping[str, Any]) -> None:
+    page.add_section(f"{plain['scene']}: what its effects cost")
+    page.add_paragraph(
         f"Microseconds of a step of {plain['grains']} grains on one core, medians of interleaved "
         f"runs: {plain['step']:.3g} with all effects, {plain['nothing']:.2g} with none. An effect "
         "that is added to others may share their work: both prices stand where they differ by "
@@ -333,7 +333,7 @@ def _show_effects(page: Page, plain: Mapping[str, Any]) -> None:
     )
     add_table_to_page(page, effect_cost_table(plain))
     sums = ", ".join(f"{name} {value:.3g}" for name, value in plain["sums"].items())
-    page.text(f"A whole step by the sum over pairs: {sums} microseconds.")
+    page.add_paragraph(f"A whole step by the sum over pairs: {sums} microseconds.")
 
 
 def effect_cost_table(plain: Mapping[str, Any]) -> TextTable:

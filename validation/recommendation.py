@@ -225,7 +225,7 @@ def _measure_until_decided(
     progress: bool,
 ) -> WorkPrecision:
     """Points that it takes to choose, family by family."""
-    from granular.shared.progress import progress_bar
+    from granular.shared.progress_bars import progress_bar
 
     with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:
         (truth,) = reference_values(scenes, [quantity], [reference], until)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.shared.files import make_directory, write_json
-from granular.shared.html import Page
+from granular.shared.html_pages import HtmlPage
 from validation.convergence_order import CONVERGENCE
 from validation.cost.report_section import WORK_PRECISION
 from validation.depaula_experiment import DEPAULA
@@ -71,21 +71,21 @@ def report(
     return plain
 
 
-def report_page(results: Results, *, full: bool) -> Page:
+def report_page(results: Results, *, full: bool) -> HtmlPage:
     """Return the report as a page."""
     read = {SECTIONS[name]: _read_results(name, section_entries) for name, section_entries in results.items()}
     verdicts = summarise_verdicts(results)
     wrong = [name for name, held in verdicts["held"].items() if not held]
     lead = f"Not all holds: {', '.join(wrong)}." if wrong else "All holds."
-    shown = Page("Proof of the numbers", lead)
+    shown = HtmlPage("Proof of the numbers", lead)
     if OVERVIEW in read:
         _add_section(shown, OVERVIEW, read[OVERVIEW], results)
         if STABILITY in read:
-            shown.section("Hard cases at a glance")
+            shown.add_section("Hard cases at a glance")
             add_table_to_page(shown, outcome_count_table(read[STABILITY]))
-    shown.section("What holds")
+    shown.add_section("What holds")
     words = {True: "yes", False: "NO"}
-    shown.table(
+    shown.add_table(
         ("part", "holds", "what was found"),
         [(name, words[verdicts["held"][name]], verdict) for name, verdict in verdicts["verdicts"].items()],
     )
@@ -93,15 +93,17 @@ def report_page(results: Results, *, full: bool) -> Page:
     for section, section_entries in below.items():
         _add_section(shown, section, section_entries, results)
     if any(section.behind for section in below):
-        shown.section("All measurements")
+        shown.add_section("All measurements")
     for section, section_entries in below.items():
         if section.behind and section_entries:
             for title, table in section.tables(section_entries):
-                shown.text(title)
+                shown.add_paragraph(title)
                 add_table_to_page(shown, table)
     made = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     kind = "full" if full else "quick"
-    shown.footer(f"Made on {made} ({kind}) with " + ", ".join(f"{k} {v}" for k, v in machine_info().items()))
+    shown.add_footer(
+        f"Made on {made} ({kind}) with " + ", ".join(f"{k} {v}" for k, v in machine_info().items())
+    )
     return shown
 
 
@@ -110,17 +112,17 @@ def _read_results(name: str, results: Sequence[Plain]) -> list[Any]:
     return [SECTIONS[name].read(result) for result in results if FAILED not in result]
 
 
-def _add_section(page: Page, section: Section, items: Sequence[Any], results: Results) -> None:
+def _add_section(page: HtmlPage, section: Section, items: Sequence[Any], results: Results) -> None:
     """Section's texts and figures, its tables unless they stand behind, and what failed."""
     if section.title:
-        page.section(section.title)
+        page.add_section(section.title)
     if items:
         section.show(page, items)
     if items and not section.behind:
         for _, table in section.tables(items):
             add_table_to_page(page, table)
     for line in _failures(results[section.name]):
-        page.note(line)
+        page.add_warning(line)
 
 
 def _failures(results: Sequence[Plain]) -> list[str]:

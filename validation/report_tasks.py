@@ -19,7 +19,7 @@ from granular.shared.errors import GranularError
 from granular.shared.result_cache import ResultCache, digest
 
 if TYPE_CHECKING:
-    from granular.shared.html import Page
+    from granular.shared.html_pages import HtmlPage
     from validation.text_tables import TextTable
 
 Plain = dict[str, Any]
@@ -114,7 +114,7 @@ class Section(NamedTuple):
     read: Callable[[Plain], Any]
     tables: Callable[[Sequence[Any]], Sequence[tuple[str, TextTable]]]
     verdict: Callable[[Sequence[Any]], tuple[str, bool]]
-    show: Callable[[Page, Sequence[Any]], None]
+    show: Callable[[HtmlPage, Sequence[Any]], None]
     behind: bool = True
 
 
@@ -161,7 +161,7 @@ def run_tasks(
 
 
 def _run_in_turn(name: str, tasks: Sequence[Task], progress: bool) -> Iterator[Task]:
-    from granular.shared.progress import progress_bar
+    from granular.shared.progress_bars import progress_bar
 
     with progress_bar(
         total=len(tasks),

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from granular.shared.tables import align_columns
+from granular.shared.text_tables import align_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from granular.shared.html import Page
+    from granular.shared.html_pages import HtmlPage
 
 WIDTH = 5.6
 """Width of a figure [inch]: narrow enough for its letters to be read on a phone."""
@@ -35,9 +35,9 @@ def text_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> TextT
     return TextTable(tuple(header), tuple(tuple(map(str, row)) for row in rows))
 
 
-def add_table_to_page(page: Page, shown: TextTable) -> None:
+def add_table_to_page(page: HtmlPage, shown: TextTable) -> None:
     """Add a table whose numbers are not broken to a page."""
-    page.table(shown.header, [tuple(map(keep_number_with_unit, row)) for row in shown.rows])
+    page.add_table(shown.header, [tuple(map(keep_number_with_unit, row)) for row in shown.rows])
 
 
 def keep_number_with_unit(cell: str) -> str:

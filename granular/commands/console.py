@@ -35,11 +35,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, NoReturn
 
 from granular.schema.sections import unknown
-from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing_module_message
-from granular.shared.files import finite_or_none
+from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing_package_error
+from granular.shared.files import replace_non_finite_by_none
 from granular.shared.garbage import rare_garbage_collection
-from granular.shared.messages import one_line, printable, sanitize
-from granular.shared.stops import handle_sigterm
+from granular.shared.message_text import one_line, printable, sanitize
+from granular.shared.stop_signals import handle_sigterm
 from granular.shared.version import __version__
 
 BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
@@ -87,7 +87,7 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         )
         return _print_error(f"{stop}: {saved}", TERMINATED if stop.terminated else INTERRUPTED)
     except ModuleNotFoundError as error:
-        advice = missing_module_message(error)
+        advice = missing_package_error(error)
         if advice is None:
             raise
         return _print_error(str(advice), BAD_INPUT)
@@ -305,7 +305,7 @@ def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
     JSON has neither infinities nor NaN: they are printed as null.
     """
     if as_json:
-        print(json.dumps(finite_or_none(result), allow_nan=False))
+        print(json.dumps(replace_non_finite_by_none(result), allow_nan=False))
     else:
         print("\n".join(map(_wrap_note, printable(text).split("\n"))))
 

@@ -52,7 +52,7 @@ def export(options: Any) -> None:
 
 def _export_lammps_deck(options: Any) -> None:
     from granular.export import to_lammps
-    from granular.run.directory import is_run_directory
+    from granular.run.run_directory import is_run_directory
 
     at_run = is_run_directory(Path(options.run))
     if at_run and options.changes:

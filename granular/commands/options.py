@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from granular.commands.console import option, option_group
 from granular.shared.errors import GranularError, InputError
 from granular.shared.files import parse_toml
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from granular.scene.scene import Scene

@@ -8,7 +8,7 @@ from typing import Any
 from granular.commands.console import command, option, print_result
 from granular.commands.options import IMPORT, OUTPUT, RUN, quantity_reader
 from granular.shared.errors import InputError, SceneError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 
 @command(

@@ -20,7 +20,7 @@ from granular.commands.options import (
 )
 from granular.shared.errors import InputError
 from granular.shared.files import make_directory, write_text
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from granular.response.response import FrequencyResponse

@@ -103,10 +103,10 @@ study.toml:
 )
 def sweep(options: Any) -> None:
     """Run a study."""
-    from granular.studies.page import study_page
+    from granular.studies.executors import cluster_executor
+    from granular.studies.study_page import study_page
     from granular.studies.sweep import load_study
     from granular.studies.sweep import sweep as run_study
-    from granular.studies.workers import cluster_executor
     from granular.user_code import import_user_code
 
     study = load_study(options.study, import_user_code(options.user_files).measures)

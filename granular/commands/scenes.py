@@ -84,12 +84,12 @@ def _list_methods(options: Any) -> None:
 def _warm_up(options: Any) -> None:
     """Compile what scenes need."""
     from granular.compiled.kernel_cache import kernel_cache_folder
-    from granular.run.warm_up import warm_up
+    from granular.run.simulation import compile_and_cache_kernels
     from granular.scene.loading import load_scene, scene_names
 
     changes = parse_changes(options.changes)
     scenes = [load_scene(name).replace(**changes) for name in options.warm_up or scene_names()]
-    seconds = warm_up(scenes)
+    seconds = compile_and_cache_kernels(scenes)
     folder = kernel_cache_folder()
     if folder is None:
         raise InputError(

@@ -6,7 +6,7 @@ Here
 
 - one digest of all kernels' sources stands for them all, since kernels call each other: editing one
   compiles all afresh, and nothing stale is ever run (see `granular.compiled.source_digest`);
-- a file is loaded only if it is the user's own and whole (see `granular.shared.caches`), and what
+- a file is loaded only if it is the user's own and whole (see `granular.shared.cache_files`), and what
   cannot be written is not kept: the worst that a cache can do to a run is to cost it time.
 """
 
@@ -29,8 +29,13 @@ from numba.core.serialize import dumps
 
 from granular.compiled.kernel_linking import rebuild_kernel
 from granular.compiled.source_digest import PACKAGE, digest_of_bytes, digest_of_syntax, read_compiled_sources
-from granular.shared.caches import private_folder, read_sealed, toolkit_cache, write_sealed
-from granular.shared.locks import lock_file
+from granular.shared.cache_files import (
+    read_sealed_file,
+    toolkit_cache_folder,
+    trusted_cache_folder,
+    write_sealed_file,
+)
+from granular.shared.file_locks import lock_file
 
 ABANDONED = 86400.0
 """Age [s] from which a part of a file is nobody's any more."""
@@ -45,8 +50,8 @@ def kernel_cache_folder() -> Path | None:
     """
     here = hashlib.sha256(f"{PACKAGE} {sys.implementation.cache_tag}".encode()).hexdigest()
     chosen = numba.config.CACHE_DIR
-    home = Path(chosen) if chosen else toolkit_cache()
-    return private_folder(home and home / f"kernels-{here[:16]}", "NUMBA_CACHE_DIR")
+    home = Path(chosen) if chosen else toolkit_cache_folder()
+    return trusted_cache_folder(home and home / f"kernels-{here[:16]}", "NUMBA_CACHE_DIR")
 
 
 @functools.cache
@@ -62,7 +67,7 @@ def _load_or_compute_syntax_digest() -> str:
     if folder is None:
         return digest_of_syntax(files)
     known, label = folder / "source", digest_of_bytes(files)
-    sealed = read_sealed(known, label)
+    sealed = read_sealed_file(known, label)
     if sealed is not None:
         return sealed.decode()
     result = digest_of_syntax(files)
@@ -72,7 +77,7 @@ def _load_or_compute_syntax_digest() -> str:
 
 def _write(path: Path, label: str, body: bytes) -> None:
     try:
-        write_sealed(path, label, body)
+        write_sealed_file(path, label, body)
     except OSError as error:
         _warn_once(f"{path.parent} cannot be written: {error.strerror}")
 
@@ -105,7 +110,7 @@ _claims: dict[Path, contextlib.ExitStack] = {}
 def _read_or_claim(path: Path, label: str) -> bytes | None:
     """Content of a form's file; None where this process is to compile it, and to write it."""
     latest = time.monotonic() + PATIENCE
-    while (body := read_sealed(path, label)) is None and path not in _claims:
+    while (body := read_sealed_file(path, label)) is None and path not in _claims:
         claim = contextlib.ExitStack()
         try:
             claimed = claim.enter_context(lock_file(path.with_suffix(".lock"), wait=False))

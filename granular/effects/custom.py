@@ -90,7 +90,7 @@ from granular.effects.registry import WALL_LAWS, register_effect
 from granular.schema.scales import Scales
 from granular.schema.sections import IntegerKind, QuantityKind, Section, unknown
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from granular.shared.user_file import UserFile, user_definitions
 
 

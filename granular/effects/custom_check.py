@@ -14,7 +14,7 @@ from numba.core.errors import NumbaError
 from granular.effects.custom_functions import Definition, Grain, user_code_error
 from granular.effects.effect import EffectContext
 from granular.shared.errors import InputError
-from granular.shared.messages import one_line
+from granular.shared.message_text import one_line
 
 CLOSE = 1e-5
 """Relative difference between a derivative and what a function says."""

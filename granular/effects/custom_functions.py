@@ -12,7 +12,7 @@ from numba import types
 from numba.extending import NativeValue, models, register_model, typeof_impl, unbox
 
 from granular.shared.errors import InputError
-from granular.shared.messages import one_line
+from granular.shared.message_text import one_line
 
 FUNCTIONS = (
     "energy",

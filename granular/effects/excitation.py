@@ -20,7 +20,7 @@ from granular.schema.sections import (
     text_field,
 )
 from granular.shared.errors import RecordError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 SINE, SWEEP, IMPULSE, TABLE = range(4)
 

@@ -24,7 +24,7 @@ from granular.schema.parameters import SectionWithFormula
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, text_field
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     import sympy

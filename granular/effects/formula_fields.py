@@ -26,7 +26,7 @@ from granular.pairs.direct_sum import pad_values
 from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, FieldKind, SectionListKind, quantity, section_field, unknown
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 
 @dataclasses.dataclass(frozen=True)

@@ -93,7 +93,7 @@ def iterate_frames(
     BedFrame
         The grains in the cell, in SI.
     """
-    from granular.shared.progress import progress_bar
+    from granular.shared.progress_bars import progress_bar
 
     chosen = range(run.dataset.sizes["frame"]) if indices is None else indices
     with progress_bar(total=len(chosen), desc=bar, unit="frame", wanted=bool(bar)) as shown:

@@ -37,7 +37,7 @@ from granular.export.lammps_stages import RemainingStage, remaining_stage
 from granular.pairs import dipole_law
 from granular.pairs.disc_law import Disc
 from granular.pairs.disc_law_tables import SQUARES, STIFFNESSES, disc_over_dipole_stiffness, make_disc_law
-from granular.run.directory import is_run_directory
+from granular.run.run_directory import is_run_directory
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
@@ -181,9 +181,9 @@ def _make_deck(scene: Scene, start: _DeckStart, dt: float | str) -> LammpsDeck:
 
 def _choose_time_step(deck: LammpsDeck, start: _DeckStart, dt: float | str) -> float:
     """Time step [s] that is given, or that the bed's stiffest modes allow."""
-    from granular.run.time_steps import validated_step
+    from granular.run.time_steps import parse_time_step
 
-    asked = validated_step(dt, deck.scene)
+    asked = parse_time_step(dt, deck.scene)
     if asked.seconds is not None:
         return asked.seconds
     highest = (

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from granular.formulas.functions import ALIASES, CONSTANTS, Function
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 MAX_CHARACTERS = 4000
 """Of a formula: five times the longest equation that a search has written."""

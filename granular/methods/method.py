@@ -13,7 +13,7 @@ from granular.methods.order_conditions import (
     failed_order_condition,
 )
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 COMPENSATED = "+compensated"
 """Behind the name of a composition method: positions and velocities as compensated sums."""

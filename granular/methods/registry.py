@@ -10,7 +10,7 @@ from granular.methods.method import COMPENSATED, Method, method_from_plain
 from granular.methods.tables import METHODS
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from granular.shared.registry import Registry, entry_point_names, load_entry_point
 
 GROUP = "granular.methods"

@@ -32,7 +32,7 @@ from granular.observables.temperature import fluctuation_energies, kinetic_tempe
 from granular.observables.voronoi import hexagon_regularity, polygon_fractions, voronoi_cells
 from granular.schema.sections import unknown
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from granular.shared.registry import load_entry_point
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ import numpy as np
 
 from granular.schema.units import unit_size
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory

@@ -14,7 +14,7 @@ from granular.observables.defects import Dislocations
 from granular.observables.forces import piston_force
 from granular.observables.statistics import Histogram
 from granular.observables.voronoi import VoronoiCells, cell_polygons, voronoi_cells
-from granular.shared.plotting import COLOURS, GREY, SIDES, STYLES, axes_or_new, plain_label
+from granular.shared.plotting import COLOURS, GREY, SIDES, STYLES, axes_or_new, figure_label
 
 if TYPE_CHECKING:
     import xarray
@@ -273,7 +273,7 @@ def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
     if others:
         for k, label in enumerate(series[others[0]].values):
             line = series.isel({others[0]: k})
-            ax.plot(time, line, STYLES[k % len(STYLES)], label=plain_label(label))
+            ax.plot(time, line, STYLES[k % len(STYLES)], label=figure_label(label))
         ax.legend()
     else:
         ax.plot(time, series)
@@ -386,7 +386,7 @@ def plot_force_distribution(histograms: dict[str, Histogram], ax: Axes | None = 
             fill=True,
             alpha=0.35,
             color=COLOURS[k % len(COLOURS)],
-            label=f"{plain_label(name)}: {histogram.counts.sum()} grains",
+            label=f"{figure_label(name)}: {histogram.counts.sum()} grains",
         )
     ax.set(xlabel="compressive force on the grain [N]", ylabel="probability density [1/N]")
     ax.legend()

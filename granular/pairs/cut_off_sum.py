@@ -141,11 +141,11 @@ def _copy_sums_if_wanted(
 ) -> None:
     """Give the grains of a part their sums, where they are asked for."""
     if out is not None:
-        _copy_sums_if_wanted(out, sums, scale, stripes, part)
+        _copy_sums_to_grains(out, sums, scale, stripes, part)
 
 
 @compiled
-def _copy_sums_if_wanted(out: Array, sums: Array | None, scale: float, stripes: Stripes, part: int) -> None:
+def _copy_sums_to_grains(out: Array, sums: Array | None, scale: float, stripes: Stripes, part: int) -> None:
     if sums is not None:
         _add_sums_of_other_parts(sums, stripes, part)
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):

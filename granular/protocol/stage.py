@@ -13,7 +13,7 @@ from granular.protocol.piston_motion import SPLINE, Motion, with_table_arrays
 from granular.schema.parameters import SectionWithFormula
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Section, choice_field, quantity, text_field
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 REST_LIMIT = 60.0
 """Longest wait for rest where the stage gives no duration [s]."""

@@ -20,7 +20,7 @@ from granular.readers.role_units import ANGLE_UNITS, SI, role_unit_size
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _VALUE = rf"\s*({_NUMBER})\s*(?:(?:\+-|±|\+/-)\s*({_NUMBER})\s*(%(?=\s))?)?\s*"

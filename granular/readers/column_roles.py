@@ -31,7 +31,7 @@ from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 
 NAMED = (TIME, HEIGHT, VELOCITY, FORCE)
 """Roles that a column's name gives it; the others are said."""

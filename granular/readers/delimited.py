@@ -25,7 +25,7 @@ from granular.readers.text_dialect import (
     trim_fields,
 )
 from granular.shared.errors import RecordError
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 
 COMMENTS = "#%!"
 """Characters that begin a comment."""

@@ -34,8 +34,8 @@ from granular.readers.workbook import MAX_BYTES as MAX_WORKBOOK_BYTES
 from granular.readers.workbook import read_workbook, refuse_old_workbook
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, RecordWarning, SceneError
-from granular.shared.files import reading as reading_file
-from granular.shared.messages import quote, sanitize
+from granular.shared.files import report_read_errors as reading_file
+from granular.shared.message_text import quote, sanitize
 
 MAX_BYTES = 256 * 2**20
 """Of a file; in text some six million samples: reading takes ten times as much memory."""

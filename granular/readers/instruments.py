@@ -13,7 +13,7 @@ from granular.readers.delimited import read_delimited
 from granular.readers.read_options import ReadOptions
 from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 _END = "***End_of_Header***"
 

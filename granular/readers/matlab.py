@@ -14,7 +14,7 @@ from granular.readers.column_headers import TIME, guess_column_role, parse_heade
 from granular.readers.read_options import ReadOptions
 from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 _MAX_UNPACKED = 512 * 2**20
 _MAX_ELEMENTS, _MAX_DEPTH = 100_000, 50

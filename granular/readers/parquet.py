@@ -13,7 +13,7 @@ from granular.readers.read_options import ReadOptions
 from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.files import write_atomically
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 _MAX_NUMBERS = 50_000_000
 """Five columns of ten million, in whatever few bytes: reading takes 1.5 GB."""

@@ -20,7 +20,7 @@ from granular.schema.sections import unknown
 from granular.schema.units import si_value
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.files import read_toml, write_text
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 
 T = TypeVar("T")
 

@@ -12,7 +12,7 @@ import numpy as np
 from granular.readers.column_headers import parse_header
 from granular.readers.table_cells import LOST, parse_timestamps
 from granular.shared.errors import RecordError
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 
 
 @dataclasses.dataclass(eq=False)

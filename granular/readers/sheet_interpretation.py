@@ -25,7 +25,7 @@ from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 
 TICK = 0.2
 """Fraction of equal neighbours from which on times are taken for rounded to a clock's tick."""

@@ -22,7 +22,7 @@ from granular.readers.delimited import read_delimited
 from granular.readers.read_options import ReadOptions
 from granular.readers.sheet import Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 MAX_BYTES = 64 * 2**20
 _OLD = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"

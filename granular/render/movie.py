@@ -19,8 +19,8 @@ from granular.run.trajectory import Trajectory
 from granular.schema.apparatus import Cell
 from granular.shared.errors import InputError
 from granular.shared.files import check_output_file, write_atomically
-from granular.shared.messages import quote
-from granular.shared.stops import Stop, deferred_stop
+from granular.shared.message_text import quote
+from granular.shared.stop_signals import StopRequest, defer_stop_signals
 
 WIDTH = 960
 """Pixels of a movie; it may be narrower, not wider."""
@@ -110,7 +110,7 @@ def movie(
     picture = BedPicture(run, colour, limits, top, duration, width / DPI - LEFT - RIGHT)
     bar = path.name if progress else None
     beds = iterate_frames(run, numbers, bar) if speed is None else interpolate_bed(run, numbers, times, bar)
-    with deferred_stop() as stop:
+    with defer_stop_signals() as stop:
         with write_atomically(path, overwrite) as part:
             made = write(part, _render_images(picture, beds, stop), fps)
         if made < len(times):
@@ -141,7 +141,7 @@ def stage_frame_indices(run: Trajectory, stage: str | None) -> list[int]:
     return [int(effect) for effect in inside]
 
 
-def _render_images(picture: BedPicture, beds: Iterator[BedFrame], stop: Stop) -> Iterator[np.ndarray]:
+def _render_images(picture: BedPicture, beds: Iterator[BedFrame], stop: StopRequest) -> Iterator[np.ndarray]:
     """Pictures as bytes (height, width, 3), up to the last or to Ctrl-C."""
     for frame in beds:
         picture.show_frame(frame)

@@ -13,7 +13,7 @@ from granular.observables.voronoi import cell_polygons, voronoi_cells
 from granular.render.colourings import ColouringInput, colour_classes, colouring_by_name
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
-from granular.shared.plotting import COLOURS, GREY, plain_label
+from granular.shared.plotting import COLOURS, GREY, figure_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -230,7 +230,7 @@ class BedPicture:
         from matplotlib.patches import Patch
 
         handles = [
-            Patch(facecolor=colour, edgecolor=INK, linewidth=0.5, label=plain_label(name))
+            Patch(facecolor=colour, edgecolor=INK, linewidth=0.5, label=figure_label(name))
             for name, colour in self._classes.items()
         ]
         if self.colour.needs_cells:
@@ -290,7 +290,7 @@ class BedPicture:
             if on_cells:
                 colours = np.where(view.cells.interior[:, None], to_rgba(DISC), to_rgba(ABSENT))
         self._grains.set_facecolor(colours)
-        self._when.set_text(f"t = {frame.time:.3f} s" + plain_label(self._stage_label_at(frame.time)))
+        self._when.set_text(f"t = {frame.time:.3f} s" + figure_label(self._stage_label_at(frame.time)))
         self._where.set_text(self._piston_text(frame))
         if frame.height is not None:
             self._piston.set_y(1e3 * frame.height)

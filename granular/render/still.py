@@ -14,7 +14,7 @@ from granular.render.picture import BedPicture, colour_limits, highest_point_of_
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import write_atomically
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,8 +11,8 @@ import numpy as np
 
 from granular.response.response import FrequencyResponse
 from granular.response.transients import sweep_rate_at_peak
-from granular.shared.html import Page, format_number
-from granular.shared.plotting import COLOURS, READABLE, figure, plain_numbers
+from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.plotting import COLOURS, READABLE, figure, label_log_axis_plainly
 from granular.shared.version import versions
 
 if TYPE_CHECKING:
@@ -58,29 +58,29 @@ class PageComparison:
 
 def response_page(
     response: FrequencyResponse, comparison: PageComparison | None = None, missing: str = ""
-) -> Page:
+) -> HtmlPage:
     """Report as a page: what is left, what the damper is to the machine, how it was simulated.
 
     ``missing`` says why there is nothing to compare with, where there could be.
     """
-    page = Page(f"The response of scene {response.scene.name!r}", peak_summary_sentence(response))
+    page = HtmlPage(f"The response of scene {response.scene.name!r}", peak_summary_sentence(response))
     _add_curves(page, response, comparison)
     _add_peak_table(page, response)
     add_steadiness_notes(page, response)
     if comparison is not None:
-        page.section(comparison.title)
-        page.table(comparison.header, comparison.rows)
-        page.text(comparison.words)
+        page.add_section(comparison.title)
+        page.add_table(comparison.header, comparison.rows)
+        page.add_paragraph(comparison.words)
         for words in comparison.notes:
-            page.note(words)
+            page.add_warning(words)
     elif missing:
-        page.note(missing)
+        page.add_warning(missing)
     add_damper_section(page, response)
     add_energy_section(page, response)
     _add_settings(page, response)
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     made = versions(("matplotlib", "scipy", "xarray"))
-    page.footer(f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in made.items()))
+    page.add_footer(f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in made.items()))
     return page
 
 
@@ -99,11 +99,11 @@ def peak_summary_sentence(response: FrequencyResponse) -> str:
     )
 
 
-def _add_curves(page: Page, response: FrequencyResponse, comparison: PageComparison | None) -> None:
+def _add_curves(page: HtmlPage, response: FrequencyResponse, comparison: PageComparison | None) -> None:
     with figure(height=5.4, size=READABLE) as (drawing, axes):
         response.plot(axes)
         axes.get_legend().remove()
-        plain_numbers(axes.yaxis)
+        label_log_axis_plainly(axes.yaxis)
         count = response.dataset.sizes["amplitude"]
         own = axes.get_lines()[:count]
         for k, line in enumerate(own):
@@ -118,7 +118,7 @@ def _add_curves(page: Page, response: FrequencyResponse, comparison: PageCompari
             loc="outside upper left",
             ncols=1 if len(words) + len(names) < 4 else 2,
         )
-        page.figure(drawing, _curve_caption(response, comparison))
+        page.add_figure(drawing, _curve_caption(response, comparison))
 
 
 def _draw_comparison_curves(
@@ -150,8 +150,8 @@ def _curve_caption(response: FrequencyResponse, comparison: PageComparison | Non
     return f"{words}."
 
 
-def _add_peak_table(page: Page, response: FrequencyResponse) -> None:
-    page.section("The peaks")
+def _add_peak_table(page: HtmlPage, response: FrequencyResponse) -> None:
+    page.add_section("The peaks")
     rows = response.peaks()
     head = [amplitude_header_and_scale(response)[0], "at [Hz]", "peak [mm]"]
     keys = ["alone", "ideal"] if "alone" in rows[0] else []
@@ -166,28 +166,28 @@ def _add_peak_table(page: Page, response: FrequencyResponse) -> None:
         ]
         for row in rows
     ]
-    page.table(head, cells)
+    page.add_table(head, cells)
     if keys:
-        page.text(
+        page.add_paragraph(
             "Alone is the machine without the damper; ideal is Den Hartog's tuned mass of the "
             "damper's weight, on a spring and a dashpot of the best size. Both are exact, and "
             "taken between the lowest and the highest frequency above."
         )
         curve = response.linear_curves(rows[-1]["amplitude"])["alone"]
         if int(curve.argmax()) in (0, len(curve) - 1):
-            page.note(
+            page.add_warning(
                 "The machine alone swings most outside of these frequencies: how many times the "
                 "damper lowers its peak is shown by a response that reaches further."
             )
 
 
-def add_steadiness_notes(page: Page, response: FrequencyResponse) -> None:
+def add_steadiness_notes(page: HtmlPage, response: FrequencyResponse) -> None:
     """Add notes on swings that are not steady, and on a sweep that was too fast."""
     data = response.dataset
     rate = sweep_rate_at_peak(response)
     if rate is not None and rate > MAX_SWEEP_RATE:
         wanted = response.settings["duration"] * rate / (0.5 * MAX_SWEEP_RATE)
-        page.note(
+        page.add_warning(
             f"The sweep was too fast for the peak: its frequency changes {rate:.2g} times as fast "
             f"as the machine with its damper can follow. Give a sweep of {wanted:.0f} s or more, "
             "or steady sines."
@@ -196,7 +196,7 @@ def add_steadiness_notes(page: Page, response: FrequencyResponse) -> None:
         return
     worst = data.unsteady.where(data.unsteady == data.unsteady.max(), drop=True)
     if float(worst.max()) > UNSTEADY:
-        page.note(
+        page.add_warning(
             f"Not all swings are steady. {amplitude_phrase(response, float(worst.amplitude[0]))}, "
             f"at {float(worst.frequency[0]):.4g} Hz, the amplitude still changes "
             f"by {100.0 * float(worst.max()):.2g} % while it is taken. Where that matters, "
@@ -204,8 +204,8 @@ def add_steadiness_notes(page: Page, response: FrequencyResponse) -> None:
         )
 
 
-def _add_settings(page: Page, response: FrequencyResponse) -> None:
-    page.section("Settings")
+def _add_settings(page: HtmlPage, response: FrequencyResponse) -> None:
+    page.add_section("Settings")
     rows = [("time step", str(response.settings.get("dt", "not told")))]
     sweep, lasts = response.settings.get("sweep"), response.settings.get("duration")
     if sweep is not None:
@@ -215,10 +215,10 @@ def _add_settings(page: Page, response: FrequencyResponse) -> None:
     elif lasts is not None:
         rows.append(("each sine acts for", f"{lasts:g} s, of which the last 0.4 are taken"))
     rows.append(("frequencies", str(response.dataset.sizes["frequency"])))
-    page.table(("setting", "value"), rows)
+    page.add_table(("setting", "value"), rows)
     if table_frequency_count(response) < response.dataset.sizes["frequency"]:
-        page.text("The tables show some of the frequencies; response.csv holds all.")
-    page.preformat(response.scene.to_toml())
+        page.add_paragraph("The tables show some of the frequencies; response.csv holds all.")
+    page.add_preformatted(response.scene.to_toml())
 
 
 def _format_in_mm(metres: float) -> str:
@@ -238,13 +238,13 @@ LOSSES = {
 }
 
 
-def add_damper_section(page: Page, response: FrequencyResponse) -> None:
+def add_damper_section(page: HtmlPage, response: FrequencyResponse) -> None:
     """Add what the damper is to the machine, over frequency and over the machine's displacement."""
-    page.section("The swings, and what the damper is to the machine")
+    page.add_section("The swings, and what the damper is to the machine")
     data = response.dataset
     if "added_damping" in data:
         _add_equivalent_damping_figure(page, response)
-        page.text(
+        page.add_paragraph(
             "What the damper adds to the machine is the mass, and the dashpot, that would leave it "
             "the same displacement. The added stiffness is the added mass, times -omega². The loss "
             "factor is the power that the damper takes over that which swings to and fro; where "
@@ -255,10 +255,10 @@ def add_damper_section(page: Page, response: FrequencyResponse) -> None:
     words = "Piston is the amplitude of the piston over the cell"
     if "unsteady" in data:
         words += "; unsteady says by how much the machine's amplitude changes while it is taken"
-    page.text(f"{words}.")
+    page.add_paragraph(f"{words}.")
 
 
-def _add_equivalent_damping_figure(page: Page, response: FrequencyResponse) -> None:
+def _add_equivalent_damping_figure(page: HtmlPage, response: FrequencyResponse) -> None:
     with figure(2, 1, height=6.4, size=READABLE, sharex=True) as (drawing, both):
         for k, size in enumerate(response.dataset.amplitude.values.tolist()):
             part = response.dataset.sel(amplitude=size)
@@ -270,7 +270,7 @@ def _add_equivalent_damping_figure(page: Page, response: FrequencyResponse) -> N
         both[1].set_ylabel("stiffness [kN/m]")
         both[1].set_xlabel("displacement of the machine [mm]")
         drawing.legend(loc="outside upper left", ncols=2)
-        page.figure(
+        page.add_figure(
             drawing,
             "Damping and stiffness that the damper adds to the machine, over the machine's "
             "displacement: a point a frequency. A linear damper has the same values at all "
@@ -278,7 +278,7 @@ def _add_equivalent_damping_figure(page: Page, response: FrequencyResponse) -> N
         )
 
 
-def _add_swing_table(page: Page, response: FrequencyResponse, size: float) -> None:
+def _add_swing_table(page: HtmlPage, response: FrequencyResponse, size: float) -> None:
     part, diameter = response_at_table_frequencies(response, size), response.scene.grains.species[0].diameter
     columns = {
         "Hz": (part.frequency, 1.0, 4),
@@ -294,8 +294,8 @@ def _add_swing_table(page: Page, response: FrequencyResponse, size: float) -> No
         for head, (values, scale, digits) in columns.items()
         if values is not None
     }
-    page.text(f"{amplitude_phrase(response, size)}:")
-    page.table(tuple(known), list(zip(*known.values(), strict=True)))
+    page.add_paragraph(f"{amplitude_phrase(response, size)}:")
+    page.add_table(tuple(known), list(zip(*known.values(), strict=True)))
 
 
 def _format_table_number(value: float, digits: int) -> str:
@@ -306,11 +306,11 @@ def _format_table_number(value: float, digits: int) -> str:
     return f"{value:.{decimals}f}"
 
 
-def add_energy_section(page: Page, response: FrequencyResponse) -> None:
+def add_energy_section(page: HtmlPage, response: FrequencyResponse) -> None:
     """Add where the energy of a period goes, at each amplitude."""
     if "work_a_period" not in response.dataset:
         return
-    page.section("Where the energy of a period goes")
+    page.add_section("Where the energy of a period goes")
     for size in response.dataset.amplitude.values.tolist():
         part = response_at_table_frequencies(response, size)
         losses = energy_losses_per_period(part)
@@ -323,9 +323,9 @@ def add_energy_section(page: Page, response: FrequencyResponse) -> None:
             ]
             for k, f in enumerate(part.frequency.values)
         ]
-        page.text(f"{amplitude_phrase(response, size)}:")
-        page.table(head, rows)
-    page.text(
+        page.add_paragraph(f"{amplitude_phrase(response, size)}:")
+        page.add_table(head, rows)
+    page.add_paragraph(
         "Work is what shakes the machine does in a period, the others are where it goes. Affine "
         "drag is that of grains which follow the piston evenly, a third of them at its speed; "
         "rearranging is all drag beyond that, of grains that change their places, and below 0 "

@@ -24,8 +24,8 @@ from granular.response.steady import steady_figures
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError, InputError
 from granular.shared.files import make_directory, read_text, write_text
-from granular.shared.messages import quote, sanitize
-from granular.shared.tables import align_columns
+from granular.shared.message_text import quote, sanitize
+from granular.shared.text_tables import align_columns
 from granular.studies.sweep import sweep
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     import xarray

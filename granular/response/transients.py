@@ -16,7 +16,7 @@ from granular.response.steady import PERIODS, POINTS, swept_response
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     import pandas

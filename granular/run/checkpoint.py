@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.directory import CHECKPOINT, is_run_directory, replace_file
+from granular.run.run_directory import CHECKPOINT, is_run_directory, replace_run_file
 from granular.shared.errors import StoreError
 
 MANIFEST = "manifest"
@@ -61,7 +61,7 @@ def write_checkpoint(path: Path, mapping: Mapping[str, Any], manifest: Manifest)
     with zipfile.ZipFile(archive, "a") as file:
         file.comment = bytes(_SEAL)
     content = archive.getvalue()[:-_SEAL]
-    replace_file(path / CHECKPOINT, content + _seal(content))
+    replace_run_file(path / CHECKPOINT, content + _seal_digest(content))
 
 
 def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
@@ -75,8 +75,8 @@ def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
     file = path / CHECKPOINT
     if not is_run_directory(path):
         raise StoreError(f"{path} holds no run; give the directory that a run wrote")
-    content = file_bytes(file)
-    if content[-_SEAL:] != _seal(content[:-_SEAL]):
+    content = read_run_file(file)
+    if content[-_SEAL:] != _seal_digest(content[:-_SEAL]):
         raise StoreError(f"{file} is damaged (its digest differs); {REMEDY}")
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
@@ -88,17 +88,17 @@ def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
         raise StoreError(f"{file} was written by another version; run the scene anew") from None
 
 
-def _seal(content: bytes) -> bytes:
+def _seal_digest(content: bytes) -> bytes:
     return hashlib.sha256(content).hexdigest().encode()
 
 
-def file_digests(path: Path) -> dict[str, str]:
+def digest_files(path: Path) -> dict[str, str]:
     """Digests of all files of a run directory that holds no records yet, by their names."""
     files = {file.relative_to(path).as_posix(): file for file in path.rglob("*") if file.is_file()}
-    return {name: _digest(name, file.read_bytes()) for name, file in files.items()}
+    return {name: _digest_without_length(name, file.read_bytes()) for name, file in files.items()}
 
 
-def read_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
+def read_verified_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
     """Files that stay as they were first written, by their names.
 
     Raises
@@ -106,14 +106,14 @@ def read_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
     StoreError
         If one is missing, cannot be read, or is not what the run wrote.
     """
-    contents = {name: file_bytes(path / name) for name in manifest.files}
+    contents = {name: read_run_file(path / name) for name in manifest.files}
     for name, content in contents.items():
-        if _digest(name, content) != manifest.files[name]:
+        if _digest_without_length(name, content) != manifest.files[name]:
             raise StoreError(f"{path / name} is not what the run wrote (its digest differs); {REMEDY}")
     return contents
 
 
-def file_bytes(file: Path) -> bytes:
+def read_run_file(file: Path) -> bytes:
     """Content of a file of a run.
 
     Raises
@@ -131,6 +131,6 @@ def file_bytes(file: Path) -> bytes:
         raise StoreError(f"{file} cannot be read: {error.strerror}") from None
 
 
-def _digest(name: str, content: bytes) -> str:
+def _digest_without_length(name: str, content: bytes) -> str:
     fixed = _LENGTH.sub(b"", content) if name.endswith(METADATA) else content
     return hashlib.sha256(fixed).hexdigest()

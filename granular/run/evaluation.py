@@ -16,7 +16,7 @@ from granular.methods import METHODS
 from granular.scene.scene import Scene
 from granular.scene.system import SceneInNaturalUnits, explain_compile_errors, scene_in_natural_units
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,8 +85,8 @@ def evaluate(
     """
     system = scene_in_natural_units(scene)
     scales, constants = system.scales, system.constants
-    coordinates = _si_field("positions", positions, constants.grains)
-    speed = _si_field("velocities", velocities, constants.grains)
+    coordinates = _validate_grain_vectors("positions", positions, constants.grains)
+    speed = _validate_grain_vectors("velocities", velocities, constants.grains)
     if piston_height is None:
         piston_height = 0.0 if scene.piston is None else scene.piston.height
     try:
@@ -114,7 +114,7 @@ def evaluate(
         wall_forces=dict(zip(SIDES, wall_forces.tolist(), strict=True)),
         potential_energy=float(potential * scales.energy),
         kinetic_energy=float(kinetic * scales.energy),
-        normal_load=_normal_load_per_grain(state, system) * scales.force,
+        normal_load=_normal_loads(state, system) * scales.force,
     )
 
 
@@ -125,7 +125,7 @@ def _misplaced_positions_error() -> InputError:
     )
 
 
-def _normal_load_per_grain(state: State, system: SceneInNaturalUnits) -> np.ndarray:
+def _normal_loads(state: State, system: SceneInNaturalUnits) -> np.ndarray:
     grains = system.constants.grains
     for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
         values = effect.grain_values(law, state)
@@ -134,7 +134,7 @@ def _normal_load_per_grain(state: State, system: SceneInNaturalUnits) -> np.ndar
     return np.zeros(grains)
 
 
-def _si_field(name: str, values: np.ndarray | None, count: int) -> np.ndarray:
+def _validate_grain_vectors(name: str, values: np.ndarray | None, count: int) -> np.ndarray:
     if values is None:
         return np.zeros((count, 2))
     try:

@@ -32,7 +32,7 @@ from granular.methods import Method
 from granular.protocol import Stage
 from granular.protocol.piston_motion import Motion, drive_frequency, greatest_piston_speed
 from granular.protocol.stage import TimedStage
-from granular.run.recorder import Recorder
+from granular.run.record_buffer import RecordBuffer
 from granular.scene.scene import Scene
 from granular.scene.system import SceneInNaturalUnits
 from granular.shared.errors import NotFiniteError, RunError
@@ -53,7 +53,7 @@ _RESOLVED = 0.5
 
 
 @dataclasses.dataclass
-class Progress:
+class RunProgress:
     """Progress of a run: what a checkpoint needs besides the arrays of the state.
 
     Attributes
@@ -97,8 +97,8 @@ class RunState:
         self.scene, self.system, self.step = scene, system, step
         self.t_end = math.inf if t_end is None else t_end / system.scales.time
         self.plan = make_plan(method, step, system.constants.acting.far)
-        self.recorder = Recorder(scene.grains.count, system.effects)
-        self.progress = Progress()
+        self.recorder = RecordBuffer(scene.grains.count, system.effects)
+        self.progress = RunProgress()
         positions, velocities = scene.initial_positions_and_velocities()
         height = scene.piston.height if scene.piston is not None else 0.0
         scales = system.scales
@@ -160,52 +160,52 @@ class RunState:
             return True
         if not progress.started:
             return progress.start >= self.t_end * (1.0 - 1e-12) and bool(progress.results)
-        before_end = self.ticks_to(self.total) > 0 or self.rest_of_stage() > 0.0
-        return before_end and self.ticks_to_end() <= 0
+        before_end = self.whole_ticks_until(self.total) > 0 or self.remaining_stage_time() > 0.0
+        return before_end and self.whole_ticks_until_end() <= 0
 
-    def ticks_to(self, time: float) -> float:
+    def whole_ticks_until(self, time: float) -> float:
         """Whole ticks that are left to a time in the stage."""
         return completed_ticks(self.schedule, time) - self.progress.ticks
 
-    def ticks_to_end(self) -> float:
+    def whole_ticks_until_end(self) -> float:
         """Whole ticks that are left to ``t_end``.
 
         A variable step may end behind its tick, and one that is cut at ``t_end`` is no state to go
         on from: the last two ticks are left to the tail.
         """
         spared = 0.0 if self.plan.fraction is None else 2.0
-        return self.ticks_to(self.t_end - self.progress.start) - spared
+        return self.whole_ticks_until(self.t_end - self.progress.start) - spared
 
-    def rest_of_stage(self, least: float = 1e-6) -> float:
+    def remaining_stage_time(self, least: float = 1e-6) -> float:
         """Time [tau] left of the stage behind its last whole tick; 0 below ``least`` steps."""
         total = self.total
         if math.isinf(total):
             return 0.0
         left = total - float(self.state.clock[TIME])
-        if left > self.least_time(least) or left < -1e-6 * self.schedule.length:
+        if left > self.rounding_time(least) or left < -1e-6 * self.schedule.length:
             return left
         return 0.0
 
-    def least_time(self, fraction: float = 1e-6) -> float:
+    def rounding_time(self, fraction: float = 1e-6) -> float:
         """Time [tau] below which rounding leaves something to an end that was reached."""
         return fraction * self.schedule.h if self.progress.ticks else 0.0
 
-    def ticks_ahead(self) -> int:
+    def ticks_of_next_call(self) -> int:
         ticks, schedule = self.progress.ticks, self.schedule
         to_frame = schedule.frames_every - ticks % schedule.frames_every
         to_review = REVIEW - ticks % REVIEW
-        left = min(self.ticks_to(self.total), self.ticks_to_end(), to_frame, to_review)
+        left = min(self.whole_ticks_until(self.total), self.whole_ticks_until_end(), to_frame, to_review)
         return int(left)
 
     @property
-    def shorter_step_remedy(self) -> str:
+    def remedy_for_long_steps(self) -> str:
         """Remedy for steps that are too long."""
         if self.step.automatic:
             return f"shorten dt (for instance {auto_step_text(0.25 * self.step.factor)!r})"
         return "shorten dt (or leave it 'auto')"
 
     @property
-    def not_finite(self) -> str:
+    def remedy_for_non_finite(self) -> str:
         """Remedy for what is no number any more.
 
         A user's formula or function may be no number at some point or time; no step cures that, and
@@ -214,11 +214,11 @@ class RunState:
         acting = self.scene.effects.acting
         own = [effect.key for effect in acting if any(part.sources for part in effect.parts)]
         if not own or self.progress.schedule is None:
-            return self.shorter_step_remedy
+            return self.remedy_for_long_steps
         seen = np.array([self._row[columns.STIFFEST], self.seen[STIFFEST]])
         resolved = np.max(seen, where=np.isfinite(seen), initial=0.0) * self.schedule.h < _RESOLVED
         if not resolved:
-            return self.shorter_step_remedy
+            return self.remedy_for_long_steps
         return f"correct what you wrote for {' and '.join(map(repr, own))}: it is no number there"
 
     @property
@@ -247,15 +247,19 @@ class RunState:
     def misplaced_grain_error(self, remedy: str) -> RunError:
         moment = self.steps, self.time * self.system.scales.time
         error = misplaced_grain_error(self.state, self.constants, self.system.scales, *moment, remedy)
-        if isinstance(error, NotFiniteError) and remedy == self.shorter_step_remedy:
+        if isinstance(error, NotFiniteError) and remedy == self.remedy_for_long_steps:
             error = NotFiniteError(
-                error.cause, step=error.step, time=error.time, grain=error.grain, remedy=self.not_finite
+                error.cause,
+                step=error.step,
+                time=error.time,
+                grain=error.grain,
+                remedy=self.remedy_for_non_finite,
             )
         return error.with_context(self.too_long_step_text)
 
     # The step schedule ---------------------------------------------------------------------------
 
-    def set_schedule(self, row: np.ndarray) -> None:
+    def set_step_schedule(self, row: np.ndarray) -> None:
         """Cut the stage into ticks, by the speeds that the bed can reach from its first record."""
         output, scales, gravity = self.scene.output, self.system.scales, self.system.downward_acceleration
         # A grain may still gain what it loses in height.
@@ -270,24 +274,24 @@ class RunState:
         schedule = self.step.schedule(
             output.scalars / scales.time,
             output.frames / scales.time,
-            self._resolved_frequency(frequency),
+            self._frequency_to_resolve(frequency),
             scales.time,
         )
         self._apply_schedule(schedule)
         end = min(self.total, self.t_end - self.progress.start)
         steps = end / schedule.h if end < math.inf else 0.0
-        self._check_count("the path to the end", steps, MOST_COUNT)
+        self._refuse_too_many_steps("the path to the end", steps, MOST_COUNT)
         if self.plan.fraction is not None:
             half_tick = 0.5 * schedule.length
             initialise_step_density(speed, half_tick, self.plan.fraction, self.state, self.constants)
 
-    def set_steps(self, frequency: float) -> None:
+    def set_steps_per_tick(self, frequency: float) -> None:
         """Cut the ticks into steps for another frequency; a variable step does so itself."""
         if self.plan.fraction is None:
-            steps = self.step.steps_of(self.schedule.length, self._resolved_frequency(frequency))
+            steps = self.step.steps_of(self.schedule.length, self._frequency_to_resolve(frequency))
             self._apply_schedule(self.schedule.with_steps(steps))
 
-    def _resolved_frequency(self, frequency: float) -> float:
+    def _frequency_to_resolve(self, frequency: float) -> float:
         """Frequency that an automatic step is to resolve, with the drive and the drag."""
         scales, effects = self.system.scales, self.system.effects
         rate = max((effect.decay_rate(scales) for effect in effects if isinstance(effect, Flow)), default=0.0)
@@ -297,10 +301,10 @@ class RunState:
         resolved = max(frequency, *drives, min(rate, DECAY_LIMIT * slowest))
         if self.step.automatic:
             steps = record * resolved / self.step.fraction
-            self._check_count("the time from record to record", steps, MOST_STEPS)
+            self._refuse_too_many_steps("the time from record to record", steps, MOST_STEPS)
         return resolved
 
-    def _check_count(self, what: str, steps: float, limit: float) -> None:
+    def _refuse_too_many_steps(self, what: str, steps: float, limit: float) -> None:
         if not steps <= limit:
             seconds = self.time * self.system.scales.time
             raise too_many_steps_error(what, steps, limit, self.steps, seconds)

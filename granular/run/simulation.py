@@ -6,7 +6,7 @@ import json
 import math
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,22 +18,27 @@ from granular.engine.run_errors import raise_where_not_finite
 from granular.engine.step_size import Step
 from granular.methods.method import Method
 from granular.methods.registry import method_setting, resolve_method
-from granular.run.accuracy import choose_settings
-from granular.run.checkpoint import read_checkpoint, read_files
-from granular.run.directory import SETTINGS, is_run_directory
-from granular.run.progress import ProgressBar
-from granular.run.recorder import Recorder
-from granular.run.run import Run
+from granular.run.checkpoint import read_checkpoint, read_verified_files
+from granular.run.protocol_runner import ProtocolRunner
+from granular.run.record_buffer import RecordBuffer
+from granular.run.run_directory import SETTINGS, is_run_directory
+from granular.run.run_directory_writer import RunDirectoryWriter
+from granular.run.run_progress_bar import RunProgressBar
+from granular.run.settings_for_accuracy import choose_settings_for_accuracy
 from granular.run.snapshot import restore_snapshot, take_snapshot
-from granular.run.store import Store
-from granular.run.threads import Threads, choose_threads, set_threads
-from granular.run.time_steps import check_end, check_method, check_step, validated_step
+from granular.run.thread_count import ThreadCountTuner, choose_thread_count, set_thread_count
+from granular.run.time_steps import (
+    check_end_time,
+    check_method_fits_scene,
+    check_time_step_fits_scene,
+    parse_time_step,
+)
 from granular.run.trajectory import Trajectory, load_trajectory, make_trajectory
 from granular.scene.dry_friction import degraded_residual_limit
 from granular.scene.scene import Scene
 from granular.scene.system import SceneInNaturalUnits, explain_compile_errors, scene_in_natural_units
 from granular.shared.errors import InputError, RunError, StoreError
-from granular.shared.stops import Stop, deferred_stop
+from granular.shared.stop_signals import StopRequest, defer_stop_signals
 from granular.shared.version import versions
 
 if TYPE_CHECKING:
@@ -44,6 +49,9 @@ CADENCE = 0.01
 
 COMMIT_SECONDS = 5.0
 """From checkpoint to checkpoint, in seconds of the wall clock."""
+
+_INSTANT = 1e-6
+"""End of a run that only compiles [s]: the loop is compiled before its first step."""
 
 
 def simulate(
@@ -86,7 +94,7 @@ def simulate(
     accuracy : str, optional
         Instead of ``dt`` and ``method``: an error and the quantity it is of, such as "1e-3 rest
         height"; step, method and sum over pairs are then chosen from the stored table of prices
-        (see `granular.run.accuracy`), and stored in the run's ``settings()["accuracy"]``.
+        (see `granular.run.settings_for_accuracy`), and stored in the run's ``settings()["accuracy"]``.
 
     Returns
     -------
@@ -116,89 +124,93 @@ def simulate(
     if accuracy is not None:
         if dt != "auto" or method != "stormer-verlet":
             raise InputError("accuracy chooses dt and method; give either it or them")
-        scene, dt, method, words = choose_settings(scene, accuracy)
+        scene, dt, method, words = choose_settings_for_accuracy(scene, accuracy)
         promised = {"accuracy": words}
     plan = resolve_method(method)
-    step = validated_step(dt, scene)
-    check_method(plan, step, scene)
-    check_end(scene, t_end)
-    check_step(step, scene, t_end)
-    _warn_of_cadence(step, scene)
-    count = choose_threads(scene, threads)
+    step = parse_time_step(dt, scene)
+    check_method_fits_scene(plan, step, scene)
+    check_end_time(scene, t_end)
+    check_time_step_fits_scene(step, scene, t_end)
+    _warn_of_changed_record_spacing(step, scene)
+    count = choose_thread_count(scene, threads)
     system = scene_in_natural_units(scene, threads=count, method=plan)
-    set_threads(count)
-    settings = _settings(scene, dt, plan, system) | promised
+    set_thread_count(count)
+    settings = _run_settings(scene, dt, plan, system) | promised
     if resume and out is None:
         raise InputError("resume = True needs out, the directory of the run to go on with")
-    run = Run(scene, system, plan, step, t_end)
-    run.threads = Threads(count if threads is None else 1)
-    with deferred_stop() as stop, measure_compile_time() as compiling:
-        store = None if out is None else _open_store(Path(out), run, settings, resume)
+    run = ProtocolRunner(scene, system, plan, step, t_end)
+    run.threads = ThreadCountTuner(count if threads is None else 1)
+    with defer_stop_signals() as stop, measure_compile_time() as compiling:
+        store = None if out is None else _create_or_resume_directory(Path(out), run, settings, resume)
         try:
             with explain_compile_errors(scene):
-                return _Job(run, store, settings, compiling).carry_out(progress, stop)
+                return _SimulationJob(run, store, settings, compiling).run_to_end(progress, stop)
         finally:
             if store is not None:
-                store.release()
+                store.unlock()
 
 
-class _Job:
+class _SimulationJob:
     """A run with its output: what `simulate` does after the arguments are checked."""
 
     def __init__(
-        self, run: Run, store: Store | None, settings: dict[str, Any], compiling: CompileTimer
+        self,
+        run: ProtocolRunner,
+        store: RunDirectoryWriter | None,
+        settings: dict[str, Any],
+        compiling: CompileTimer,
     ) -> None:
         self.run, self.store, self.settings, self.compiling = run, store, settings, compiling
         self.started = self.last_commit = time.perf_counter()
-        self.kept = self._snapshot()
+        self.kept = self._snapshot_with_counts()
 
-    def carry_out(self, progress: bool, stop: Stop) -> Trajectory:
+    def run_to_end(self, progress: bool, stop: StopRequest) -> Trajectory:
         run = self.run
-        self._commit(complete=False)
-        failure = partial(run.misplaced_grain_error, run.shorter_step_remedy)
-        with ProgressBar(progress) as bar:
+        self._write_and_commit(complete=False)
+        failure = partial(run.misplaced_grain_error, run.remedy_for_long_steps)
+        with RunProgressBar(progress) as bar:
             try:
                 while not run.at_end and not stop.asked:
                     with raise_where_not_finite(failure):
                         run.advance()
                     bar.show(run)
                     if time.perf_counter() - self.last_commit > COMMIT_SECONDS:
-                        self.kept = self._snapshot()
-                        self._commit(complete=False)
-                self.kept = self._snapshot()
+                        self.kept = self._snapshot_with_counts()
+                        self._write_and_commit(complete=False)
+                self.kept = self._snapshot_with_counts()
                 complete = run.at_end
                 with raise_where_not_finite(failure):
-                    until = run.run_tail() if complete else run.time
+                    until = run.finish_last_partial_tick() if complete else run.time
             except RunError as error:
-                error.trajectory = self._result(complete=False, until=run.time)
+                error.trajectory = self._save_and_load_trajectory(complete=False, until=run.time)
                 raise
             except KeyboardInterrupt:  # from a compilation
-                stop.trajectory = self._result(complete=False, until=run.time)
+                stop.trajectory = self._save_and_load_trajectory(complete=False, until=run.time)
                 raise
-        stop.trajectory = trajectory = self._result(complete, until)
+        stop.trajectory = trajectory = self._save_and_load_trajectory(complete, until)
         if complete:
-            _warn_of_doubts(trajectory)
+            _warn_of_inaccurate_run(trajectory)
         return trajectory
 
-    def _snapshot(self) -> dict[str, Any]:
+    def _snapshot_with_counts(self) -> dict[str, Any]:
         """State to resume from, with how many records and frames lie before it."""
-        rows, frames = self.run.recorder.counts()
+        rows, frames = self.run.recorder.record_and_frame_counts()
         written = (0, 0) if self.store is None else (self.store.rows, self.store.frames)
         return take_snapshot(self.run) | {"rows": written[0] + rows, "frames": written[1] + frames}
 
-    def _outcome(self, complete: bool, until: float) -> dict[str, Any]:
+    def _outcome_fields(self, complete: bool, until: float) -> dict[str, Any]:
         compiled, passed = self.compiling.seconds, time.perf_counter() - self.started
-        figures = self.run.figures() | {"seconds": passed - compiled, "compile_seconds": compiled}
-        return {"figures": figures, "complete": complete, "stages": self.run.results(until)}
+        figures = self.run.summary_figures() | {"seconds": passed - compiled, "compile_seconds": compiled}
+        return {"figures": figures, "complete": complete, "stages": self.run.stage_results(until)}
 
-    def _commit(self, complete: bool, until: float | None = None) -> None:
+    def _write_and_commit(self, complete: bool, until: float | None = None) -> None:
         """Write what was recorded, with the last snapshot to resume from."""
         if self.store is None:
             return
-        outcome = self._outcome(complete, self.run.time if until is None else until)
+        outcome = self._outcome_fields(complete, self.run.time if until is None else until)
         try:
-            self.store.write(self.run.recorder)
-            self.store.commit(self.kept | {"outcome": np.array(json.dumps(outcome))})
+            self.store.append_records(self.run.recorder)
+            self.store.replace_checkpoint(self.kept | {"outcome": np.array(json.dumps(outcome))})
         except OSError as error:
             raise StoreError(
                 f"{self.store.path} cannot be written: {error.strerror or error}; what was "
@@ -206,28 +218,28 @@ class _Job:
             ) from error
         self.last_commit = time.perf_counter()
 
-    def _result(self, complete: bool, until: float) -> Trajectory:
+    def _save_and_load_trajectory(self, complete: bool, until: float) -> Trajectory:
         if self.store is not None:
-            self._commit(complete, until)
+            self._write_and_commit(complete, until)
             return load_trajectory(self.store.path)
         run = self.run
-        data = _dataset(run.scene, run.system, run.recorder)
-        return make_trajectory(run.scene, data, self.settings, self._outcome(complete, until), None)
+        data = _recorded_dataset(run.scene, run.system, run.recorder)
+        return make_trajectory(run.scene, data, self.settings, self._outcome_fields(complete, until), None)
 
 
-def _dataset(scene: Scene, system: SceneInNaturalUnits, recorder: Recorder) -> xarray.Dataset:
+def _recorded_dataset(scene: Scene, system: SceneInNaturalUnits, recorder: RecordBuffer) -> xarray.Dataset:
     """Return the recorded data in SI, from memory."""
     import xarray
 
     return xarray.Dataset(
         {
             variable.name: (variable.dims, values, variable.attributes())
-            for variable, values in recorder.in_si(scene, system.scales)
+            for variable, values in recorder.variables_in_si(scene, system.scales)
         }
     )
 
 
-def _warn_of_cadence(step: Step, scene: Scene) -> None:
+def _warn_of_changed_record_spacing(step: Step, scene: Scene) -> None:
     if step.seconds is None:
         return
     wanted = scene.output.scalars
@@ -240,7 +252,9 @@ def _warn_of_cadence(step: Step, scene: Scene) -> None:
         )
 
 
-def _settings(scene: Scene, dt: float | str, method: Method, system: SceneInNaturalUnits) -> dict[str, Any]:
+def _run_settings(
+    scene: Scene, dt: float | str, method: Method, system: SceneInNaturalUnits
+) -> dict[str, Any]:
     far = system.constants.acting.far
     asked = None if far is None else far.every or scene.pairs.far_every
     every = {} if asked is None else {"far_every": asked}
@@ -261,15 +275,17 @@ def custom_code_digests(scene: Scene) -> list[str]:
     return sorted(digest for sources in own for digest in sources)
 
 
-def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) -> Store:
+def _create_or_resume_directory(
+    path: Path, run: ProtocolRunner, settings: dict[str, Any], resume: bool
+) -> RunDirectoryWriter:
     if is_run_directory(path) and not resume:
         raise StoreError(f"{path} holds a run; resume it, or give a new directory")
     if not is_run_directory(path):
         first = take_snapshot(run) | {"rows": 0, "frames": 0}
-        outcome = {"figures": run.figures(), "complete": False, "stages": []}
+        outcome = {"figures": run.summary_figures(), "complete": False, "stages": []}
         first["outcome"] = np.array(json.dumps(outcome))
-        return Store.create(path, run.scene, run.system, settings, first)
-    former = json.loads(read_files(path, read_checkpoint(path)[1])[SETTINGS])
+        return RunDirectoryWriter.create(path, run.scene, run.system, settings, first)
+    former = json.loads(read_verified_files(path, read_checkpoint(path)[1])[SETTINGS])
     for name in ("scene_digest", "dt", "method"):
         if former[name] != settings[name]:
             what = "scene" if name == "scene_digest" else name
@@ -288,17 +304,17 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
             "follows need not have the bits that it would have had",
             stacklevel=3,
         )
-    store = Store(path, run.scene, run.system)
-    store.hold()
+    store = RunDirectoryWriter(path, run.scene, run.system)
+    store.lock()
     try:
-        restore_snapshot(run, store.resume())
+        restore_snapshot(run, store.read_checkpoint_and_arrays())
     except BaseException:
-        store.release()
+        store.unlock()
         raise
     return store
 
 
-def _warn_of_doubts(trajectory: Trajectory) -> None:
+def _warn_of_inaccurate_run(trajectory: Trajectory) -> None:
     """Warn where a run is less accurate than a user may take it to be."""
     settings = trajectory.settings()
     residual = settings["ledger_residual"]
@@ -317,3 +333,36 @@ def _warn_of_doubts(trajectory: Trajectory) -> None:
             "and the scene has no contact between grains",
             stacklevel=3,
         )
+
+
+def compile_and_cache_kernels(scenes: Sequence[Scene]) -> dict[str, float]:
+    """Compile what runs and evaluations of scenes need, and keep it on disk, so that later starts need not.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        What is compiled depends on which effects act, on how pairs are summed and on the method, not on
+        numbers: a bed of another size, or another mass of the piston, needs nothing more.
+
+    Returns
+    -------
+    dict of str to float
+        Wall time of each scene [s], by its name; below a second where all was there.
+
+    Raises
+    ------
+    InputError
+        If a scene cannot be run.
+    """
+    from granular.protocol.piston_motion import Motion, driven_height_and_velocity, with_table_arrays
+    from granular.run.evaluation import evaluate
+
+    seconds = {}
+    for scene in scenes:
+        started = time.perf_counter()
+        simulate(scene, t_end=_INSTANT, progress=False)
+        evaluate(scene, *scene.initial_positions_and_velocities())
+        driven = any(stage.is_tabulated for stage in scene.protocol)
+        driven_height_and_velocity(with_table_arrays(Motion()) if driven else Motion(), 0.0)
+        seconds[scene.name] = time.perf_counter() - started
+    return seconds

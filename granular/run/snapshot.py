@@ -15,13 +15,13 @@ from granular.kernel_data.state import PERSISTENT, State
 from granular.pairs.stripes import LISTED, Stripes
 from granular.pairs.verlet_list import VerletList
 from granular.protocol.stage import TimedStage, stage_motion
-from granular.run.run_state import ARRANGE, Progress, RunState
+from granular.run.run_state import ARRANGE, RunProgress, RunState
 from granular.shared.errors import StoreError
 
 
 def take_snapshot(run: RunState) -> dict[str, Any]:
     """All that is needed to go on from here, as arrays."""
-    saved = persistent_arrays(run.state) | {"band": run.band.copy(), "seen": run.seen.copy()}
+    saved = copy_persistent_arrays(run.state) | {"band": run.band.copy(), "seen": run.seen.copy()}
     memory = {
         "progress": dataclasses.asdict(run.progress),
         "ledger": None if run.ledger is None else dataclasses.asdict(run.ledger),
@@ -39,15 +39,15 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
         If the run has gone farther than its end is now to be, or the checkpoint lacks an array.
     """
     state = run.state
-    missing = set(persistent_arrays(state)) - set(saved)
+    missing = set(copy_persistent_arrays(state)) - set(saved)
     if missing:
         raise StoreError(
             f"the run's checkpoint holds no {min(missing)!r}: another version made it; give a new directory"
         )
-    restore_arrays(state, saved)
+    restore_persistent_arrays(state, saved)
     run.band[:], run.seen[:] = saved["band"], saved["seen"]
     memory = json.loads(str(saved["memory"]))
-    run.progress = Progress(**memory["progress"])
+    run.progress = RunProgress(**memory["progress"])
     run.ledger = None if memory["ledger"] is None else Ledger(**memory["ledger"])
     for values in constants_per_grain(run.constants):
         values[:] = values[state.label[: len(values)]]
@@ -58,11 +58,11 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     # What is not kept follows from the positions; what is kept has the bits of the pass that
     # made it, which may have been a measuring one.
     run.look(ARRANGE)
-    restore_arrays(state, saved)
-    _check_end(run)
+    restore_persistent_arrays(state, saved)
+    _refuse_unreachable_end(run)
 
 
-def _check_end(run: RunState) -> None:
+def _refuse_unreachable_end(run: RunState) -> None:
     """Refuse an end that the run cannot reach any more."""
     seconds = run.system.scales.time
     ahead = run.t_end * (1.0 + 1e-9) if math.isfinite(run.t_end) else math.inf
@@ -78,14 +78,14 @@ def _check_end(run: RunState) -> None:
             f"the protocol of this run has ended, at {run.time * seconds:g} s; "
             f"t_end = {run.t_end * seconds:g} s needs a new run"
         )
-    if not run.finished and run.progress.started and run.rest_of_stage(0) < 0.0:
+    if not run.finished and run.progress.started and run.remaining_stage_time(0) < 0.0:
         raise StoreError(
             f"the run has gone on to {run.time * seconds:g} s, behind the end of stage "
             f"{run.stage.name!r}; give a t_end from there on"
         )
 
 
-def _persistent_arrays(state: State) -> dict[str, np.ndarray]:
+def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
     """Arrays that a state cannot be made again from, by their names in a checkpoint."""
     names = [*PERSISTENT, "rounding"] if state.rounding is not None else PERSISTENT
     saved = {name: getattr(state, name) for name in names}
@@ -100,20 +100,20 @@ def _persistent_arrays(state: State) -> dict[str, np.ndarray]:
     return saved
 
 
-def persistent_arrays(state: State) -> dict[str, Any]:
+def copy_persistent_arrays(state: State) -> dict[str, Any]:
     """Return the copies of the arrays that a state cannot be made again from."""
-    saved = {name: array.copy() for name, array in _persistent_arrays(state).items()}
-    return saved | neighbour_list_arrays(state.stripes or state.verlet_list)
+    saved = {name: array.copy() for name, array in _persistent_arrays_by_name(state).items()}
+    return saved | copy_neighbour_list_arrays(state.stripes or state.verlet_list)
 
 
-def restore_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
+def restore_persistent_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
     """Put kept arrays back."""
-    for name, array in _persistent_arrays(state).items():
+    for name, array in _persistent_arrays_by_name(state).items():
         array[:] = saved[name]
     restore_neighbour_lists(state.stripes or state.verlet_list, saved)
 
 
-def neighbour_list_arrays(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
+def copy_neighbour_list_arrays(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
     """Arrays of the lists of partners in a checkpoint: the positions that they were made at."""
     if lists is None:
         return {}

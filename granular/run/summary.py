@@ -40,7 +40,7 @@ def derived_scene_values(scene: Scene) -> dict[str, Any]:
     return figures
 
 
-def effect_names(scene: Scene) -> tuple[str, ...]:
+def active_effect_names(scene: Scene) -> tuple[str, ...]:
     """Names of the effects that act."""
     return tuple(key for key in scene.effects.key_names() if getattr(scene.effects, key))
 
@@ -89,7 +89,7 @@ def scene_text(scene: Scene) -> str:
             + ("" if mass is None else f", {mass:g} kg")
             + f", packing fraction {packing_fraction(scene, height):.4f}"
         )
-    lines.append(f"  effects: {', '.join(effect_names(scene)) or 'none'}")
+    lines.append(f"  effects: {', '.join(active_effect_names(scene)) or 'none'}")
     lines += [
         f"    {effect.key}: {said}" for effect in scene.effects.acting if (said := describe_fields(effect))
     ]

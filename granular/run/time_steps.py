@@ -17,7 +17,7 @@ from granular.protocol.stage import TimedStage
 from granular.scene.dry_friction import dry_friction_parts
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 LATEST = 1e30
 """Latest end of a run [s]: as far as quantities go, and far from overflow in any natural unit."""
@@ -25,7 +25,7 @@ LATEST = 1e30
 _AUTOMATIC = re.compile(r"auto(?:([*/])(\d+\.?\d*|\.\d+))?")
 
 
-def validated_step(dt: float | str, scene: Scene | None = None) -> Step:
+def parse_time_step(dt: float | str, scene: Scene | None = None) -> Step:
     """Time step in seconds, or a multiple of the automatic one, of a scene.
 
     Raises
@@ -57,18 +57,18 @@ def _allows_longer_steps(scene: Scene) -> bool:
     return friction is not None and friction.scheme == "velocity" and contact is None
 
 
-def halve_step(dt: float | str) -> float | str:
+def halve_time_step(dt: float | str) -> float | str:
     """Half a time step, given in seconds or as a multiple of the automatic one."""
-    return _scale_coefficients(dt, 0.5)
+    return _multiply_time_step(dt, 0.5)
 
 
-def double_step(dt: float | str) -> float | str:
+def double_time_step(dt: float | str) -> float | str:
     """Twice a time step, in the same form."""
-    return _scale_coefficients(dt, 2.0)
+    return _multiply_time_step(dt, 2.0)
 
 
-def _scale_coefficients(dt: float | str, by: float) -> float | str:
-    step = validated_step(dt)
+def _multiply_time_step(dt: float | str, by: float) -> float | str:
+    step = parse_time_step(dt)
     if step.seconds is not None:
         return by * step.seconds
     factor = by * step.factor
@@ -81,18 +81,18 @@ def _format_decimal(value: float) -> str:
     return np.format_float_positional(value, trim="-")
 
 
-def is_step_allowed(scene: Scene, dt: float | str, method: str | Method) -> bool:
+def can_run_with_step(scene: Scene, dt: float | str, method: str | Method) -> bool:
     """Return True where a scene can be run with a time step and a method."""
     try:
-        step = validated_step(dt, scene)
-        check_method(resolve_method(method), step, scene)
-        check_step(step, scene)
+        step = parse_time_step(dt, scene)
+        check_method_fits_scene(resolve_method(method), step, scene)
+        check_time_step_fits_scene(step, scene)
     except InputError:
         return False
     return True
 
 
-def check_method(method: Method, step: Step, scene: Scene) -> None:
+def check_method_fits_scene(method: Method, step: Step, scene: Scene) -> None:
     """Refuse a method that a scene, or a time step, cannot be run with.
 
     Raises
@@ -143,7 +143,7 @@ def check_method(method: Method, step: Step, scene: Scene) -> None:
         )
 
 
-def check_step(step: Step, scene: Scene, t_end: float | None = None) -> None:
+def check_time_step_fits_scene(step: Step, scene: Scene, t_end: float | None = None) -> None:
     """Refuse a given time step that is longer than what it is to resolve, or far too short.
 
     Raises
@@ -188,7 +188,7 @@ def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[
             height = math.nan  # known when the stage has ended
 
 
-def check_end(scene: Scene, t_end: float | None) -> None:
+def check_end_time(scene: Scene, t_end: float | None) -> None:
     """Refuse an end that is none, and a protocol that has none.
 
     Raises

@@ -14,7 +14,7 @@ import numpy as np
 from granular.effects.shaking import Shaking
 from granular.methods import Method, resolve_method
 from granular.protocol import Push, Stage
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.sections import unknown
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-    from granular.shared.html import LivePage
+    from granular.shared.html_pages import InteractivePage
 
 LEAST = 1e-18
 """Between two records of one time near zero [s], where numbers of double precision lie denser."""
@@ -92,14 +92,14 @@ class Trajectory:
         )
 
     def _repr_html_(self) -> str:
-        from granular.shared.html import preformat
+        from granular.shared.html_pages import preformatted_html
 
-        return preformat(repr(self)) + self.dataset._repr_html_()
+        return preformatted_html(repr(self)) + self.dataset._repr_html_()
 
     def _repr_latex_(self) -> str:
-        from granular.shared.tables import latex_text
+        from granular.shared.text_tables import latex_lines
 
-        return latex_text(repr(self))
+        return latex_lines(repr(self))
 
     @property
     def literature(self) -> tuple[str, ...]:
@@ -130,14 +130,14 @@ class Trajectory:
         ax.set(xlabel="time [s]", ylabel=f"{name.replace('_', ' ')} [{unit}]")
         return ax
 
-    def view(self) -> LivePage:
+    def view(self) -> InteractivePage:
         """Bed, the piston's curve and its phase plane in motion, as a page for a notebook.
 
         ``run.view().save("view.html")`` writes it for a browser; it needs nothing else.
 
         Returns
         -------
-        LivePage
+        InteractivePage
             Page that a notebook shows and `save` writes.
 
         Raises
@@ -145,9 +145,11 @@ class Trajectory:
         InputError
             If the run has no frames.
         """
-        from granular.run.view import run_page
+        from granular.run.animation_page import run_animation_page
 
-        return run_page(self.scene, self.dataset, [(stage.name, stage.start) for stage in self.stages])
+        return run_animation_page(
+            self.scene, self.dataset, [(stage.name, stage.start) for stage in self.stages]
+        )
 
     def stage(self, name: str) -> StageResult:
         """Return the result of a stage by its name.
@@ -177,7 +179,7 @@ class Trajectory:
 
         Where the cell is shaken, these are ``base_height`` [m], ``base_velocity`` [m/s] and
         ``base_acceleration`` [m/s^2], and where the piston is pushed, ``outer_force`` [N]; see
-        `base_motion` and `outer_force`. Heights are those above the moving cell. A piston whose
+        `shaken_base_motion` and `outer_force`. Heights are those above the moving cell. A piston whose
         path is given has its drive in ``height`` and ``velocity``.
 
         Parameters
@@ -200,7 +202,7 @@ class Trajectory:
         if "piston_height" not in data:
             raise RecordError(f"scene {self.scene.name!r} has no piston, so there is no record")
         name = stage or self.scene.output.record
-        chosen = slice(None) if name is None else self._stage_records(name)
+        chosen = slice(None) if name is None else self._records_of_stage(name)
         time = merge_equal_times(data["time"].values)[chosen]
         # Where the piston jumps, the same time stands twice: the later one counts.
         last = np.append(np.diff(time) > 0.0, True)
@@ -211,26 +213,26 @@ class Trajectory:
         }
         indices = np.asarray(data["stage"].values[chosen][last])
         if name is not None:  # the first of its records ends the stage before
-            indices = np.full_like(indices, self._index(name))
-        drive = self._drive_at(time[last], indices)
+            indices = np.full_like(indices, self._stage_index(name))
+        drive = self._drive_at_times(time[last], indices)
         return PistonRecord(time=time[last], **columns, extra=drive)
 
-    def _drive_at(self, time: np.ndarray, indices: np.ndarray) -> dict[str, np.ndarray]:
+    def _drive_at_times(self, time: np.ndarray, indices: np.ndarray) -> dict[str, np.ndarray]:
         """Drive of the run at some times [s], in stages by their indices in the protocol."""
         shaking, protocol = self.scene.effects.shaking, self.scene.protocol
-        columns = {} if shaking is None else base_motion(shaking, time)
+        columns = {} if shaking is None else shaken_base_motion(shaking, time)
         if any(isinstance(protocol[index], Push) for index in np.unique(indices).astype(int)):
             starts = [stage.start for stage in self.stages]
             columns["outer_force"] = outer_force(protocol, starts, indices, time)
         return columns
 
-    def _index(self, name: str) -> int:
+    def _stage_index(self, name: str) -> int:
         return [stage.name for stage in self.scene.protocol].index(name)
 
-    def _stage_records(self, name: str) -> slice:
+    def _records_of_stage(self, name: str) -> slice:
         """Return records of a stage, from the one at its start (which ends the stage before)."""
         stage = self.stage(name)
-        inside = np.flatnonzero(self.dataset["stage"].values == self._index(name))
+        inside = np.flatnonzero(self.dataset["stage"].values == self._stage_index(name))
         times = merge_equal_times(self.dataset["time"].values)
         first = int(inside[0]) if len(inside) else len(times)
         if first > 0 and times[first - 1] == stage.start:
@@ -277,15 +279,15 @@ def load_trajectory(path: str | Path) -> Trajectory:
         If the directory holds no run, or a file of it is missing or not what the run wrote. What
         is recorded is checked as it is read: then the dataset's arrays raise it.
     """
-    from granular.run.arrays import GROUP, Metadata
-    from granular.run.checkpoint import read_checkpoint, read_files
-    from granular.run.dataset import open_dataset
-    from granular.run.directory import SCENE, SETTINGS
+    from granular.run.checkpoint import read_checkpoint, read_verified_files
+    from granular.run.lazy_dataset import open_lazy_dataset
+    from granular.run.run_directory import SCENE, SETTINGS
+    from granular.run.zarr_arrays import GROUP, ZarrMetadata
 
     path = Path(path)
     checkpoint, manifest = read_checkpoint(path)
-    files = read_files(path, manifest)
-    data = open_dataset(path, Metadata(files[GROUP]), manifest)
+    files = read_verified_files(path, manifest)
+    data = open_lazy_dataset(path, ZarrMetadata(files[GROUP]), manifest)
     outcome = json.loads(str(checkpoint["outcome"]))
     return make_trajectory(load_scene(path / SCENE), data, json.loads(files[SETTINGS]), outcome, path)
 
@@ -325,23 +327,23 @@ def separate_equal_times(times: np.ndarray) -> np.ndarray:
     """
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 0.0):
-        result[k + 1] = result[k] + _nudge_equal_times(result[k])
+        result[k + 1] = result[k] + _least_time_difference(result[k])
     return result
 
 
 def merge_equal_times(times: np.ndarray) -> np.ndarray:
     """Return the times (m,) [s] that grow, as they are stored."""
     result = np.array(times, dtype=np.float64)
-    for k in np.flatnonzero(np.diff(result) <= 2.0 * _nudge_equal_times(result[:-1])):
+    for k in np.flatnonzero(np.diff(result) <= 2.0 * _least_time_difference(result[:-1])):
         result[k + 1] = result[k]
     return result
 
 
-def _nudge_equal_times(times: np.ndarray) -> np.ndarray:
+def _least_time_difference(times: np.ndarray) -> np.ndarray:
     return np.maximum(np.spacing(times), LEAST)
 
 
-def base_motion(shaking: Shaking, time: np.ndarray) -> dict[str, np.ndarray]:
+def shaken_base_motion(shaking: Shaking, time: np.ndarray) -> dict[str, np.ndarray]:
     """Vertical motion of a shaken cell.
 
     Heights of the piston are those above the moving cell, so that a law of the height has the

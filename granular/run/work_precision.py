@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from granular.run.summary import effect_names
+from granular.run.summary import active_effect_names
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.files import parse_toml
@@ -54,7 +54,7 @@ class WorkPrecisionEntry(NamedTuple):
     clear: list[str]
 
 
-class WorkPrecisionTable(NamedTuple):
+class SceneWorkPrecision(NamedTuple):
     """A scene of the table.
 
     Attributes
@@ -76,7 +76,7 @@ class WorkPrecisionTable(NamedTuple):
     entries: tuple[WorkPrecisionEntry, ...]
     date: str
 
-    def floor(self, quantity: str, grains: int) -> float:
+    def scatter_for_grain_count(self, quantity: str, grains: int) -> float:
         """Scatter for a number of grains: greater for fewer of them, never taken for smaller."""
         return self.floors[quantity] * max(1.0, math.sqrt(self.grains / max(grains, 1)))
 
@@ -90,36 +90,38 @@ def damping_kind(scene: Scene) -> str:
 
 
 @cache
-def load_work_precision_table() -> tuple[WorkPrecisionTable, ...]:
+def load_work_precision_scenes() -> tuple[SceneWorkPrecision, ...]:
     """Scenes of the stored table."""
     plain = parse_toml(TABLE.read_text(encoding="utf-8"))
-    return tuple(_priced_scene(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"])
+    return tuple(
+        _parse_scene_work_precision(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"]
+    )
 
 
-def _priced_scene(plain: Mapping[str, Any], date: str) -> WorkPrecisionTable:
+def _parse_scene_work_precision(plain: Mapping[str, Any], date: str) -> SceneWorkPrecision:
     entries = tuple(WorkPrecisionEntry(**rung_values) for rung_values in plain["entries"])
-    return WorkPrecisionTable(
+    return SceneWorkPrecision(
         plain["name"], plain["kind"], plain["grains"], plain["starts"], plain["floors"], entries, date
     )
 
 
-def nearest_priced_scene(scene: Scene, quantity: str) -> WorkPrecisionTable | None:
+def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecision | None:
     """Scene of the table that is most like another one; None where none is like it."""
-    if not KNOWN.issuperset(effect_names(scene)):
+    if not KNOWN.issuperset(active_effect_names(scene)):
         return None
 
     kind = damping_kind(scene)
     rests = any(getattr(stage, "until", None) == "rest" for stage in scene.protocol)
 
-    def apart(item: WorkPrecisionTable) -> float:
+    def apart(item: SceneWorkPrecision) -> float:
         return abs(math.log(item.grains / max(scene.grains.count, 1)))
 
-    def unlike(item: WorkPrecisionTable) -> tuple[bool, float]:
+    def unlike(item: SceneWorkPrecision) -> tuple[bool, float]:
         return ("rest height" in item.floors) is not rests, apart(item)
 
     near = [
         entry
-        for entry in load_work_precision_table()
+        for entry in load_work_precision_scenes()
         if entry.kind == kind and quantity in entry.floors and apart(entry) <= math.log(ALIKE)
     ]
     return min(near, key=unlike, default=None)
@@ -135,13 +137,13 @@ def work_precision_text(run: Trajectory) -> str:
     seconds, order = settings["seconds"], run.method.order
     finer = f"twice as fine: {2.0 * seconds:.3g} s"
     quantity = _main_quantity(run)
-    costs = None if quantity is None else nearest_priced_scene(run.scene, quantity)
+    costs = None if quantity is None else most_similar_measured_scene(run.scene, quantity)
     seen = settings.get("step_times_highest_frequency", 0.0)
-    entry = None if costs is None else _nearest_entry(costs, run.method.name, seen)
+    entry = None if costs is None else _entry_nearest_to_step(costs, run.method.name, seen)
     if quantity is None or costs is None or entry is None:
         error = settings["ledger_residual"]
         return f"price: {seconds:.3g} s; energy to {error:.1g} by the step; {finer}, {error / 2.0**order:.1g}"
-    bound, scatter = entry.bounds[quantity], costs.floor(quantity, run.scene.grains.count)
+    bound, scatter = entry.bounds[quantity], costs.scatter_for_grain_count(quantity, run.scene.grains.count)
     scattered = f"; starts scatter it by {scatter:.1g}" if scatter else ""
     if quantity not in entry.clear:
         return (
@@ -163,7 +165,7 @@ def _main_quantity(run: Trajectory) -> str | None:
     return "rest height" if rested else "piston force"
 
 
-def _nearest_entry(costs: WorkPrecisionTable, method: str, seen: float) -> WorkPrecisionEntry | None:
+def _entry_nearest_to_step(costs: SceneWorkPrecision, method: str, seen: float) -> WorkPrecisionEntry | None:
     """Entry of a method next to a step, of those at least as long; else its longest."""
     entries = sorted(
         (entry for entry in costs.entries if entry.method == method), key=lambda entry: entry.frequency

@@ -8,7 +8,7 @@ from granular.scene.scene import Scene
 from granular.schema.sections import unknown
 from granular.shared.errors import SceneError
 from granular.shared.files import read_toml
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 SCENES = Path(__file__).parents[1] / "scenes"
 

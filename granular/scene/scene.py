@@ -27,10 +27,10 @@ from granular.schema.sections import (
     unknown,
 )
 from granular.schema.units import si_value
-from granular.shared.citing import module_docstring_of
+from granular.shared.citations import module_docstring_of
 from granular.shared.errors import SceneError
 from granular.shared.files import write_text
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from granular.effects.dipole import Dipole
@@ -386,14 +386,14 @@ class Scene(Section):
         )
 
     def _repr_html_(self) -> str:
-        from granular.shared.html import preformat
+        from granular.shared.html_pages import preformatted_html
 
-        return preformat(self.to_toml())
+        return preformatted_html(self.to_toml())
 
     def _repr_latex_(self) -> str:
-        from granular.shared.tables import latex_text
+        from granular.shared.text_tables import latex_lines
 
-        return latex_text(repr(self))
+        return latex_lines(repr(self))
 
     def to_toml(self) -> str:
         """Scene as a TOML file's text; `load_scene` reads an equal scene from it.

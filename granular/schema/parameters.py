@@ -13,7 +13,7 @@ from granular.formulas.dimensions import Dimension, infer_dimension, unit_text
 from granular.schema.sections import FieldError, FieldKind, Section, section_field, unknown
 from granular.schema.units import si_value, unit_size
 from granular.shared.errors import InputError, SceneError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 _UNIT = re.compile(r"\s*[-+0-9.eE]+\s*(.*?)\s*")
 

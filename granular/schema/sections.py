@@ -18,7 +18,7 @@ import numpy as np
 
 from granular.schema.units import si_value
 from granular.shared.errors import SceneError
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 
 _LONGEST = 200  # characters of a name
 _MOST_SHOWN = 30  # known words in a message

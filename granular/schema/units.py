@@ -10,7 +10,7 @@ import re
 from decimal import Decimal
 
 from granular.shared.errors import SceneError
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 
 Dimension = tuple[int, int, int, int]  # powers of metre, kilogram, second, ampere
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Self
 
-from granular.shared.messages import one_line
+from granular.shared.message_text import one_line
 
 __all__ = [
     "EnergyError",
     "GranularError",
     "InputError",
     "Interrupted",
-    "MissingError",
+    "MissingPackageError",
     "NotAtRestError",
     "NotFiniteError",
     "OutsideError",
@@ -50,11 +50,11 @@ class StoreError(InputError):
     """A file or a run directory cannot be written, or a run directory not read or resumed."""
 
 
-class BudgetError(InputError):
+class TimeBudgetError(InputError):
     """A computation was not done within the time that it was given."""
 
 
-class MissingError(InputError, ImportError):
+class MissingPackageError(InputError, ImportError):
     """A distribution that is needed is not installed."""
 
 
@@ -188,25 +188,25 @@ NEEDED_BY = {
 """Modules that an installation of one half lacks, with the group of `pyproject.toml` for each."""
 
 
-def missing_module_message(error: ModuleNotFoundError) -> MissingError | None:
+def missing_package_error(error: ModuleNotFoundError) -> MissingPackageError | None:
     """Return same in words that say what to do; None where the module is none of the toolkit's."""
     module = (error.name or "").partition(".")[0]
     if module not in NEEDED_BY:
         return None
-    return MissingError(
+    return MissingPackageError(
         f"{module} is not installed; it belongs to the group {NEEDED_BY[module]!r} of what the "
         "toolkit needs: pip install granular-damper brings all of it"
     )
 
 
-def advise_on_missing_module(attribute: Callable[[str], Any]) -> Callable[[str], Any]:
+def with_missing_package_advice(attribute: Callable[[str], Any]) -> Callable[[str], Any]:
     """Return the package's ``__getattr__`` that says so where what it imports is not installed."""
 
     def get(name: str) -> Any:
         try:
             return attribute(name)
         except ModuleNotFoundError as error:
-            advice = missing_module_message(error)
+            advice = missing_package_error(error)
             if advice is None:
                 raise
             raise advice from None

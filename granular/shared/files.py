@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.shared.errors import InputError, StoreError
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 
 MOST_TOML_BYTES = 16 * 2**20
 """Of a file: the positions of 400 000 grains, which are read in half a minute."""
@@ -106,7 +106,7 @@ def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str
     InputError
         Of that kind, if there is no such file, or it cannot be read or is too long.
     """
-    with reading(path, most, kind):
+    with report_read_errors(path, most, kind):
         with path.open("rb") as file:
             content = file.read(most + 1)
         if len(content) > most:  # of a file that says that it is empty, as in /proc
@@ -118,7 +118,7 @@ def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str
 
 
 @contextlib.contextmanager
-def reading(path: Path, most: int, kind: type[InputError] = InputError) -> Iterator[None]:
+def report_read_errors(path: Path, most: int, kind: type[InputError] = InputError) -> Iterator[None]:
     """Context in which a file of at most so many bytes is read; what fails is said in one line.
 
     A pipe, which may never begin or never end, and a device are no files.
@@ -203,16 +203,16 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, plain: object) -> None:
-    """Write plain data as a JSON file; see `finite_or_none` and `write_text`."""
-    write_text(path, json.dumps(finite_or_none(plain), indent=2, allow_nan=False) + "\n")
+    """Write plain data as a JSON file; see `replace_non_finite_by_none` and `write_text`."""
+    write_text(path, json.dumps(replace_non_finite_by_none(plain), indent=2, allow_nan=False) + "\n")
 
 
-def finite_or_none(plain: Any) -> Any:
+def replace_non_finite_by_none(plain: Any) -> Any:
     """Plain data with None in place of every number that is infinite or NaN."""
     if isinstance(plain, dict):
-        return {key: finite_or_none(value) for key, value in plain.items()}
+        return {key: replace_non_finite_by_none(value) for key, value in plain.items()}
     if isinstance(plain, list | tuple):
-        return [finite_or_none(value) for value in plain]
+        return [replace_non_finite_by_none(value) for value in plain]
     if isinstance(plain, float) and not math.isfinite(plain):
         return None
     return plain

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.messages import sanitize
+from granular.shared.message_text import sanitize
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,12 +31,12 @@ def line_style(index: int) -> dict[str, Any]:
     return {"color": COLOURS[colour], "linestyle": STYLES[(index + turn) % len(STYLES)]}
 
 
-def plain_label(words: object) -> str:
+def figure_label(words: object) -> str:
     """User's words for a figure: short, and never a formula to be set."""
     return sanitize(words, _LONGEST_LABEL).replace("$", r"\$")
 
 
-def plain_numbers(axis: Axis) -> None:
+def label_log_axis_plainly(axis: Axis) -> None:
     """Label a logarithmic axis 0.1, 1, 10: exponents of powers are too small on a phone."""
     from matplotlib.ticker import LogFormatterSciNotation
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 Named = TypeVar("Named")
 
@@ -21,9 +21,9 @@ class Registry(dict[str, Named]):
 
     def __repr__(self) -> str:
         width = max(map(len, self), default=0)
-        return "\n".join(f"{name:{width}}  {words}" for name, words in self.words().items())
+        return "\n".join(f"{name:{width}}  {words}" for name, words in self.descriptions().items())
 
-    def words(self) -> dict[str, str]:
+    def descriptions(self) -> dict[str, str]:
         """Return the description of each thing, by its name."""
         return {name: self._said(thing) for name, thing in self.items()}
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
-from granular.shared.messages import sanitize
+from granular.shared.message_text import sanitize
 
 LONGEST_FILE = 2**20
 """Bytes: a file that is longer is a mistake."""

@@ -10,11 +10,11 @@ from typing import Any, TypeVar
 
 from granular.methods.registry import method_setting, resolve_method
 from granular.run.simulation import custom_code_digests
-from granular.run.time_steps import validated_step
+from granular.run.time_steps import parse_time_step
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from granular.shared.result_cache import digest
 
 Measure = Callable[[Trajectory], Mapping[str, Any]]
@@ -45,7 +45,7 @@ class Case:
 
 
 def keep_measure_name(name: str) -> Callable[[M], M]:
-    """Let a measure that was moved keep its `measure_name`, and so the cases computed before.
+    """Let a measure that was moved keep its `measure_identity`, and so the cases computed before.
 
     Take it away with any change of what the measure finds.
     """
@@ -57,7 +57,7 @@ def keep_measure_name(name: str) -> Callable[[M], M]:
     return named
 
 
-def measure_name(measure: Measure) -> str:
+def measure_identity(measure: Measure) -> str:
     """Return a measure's module and name, and a digest of its code; see `keep_measure_name`."""
     if hasattr(measure, "keep_measure_name"):
         return str(measure.keep_measure_name)
@@ -110,13 +110,13 @@ def _values_list(name: str, values: Iterable[Any]) -> list[Any]:
 def _make_case(scene: Scene, changes: dict[str, Any], settings: dict[str, Any], measure: Measure) -> Case:
     own = {name: value for name, value in changes.items() if name in settings}
     settings = settings | own
-    validated_step(settings["dt"])
+    parse_time_step(settings["dt"])
     method = resolve_method(settings["method"])
     settings["method"] = method_setting(method)
     if "method" in own:
         changes = changes | {"method": method.name}
     changed = scene.replace(**{name: changes[name] for name in changes if name not in own})
-    content = {"scene": changed.to_plain(), "settings": settings, "measure": measure_name(measure)}
+    content = {"scene": changed.to_plain(), "settings": settings, "measure": measure_identity(measure)}
     if user_code := custom_code_digests(changed):
         content["own"] = user_code
     return Case(changes, changed, settings, digest(content, KEY_LENGTH))

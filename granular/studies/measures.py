@@ -9,13 +9,13 @@ from typing import Any
 
 from granular.observables.catalogue import per_frame
 from granular.observables.frame import observable_metadata
+from granular.run.dataset_variables import scalar_variables
 from granular.run.trajectory import Trajectory
-from granular.run.variables import scalar_variables
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from granular.shared.registry import load_entry_point
 from granular.shared.user_file import UserFile, user_definitions
-from granular.studies.cases import Measure, keep_measure_name, measure_name
+from granular.studies.cases import Measure, keep_measure_name, measure_identity
 
 GROUP = "granular.measures"
 """Entry points by which an installed distribution offers measures."""
@@ -43,7 +43,7 @@ def piston_columns(run: Trajectory) -> Mapping[str, Any]:
     return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
-def measure_named(name: str, own: Mapping[str, Measure] | None = None) -> Measure:
+def find_measure(name: str, own: Mapping[str, Measure] | None = None) -> Measure:
     """``"last-values"``, one of the user's own, or one that an installed distribution offers.
 
     A name is looked up and never imported: no study's file decides which code runs.
@@ -109,11 +109,12 @@ class CustomMeasure:
 def custom_measures(file: UserFile) -> dict[str, CustomMeasure]:
     """Functions and observables that a user's file defines, by their names."""
     return {
-        name: CustomMeasure(file, name, measure_name(function)) for name, function in _functions(file).items()
+        name: CustomMeasure(file, name, measure_identity(function))
+        for name, function in _functions_in_file(file).items()
     }
 
 
-def _functions(file: UserFile) -> dict[str, FunctionType]:
+def _functions_in_file(file: UserFile) -> dict[str, FunctionType]:
     return {
         name: content
         for name, content in user_definitions(file).items()

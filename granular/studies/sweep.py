@@ -29,26 +29,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.methods import Method
-from granular.run.variables import scalar_variables
+from granular.run.dataset_variables import scalar_variables
 from granular.scene.loading import load_scene, scene_names
 from granular.scene.scene import Scene
 from granular.schema.sections import IntegerKind, QuantityKind, find_field, unknown
 from granular.shared.errors import InputError, StoreError
 from granular.shared.files import make_directory, read_toml
-from granular.shared.messages import sanitize
+from granular.shared.message_text import sanitize
 from granular.studies.cases import Case, Measure, make_cases
-from granular.studies.measures import last_values, measure_named
-from granular.studies.workers import (
+from granular.studies.executors import (
     ELSEWHERE,
     MACHINE,
     PROGRAM,
     Outcome,
-    Workers,
+    ProcessPool,
     case_executor,
     compute_case,
     failed_outcome,
-    outcomes_in,
+    outcome_cache,
 )
+from granular.studies.measures import find_measure, last_values
 
 if TYPE_CHECKING:
     import pandas
@@ -86,7 +86,12 @@ class Study:
         import pandas
 
         rows = [
-            {**_si_changes(case, self.varied), **outcome["figures"], **_doubts(outcome), "key": case.key}
+            {
+                **_si_changes(case, self.varied),
+                **outcome["figures"],
+                **_warning_and_error(outcome),
+                "key": case.key,
+            }
             for case, outcome in zip(self.cases, self.outcomes, strict=True)
         ]
         table = pandas.DataFrame(rows)
@@ -152,7 +157,7 @@ def _si_changes(case: Case, keys: Sequence[str]) -> dict[str, Any]:
     return result
 
 
-def _doubts(outcome: Outcome) -> dict[str, Any]:
+def _warning_and_error(outcome: Outcome) -> dict[str, Any]:
     return {name: outcome[name] for name in ("warning", "error") if name in outcome}
 
 
@@ -234,15 +239,15 @@ def sweep(
         raise InputError("keep_runs = True needs out, the directory to keep them in")
     settings = {"dt": dt, "t_end": t_end, "method": method}
     every = make_cases(scene, grid or {}, cases, settings, measure)
-    directory = None if out is None else _directory(Path(out))
+    directory = None if out is None else _make_study_directory(Path(out))
     done = _stored_outcomes(every, directory)
     reused = len(done)
     waiting = [case for case in every if case.key not in done]
     with (
         case_executor(executor, min(len(waiting), workers or os.cpu_count() or 1)) as pool,
-        _SweepBar(title, len(every), reused, progress) as bar,
+        _SweepProgressBar(title, len(every), reused, progress) as bar,
     ):
-        for case, outcome in iterate_outcomes(waiting, measure, directory, keep_runs, pool):
+        for case, outcome in compute_outcomes_with_retries(waiting, measure, directory, keep_runs, pool):
             done[case.key] = outcome
             bar.advance(outcome["error"] is not None)
     study = Study(tuple(every), tuple(done[case.key] for case in every), reused)
@@ -266,7 +271,7 @@ def _warn_once(study: Study) -> None:
         )
 
 
-def _directory(path: Path) -> Path:
+def _make_study_directory(path: Path) -> Path:
     make_directory(path / "cases")
     return path.absolute()
 
@@ -274,12 +279,12 @@ def _directory(path: Path) -> Path:
 def _stored_outcomes(cases: Sequence[Case], directory: Path | None) -> dict[str, Outcome]:
     if directory is None:
         return {}
-    cache = outcomes_in(directory)
+    cache = outcome_cache(directory)
     result = {case.key: cache.read(case.key) for case in cases}
     return {key: outcome for key, outcome in result.items() if outcome is not None}
 
 
-def iterate_outcomes(
+def compute_outcomes_with_retries(
     cases: Sequence[Case], measure: Measure, directory: Path | None, keep_runs: bool, pool: Executor
 ) -> Iterator[tuple[Case, Outcome]]:
     """Each case with its outcome, as they come; what the machine did to one is tried again.
@@ -343,7 +348,7 @@ def _compute_cases(
                 yield futures[future], outcome
     finally:
         # Processes of ours end with all their tasks; loky stumbles over tasks taken back before.
-        if not isinstance(pool, Workers):
+        if not isinstance(pool, ProcessPool):
             for future in futures:
                 future.cancel()
 
@@ -352,7 +357,7 @@ def _store_outcome(case: Case, outcome: Outcome, directory: Path | None) -> Outc
     """Outcome, after it is kept where its worker has not done so: its disk may be another."""
     if directory is None:
         return outcome
-    cache = outcomes_in(directory)
+    cache = outcome_cache(directory)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of a damaged one, which was told of before
@@ -375,17 +380,17 @@ def future_outcome(future: Future[Outcome]) -> Outcome | None:
         return failed_outcome(f"{type(error).__name__}: {error}", PROGRAM)
 
 
-class _SweepBar:
+class _SweepProgressBar:
     """One line that shows how many cases are done and failed, and the time left."""
 
     def __init__(self, title: str, total: int, reused: int, wanted: bool) -> None:
         self._failed, self._bar = 0, None
         if wanted:
-            from granular.shared.progress import progress_bar
+            from granular.shared.progress_bars import progress_bar
 
             self._bar = progress_bar(total=total, initial=reused, desc=title, unit="case", smoothing=0.1)
 
-    def __enter__(self) -> _SweepBar:
+    def __enter__(self) -> _SweepProgressBar:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -432,7 +437,7 @@ def load_study(path: str | Path, own: Mapping[str, Measure] | None = None) -> di
     result: dict[str, Any] = {key: plain[key] for key in ("dt", "t_end", "method", "cases") if key in plain}
     result["grid"] = _flatten_keys(plain.get("grid", {}))
     result["cases"] = [_flatten_keys(case) for case in plain.get("cases", [])]
-    result["measure"] = measure_named(str(plain.get("measure", "last-values")), own)
+    result["measure"] = find_measure(str(plain.get("measure", "last-values")), own)
     result["scene"] = scene.replace(**_flatten_keys(plain.get("changes", {})))
     return result
 

@@ -22,12 +22,12 @@ from pathlib import Path
 import numpy as np
 
 from granular.methods import resolve_method
-from granular.run.record import PistonRecord
-from granular.run.time_steps import halve_step
+from granular.run.piston_record import PistonRecord
+from granular.run.time_steps import halve_time_step
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
-from granular.studies.workers import case_executor
+from granular.shared.message_text import quote
+from granular.studies.executors import case_executor
 from reduced_models.calibration.gauss_newton import MOST_MOVES, SearchEnd, gauss_newton_search
 from reduced_models.calibration.result import CalibratedValue, Calibration, Match
 from reduced_models.calibration.simulations import (
@@ -200,7 +200,7 @@ def _step_shift(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.n
 
     From one simulation with half the step, for a method of order p 2^p/(2^p - 1) times the change.
     """
-    settings = {**simulator.settings, "dt": halve_step(simulator.settings["dt"])}
+    settings = {**simulator.settings, "dt": halve_time_step(simulator.settings["dt"])}
     finer = dataclasses.replace(simulator, seeds=simulator.seeds[:1], settings=settings)
     point = finer.points([centre.position])[0]
     if point.failure:

@@ -7,10 +7,10 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.scene.scene import Scene
 from granular.shared.files import write_json
-from granular.shared.html import Page
+from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import COLOURS, GREY, figure
 from reduced_models.models.quality import Direction
 from reduced_models.records.sources import make_directory
@@ -173,12 +173,12 @@ class Calibration:
             bottom.margins(y=0.3)
             return drawing
 
-    def page(self) -> Page:
+    def page(self) -> HtmlPage:
         """Return the result as a page."""
-        page = Page(f"Scene {self.scene.name!r} calibrated", "; ".join(map(str, self.parameters)))
+        page = HtmlPage(f"Scene {self.scene.name!r} calibrated", "; ".join(map(str, self.parameters)))
         for note in (*map(str, self.undetermined), *self.notes):
-            page.note(note)
-        page.table(
+            page.add_warning(note)
+        page.add_table(
             (
                 "number",
                 "value",
@@ -204,9 +204,9 @@ class Calibration:
                 for parameter in self.parameters
             ],
         )
-        page.figure(self.plot(), "The record, the simulations, and their features.")
-        page.section("The scene")
-        page.preformat(self.scene.to_toml())
+        page.add_figure(self.plot(), "The record, the simulations, and their features.")
+        page.add_section("The scene")
+        page.add_preformatted(self.scene.to_toml())
         return page
 
     def save(self, out: str | Path) -> None:

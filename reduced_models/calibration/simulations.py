@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.scene.scene import Scene
 from granular.schema.sections import QuantityKind, find_field
 from granular.shared.errors import InputError, RecordError
@@ -239,7 +239,7 @@ class SceneSimulator:
             try:
                 if outcome["error"] is not None:
                     raise InputError(outcome["error"])
-                record = PistonRecord.from_columns(outcome["figures"]).from_zero()
+                record = PistonRecord.from_columns(outcome["figures"]).with_time_from_zero()
                 record = record.between(0.0, self.duration * (1.0 + 1e-9))
                 figures = record_features(record, self.law, force=self.force)
             except InputError as error:

@@ -30,7 +30,7 @@ from granular.commands.options import (
 )
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.commands.records import READING, read_options_from_line, show_result
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ examples:
 )
 def calibrate(options: Any) -> None:
     """Fit numbers of a scene to a record."""
-    from granular.run.record import PistonRecord
+    from granular.run.piston_record import PistonRecord
     from granular.scene.scene import Scene
     from granular.user_code import import_user_code
     from reduced_models.calibration.calibrate import calibrate as calibrate_scene

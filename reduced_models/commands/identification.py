@@ -28,7 +28,7 @@ from granular.commands.options import (
 )
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.commands.records import (
     A_SOURCE,
     READING,
@@ -111,7 +111,7 @@ examples:
 def identify(options: Any) -> None:
     """Identify a scene, a run or a CSV file."""
     from granular.schema.units import si_value
-    from granular.shared.progress import print_above_bar
+    from granular.shared.progress_bars import print_above_bar
     from granular.user_code import import_user_code
     from reduced_models.identification.identify import identify as identify_source
     from reduced_models.identification.terminal_summary import summary_before_checks, terminal_summary

@@ -10,7 +10,7 @@ from typing import Any
 from granular.commands.console import command, option, pick_options, print_result, refuse_options
 from granular.commands.options import OUTPUT, quantity_reader
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 MODEL = option("model", metavar="MODEL", help="JSON file of a model")
 MOST_SAMPLES = 10**7

@@ -11,11 +11,11 @@ from granular.commands.console import command, option, option_group, print_resul
 from granular.commands.options import OUTPUT
 from granular.readers.read_options import ALL
 from granular.shared.errors import InputError, SceneError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from granular.readers.read_options import ReadOptions
-    from granular.run.record import PistonRecord
+    from granular.run.piston_record import PistonRecord
 
 A_SOURCE = "a scene (name or TOML file), a run directory, or a record as an instrument wrote it"
 SOURCES = option("sources", nargs="*", metavar="SOURCE", help=A_SOURCE)

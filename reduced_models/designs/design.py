@@ -17,11 +17,11 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 
-from granular.run.accuracy import step_hidden_by_scatter
+from granular.run.settings_for_accuracy import longest_step_hidden_by_scatter
 from granular.scene.published_beds import damper
 from granular.shared.errors import GranularError, InputError
+from granular.studies.executors import case_executor
 from granular.studies.sweep import sweep
-from granular.studies.workers import case_executor
 from reduced_models.designs.damper import Candidate
 from reduced_models.designs.maps import DamperMaps, damper_maps
 from reduced_models.designs.proposal import (
@@ -260,7 +260,7 @@ def _run_checks(
         damper(),
         cases=[scene.to_plain() for scene in scenes],
         measure=check_columns,
-        dt=step_hidden_by_scatter(scenes[0], METHOD),
+        dt=longest_step_hidden_by_scatter(scenes[0], METHOD),
         out=out,
         executor=executor,
         progress=progress,

@@ -36,7 +36,7 @@ from reduced_models.designs.study import COMMITTED
 if TYPE_CHECKING:
     import pandas
 
-    from granular.shared.html import LivePage
+    from granular.shared.html_pages import InteractivePage
 
 COLUMNS = ("mass", "grains", "drag", "small_share")
 LOGARITHMIC = ("rest_height", "frequency", "damping_ratio")
@@ -208,15 +208,15 @@ class DamperMaps:
         """
         return float(_monomials(coordinates, DEGREES[name]) @ self.surfaces[name].coefficients)
 
-    def view(self) -> LivePage:
+    def view(self) -> InteractivePage:
         """Page with the maps under sliders; its ``save`` writes it for a browser.
 
         Returns
         -------
-        LivePage
+        InteractivePage
             Page that a notebook shows, and that ``save`` writes to a file.
         """
-        from granular.shared.html import LivePage
+        from granular.shared.html_pages import InteractivePage
 
         surfaces = {
             name: {
@@ -238,7 +238,7 @@ class DamperMaps:
             "rest": REFERENCE_REST,
             "count": REFERENCE_COUNT,
         }
-        return LivePage.of(TEMPLATE, "The damper by its maps", data, _VIEW_HEIGHT)
+        return InteractivePage.from_template(TEMPLATE, "The damper by its maps", data, _VIEW_HEIGHT)
 
 
 @functools.cache

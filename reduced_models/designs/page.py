@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.shared.html import Page, format_number
+from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, figure
 from granular.shared.version import versions
 from reduced_models.designs.damper import DIAMETER, HIGHEST, LOWEST, NAMES, Candidate, damper_at
@@ -51,22 +51,22 @@ COUNTS, FRACTIONS = (92, 184, 368), (0.0, 0.5)
 """Beds that the page of maps shows."""
 
 
-def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
+def maps_page(maps: DamperMaps, sliders: str | None = None) -> HtmlPage:
     """All maps as a page: pictures, their errors, and the law that they stand for.
 
     ``sliders`` is the name of the page with the maps under sliders, where it is next to this one.
     """
-    page = Page(
+    page = HtmlPage(
         "Maps of the damper",
         f"What {len(maps.dampers)} simulated dampers say of frequency, damping and height of rest.",
     )
-    page.text(
+    page.add_paragraph(
         "A map is a polynomial in the coordinates below, fitted to the study. Its "
         "error is that of predicting a damper which the fit did not see (leave-one-out)."
     )
     if sliders is not None:
-        page.link("The maps under sliders: move them and see the swing", sliders)
-    page.table(
+        page.add_link("The maps under sliders: move them and see the swing", sliders)
+    page.add_table(
         ("figure", "error of its map"),
         [
             ("height of rest", _percent_text(maps.surfaces["rest_height"].error)),
@@ -76,7 +76,7 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
             ("k3 h²/k1 of the law", format_number(maps.surfaces["cubic"].error, 2)),
         ],
     )
-    page.table(
+    page.add_table(
         ("coordinate", "from", "to"),
         [
             (name, format_number(low), format_number(high))
@@ -85,19 +85,19 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
     )
     for fraction in FRACTIONS:
         words = "equal grains" if fraction == 0.0 else f"{100.0 * fraction:g} % small grains"
-        page.figure(
+        page.add_figure(
             plot_maps(maps, fraction),
             f"{words}: frequency, damping ratio and height of rest over the piston's mass and the "
             "drag of a grain.",
         )
-    page.section("The law")
-    page.text(
+    page.add_section("The law")
+    page.add_paragraph(
         "The motion about rest follows z'' + 2 lam z' + k1 (z - h) + k2 (z - h)^2 + k3 (z - h)^3 "
         "= 0 with k1 = (2 pi f)^2 and lam = damping ratio times 2 pi f; k2 and k3 are mapped as "
         "k2 h/k1 and k3 h^2/k1. A lift of 0.2 D leaves the cubic term of strongly damped dampers "
         "open: its map says little there."
     )
-    page.table(
+    page.add_table(
         (
             "grains",
             "mass [kg]",
@@ -117,7 +117,7 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
             for drag in (-0.6, 0.4)
         ],
     )
-    page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
+    page.add_footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
     return page
 
 

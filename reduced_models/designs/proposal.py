@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.scene.published_beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.designs.damper import HIGHEST, LOWEST, Candidate, damper_at, disc_over_dipole_figures
 from reduced_models.designs.maps import DamperMaps
 

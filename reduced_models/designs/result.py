@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.scene.scene import Scene
 from granular.shared.files import write_json
-from granular.shared.html import Page, format_number
+from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
 from reduced_models.designs.damper import ASPECT, DIAMETER, Candidate
@@ -252,18 +252,18 @@ class Design:
             right.legend()
             return drawing
 
-    def page(self, maps: DamperMaps) -> Page:
+    def page(self, maps: DamperMaps) -> HtmlPage:
         """Design as a page."""
         chosen, target = self.damper, self.target
-        page = Page(
+        page = HtmlPage(
             f"A damper of {target.frequency:g} Hz and damping ratio {target.damping:g}",
             f"A piston of {chosen.mass:.4g} kg on {chosen.grains} grains with a drag of "
             f"{chosen.drag:.4g} kg/s each: simulated, it swings at {self.frequency:.4g} Hz with a "
             f"damping ratio of {self.damping_ratio:.4g}.",
         )
         for note in self.notes:
-            page.note(note)
-        page.table(
+            page.add_warning(note)
+        page.add_table(
             ("", "wanted", "maps", *(f"random start {check.seed}" for check in self.checks)),
             [
                 (
@@ -293,7 +293,7 @@ class Design:
                 ("error of the energy ledger", "", "", *(format_number(c.ledger, 2) for c in self.checks)),
             ],
         )
-        page.table(
+        page.add_table(
             ("number", "value", "unit"),
             [
                 ("mass of the piston", format_number(chosen.mass), "kg"),
@@ -308,18 +308,18 @@ class Design:
                 ("viscosity of the liquid, by Stokes's law", format_number(chosen.viscosity, 3), "Pa s"),
             ],
         )
-        page.figure(
+        page.add_figure(
             self.plot(maps),
             "Left: frequency, damping ratio and height of rest over mass and drag; dots are "
             "earlier proposals with as many grains. Right: the simulated motions after a lift of "
             "0.2 D.",
         )
-        page.section("The scene")
-        page.preformat(self.scene.to_toml())
-        page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
+        page.add_section("The scene")
+        page.add_preformatted(self.scene.to_toml())
+        page.add_footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
         return page
 
-    def sheet(self) -> Page:
+    def sheet(self) -> HtmlPage:
         """Sheet to build the damper from."""
         scatter = [
             f"{words}: {low:.4g} to {high:.4g}{unit} from {len(self.checks)} random starts"

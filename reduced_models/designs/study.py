@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.run.trajectory import Trajectory
 from granular.scene.published_beds import damper
 from granular.shared.errors import InputError
@@ -141,7 +141,7 @@ def damper_figures(run: Trajectory) -> Mapping[str, Any]:
         of two grains at rest over that of their contact, and of two grains in the whole run over
         the large diameter; ``ledger``.
     """
-    bed, motion = measure_rest_and_gaps(run), fit_motion_figures(run.piston("release").from_zero())
+    bed, motion = measure_rest_and_gaps(run), fit_motion_figures(run.piston("release").with_time_from_zero())
     return {"rest_height": bed.pop("rest_height"), **motion, **bed}
 
 
@@ -185,7 +185,7 @@ def _least_gap(run: Trajectory) -> float:
 
 def check_columns(run: Trajectory) -> Mapping[str, Any]:
     """`measure_rest_and_gaps`, and the motion after the release as columns; nothing is fitted."""
-    columns = run.piston("release").from_zero().columns
+    columns = run.piston("release").with_time_from_zero().columns
     return {
         **measure_rest_and_gaps(run),
         "motion": {name: values.tolist() for name, values in columns.items()},

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.shared.messages import format_factor
+from granular.shared.message_text import format_factor
 from reduced_models.discovery.polishing import replace_numbers_by_symbols
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.structure_proposals import candidate_from_terms

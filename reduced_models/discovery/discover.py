@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 from typing import Literal
 
-from granular.run.record import PistonRecord, Table
+from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
-from granular.shared.progress import stage_reporter
+from granular.shared.message_text import quote
+from granular.shared.progress_bars import stage_reporter
 from reduced_models.discovery.candidate_choice import (
     notes_on_candidate,
     polish_and_choose_candidate,
@@ -57,7 +57,7 @@ METHODS: tuple[Method, ...] = ("auto", "sindy", "operon", "pysr")
 
 
 def discover(
-    record: PistonRecord | Table | Sequence[PistonRecord | Table],
+    record: PistonRecord | PandasOrXarray | Sequence[PistonRecord | PandasOrXarray],
     method: Method = "auto",
     *,
     form: Literal["weak", "strong"] = "weak",

@@ -18,7 +18,7 @@ import numpy as np
 
 from granular import formulas
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.terms import (
     INPUT,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.run.record import PistonRecord
-from granular.shared.errors import BudgetError, GranularError
+from granular.run.piston_record import PistonRecord
+from granular.shared.errors import GranularError, TimeBudgetError
 from reduced_models.discovery.parametric_terms import ParametricTerms
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.terms import (
@@ -89,7 +89,7 @@ def polish_candidate(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # notes stand in the model
             models = fit(records, law, map=height_map, starts=STARTS, test_fraction=0.0, seed=seed)
-    except BudgetError:
+    except TimeBudgetError:
         raise
     except GranularError as error:
         return dataclasses.replace(candidate, note=str(error))

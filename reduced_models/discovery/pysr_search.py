@@ -24,7 +24,7 @@ import numpy as np
 
 from granular.formulas import Function
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.discovery.operon_search import scale_samples
 
 if TYPE_CHECKING:

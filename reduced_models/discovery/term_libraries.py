@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.discovery.subset_selection import (
     all_index_subsets,
     normalise_columns,

@@ -13,7 +13,7 @@ import numpy as np
 from granular import formulas
 from granular.formulas import algebra
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     import sympy

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.formulas.algebra import compile_function
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.discovery.terms import AnyTerm, state_symbols
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod, derivatives

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.falls.lattice_pressure import touching_lattice_density
 from reduced_models.falls.predicted_law import (
     LAW,

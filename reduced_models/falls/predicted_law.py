@@ -43,7 +43,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.falls.lattice_pressure import POWER, PressedLattice, lattice_under_pressure
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap

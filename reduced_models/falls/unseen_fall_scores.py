@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.tables import align_columns
+from granular.shared.text_tables import align_columns
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS
 from reduced_models.laws.law import Law
@@ -130,7 +130,7 @@ class DropScores:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the error of each law over the height that a piston fell from."""
-        from granular.shared.plotting import axes_or_new, line_style, plain_label, plain_numbers
+        from granular.shared.plotting import axes_or_new, figure_label, label_log_axis_plainly, line_style
 
         axes = axes_or_new(ax)
         heights = np.array([1e3 * fall.height[0] for fall in self.unseen])
@@ -141,11 +141,11 @@ class DropScores:
                 heights[order],
                 np.where(np.isfinite(errors), errors, np.nan)[order],
                 marker="o",
-                label=plain_label(row.name),
+                label=figure_label(row.name),
                 **line_style(k),
             )
         axes.set_yscale("log")
-        plain_numbers(axes.yaxis)
+        label_log_axis_plainly(axes.yaxis)
         axes.set_xlabel("height of the drop's start [mm]")
         axes.set_ylabel("error [% of the drop]")
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.html import Page, format_number
+from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
 from reduced_models.falls.predicted_law import OutsideRangeWarning, predict
@@ -59,7 +59,7 @@ _KEYS = {
 
 def workshop_sheet(
     scene: Scene, rest: float, *, title: str, lead: str, scatter: Sequence[str], notes: Sequence[str] = ()
-) -> Page:
+) -> HtmlPage:
     """Page to build a damper from, for a screen or for paper.
 
     Parameters
@@ -80,36 +80,36 @@ def workshop_sheet(
     Page
         Drawing, parts, liquid, swing_sensitivities, scatter, and first measurement.
     """
-    page = Page(title, lead)
+    page = HtmlPage(title, lead)
     for note in notes:
-        page.note(note)
-    page.figure(
+        page.add_warning(note)
+    page.add_figure(
         _draw_cell(scene, rest),
         "Front view, all lengths in proportion, in mm. The piston is drawn at rest on discs in a "
         "lattice, the cell up to the height from which the piston is lowered.",
     )
-    page.section("Parts")
-    page.table(("part", "number", "dimensions", "mass"), _part_rows(scene, rest))
-    page.section("Liquid and gap")
+    page.add_section("Parts")
+    page.add_table(("part", "number", "dimensions", "mass"), _part_rows(scene, rest))
+    page.add_section("Liquid and gap")
     drag = _drag_coefficient(scene)
     if drag:
-        page.text(
+        page.add_paragraph(
             f"A disc needs a drag of {drag:.3g} kg/s. A liquid of the viscosity eta in the gaps h "
             "between both faces and the plates gives 2 eta A/h, with the face A of the disc. Pick "
             "a gap, and buy the liquid by its viscosity at 25 °C."
         )
-        page.table(
+        page.add_table(
             ("gap on each side [mm]", "depth of the cell [mm]", "viscosity [Pa s]"),
             _viscosity_rows(scene, drag),
         )
     else:
-        page.text("The damper has no drag, so no liquid.")
-    page.section("Temperature")
-    page.text(
+        page.add_paragraph("The damper has no drag, so no liquid.")
+    page.add_section("Temperature")
+    page.add_paragraph(
         "Over their values at 25 °C: the viscosity of silicone oil, and so the drag (Shin-Etsu, Silicone "
         "Fluid KF-96, Performance Test Results), and the remanence of NdFeB (-0.12 %/K, shanghaimagnet.com)."
     )
-    page.table(
+    page.add_table(
         ("temperature [°C]", *(f"{value:g}" for value in TEMPERATURES)),
         [
             ("drag", *(format_number(silicone_oil_viscosity_ratio(value), 3) for value in TEMPERATURES)),
@@ -120,36 +120,36 @@ def workshop_sheet(
         ],
     )
     effects = swing_sensitivities(scene)
-    page.section("Discs to buy")
-    page.text(_disc_sizes_text(scene))
-    page.table(
+    page.add_section("Discs to buy")
+    page.add_paragraph(_disc_sizes_text(scene))
+    page.add_table(
         ("grade", "remanence [T]", "frequency [%]", "damping ratio [%]"),
         _grade_rows(scene, effects["remanence of the discs"]),
     )
-    page.section("What a percent costs")
-    page.text(
+    page.add_section("What a percent costs")
+    page.add_paragraph(
         "By the law of the bed, without a simulation: changes of the undamped frequency and of the "
         "damping ratio of the small swing about rest, where one part is one percent greater."
     )
-    page.table(
+    page.add_table(
         ("one percent more", "frequency [%]", "damping ratio [%]"),
         [(words, f"{rates[0]:+.2f}", f"{rates[1]:+.2f}") for words, rates in effects.items()],
     )
-    page.section("Scatter")
-    page.listing(scatter)
-    page.section("What to measure first")
-    page.text(
+    page.add_section("Scatter")
+    page.add_list(scatter)
+    page.add_section("What to measure first")
+    page.add_paragraph(
         "With the piston at rest, and the machine held still, lift it by a fifth of a disc's "
         "diameter and release it; record its height for three seconds, at 200 "
         "samples a second or more, as a table of time and "
         "height. Then read back mass, drag and remanence, and simulate again with what was read:"
     )
     host = " --set effects.host=none" if scene.effects.host else ""  # it is held still
-    page.preformat(
+    page.add_preformatted(
         "granular-damper calibrate lab.csv scene.toml --parameter piston.mass \\\n"
         "    --parameter effects.drag.coefficient --parameter grains.remanence -o out/read-back" + host
     )
-    page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
+    page.add_footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
     return page
 
 

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import format_factor, quote
+from granular.shared.message_text import format_factor, quote
 from reduced_models.fitting.covariance import (
     REPLICATES,
     Information,

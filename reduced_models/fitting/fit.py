@@ -18,9 +18,9 @@ from typing import Any, Concatenate, Literal, ParamSpec, Protocol, cast, overloa
 
 import numpy as np
 
-from granular.run.record import PistonRecord, Table
+from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.fitting.assessment import make_models, sensor_drifts
 from reduced_models.fitting.force_fit import fit_force, is_force_fit
 from reduced_models.fitting.history import align_histories, fit_with_histories, is_history
@@ -60,7 +60,7 @@ _MOST_GAIN = 0.5  # of a walk that is found without being asked for
 _LEAST_GAIN = 1e-4  # a walk that gains as much as the noise in ten thousand samples
 
 P = ParamSpec("P")
-Records = PistonRecord | Table | Sequence[PistonRecord | Table]
+Records = PistonRecord | PandasOrXarray | Sequence[PistonRecord | PandasOrXarray]
 
 
 class _FitFunction(Protocol[P]):
@@ -68,11 +68,11 @@ class _FitFunction(Protocol[P]):
 
     @overload
     def __call__(
-        self, record: PistonRecord | Table, /, *args: P.args, **kwargs: P.kwargs
+        self, record: PistonRecord | PandasOrXarray, /, *args: P.args, **kwargs: P.kwargs
     ) -> ReducedModel: ...
     @overload
     def __call__(
-        self, record: Sequence[PistonRecord | Table], /, *args: P.args, **kwargs: P.kwargs
+        self, record: Sequence[PistonRecord | PandasOrXarray], /, *args: P.args, **kwargs: P.kwargs
     ) -> tuple[ReducedModel, ...]: ...
 
 

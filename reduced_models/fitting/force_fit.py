@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models.fitting.covariance import LEAST_DOF, joint_covariance
 from reduced_models.fitting.force_search import POLISHED, ForceProblem, ForceSearch, search_force
@@ -126,7 +126,7 @@ def fit_force(
     >>> round(fit_force(record).parameters["c"], 2)
     120.0
     """
-    records = [item.from_zero() for item in as_records(record)]
+    records = [item.with_time_from_zero() for item in as_records(record)]
     check_options(starts, test_fraction, confidence)
     declared = (*(bounds or {}), *(start or {}), *(fix or {}), *positive)
     chosen = force_law(law, column_names(records[0]), declared)

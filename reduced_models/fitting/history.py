@@ -14,9 +14,9 @@ from typing import TypeGuard
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.fitting.options import Initial
 from reduced_models.fitting.refinement import SearchResult
 from reduced_models.fitting.start_values import acceleration_function

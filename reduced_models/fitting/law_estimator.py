@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from reduced_models.fitting.fit import fit

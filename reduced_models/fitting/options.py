@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.fitting.problem import Intervals
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.run.record import PistonRecord
-from granular.shared.errors import InputError, MissingError
+from granular.run.piston_record import PistonRecord
+from granular.shared.errors import InputError, MissingPackageError
 from reduced_models.fitting.options import check_parameter_names
 from reduced_models.fitting.problem import as_records
 from reduced_models.jax_setup import jax
@@ -83,14 +83,14 @@ def posterior(
         fitted to a sensor's signal.
     RecordError
         If a record is too short, does not move, or lacks an input of the law.
-    MissingError
+    MissingPackageError
         If the extra is not installed.
     """
     try:
         import arviz
         import numpyro.infer
     except ModuleNotFoundError as error:
-        raise MissingError(
+        raise MissingPackageError(
             f"{error.name} is not installed; pip install 'granular-damper[posterior]'"
         ) from None
     joint, theta = _gridded_records(model, record, own)
@@ -112,7 +112,7 @@ def posterior(
 
 def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, np.ndarray]:
     """Return the records on their grids, and the fit."""
-    records = [entry.from_zero() for entry in as_records(record)]
+    records = [entry.with_time_from_zero() for entry in as_records(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
     if len(models) != len(records):
         raise InputError(f"{len(models)} models for {len(records)} records; give one for each")

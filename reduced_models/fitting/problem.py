@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -172,7 +172,7 @@ def training_data(
     RecordError
         If the training stretch is too short, or does not move.
     """
-    total = record.from_zero()
+    total = record.with_time_from_zero()
     motion = total
     if sensor is not None:
         columns = total.columns

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.start_values import free_entries, match_accelerations, with_initial_state
 from reduced_models.laws.solution import Solution, solve_law

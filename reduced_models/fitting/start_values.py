@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.fitting.problem import Pairs, TrainingData
 from reduced_models.laws.equation import compile_rates

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import format_factor, quote
+from granular.shared.message_text import format_factor, quote
 from reduced_models.discovery.subset_selection import score_subsets
 from reduced_models.discovery.terms import Term, physical_library_terms
 from reduced_models.discovery.weak_form import (

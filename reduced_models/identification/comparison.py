@@ -14,9 +14,9 @@ import warnings
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from granular.run.record import PistonRecord, Table
+from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import format_factor
+from granular.shared.message_text import format_factor
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_options
 from reduced_models.fitting.problem import as_records, require_positions
@@ -41,7 +41,7 @@ _NO_BETTER = 0.9
 
 
 def compare(
-    record: PistonRecord | Table | Sequence[PistonRecord | Table],
+    record: PistonRecord | PandasOrXarray | Sequence[PistonRecord | PandasOrXarray],
     laws: str | Law | ReducedModel | Sequence[str | Law | ReducedModel],
     test_fraction: float = TEST_FRACTION,
     test_records: Sequence[PistonRecord] = (),

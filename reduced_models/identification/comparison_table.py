@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.html import format_number
+from granular.shared.html_pages import format_number
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.roll_out import RollOut
 
@@ -224,12 +224,13 @@ class Comparison:
         return f"Comparison of {len(self.rows)} laws, the best first: {names}\n  {self.verdict}"
 
     def _repr_html_(self) -> str:
-        from granular.shared import html
 
-        return html.table(self.header, self.cells()) + html.paragraph(self.verdict)
+        from granular.shared import html_pages
+
+        return html_pages.table_html(self.header, self.cells()) + html_pages.paragraph_html(self.verdict)
 
     def _repr_latex_(self) -> str:
-        from granular.shared.tables import latex_array
+        from granular.shared.text_tables import latex_array
 
         return latex_array(self.cells(), self.header)
 
@@ -273,7 +274,7 @@ class Comparison:
         Axes
             Axes that hold the drawing.
         """
-        from granular.shared.plotting import COLOURS, GREY, axes_or_new, plain_label, plain_numbers
+        from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure_label, label_log_axis_plainly
 
         sound = [row for row in self.rows if not row.failure][::-1]
         ax = axes_or_new(ax, height=self.drawing_height)
@@ -282,12 +283,12 @@ class Comparison:
         values = [min(100.0 * row.error, 1e3 * greatest) for row in sound]
         # By place, since names that are cut may be alike.
         ax.barh(range(len(sound)), values, color=COLOURS[0])
-        ax.set_yticks(range(len(sound)), [plain_label(name) for name in names])
+        ax.set_yticks(range(len(sound)), [figure_label(name) for name in names])
         for level, words, style in ((self.at_rest, "standing still", "--"), (self.noise, "noise", ":")):
             if level > 1e-3 * min(row.error for row in sound):
                 ax.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
         ax.set_xscale("log")
-        plain_numbers(ax.xaxis)
+        label_log_axis_plainly(ax.xaxis)
         ax.set_xlabel("test error [% of the rms swing]")
         ax.grid(visible=False, axis="y")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)

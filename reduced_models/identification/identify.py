@@ -12,9 +12,9 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from granular.run.record import PistonRecord, Table
-from granular.shared.errors import BudgetError, InputError
-from granular.shared.messages import quote, sanitize
+from granular.run.piston_record import PandasOrXarray, PistonRecord
+from granular.shared.errors import InputError, TimeBudgetError
+from granular.shared.message_text import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.fitting.problem import as_record, require_positions
 from reduced_models.identification.candidate_laws import (
@@ -62,11 +62,11 @@ _USEFUL_TURNS = 4.0  # periods of a record, below which it says little of a law
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
-    from granular.studies.background import BackgroundCases
+    from granular.studies.background_cases import BackgroundCaseRunner
 
 
 def identify(
-    source: str | Path | Scene | Trajectory | PistonRecord | Table,
+    source: str | Path | Scene | Trajectory | PistonRecord | PandasOrXarray,
     out: str | Path | None = None,
     *,
     laws: Sequence[str | Law] | None = None,
@@ -162,9 +162,9 @@ def identify(
         else:
             background = None
             if checks:
-                from granular.studies.background import BackgroundCases
+                from granular.studies.background_cases import BackgroundCaseRunner
 
-                background = stack.enter_context(BackgroundCases(piston_record_columns, executor))
+                background = stack.enter_context(BackgroundCaseRunner(piston_record_columns, executor))
             run, further = _run_beside_checks(opened, target, options, dt is None, background, lift)
             record = run.piston()
         mass = _moving_mass(mass, record, run)
@@ -193,7 +193,7 @@ def _run_beside_checks(
     out: Path | None,
     options: RunOptions,
     free_step: bool,
-    background: BackgroundCases | None,
+    background: BackgroundCaseRunner | None,
     lift: bool,
 ) -> tuple[Trajectory, SceneChecks | None]:
     """Run of a scene, or one that is there; its checks, which are begun before it.
@@ -202,16 +202,16 @@ def _run_beside_checks(
     ----------
     free_step : bool
         Whether the step is chosen here.
-    background : BackgroundCases or None
+    background : BackgroundCaseRunner or None
         Where the checks run; None where none are wanted.
     """
     from granular.scene.scene import Scene
 
     if isinstance(source, Scene):
         if free_step:
-            from granular.run.accuracy import step_hidden_by_scatter
+            from granular.run.settings_for_accuracy import longest_step_hidden_by_scatter
 
-            options = options._replace(dt=step_hidden_by_scatter(source, options.method))
+            options = options._replace(dt=longest_step_hidden_by_scatter(source, options.method))
         settings = {"dt": options.dt, "t_end": None, "method": options.method}
         further = None if background is None else SceneChecks(background, source, settings, lift)
         run = run_scene(source, out, options)
@@ -256,7 +256,7 @@ def _fit_and_compare(
             try:
                 with time_budget(0.5 * budget, words):
                     wanted.append(discover(record, method=cast("Any", discovery), input=drive).model)
-            except BudgetError as spent:
+            except TimeBudgetError as spent:
                 left_out += (f"discovery by {discovery}: {spent}",)
             clock.lap(f"discovery by {discovery}")
         comparison = compare(record, wanted, starts=starts)

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError
-from granular.shared.html import Page, format_number
-from granular.shared.plotting import COLOURS, GREY, READABLE, figure, plain_label, plain_numbers
+from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.plotting import COLOURS, GREY, READABLE, figure, figure_label, label_log_axis_plainly
 from reduced_models.identification.swing_quantities import (
     EngineeringUnits,
     QuantityWithError,
@@ -152,16 +152,16 @@ class MeasuredSwing:
             "figures": {item.name: item.to_plain() for item in self.figures},
         }
 
-    def add_section_to(self, page: Page) -> None:
+    def add_section_to(self, page: HtmlPage) -> None:
         """Add picture and table to a report."""
-        page.section("Frequency and damping of the record itself")
+        page.add_section("Frequency and damping of the record itself")
         words = _HOW[self.record.method]
-        page.text(f"{words} {self.agreement_text[:1].upper()}{self.agreement_text[1:]}.")
+        page.add_paragraph(f"{words} {self.agreement_text[:1].upper()}{self.agreement_text[1:]}.")
         unit = self.units.length
         header = [f"amplitude [{unit}]", "frequency [Hz]", "damping ratio [%]"]
         if self.law is not None:
             header += ["law: [Hz]", "law: [%]"]
-        page.table(header, [self._table_row(k) for k in range(len(self.amplitudes))])
+        page.add_table(header, [self._table_row(k) for k in range(len(self.amplitudes))])
         with figure(2, 1, height=5.4, size=READABLE, sharex=True) as (drawing, axes):
             for ax, name, scale in zip(
                 axes, ("frequency", "damping_ratio"), (1.0 / math.tau, 100.0), strict=True
@@ -171,7 +171,7 @@ class MeasuredSwing:
                 ax.plot(size, own, "o", color=GREY, markersize=4, label="record")
                 if self.law is not None:
                     law = self.units.scale * self.law.amplitude, scale * getattr(self.law, name)
-                    ax.plot(*law, color=COLOURS[0], linewidth=1.4, label=plain_label(self.law_name))
+                    ax.plot(*law, color=COLOURS[0], linewidth=1.4, label=figure_label(self.law_name))
                 middle, reach = float(np.median(own)), float(np.ptp(own))
                 if reach < _FLAT * abs(middle):  # noise alone is not blown up
                     ax.set_ylim(middle - _FLAT * abs(middle), middle + _FLAT * abs(middle))
@@ -179,9 +179,9 @@ class MeasuredSwing:
             axes[1].set_ylabel("damping ratio [%]")
             axes[1].set_xlabel(f"amplitude [{unit}]")
             axes[1].set_xscale("log")
-            plain_numbers(axes[1].xaxis)
+            label_log_axis_plainly(axes[1].xaxis)
             axes[0].legend(loc="best")
-            page.figure(
+            page.add_figure(
                 drawing, "Each point is a cycle of the record; the line is the law's motion, read likewise."
             )
 

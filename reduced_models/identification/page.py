@@ -7,8 +7,8 @@ import datetime
 import math
 from collections.abc import Mapping, Sequence
 
-from granular.shared.html import Page, format_number
-from granular.shared.messages import format_factor
+from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.message_text import format_factor
 from granular.shared.version import versions
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.pictures import add_comparison_section
@@ -28,7 +28,7 @@ from reduced_models.models.model import OPEN, ReducedModel
 __all__ = ["comparison_page"]
 
 
-def comparison_page(table: Comparison) -> Page:
+def comparison_page(table: Comparison) -> HtmlPage:
     """Make a page of a comparison of laws.
 
     Parameters
@@ -41,12 +41,12 @@ def comparison_page(table: Comparison) -> Page:
     Page
         Page with verdict, table and picture; a notebook shows it, and ``save`` writes it.
     """
-    page = Page("Laws compared", table.verdict)
+    page = HtmlPage("Laws compared", table.verdict)
     add_comparison_section(page, table)
     for row in table.rows:
         for model in row.models[:1]:
             add_law_section(page, model, " (first)" if row is table.rows[0] else "")
-    page.footer(provenance_text())
+    page.add_footer(provenance_text())
     return page
 
 
@@ -63,25 +63,29 @@ def capitalise(words: str) -> str:
 
 
 def add_swing_section(
-    page: Page, figures: Sequence[QuantityWithError], model: ReducedModel, mass: float | None, averaging: str
+    page: HtmlPage,
+    figures: Sequence[QuantityWithError],
+    model: ReducedModel,
+    mass: float | None,
+    averaging: str,
 ) -> None:
     """Add level, frequency, damping and stiffness of the law's swing, and the parts of their errors.
 
     ``averaging`` is what elliptic averaging says of the law; empty where it says nothing.
     """
     if not figures:
-        page.note("The law has no level of rest near the record, so no small swing can be told.")
+        page.add_warning("The law has no level of rest near the record, so no small swing can be told.")
         return
-    page.section("Level, frequency, damping, stiffness by the law")
-    page.table(
+    page.add_section("Level, frequency, damping, stiffness by the law")
+    page.add_table(
         ("figure", "sign", "value", "unit"),
         [(figure.name, figure.symbol, figure.table_cell, figure.unit) for figure in figures],
     )
-    page.text(_swing_explanation(figures, model, mass))
+    page.add_paragraph(_swing_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
     if len(known) > 1:
-        page.text("The total error behind ± is the root of the sum of the squares of its parts:")
-        page.table(
+        page.add_paragraph("The total error behind ± is the root of the sum of the squares of its parts:")
+        page.add_table(
             ("figure", *known, "unit"),
             [
                 (figure.name, *(_format_error_part(figure.parts.get(name)) for name in known), figure.unit)
@@ -89,9 +93,9 @@ def add_swing_section(
                 if figure.symbol not in _FOLLOWING
             ],
         )
-    page.text(" ".join(_MEANING_OF_PARTS[name].format(100 * model.confidence) for name in known))
+    page.add_paragraph(" ".join(_MEANING_OF_PARTS[name].format(100 * model.confidence) for name in known))
     if averaging:
-        page.text(f"{capitalise(averaging)}.")
+        page.add_paragraph(f"{capitalise(averaging)}.")
 
 
 _FOLLOWING = ("f_d", "δ", "Q")
@@ -139,7 +143,7 @@ def _swing_explanation(figures: Sequence[QuantityWithError], model: ReducedModel
     )
 
 
-def add_residual_tests_section(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -> None:
+def add_residual_tests_section(page: HtmlPage, tests: Mapping[str, ResidualTests], angle: bool) -> None:
     """Add what each law leaves over, and whether that is noise."""
     if not tests:
         return
@@ -156,9 +160,9 @@ def add_residual_tests_section(page: Page, tests: Mapping[str, ResidualTests], a
         )
         for name, test in tests.items()
     ]
-    page.section("What the laws leave over")
-    page.table(("law", "so it is", "rms", "at f", "at 2f", "white", "signs"), rows)
-    page.text(
+    page.add_section("What the laws leave over")
+    page.add_table(("law", "so it is", "rms", "at f", "at 2f", "white", "signs"), rows)
+    page.add_paragraph(
         "White and signs: probabilities that white noise is correlated as much (Ljung and Box), "
         "and that its signs change as seldom (Wald and Wolfowitz). At f and at 2f: power about the "
         "swing's frequency, and about twice it, over that of the frequencies next to them; about 1 "
@@ -172,17 +176,17 @@ def _format_probability(value: float) -> str:
     return "< 0.001" if value < 1e-3 else format_number(value, 2)
 
 
-def add_law_section(page: Page, model: ReducedModel, remark: str) -> None:
+def add_law_section(page: HtmlPage, model: ReducedModel, remark: str) -> None:
     """Add a fitted law: its equations, parameters, notes and quality."""
-    page.section(f"{model.law.name}{remark}")
+    page.add_section(f"{model.law.name}{remark}")
     add_equations(page, model)
     meaning = f"z is the {model.coordinate} in {'radians' if model.angle else 'metres'}"
     if model.law.mapped:
         how = "fitted" if model.map.fitted else "given, not fitted"
         height = model.map_text(max(5, model.printed_digits))
         meaning = f"{height} ({how}), a pure number; the law's time unit is 1 s"
-    page.text(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
-    page.table(
+    page.add_paragraph(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
+    page.add_table(
         ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"), _parameter_rows(model)
     )
     # Open directions have the signs of their parameters as formulas have them.
@@ -195,22 +199,22 @@ def add_law_section(page: Page, model: ReducedModel, remark: str) -> None:
         for product, named in zip(model.undetermined, powers, strict=True)
     ]
     for note in (*undetermined_directions, *model.notes):
-        page.note(f"{capitalise(note)}.")
-    page.text(_fit_quality_text(model))
+        page.add_warning(f"{capitalise(note)}.")
+    page.add_paragraph(_fit_quality_text(model))
 
 
-def add_equations(page: Page, model: ReducedModel) -> None:
+def add_equations(page: HtmlPage, model: ReducedModel) -> None:
     """Add a law with symbols and with its numbers, and those of its hidden states."""
     symbols = {
         name: round_expression(rate, model.printed_digits) for name, rate in model.law.sympy_hidden().items()
     }
     for equation, rates in ((model.equation, symbols), (model.printed_equation, model.printed_hidden)):
-        page.equation(mathml(equation))
+        page.add_equation(mathml(equation))
         for name, rate in rates.items():
-            page.equation(mathml_of_rate(name, rate))
+            page.add_equation(mathml_of_rate(name, rate))
     if model.law.hidden:
         starts = (f"{name} = {format_number(model.hidden.get(name, 0.0), 3)}" for name in model.law.hidden)
-        page.text(f"At the start {', '.join(starts)}.")
+        page.add_paragraph(f"At the start {', '.join(starts)}.")
 
 
 def _fit_quality_text(model: ReducedModel) -> str:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.observables.plots import draw_bed
-from granular.run.record import PistonRecord
-from granular.shared.html import Page, format_number
-from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, line_style, plain_label
+from granular.run.piston_record import PistonRecord
+from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, figure_label, line_style
 from reduced_models.falls.unseen_fall_scores import DropScores
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.models.model import ReducedModel
@@ -66,7 +66,7 @@ def _residual_axis(record: PistonRecord) -> _DrawnCoordinate:
 
 
 def _add_curves_and_residuals(
-    page: Page,
+    page: HtmlPage,
     caption: str,
     record: PistonRecord,
     curves: Iterable[tuple[str, np.ndarray, Any]],
@@ -93,7 +93,7 @@ def _add_curves_and_residuals(
             t, line, missed = downsample(
                 time[:count], shown.scale * values, difference.scale * (record.height[:count] - values)
             )
-            top.plot(t, line, label=plain_label(name), linewidth=1.2, **look)
+            top.plot(t, line, label=figure_label(name), linewidth=1.2, **look)
             bottom.plot(t, missed, linewidth=1.2, **look)
         for axes in (top, bottom):
             for start, end in tested:
@@ -105,12 +105,12 @@ def _add_curves_and_residuals(
             drawing.legend(loc="outside upper left", ncols=2)
         else:
             top.legend(loc="upper right")
-        page.figure(drawing, caption)
+        page.add_figure(drawing, caption)
 
 
-def add_record_section(page: Page, record: PistonRecord, best: ReducedModel) -> None:
+def add_record_section(page: HtmlPage, record: PistonRecord, best: ReducedModel) -> None:
     """Add the record, and the best law over it."""
-    page.section("The record")
+    page.add_section("The record")
     _add_curves_and_residuals(
         page,
         "The record, the best law over it, and what it leaves over. The laws are judged on what is "
@@ -125,10 +125,10 @@ def add_record_section(page: Page, record: PistonRecord, best: ReducedModel) -> 
 
 
 def add_fits_section(
-    page: Page, record: PistonRecord, models: Sequence[ReducedModel], best: ReducedModel
+    page: HtmlPage, record: PistonRecord, models: Sequence[ReducedModel], best: ReducedModel
 ) -> None:
     """Add all fits over the record, and what they leave over."""
-    page.section("The record and the fits")
+    page.add_section("The record and the fits")
     _add_curves_and_residuals(
         page,
         "The fits of all laws, and what they leave over.",
@@ -140,7 +140,7 @@ def add_fits_section(
     )
 
 
-def add_phase_portrait(page: Page, record: PistonRecord, best: ReducedModel) -> None:
+def add_phase_portrait(page: HtmlPage, record: PistonRecord, best: ReducedModel) -> None:
     """Add velocity over height."""
     shown = _coordinate_axis(record)
     with figure(height=4.8, size=READABLE) as (drawing, axes):
@@ -151,25 +151,25 @@ def add_phase_portrait(page: Page, record: PistonRecord, best: ReducedModel) -> 
         assert motion.velocity is not None
         for height, velocity, name, look in (
             (record.height, speed, "record", {"color": GREY, "linewidth": 3}),
-            (motion.height, motion.velocity, plain_label(best.law.name), {"linewidth": 1.0}),
+            (motion.height, motion.velocity, figure_label(best.law.name), {"linewidth": 1.0}),
         ):
             axes.plot(*downsample(shown.scale * height, shown.scale * velocity), label=name, **look)
         axes.set_xlabel(shown.label)
         axes.set_ylabel(f"velocity [{shown.unit}/s]")
         axes.legend(loc="upper right")
-        page.figure(drawing, "Phase portrait, with the best law.")
+        page.add_figure(drawing, "Phase portrait, with the best law.")
 
 
-def add_higher_lift_section(page: Page, lift: PistonRecord, table: Comparison) -> None:
+def add_higher_lift_section(page: HtmlPage, lift: PistonRecord, table: Comparison) -> None:
     """Add a lift that no law has seen, and what the laws predict of it."""
     ranked = table.ranking_on_last_record()
     best = ranked[0][0].relative
-    page.section("A lift that no law has seen")
-    page.text(
+    page.add_section("A lift that no law has seen")
+    page.add_paragraph(
         "The same scene with a lift three times as high. Each law starts from height and velocity "
         "that the first period tells; all the rest is its prediction."
     )
-    page.table(
+    page.add_table(
         ("law", "error [% of the rms swing]", "times the best"),
         [
             (
@@ -195,14 +195,14 @@ def add_higher_lift_section(page: Page, lift: PistonRecord, table: Comparison) -
     )
 
 
-def add_comparison_section(page: Page, table: Comparison) -> None:
+def add_comparison_section(page: HtmlPage, table: Comparison) -> None:
     """Add the table of laws and their test errors."""
-    page.section("The laws compared")
+    page.add_section("The laws compared")
     header, cells = table.header, table.cells()
     if not any(row.divergence_count for row in table.rows):
         header, cells = header[:-1], [row[:-1] for row in cells]
-    page.table(header, cells)
-    page.text(
+    page.add_table(header, cells)
+    page.add_paragraph(
         "Errors are root mean squares of record minus simulation over what the law has not seen, "
         f"in rms swings; the baseline, standing still, has {100 * table.at_rest:.3g} %, and the "
         f"noise is {100 * table.noise:.2g} %. AIC and BIC, the misfit of the fits to whole records with a "
@@ -213,13 +213,13 @@ def add_comparison_section(page: Page, table: Comparison) -> None:
     )
     with figure(height=table.drawing_height, size=READABLE) as (drawing, axes):
         table.plot(axes)
-        page.figure(drawing, "Test errors of the laws.")
+        page.add_figure(drawing, "Test errors of the laws.")
 
 
-def add_falls_section(page: Page, falls: DropScores) -> None:
+def add_falls_section(page: HtmlPage, falls: DropScores) -> None:
     """Add what the laws of a fall say of falls that they have not seen, and their errors."""
-    page.table(falls.header, falls.cells())
-    page.text(
+    page.add_table(falls.header, falls.cells())
+    page.add_paragraph(
         "Each law was fitted to the scene's own fall, and predicts the others from the height at "
         "which the piston is released, without anything else of them. Errors are root mean squares "
         "over the height of the drop. How far a bed from another random start falls otherwise is "
@@ -236,27 +236,27 @@ def add_falls_section(page: Page, falls: DropScores) -> None:
             axes.plot(
                 *downsample(time, 1e3 * motion.height),
                 linewidth=1.2,
-                label=plain_label(row.name),
+                label=figure_label(row.name),
                 **line_style(k),
             )
         axes.set_xlabel("time [s]")
         axes.set_ylabel("height [mm]")
         axes.legend(loc="upper right")
-        page.figure(drawing, "A fall from farther up, and what the best laws predict of it.")
+        page.add_figure(drawing, "A fall from farther up, and what the best laws predict of it.")
     with figure(height=4.4, size=READABLE) as (drawing, axes):
         falls.plot(axes)
-        page.figure(drawing, "Errors of the laws over the height that the piston fell from.")
+        page.add_figure(drawing, "Errors of the laws over the height that the piston fell from.")
 
 
-def add_run_sections(page: Page, run: Trajectory) -> None:
+def add_run_sections(page: HtmlPage, run: Trajectory) -> None:
     """Add the bed before and after, the energy ledger, and the settings."""
     _add_bed_section(page, run)
     _add_energy_ledger_section(page, run)
     _add_settings_section(page, run)
 
 
-def _add_bed_section(page: Page, run: Trajectory) -> None:
-    page.section("The bed before and after")
+def _add_bed_section(page: HtmlPage, run: Trajectory) -> None:
+    page.add_section("The bed before and after")
     data, scene = run.dataset, run.scene
     tallest = float(data["frame_height"][[0, -1]].max()) if scene.piston else scene.cell.width
     height = min(4.0, 3.1 * tallest / scene.cell.width + 1.0)
@@ -265,13 +265,13 @@ def _add_bed_section(page: Page, run: Trajectory) -> None:
             top = float(data["frame_height"][k]) if scene.piston is not None else None
             draw_bed(axes, scene, data["position"][k].values, top)
             axes.set_title(f"{when}, t = {float(data['frame_time'][k]):.4g} s")
-        page.figure(drawing, "The grains to scale; the piston is the thick line.")
+        page.add_figure(drawing, "The grains to scale; the piston is the thick line.")
     lines = [_stage_row(stage) for stage in run.stages]
-    page.table(("stage", "from [s]", "to [s]", "ended by", "piston height [mm]"), lines)
+    page.add_table(("stage", "from [s]", "to [s]", "ended by", "piston height [mm]"), lines)
     closest = run.settings().get("closest_distance")
     least = min(species.diameter for species in scene.grains.species)
     if closest is not None and closest < least:
-        page.note(
+        page.add_warning(
             f"At the closest, two grains were {1e3 * closest:.3g} mm apart, less than a diameter "
             f"({1e3 * least:g} mm): in reality they would have touched. The scene has no contact."
         )
@@ -282,10 +282,10 @@ def _stage_row(stage: StageResult) -> Sequence[str]:
     return stage.name, start, end, stage.reason, format_number(1e3 * stage.height, 6)
 
 
-def _add_energy_ledger_section(page: Page, run: Trajectory) -> None:
+def _add_energy_ledger_section(page: HtmlPage, run: Trajectory) -> None:
     from granular.scene.dry_friction import degraded_residual_limit
 
-    page.section("Energy ledger")
+    page.add_section("Energy ledger")
     data = run.dataset
     time = data["time"].values
     parts = {key: data[key].values for key in _ENERGIES if key in data}
@@ -304,18 +304,18 @@ def _add_energy_ledger_section(page: Page, run: Trajectory) -> None:
         bottom.plot(*downsample(time, 1e6 * residual), color=COLOURS[0])
         bottom.set_ylabel("residual [µJ]")
         bottom.set_xlabel("time [s]")
-        page.figure(
+        page.add_figure(
             drawing, "Where the energy is (the weights' relative to the start), and what the ledger misses."
         )
     worst = run.settings()["ledger_residual"]
     words = f"The ledger closes to {worst:.1e} of the energy turned over."
-    (page.note if worst > degraded_residual_limit(run.scene) else page.text)(words)
+    (page.add_warning if worst > degraded_residual_limit(run.scene) else page.add_paragraph)(words)
 
 
-def _add_settings_section(page: Page, run: Trajectory) -> None:
-    page.section("Settings")
+def _add_settings_section(page: HtmlPage, run: Trajectory) -> None:
+    page.add_section("Settings")
     settings = run.settings()
-    page.table(
+    page.add_table(
         ("setting", "value"),
         [
             ("method", run.method.name),
@@ -328,4 +328,4 @@ def _add_settings_section(page: Page, run: Trajectory) -> None:
             ("seconds of the run", format_number(settings["seconds"], 3)),
         ],
     )
-    page.preformat(run.scene.to_toml())
+    page.add_preformatted(run.scene.to_toml())

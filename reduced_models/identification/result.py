@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.files import make_directory, write_text
-from granular.shared.html import Page
-from granular.shared.messages import format_factor
+from granular.shared.html_pages import HtmlPage
+from granular.shared.message_text import format_factor
 from reduced_models.falls.unseen_fall_scores import DropScores
 from reduced_models.identification import page as blocks
 from reduced_models.identification import pictures
@@ -228,31 +228,31 @@ class Identification:
         lines += [f"to try: {words}" for words in self.advice]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
-    def page(self) -> Page:
+    def page(self) -> HtmlPage:
         """Report: the answer in an engineer's words, the record, then the rest."""
         name = "a record" if self.run is None else f"scene {self.run.scene.name!r}"
         first, *others = self._answer_paragraphs
-        page = Page(f"The equation of {name}", first)
+        page = HtmlPage(f"The equation of {name}", first)
         for words in others:
-            page.text(words)
+            page.add_paragraph(words)
         if self.own is not None:
             self.own.add_section_to(page)
         averaging = "" if self.elliptic_averaging is None else self.elliptic_averaging.text
         blocks.add_swing_section(page, self.figures_to_print, self.model_of_figures, self.mass, averaging)
         pictures.add_record_section(page, self.record, self.best)
         if self.falls is not None:
-            page.section("The whole fall")
+            page.add_section("The whole fall")
             if self.falls.best.model is not None:
                 blocks.add_equations(page, self.falls.best.model)
             pictures.add_falls_section(page, self.falls)
-        page.section("Which law")
-        page.text(self.verdict_on_laws)
+        page.add_section("Which law")
+        page.add_paragraph(self.verdict_on_laws)
         for note in (*self.advice, *self.notes):
-            page.note(f"{blocks.capitalise(note)}.")
+            page.add_warning(f"{blocks.capitalise(note)}.")
         pictures.add_comparison_section(page, self.comparison)
         if self.left_out:
-            page.text("Laws that cannot win were not fitted:")
-            page.listing([f"{blocks.capitalise(words)}." for words in self.left_out])
+            page.add_paragraph("Laws that cannot win were not fitted:")
+            page.add_list([f"{blocks.capitalise(words)}." for words in self.left_out])
         if self.lift is not None:
             pictures.add_higher_lift_section(page, self.lift, self.comparison)
         blocks.add_residual_tests_section(page, self.residuals, self.record.angle)
@@ -262,9 +262,9 @@ class Identification:
         pictures.add_phase_portrait(page, self.record, self.best)
         if self.run is not None:
             pictures.add_run_sections(page, self.run)
-        page.section("What it took")
-        page.table(("part", "seconds"), [(k, f"{v:.2f}") for k, v in self.seconds.items()])
-        page.footer(blocks.provenance_text())
+        page.add_section("What it took")
+        page.add_table(("part", "seconds"), [(k, f"{v:.2f}") for k, v in self.seconds.items()])
+        page.add_footer(blocks.provenance_text())
         return page
 
     def save(self, out: str | Path) -> None:

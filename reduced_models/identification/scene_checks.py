@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError, RecordError
 from reduced_models.falls.unseen_fall_scores import FALL_LAWS, DropScores, fit_laws_to_fall, score_fitted_laws
 from reduced_models.fitting.fit import fit
@@ -24,7 +24,7 @@ from reduced_models.records.first_guesses import first_guesses
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
-    from granular.studies.background import BackgroundCase, BackgroundCases
+    from granular.studies.background_cases import BackgroundCase, BackgroundCaseRunner
 
 CHECK_SEEDS = 2
 """Further random starts of the bed that are run to see the scatter."""
@@ -111,7 +111,7 @@ class SceneChecks:
 
     Parameters
     ----------
-    background : BackgroundCases
+    background : BackgroundCaseRunner
         Which measures `piston_record_columns`.
     scene : Scene
     settings : mapping
@@ -121,7 +121,7 @@ class SceneChecks:
     """
 
     def __init__(
-        self, background: BackgroundCases, scene: Scene, settings: Mapping[str, Any], lift: bool
+        self, background: BackgroundCaseRunner, scene: Scene, settings: Mapping[str, Any], lift: bool
     ) -> None:
         self._background, self._scene, self._settings = background, scene, settings
         self._starts = self._start_runs(random_start_checks(scene))
@@ -295,16 +295,16 @@ def choose_step_check(run: Trajectory) -> TimeStepCheck:
     taken for the error, which it bounds also where a bed that packs otherwise follows no order.
     Half the step changes 1 - 2^-p of the error.
     """
-    from granular.run.accuracy import RESOLVED
-    from granular.run.time_steps import double_step, halve_step, is_step_allowed
+    from granular.run.settings_for_accuracy import RESOLVED
+    from granular.run.time_steps import can_run_with_step, double_time_step, halve_time_step
 
     settings = run.settings()
     dt = settings["dt"]
     coarser = 2.0 * settings["step_times_highest_frequency"]
-    if coarser <= RESOLVED and is_step_allowed(run.scene, double_step(dt), run.method):
-        return TimeStepCheck(RunCheck("twice the time step", {"dt": double_step(dt)}), 1.0)
+    if coarser <= RESOLVED and can_run_with_step(run.scene, double_time_step(dt), run.method):
+        return TimeStepCheck(RunCheck("twice the time step", {"dt": double_time_step(dt)}), 1.0)
     power = 2.0**run.method.order
-    return TimeStepCheck(RunCheck("half the time step", {"dt": halve_step(dt)}), power / (power - 1.0))
+    return TimeStepCheck(RunCheck("half the time step", {"dt": halve_time_step(dt)}), power / (power - 1.0))
 
 
 def random_start_checks(scene: Scene) -> list[RunCheck]:

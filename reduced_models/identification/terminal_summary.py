@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 
-from granular.shared.tables import align_columns
+from granular.shared.text_tables import align_columns
 from reduced_models.falls.unseen_fall_scores import DropScores, format_percent_of_drop
 from reduced_models.identification.comparison_table import Comparison, format_percent, root_mean_square
 from reduced_models.identification.result import Identification

@@ -13,7 +13,7 @@ import re
 from collections.abc import Collection, Mapping
 
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from granular.shared.registry import Registry
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.laws.printing import round_expression

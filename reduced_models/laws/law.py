@@ -10,7 +10,7 @@ import numpy as np
 
 from granular import formulas
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.laws.equation import TIME_WORD, ParsedEquation, parse_equation, parse_law_formulas
 from reduced_models.records.inputs import TIME
 

@@ -20,7 +20,7 @@ import lineax
 import numpy as np
 import optimistix
 
-from granular.shared.errors import BudgetError
+from granular.shared.errors import TimeBudgetError
 from reduced_models.jax_setup import jax
 
 jnp = jax.numpy
@@ -51,7 +51,7 @@ _END: contextvars.ContextVar[tuple[float, str]] = contextvars.ContextVar("end", 
 
 @contextlib.contextmanager
 def time_budget(seconds: float, words: str) -> Iterator[None]:
-    """Let searches begun within it end with `BudgetError` once their processor time is spent.
+    """Let searches begun within it end with `TimeBudgetError` once their processor time is spent.
 
     Time of the processor, so that other work on the machine does not change what comes out; of two
     budgets, one within the other, the one that ends first counts.
@@ -66,7 +66,7 @@ def time_budget(seconds: float, words: str) -> Iterator[None]:
 def _check_budget() -> None:
     end, words = _END.get()
     if time.process_time() > end:
-        raise BudgetError(words)
+        raise TimeBudgetError(words)
 
 
 class Prior(NamedTuple):
@@ -141,7 +141,7 @@ def levenberg_marquardt(
 
     Raises
     ------
-    BudgetError
+    TimeBudgetError
         If a `time_budget` is spent.
     """
     if bounds is None:

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from reduced_models.jax_setup import jax
 from reduced_models.laws.equation import PROGRAMS, compile_rates
 from reduced_models.laws.solution import hermite_interpolate, solve_on_grid

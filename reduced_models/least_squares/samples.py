@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from reduced_models.laws.solution import CHUNK, grid_steps, padded_steps, round_up_to_chunks
 from reduced_models.least_squares.sensor_signal import SensorTables, filtered, sensor_tables
 from reduced_models.records.derivatives import is_evenly_sampled

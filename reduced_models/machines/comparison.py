@@ -11,8 +11,8 @@ import numpy as np
 from granular.response.page import PageComparison, response_page
 from granular.response.response import FrequencyResponse
 from granular.shared.errors import InputError
-from granular.shared.html import Page, format_number
-from granular.shared.tables import align_columns
+from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.text_tables import align_columns
 from reduced_models.falls.predicted_law import OutsideRangeWarning
 from reduced_models.machines.response import predicted_response
 
@@ -119,7 +119,7 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
     return ResponseComparison(tuple(peaks), dense, law, linear)
 
 
-def law_page(response: FrequencyResponse) -> tuple[Page, ResponseComparison | None, str]:
+def law_page(response: FrequencyResponse) -> tuple[HtmlPage, ResponseComparison | None, str]:
     """Report of a response with the law; the law; and why, where there is none."""
     try:
         law = compare_response(response)

@@ -31,7 +31,7 @@ from reduced_models.machines.response import RANGE, CoupledSystem, PredictedResp
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from granular.shared.html import Page
+    from granular.shared.html_pages import HtmlPage
 
 HELPS = 0.9
 """Least fraction of the peak that a damper must leave away, as 1 minus this, to be one."""
@@ -132,7 +132,7 @@ class DamperDesign:
             return f"no: the best bed, {what}, leaves most of the vibration: {figures}"
         return f"{what}, take away {100.0 * self.reduction:.3g} % of the peak: {figures}"
 
-    def sheet(self) -> Page:
+    def sheet(self) -> HtmlPage:
         """Sheet to build the damper from."""
         scatter = [
             "By the law alone: how far starts differ is not known, and where it was compared with "

@@ -28,7 +28,7 @@ from granular.compiled import Array, compiled, entry
 from granular.effects.host_structure import Host
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.falls.lattice_pressure import POWER
 from reduced_models.falls.predicted_law import (
     OutsideRangeWarning,

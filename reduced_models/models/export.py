@@ -16,7 +16,7 @@ import numpy as np
 from granular.formulas import MAX_CHARACTERS
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.fmu import VERSIONS, write_fmu
 from reduced_models.models.ports import (

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (

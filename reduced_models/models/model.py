@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.files import write_json
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.sensor_signal import motion_signal
@@ -241,11 +241,11 @@ class ReducedModel(FittedLaw):
         )
 
     def _repr_html_(self) -> str:
-        from granular.shared.html import preformat
+        from granular.shared.html_pages import preformatted_html
         from reduced_models.laws.printing import mathml, mathml_of_rate
 
         rates = [mathml_of_rate(name, rate) for name, rate in self.printed_hidden.items()]
-        return f"{'<br>'.join([mathml(self.printed_equation), *rates])}{preformat(self)}"
+        return f"{'<br>'.join([mathml(self.printed_equation), *rates])}{preformatted_html(self)}"
 
     def _repr_latex_(self) -> str:
         return f"$${self.fitted_latex}$$"

@@ -148,12 +148,12 @@ def plot_model(
     Axes
         The same axes.
     """
-    from granular.shared.plotting import COLOURS, GREY, plain_label
+    from granular.shared.plotting import COLOURS, GREY, figure_label
 
     unit, factor = ("rad", 1.0) if model.angle else ("mm", 1e3)
     if recorded is not None:
         ax.plot(time, factor * recorded, ".", markersize=2.0, color=GREY, label="record")
-    label = plain_label(model.law.name)
+    label = figure_label(model.law.name)
     ax.plot(time, factor * height, color=COLOURS[0], label=label)
     ax.set(xlabel="time [s]", ylabel=f"{model.coordinate} [{unit}]")
     ax.legend(loc="upper right", frameon=False)

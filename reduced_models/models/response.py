@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
     Rates,

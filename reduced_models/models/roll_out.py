@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
 from reduced_models.least_squares.residuals import BLOWN_UP, record_on_grid
@@ -81,7 +81,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     >>> roll_out(fit(record, law="linear"), record).relative < 1e-6
     True
     """
-    total = record.from_zero()
+    total = record.with_time_from_zero()
     guess = first_guesses(total.time, total.height)
     law, (unknowns, theta) = model.law, theta_of_model(model, guess)
     theta[unknowns.free :] = 0.0

@@ -17,7 +17,7 @@ from granular.formulas import MAX_CHARACTERS
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.quality import Quality

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from granular.formulas import MAX_CHARACTERS
-from granular.shared.messages import sanitize
+from granular.shared.message_text import sanitize
 from reduced_models.models.fitted_law import FittedLaw
 
 if TYPE_CHECKING:

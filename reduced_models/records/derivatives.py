@@ -14,9 +14,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.records.first_guesses import noise_level
 
 DerivativeMethod = Literal["savitzky-golay", "smoothing-spline", "finite-differences"]

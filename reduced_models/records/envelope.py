@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models.records.derivatives import DerivativeMethod, Derivatives, derivatives
 

@@ -7,9 +7,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.records.derivatives import is_evenly_sampled
 
 STAGE_TIMES = (0.0, 1 / 3, 2 / 3, 1 / 3, 5 / 6, 1 / 6, 1.0)

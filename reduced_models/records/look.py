@@ -12,9 +12,9 @@ import numpy as np
 from granular.readers.file_formats import interpret_record_file
 from granular.readers.read_options import ReadOptions
 from granular.readers.sheet_interpretation import SheetInterpretation
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
-from granular.shared.messages import sanitize
+from granular.shared.message_text import sanitize
 from reduced_models.records.first_guesses import noise_level
 from reduced_models.records.motion import find_motion
 from reduced_models.records.sensor_limits import end_of_motion
@@ -123,7 +123,7 @@ def look(path: str | Path, options: ReadOptions | None = None) -> Look:
     path, options = Path(path), options or ReadOptions()
     meaning = interpret_record_file(path, options)
     try:
-        record = PistonRecord.from_interpretation(meaning)
+        record = PistonRecord.from_interpreted_columns(meaning)
     except RecordError as error:
         raise RecordError(f"{sanitize(path)}: {error}") from None
     if not has_stated_interval(path, options):

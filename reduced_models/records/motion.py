@@ -14,7 +14,7 @@ import warnings
 import numpy as np
 
 from granular.readers.read_options import ALL
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from reduced_models.records.first_guesses import LEAST_SAMPLES, crossings, noise_level
 from reduced_models.records.release import cut_at_release, has_active_input

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordWarning
 from reduced_models.records.first_guesses import LEAST_SAMPLES, noise_level
 

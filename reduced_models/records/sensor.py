@@ -11,9 +11,9 @@ import numpy as np
 
 from granular.readers.column_headers import BASE_ACCELERATION, BASE_HEIGHT
 from granular.readers.signal_integration import integrate_without_drift
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.records.derivatives import derivatives
 
 Quantity = Literal["height", "velocity", "acceleration", "force", "base_force"]

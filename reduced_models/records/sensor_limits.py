@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordWarning
 from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, noise_level
 from reduced_models.records.release import has_active_input

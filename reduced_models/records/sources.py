@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.readers.read_options import ReadOptions, is_record_description, read_record_description
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, StoreError
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 from reduced_models.records.motion import find_motion, find_motions
 
 if TYPE_CHECKING:
@@ -223,7 +223,7 @@ def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene
                 f"{', '.join(plain)}: how the file of a record is read, and {show_path(path)} is "
                 "none; leave it out"
             )
-        from granular.run.directory import is_run_directory
+        from granular.run.run_directory import is_run_directory
         from granular.run.trajectory import load_trajectory
         from granular.scene.loading import load_scene
 
@@ -244,10 +244,10 @@ def check_run_options(options: RunOptions) -> None:
     if (options.method, options.dt) == (METHOD, STEP):
         return
     from granular.methods import resolve_method
-    from granular.run.time_steps import validated_step
+    from granular.run.time_steps import parse_time_step
 
     resolve_method(options.method)
-    validated_step(options.dt)
+    parse_time_step(options.dt)
 
 
 def _refuse_run_options(options: RunOptions) -> None:

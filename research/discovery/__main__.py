@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import Parser, launch
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from research.campaign import Block, Campaign
 from research.discovery.cases import NOISES, SEEDS
 from research.discovery.results import EMPTY, Results

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.formulas import algebra
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from reduced_models.discovery.terms import parse_term_expressions, split_terms, state_symbols
 
 if TYPE_CHECKING:

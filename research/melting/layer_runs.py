@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from granular.shared.files import make_directory
 from granular.shared.result_cache import ResultCache, digest
-from granular.studies.workers import case_executor
+from granular.studies.executors import case_executor
 from research.melting.scenes import STEP, layer
 
 
@@ -61,7 +61,7 @@ def run_plan(plan: Plan, directory: Path, *, workers: int = 1, progress: bool = 
     KeyboardInterrupt
         On Ctrl-C; the directory keeps the runs, which go on where they were.
     """
-    from granular.shared.progress import progress_bar
+    from granular.shared.progress_bars import progress_bar
 
     make_directory(directory)
     with (

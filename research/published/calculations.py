@@ -12,7 +12,7 @@ import numpy as np
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.result_cache import ResultCache
-from granular.studies.cases import measure_name
+from granular.studies.cases import measure_identity
 
 Numbers = dict[str, float]
 
@@ -118,7 +118,7 @@ def slab_exponent(_: bool) -> Numbers:
 
 def oscillator(_: bool) -> Numbers:
     """The demonstration of [D, eq. 5.8]: its motion, made from the formula, fitted again."""
-    from granular.run.record import PistonRecord
+    from granular.run.piston_record import PistonRecord
     from reduced_models import fit
 
     t = np.linspace(0.0, OSCILLATOR_SPAN, 1501)
@@ -225,5 +225,5 @@ def _cache(directory: Path) -> ResultCache:
 
 def _key(name: str, full: bool) -> str:
     calculation: Any = CALCULATIONS[name]
-    code = measure_name(calculation).partition("#")[2]
+    code = measure_identity(calculation).partition("#")[2]
     return f"{name}-{'full' if full else 'quick'}-{code}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Sequence
 
-from granular.shared.html import Page
+from granular.shared.html_pages import HtmlPage
 from research.campaign import Plain
 from research.published import plots
 from research.published.both_causes import with_both_causes, words_on_both, words_on_creep
@@ -53,7 +53,7 @@ SECTIONS = {
 """Sections of the report, with those of ``published.toml`` that they show."""
 
 
-def page(shown: Results, quick: Results | None = None) -> Page:
+def page(shown: Results, quick: Results | None = None) -> HtmlPage:
     """The report as a page.
 
     Parameters
@@ -66,16 +66,16 @@ def page(shown: Results, quick: Results | None = None) -> Page:
     rows = judged(shown)
     adjacent = [None] * len(rows) if quick is None else judged(quick)
     result = comparisons(shown)
-    made = Page(TITLE, _lead(rows, shown, quick))
+    made = HtmlPage(TITLE, _lead(rows, shown, quick))
     _first(made, rows)
-    made.text(words_on_both(shown))
-    made.text(words_on_creep(shown))
+    made.add_paragraph(words_on_both(shown))
+    made.add_paragraph(words_on_creep(shown))
     plots.both_causes(made, shown)
     _how_to_read(made)
     _differences(made, rows)
     _statements(made, shown)
     for title, sections in SECTIONS.items():
-        made.section(title)
+        made.add_section(title)
         chosen = [
             (row, other)
             for row, other in zip(rows, adjacent, strict=True)
@@ -106,15 +106,15 @@ def describe_fields(numbers: dict[str, int]) -> str:
     return ", ".join(f"{number} {name}" for name, number in numbers.items())
 
 
-def _first(made: Page, rows: Sequence[Judged]) -> None:
-    made.section("The ten figures that matter most")
+def _first(made: HtmlPage, rows: Sequence[Judged]) -> None:
+    made.add_section("The ten figures that matter most")
     chosen = [row for key in FIRST for row in rows if row.entry.key == key]
     plots.adjacent(made, chosen)
     _entries(made, [(row, None) for row in chosen], False, notes=False)
 
 
-def _how_to_read(made: Page) -> None:
-    made.text(
+def _how_to_read(made: HtmlPage) -> None:
+    made.add_paragraph(
         "Ours is the mean over starts with its interval of 95 % (Student); the number in brackets "
         "says how many starts. A published mean with a deviation is judged by Welch's interval of "
         "the difference, with both standard errors. A published number without one is one draw: "
@@ -134,11 +134,11 @@ def _how_to_read(made: Page) -> None:
     )
 
 
-def _differences(made: Page, rows: Sequence[Judged]) -> None:
-    made.section("Differences")
+def _differences(made: HtmlPage, rows: Sequence[Judged]) -> None:
+    made.add_section("Differences")
     chosen = [row for row in rows if row.verdict.words == DIFFERS]
     if not chosen:
-        made.text("None among the entries that were run.")
+        made.add_paragraph("None among the entries that were run.")
         return
     chosen.sort(key=_relative, reverse=True)
     cells = [
@@ -153,7 +153,7 @@ def _differences(made: Page, rows: Sequence[Judged]) -> None:
         for row in chosen
     ]
     header = ("what", "published", "ours", "difference", "allowed", "why")
-    made.table(header, cells)
+    made.add_table(header, cells)
 
 
 def _relative(row: Judged) -> float:
@@ -162,7 +162,7 @@ def _relative(row: Judged) -> float:
 
 
 def _entries(
-    made: Page, rows: Sequence[tuple[Judged, Judged | None]], with_quick: bool, notes: bool = True
+    made: HtmlPage, rows: Sequence[tuple[Judged, Judged | None]], with_quick: bool, notes: bool = True
 ) -> None:
     header = ["what", "published", "ours", "verdict", "allowed", "protocol"]
     header += ["quick run", "its verdict"] if with_quick else []
@@ -183,13 +183,13 @@ def _entries(
             cells[-1] += [ours_of(other.found, row.entry.unit), other.verdict.words]
         if row.note and row.note not in told:
             told.append(row.note)
-    made.table(header, cells)
+    made.add_table(header, cells)
     if not notes:
         return
     sources = list(dict.fromkeys(row.source for row, _ in rows))
-    made.text("Source: " + "; ".join(sources) + ".")
+    made.add_paragraph("Source: " + "; ".join(sources) + ".")
     for note in told:
-        made.note(note)
+        made.add_warning(note)
 
 
 def _verdict(row: Judged) -> str:
@@ -219,18 +219,18 @@ def _unit(unit: str) -> str:
     return f" {unit}" if unit else ""
 
 
-def _statements(made: Page, results: Results) -> None:
-    made.section("Statements")
-    made.text("What de Paula says without a number, tested on the runs.")
+def _statements(made: HtmlPage, results: Results) -> None:
+    made.add_section("Statements")
+    made.add_paragraph("What de Paula says without a number, tested on the runs.")
     rows = []
     for item in statements():
         check = item.check(results)
         verdict = "not run" if check is None else "holds" if check.holds else "does not hold"
         rows.append((item.words, item.source, verdict, "" if check is None else check.figures))
-    made.table(("statement", "section", "", "figures"), rows)
+    made.add_table(("statement", "section", "", "figures"), rows)
 
 
-def _both(made: Page, results: Results) -> None:
+def _both(made: HtmlPage, results: Results) -> None:
     rows = [
         (
             str(item.grains),
@@ -261,16 +261,16 @@ def _both(made: Page, results: Results) -> None:
             "allowed",
             "within",
         )
-        made.table(head, rows)
+        made.add_table(head, rows)
 
 
-def _causes(made: Page, results: Results, result: Sequence[ChangedFigure]) -> None:
-    made.section("Causes")
+def _causes(made: HtmlPage, results: Results, result: Sequence[ChangedFigure]) -> None:
+    made.add_section("Causes")
     _both(made, results)
-    made.text(verdict_on_hysteresis(result))
+    made.add_paragraph(verdict_on_hysteresis(result))
     if large := words_on_large_beds(results):
-        made.text(large)
-    made.text(
+        made.add_paragraph(large)
+    made.add_paragraph(
         "The same bed with one thing changed, or with several: what matters moves a mean beyond "
         "Student's interval of 95 % for the starts that were run; what explains brings it to the "
         "published number, within the interval of its mean. A bed without dissipation is left out: "
@@ -278,7 +278,7 @@ def _causes(made: Page, results: Results, result: Sequence[ChangedFigure]) -> No
         "cell of 0.36 m contradicts the packing of 0.34 that de Paula prints."
     )
     if not result:
-        made.text("Not run.")
+        made.add_paragraph("Not run.")
         return
     rows = [
         (
@@ -292,7 +292,7 @@ def _causes(made: Page, results: Results, result: Sequence[ChangedFigure]) -> No
         )
         for item in result
     ]
-    made.table(("change", "bed", "figure", "published", "without", "with", ""), rows)
+    made.add_table(("change", "bed", "figure", "published", "without", "with", ""), rows)
 
 
 def _mattering(item: ChangedFigure) -> str:
@@ -303,9 +303,9 @@ def _mattering(item: ChangedFigure) -> str:
     return "matters" if item.matters else "within scatter"
 
 
-def _state(made: Page, results: Results) -> None:
-    made.section("State of the series")
-    made.text(f"{describe_fields(counted(results))}.")
+def _state(made: HtmlPage, results: Results) -> None:
+    made.add_section("State of the series")
+    made.add_paragraph(f"{describe_fields(counted(results))}.")
     rows = [
         (
             key,
@@ -317,8 +317,8 @@ def _state(made: Page, results: Results) -> None:
         if not is_whole(item) or item["coarse"] or worst_residual(item) > 1e-4
     ]
     if rows:
-        made.text("Series that are not whole, or whose energy is off by more than 1e-4:")
-        made.table(("series", "state", "step", "energy residual"), rows)
+        made.add_paragraph("Series that are not whole, or whose energy is off by more than 1e-4:")
+        made.add_table(("series", "state", "step", "energy residual"), rows)
 
 
 def _word(item: Plain) -> str:
@@ -327,20 +327,20 @@ def _word(item: Plain) -> str:
     return "stale" if item.get("stale") else f"{len(item['done'])} of {len(item['seeds'])} starts"
 
 
-def _errors(made: Page, results: Results) -> None:
+def _errors(made: HtmlPage, results: Results) -> None:
     failed = {key: item["errors"] for key, item in results.series.items() if item["errors"]}
     if failed:
-        made.section("Cases that failed")
-        made.table(("bed", "error"), [(k, e) for k, some in failed.items() for e in some])
+        made.add_section("Cases that failed")
+        made.add_table(("bed", "error"), [(k, e) for k, some in failed.items() for e in some])
 
 
-def _footer(made: Page, shown: Results, quick: Results | None) -> None:
+def _footer(made: HtmlPage, shown: Results, quick: Results | None) -> None:
     for results in (shown, quick):
         if results is not None and results.made:
             versions = ", ".join(f"{k} {v}" for k, v in results.made.items() if k not in _OWN)
             command, date = (html.unescape(str(results.made[name])) for name in _OWN[:2])
             times = results.made.get("sittings", 1)
-            made.footer(f"Made by {command} on {date}, begun {times} times, with {versions}.")
+            made.add_footer(f"Made by {command} on {date}, begun {times} times, with {versions}.")
 
 
 _OWN = ("command", "date", "sittings")

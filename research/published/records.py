@@ -101,7 +101,7 @@ def damper_record(run: Trajectory) -> Mapping[str, Any]:
         of the drop and of the motion after the lift; and the cost.
     """
     rest = run.stage("drop").height
-    fall, swing = (run.piston(name).from_zero() for name in ("drop", "release"))
+    fall, swing = (run.piston(name).with_time_from_zero() for name in ("drop", "release"))
     return {
         "rest_height": rest,
         "nudge": float(swing.height[0]) - rest,

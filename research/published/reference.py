@@ -10,7 +10,7 @@ import math
 import warnings
 from collections.abc import Mapping
 
-from granular.run.time_steps import validated_step
+from granular.run.time_steps import parse_time_step
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from research.published.series import Series
@@ -66,7 +66,7 @@ def _short(scene: Scene) -> Scene:
 
 def _finer(step: float | str, by: float) -> float | str:
     """A step, given in seconds or as a multiple of the automatic one, over a number."""
-    asked = validated_step(step)
+    asked = parse_time_step(step)
     return f"auto/{by / asked.factor:.6f}" if asked.seconds is None else asked.seconds / by
 
 

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from granular import sweep
-from granular.run.time_steps import validated_step
+from granular.run.time_steps import parse_time_step
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.result_cache import ResultCache
 from granular.studies.cases import make_cases
-from granular.studies.workers import Outcome, outcomes_in
+from granular.studies.executors import Outcome, outcome_cache
 from research.published.plan import Group
 from research.published.series import Series
 
@@ -70,7 +70,7 @@ def run_groups(
 
 def _drop_runs(directory: Path) -> None:
     """Delete the runs whose outcome is kept: they were there to go on from, had it been cut off."""
-    cache = outcomes_in(directory)
+    cache = outcome_cache(directory)
     for run in (directory / "runs").glob("*"):
         if cache.path(run.name).exists():
             shutil.rmtree(run, ignore_errors=True)
@@ -84,7 +84,7 @@ def outcomes_of(series: Series, directory: Path) -> list[Outcome]:
 
 def outcomes_in_order(keys: Sequence[str], directory: Path) -> list[Outcome | None]:
     """What is kept under each key, None where nothing is."""
-    cache = outcomes_in(directory)
+    cache = outcome_cache(directory)
     return [cache.read(key) for key in keys]
 
 
@@ -95,7 +95,7 @@ def references_in(directory: Path) -> ResultCache:
 
 def forget(series: Series, directory: Path) -> None:
     """Delete what is kept of a series, whose code has changed: outcomes and reference."""
-    cache, keys = outcomes_in(directory), case_keys(series)
+    cache, keys = outcome_cache(directory), case_keys(series)
     for key in keys:
         cache.path(key).unlink(missing_ok=True)
     references_in(directory).path(keys[0]).unlink(missing_ok=True)
@@ -154,7 +154,7 @@ def _pair_steps(scene: Scene, step: float | str) -> float:
         total_duration = stage.total_duration(height)
         seconds += total_duration if total_duration is not None else 10.0
         height = stage.prescribed_final_height() or height
-    asked = validated_step(step)
+    asked = parse_time_step(step)
     length = asked.seconds or asked.factor * _AUTOMATIC_STEP
     return scene.grains.count**2 * seconds / length
 

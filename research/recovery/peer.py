@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.result_cache import digest
 from reduced_models.fitting.options import STARTS, TEST_FRACTION
 from reduced_models.fitting.problem import training_data

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
-from granular.shared.messages import sanitize
+from granular.shared.message_text import sanitize
 from reduced_models.records.inputs import input_column
 from validation.text_tables import text_table
 

@@ -15,7 +15,7 @@ from granular.engine.loop import advance_ticks
 from granular.engine.new_state import new_state
 from granular.methods import METHODS
 from granular.scene.system import scene_in_natural_units
-from granular.shared.caches import read_sealed
+from granular.shared.cache_files import read_sealed_file
 
 TRACES = ("7effects", "5pairs", "ContactLaw", "_kick_with_friction")
 BARE = {"effects.dipole": None, "effects.walls": None, "effects.drag": None, "effects.gravity": None}
@@ -29,10 +29,10 @@ def symbols(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[str]:
         asked.append(tuple(map(numba.typeof, arguments)))
         return advance_ticks(*arguments)
 
-    monkeypatch.setattr("granular.run.run.advance_ticks", spy)
+    monkeypatch.setattr("granular.run.protocol_runner.advance_ticks", spy)
     simulate(scene, 1e-6, 1e-4, progress=False)
     place = advance_ticks._cache._entry(asked[0], advance_ticks.overloads[asked[0]].library.codegen)
-    body = read_sealed(*place)
+    body = read_sealed_file(*place)
     assert body is not None
     _, (library, *_) = pickle.loads(body)
     _, _, (code, _) = library

@@ -43,7 +43,7 @@ ALLOWED = {
     ("granular/shared/user_file.py", "exec"): "the file that a user names on the command line, by --import",
     ("granular/shared/user_file.py", "compile"): "the same file",
     ("granular/effects/registry.py", "import_module"): "the files of the package itself",
-    ("granular/run/threads.py", "import_module"): "two modules of Numba, by names in the source",
+    ("granular/run/thread_count.py", "import_module"): "two modules of Numba, by names in the source",
     (
         "granular/compiled/kernel_cache.py",
         "pickle.loads",

@@ -16,9 +16,9 @@ from granular import __version__
 from granular.shared.errors import (
     NEEDED_BY,
     InputError,
-    MissingError,
-    advise_on_missing_module,
-    missing_module_message,
+    MissingPackageError,
+    missing_package_error,
+    with_missing_package_advice,
 )
 
 ROOT = Path(__file__).parents[2]
@@ -138,18 +138,18 @@ def test_simulations_need_nothing_of_the_fits() -> None:
 
 def test_a_module_that_is_none_of_the_toolkit_s_keeps_its_own_error() -> None:
     error = ModuleNotFoundError("No module named 'tea'", name="tea")
-    assert missing_module_message(error) is None
+    assert missing_package_error(error) is None
 
     def attribute(name: str) -> Any:
         raise error
 
     with pytest.raises(ModuleNotFoundError, match="tea"):
-        advise_on_missing_module(attribute)("leaves")
+        with_missing_package_advice(attribute)("leaves")
 
 
 def test_what_is_missing_is_bad_input_and_an_import_error() -> None:
-    found = missing_module_message(ModuleNotFoundError("No module named 'jax.numpy'", name="jax.numpy"))
-    assert isinstance(found, MissingError)
+    found = missing_package_error(ModuleNotFoundError("No module named 'jax.numpy'", name="jax.numpy"))
+    assert isinstance(found, MissingPackageError)
     assert isinstance(found, InputError)
     assert isinstance(found, ImportError)
     assert "pip install granular-damper" in str(found)

@@ -37,11 +37,11 @@ def test_what_is_written_is_what_promises_are_made_from(
 ) -> None:
     path, plain = found
     monkeypatch.setattr(stored, "TABLE", path)
-    stored.load_work_precision_table.cache_clear()
+    stored.load_work_precision_scenes.cache_clear()
     try:
-        known = stored.nearest_priced_scene(priced.scene, "piston force")
+        known = stored.most_similar_measured_scene(priced.scene, "piston force")
     finally:
-        stored.load_work_precision_table.cache_clear()
+        stored.load_work_precision_scenes.cache_clear()
     assert known is not None
     assert known.grains == 23
     assert known.date == plain["made"]["date"]

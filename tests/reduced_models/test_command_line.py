@@ -13,7 +13,7 @@ import sympy
 
 from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch
-from granular.shared.files import finite_or_none
+from granular.shared.files import replace_non_finite_by_none
 from reduced_models.__main__ import main, parser
 from reduced_models.commands.identification import parse_bounds
 from reduced_models.commands.records import read_options_from_line
@@ -112,7 +112,7 @@ def test_json_is_strict(
 
 def test_numbers_that_json_does_not_know_become_null() -> None:
     plain = {"a": [1.0, np.inf, (-np.inf, "x")], "b": {"c": np.nan, "d": np.float64(2.0)}}
-    assert finite_or_none(plain) == {"a": [1.0, None, [None, "x"]], "b": {"c": None, "d": 2.0}}
+    assert replace_non_finite_by_none(plain) == {"a": [1.0, None, [None, "x"]], "b": {"c": None, "d": 2.0}}
 
 
 def test_fit_compare_and_simulate(

@@ -13,7 +13,7 @@ import pytest
 
 import granular.run.simulation
 from granular import Scene, load_trajectory, simulate
-from granular.run.directory import is_run_directory
+from granular.run.run_directory import is_run_directory
 
 KILLS = 100
 STEP = 2e-6

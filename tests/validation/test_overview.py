@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from granular import Scene
-from granular.shared.html import Page
+from granular.shared.html_pages import HtmlPage
 from validation import overview
 from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
 from validation.cost.work_precision_result import WorkPrecision
@@ -70,7 +70,7 @@ def test_a_fresh_start_that_misses_fails_the_report() -> None:
     assert summarise_verdicts({"overview": result(True)})["holds"] is True
     bad = {"overview": result(False)}
     assert summarise_verdicts(bad)["holds"] is False
-    assert "Not all holds: overview." in report_page(bad, full=False).render()
+    assert "Not all holds: overview." in report_page(bad, full=False).to_html()
 
 
 @pytest.mark.parametrize(("first", "last", "alike"), [(1.0, 1.2, True), (1.0, 1.3, False)])
@@ -88,9 +88,9 @@ def test_prices_that_differ_by_more_than_a_fifth_both_stand(first: float, last: 
     shown = effect_cost_table(plain)
     assert shown.rows[0][3] == ("yes" if alike else "no")
     assert shown.rows[1][1] == "cannot be run"
-    drawn = Page("page")
+    drawn = HtmlPage("page")
     show_overview(drawn, [{"effects": plain}])
-    assert "direct 3 microseconds" in drawn.render()
+    assert "direct 3 microseconds" in drawn.to_html()
 
 
 @pytest.mark.long
@@ -131,4 +131,4 @@ def test_first_screen_of_a_small_bed(
     assert all(math.isfinite(each["error"]) for each in one["fresh"])
     text = section_text("overview", found)
     assert "bed of 23: what accuracy costs" in text
-    assert "bed of 23" in report_page({"overview": found}, full=False).render()
+    assert "bed of 23" in report_page({"overview": found}, full=False).to_html()

@@ -55,7 +55,7 @@ def test_a_failure_is_a_result(tmp_path: Path) -> None:
     assert result[FAILED] == "SceneError: a value, a limit, a remedy"
     results = {"convergence": [result]}
     assert summarise_verdicts(results)["holds"] is False
-    assert "a value, a limit, a remedy" in report_page(results, full=False).render()
+    assert "a value, a limit, a remedy" in report_page(results, full=False).to_html()
 
 
 def test_a_directory_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def study(method: str, symplectic: bool, drift: float) -> Plain:
 def test_a_symplectic_method_with_a_trend_does_not_hold() -> None:
     good = [study("stormer-verlet", True, 0.0), study("explicit-euler", False, 0.1)]
     assert summarise_verdicts({"energy": good})["holds"] is True
-    assert "unlike its kind" not in report_page({"energy": good}, full=False).render()
+    assert "unlike its kind" not in report_page({"energy": good}, full=False).to_html()
     for method, keeps, drift in (
         ("stormer-verlet", True, 0.1),
         ("explicit-euler", False, 0.0),
@@ -96,7 +96,7 @@ def test_a_symplectic_method_with_a_trend_does_not_hold() -> None:
     ):
         bad = [study(method, keeps, drift)]
         assert summarise_verdicts({"energy": bad})["holds"] is False
-        assert "unlike its kind" in report_page({"energy": bad}, full=False).render()
+        assert "unlike its kind" in report_page({"energy": bad}, full=False).to_html()
 
 
 SYMPLECTIC = tuple(run for run in report_energy_runs() if METHODS[run.method].symplectic)

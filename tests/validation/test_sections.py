@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from granular.shared.html import Page
+from granular.shared.html_pages import HtmlPage
 from validation.convergence_result import ConvergenceResult, FittedSlope, convergence_holds, slope_table
 from validation.cost.advised_setting import USUAL, SolverSettings, WorkPrecisionPoint
 from validation.cost.report_section import advised_setting_table
@@ -124,8 +124,8 @@ def test_the_section_of_de_paula_tells_slope_scatter_and_peaks() -> None:
     assert one.error_slope(COMPENSATED) == pytest.approx(2.0)
     assert one.slope_relative_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
     assert one.scatter_about_slope(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
-    page = Page("page")
+    page = HtmlPage("page")
     show_depaula_section(page, [DepaulaStepTest.from_plain(one.to_plain())])
-    assert "slope 2.0000" in page.render()
-    assert "makes a slope of 2.322" in page.render()
-    assert "difference of two peaks is 3.0e-09 m" in page.render()
+    assert "slope 2.0000" in page.to_html()
+    assert "makes a slope of 2.322" in page.to_html()
+    assert "difference of two peaks is 3.0e-09 m" in page.to_html()

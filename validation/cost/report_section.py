@@ -22,7 +22,7 @@ from validation.report_tasks import Plain, Section, Task
 from validation.text_tables import WIDTH, TextTable, add_table_to_page, draw_legend_below, text_table
 
 if TYPE_CHECKING:
-    from granular.shared.html import Page
+    from granular.shared.html_pages import HtmlPage
 
 Studies = list[WorkPrecision]
 """Those of one task: a quantity each."""
@@ -124,10 +124,10 @@ def _measure_studies(
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_studies(page: Page, results: Sequence[Studies]) -> None:
+def show_studies(page: HtmlPage, results: Sequence[Studies]) -> None:
     """Show a picture and a table a quantity, and which setting to take."""
     studies = join_studies(results)
-    page.text(
+    page.add_paragraph(
         "Error over wall time, warm, the least of the repeats. The broad line joins the settings "
         "that none beats in both. Where several starts were run, the error is the mean deviation "
         "over them and a thin bar ends at its bound. What to take for each level is ringed, and "
@@ -144,7 +144,7 @@ def show_studies(page: Page, results: Sequence[Studies]) -> None:
             study.plot(axes)
             draw_legend_below(axes)
             until = "" if study.horizon is None else f" over {study.horizon:g} s"
-            page.figure(drawing, f"{study.quantity} of {study.scene}{until}, against {study.reference}.")
+            page.add_figure(drawing, f"{study.quantity} of {study.scene}{until}, against {study.reference}.")
 
 
 def advised_setting_table(studies: Sequence[WorkPrecision]) -> TextTable:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.time_steps import is_step_allowed
+from granular.run.time_steps import can_run_with_step
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
@@ -150,7 +150,7 @@ CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan
 def candidate_settings(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[SolverSettings, ...]:
     """Return the settings that are tried: methods and steps, and never another law."""
     return tuple(
-        SolverSettings(name, dt) for name in methods for dt in STEPS if is_step_allowed(scene, dt, name)
+        SolverSettings(name, dt) for name in methods for dt in STEPS if can_run_with_step(scene, dt, name)
     )
 
 
@@ -203,7 +203,7 @@ def reference_values(
 def reference_setting(scene: Scene) -> SolverSettings:
     """Return setting far more accurate than any that is worth while: order six where it can run."""
     best = SolverSettings("blanes-moan-6", "auto/2")
-    if is_step_allowed(scene, best.dt, best.method):
+    if can_run_with_step(scene, best.dt, best.method):
         return best
     return SolverSettings("stormer-verlet", "auto/16")
 

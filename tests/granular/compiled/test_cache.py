@@ -106,13 +106,13 @@ COMPILES = """
 import sys, time
 from pathlib import Path
 from granular.compiled.kernel_cache import _read_or_claim, _release
-from granular.shared.caches import write_sealed
+from granular.shared.cache_files import write_sealed_file
 path = Path(sys.argv[1])
 assert _read_or_claim(path, "label") is None
 print("claimed", flush=True)
 time.sleep(0.5)
 if sys.argv[2] == "writes":
-    write_sealed(path, "label", b"code")
+    write_sealed_file(path, "label", b"code")
     _release(path)
 """
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from granular import evaluate, load_trajectory
-from granular.run.directory import is_run_directory
+from granular.run.run_directory import is_run_directory
 from granular.scene.scene import Scene
 from granular.user_code import import_user_code
 
@@ -90,15 +90,15 @@ warnings.simplefilter("ignore")
 file, out, threads, kill = sys.argv[1:]
 import_user_code([file])
 simulation.COMMIT_SECONDS = 0.0
-store = simulation.Store
+store = simulation.RunDirectoryWriter
 commits = 0
-def commit(self, kept, former=store.commit):
+def commit(self, kept, former=store.replace_checkpoint):
     global commits
     former(self, kept)
     commits += 1
     if kill == "kill" and commits == 4:
         os.kill(os.getpid(), signal.SIGKILL)
-store.commit = commit
+store.replace_checkpoint = commit
 simulate(contents(read_user_file(file))["SCENE"], t_end=0.1, progress=False, out=out, resume=True,
          threads=int(threads))
 """

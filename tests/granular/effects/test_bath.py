@@ -15,7 +15,7 @@ import pytest
 from granular import Scene, evaluate, load_trajectory, simulate
 from granular.effects.bath import draw_normal_pair, philox
 from granular.observables import configurational_temperature
-from granular.run.directory import is_run_directory
+from granular.run.run_directory import is_run_directory
 from granular.shared.errors import InputError, SceneError
 
 ROOT = Path(__file__).parents[3]
@@ -112,15 +112,15 @@ import granular.run.simulation as simulation
 from granular import Scene, simulate
 plain, out, threads, kill = sys.argv[1:]
 simulation.COMMIT_SECONDS = 0.0
-store = simulation.Store
+store = simulation.RunDirectoryWriter
 commits = 0
-def commit(self, kept, former=store.commit):
+def commit(self, kept, former=store.replace_checkpoint):
     global commits
     former(self, kept)
     commits += 1
     if kill == "kill" and commits == 3:
         os.kill(os.getpid(), signal.SIGKILL)
-store.commit = commit
+store.replace_checkpoint = commit
 simulate(Scene.from_plain(json.loads(plain)), t_end=0.4, progress=False, out=out, resume=True,
          threads=int(threads))
 """

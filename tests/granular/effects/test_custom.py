@@ -21,7 +21,7 @@ from granular.run.simulation import custom_code_digests
 from granular.scene.system import scene_in_natural_units
 from granular.shared.errors import GranularError, InputError
 from granular.studies.cases import make_cases
-from granular.studies.measures import measure_named
+from granular.studies.measures import find_measure
 from granular.user_code import import_user_code
 
 SCALES = SimpleNamespace(one=1.0)
@@ -241,7 +241,7 @@ def test_an_edit_is_another_run_and_another_case(tmp_path: Path) -> None:
         path.write_text(FILE.format(factor=factor, name="Leaf"), encoding="utf-8")
         import_user_code([path])
         scene = bed(leaf={"k": "1 N/m"})
-        measure = measure_named("last-values")
+        measure = find_measure("last-values")
         (case,) = make_cases(
             scene, {"grains.count": [9]}, [], {"dt": "auto", "method": "stormer-verlet"}, measure
         )

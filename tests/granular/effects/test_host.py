@@ -291,14 +291,14 @@ from granular.scene.loading import load_scene
 warnings.simplefilter("ignore")
 file, out, threads, kill = sys.argv[1:]
 simulation.COMMIT_SECONDS = 0.0
-store, commits = simulation.Store, 0
-def commit(self, kept, former=store.commit):
+store, commits = simulation.RunDirectoryWriter, 0
+def commit(self, kept, former=store.replace_checkpoint):
     global commits
     former(self, kept)
     commits += 1
     if kill == "kill" and commits == 4:
         os.kill(os.getpid(), signal.SIGKILL)
-store.commit = commit
+store.replace_checkpoint = commit
 simulation.simulate(load_scene(file), progress=False, out=out, resume=True, threads=int(threads))
 """
 

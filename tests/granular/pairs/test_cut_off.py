@@ -15,7 +15,7 @@ from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.pure_python_sums import pure_python_cut_off_sum
 from granular.pairs.stripes import BUILDS, Stripes, stripes_workspace
-from granular.run.snapshot import neighbour_list_arrays, restore_neighbour_lists
+from granular.run.snapshot import copy_neighbour_list_arrays, restore_neighbour_lists
 from granular.shared.errors import SceneError
 
 cut_off_sum = entry(cut_off.cut_off_sum)
@@ -119,7 +119,7 @@ def test_lists_made_again_give_the_same_bits() -> None:
         bed.y[:300] += drift[1]
         at.append(bed.sums())
         if step == 20:
-            kept, kept_place = neighbour_list_arrays(bed.stripes), (bed.x.copy(), bed.y.copy())
+            kept, kept_place = copy_neighbour_list_arrays(bed.stripes), (bed.x.copy(), bed.y.copy())
     assert bed.stripes.memory[BUILDS] > 5.0
     bed.stripes = bed.workspace()
     restore_neighbour_lists(bed.stripes, kept)

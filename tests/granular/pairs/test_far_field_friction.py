@@ -16,7 +16,7 @@ from granular.engine.step_size import Step
 from granular.kernel_data.state import Bed
 from granular.methods import method_named
 from granular.pairs.mesh_far_field import AHEAD, STILL, TIME
-from granular.run.run import Run
+from granular.run.protocol_runner import ProtocolRunner
 from granular.run.run_state import ARRANGE
 from granular.run.snapshot import restore_snapshot, take_snapshot
 from granular.scene.system import scene_in_natural_units
@@ -54,7 +54,7 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
     method = method_named("stormer-verlet")
     scene = on_mesh(rubbing(small_bed))
     system = scene_in_natural_units(scene, method=method)
-    run = Run(scene, system, method, Step(), None)
+    run = ProtocolRunner(scene, system, method, Step(), None)
     run.begin_stage()
     state, far = run.state, run.state.far_forces
     assert far is not None
@@ -90,7 +90,7 @@ def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) ->
         assert far is not None
         acting = system.constants.acting._replace(far=far._replace(rubbing=rubs))
         constants = system.constants._replace(acting=acting)
-        run = Run(scene, dataclasses.replace(system, constants=constants), method, Step(), None)
+        run = ProtocolRunner(scene, dataclasses.replace(system, constants=constants), method, Step(), None)
         run.begin_stage()
         state = run.state
         assert state.far_forces is not None
@@ -157,12 +157,12 @@ def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> No
     scene, method, dt = on_mesh(rubbing(small_bed)), method_named("stormer-verlet"), 0.02
     system = scene_in_natural_units(scene, method=method)
 
-    def started() -> Run:
-        run = Run(scene, system, method, Step(), None)
+    def started() -> ProtocolRunner:
+        run = ProtocolRunner(scene, system, method, Step(), None)
         run.begin_stage()
         return run
 
-    def step(run: Run, time: float) -> np.ndarray:
+    def step(run: ProtocolRunner, time: float) -> np.ndarray:
         """The grains slide on; forces of the far field there."""
         state, count = run.state, run.constants.grains
         assert state.far_forces is not None

@@ -13,7 +13,7 @@ from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.pure_python_sums import pure_python_cut_off_sum
 from granular.pairs.verlet_list import BUILDS, VerletList, VerletSettings, verlet_list_workspace
-from granular.run.snapshot import neighbour_list_arrays, restore_neighbour_lists
+from granular.run.snapshot import copy_neighbour_list_arrays, restore_neighbour_lists
 from granular.shared.errors import SceneError
 
 verlet_list_sum = entry(verlet_list.verlet_list_sum)
@@ -69,7 +69,7 @@ def test_list_made_again_gives_the_same_bits() -> None:
     x[:150] += np.random.default_rng(1).uniform(-1.0, 1.0, 150)
     wanted = sums(verlet_list_sum, known, LISTING, 150, x, y)
     again = verlet_list_workspace(x.size, LISTING.radius)
-    restore_neighbour_lists(again, neighbour_list_arrays(known))
+    restore_neighbour_lists(again, copy_neighbour_list_arrays(known))
     np.testing.assert_array_equal(sums(verlet_list_sum, again, LISTING, 150, x, y), wanted)
 
 

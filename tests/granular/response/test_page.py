@@ -23,7 +23,7 @@ from granular.response.page import add_steadiness_notes, energy_losses_per_perio
 from granular.response.response import FrequencyResponse, response_dataset
 from granular.response.transients import sweep_rate_at_peak
 from granular.shared.errors import InputError
-from granular.shared.html import Page
+from granular.shared.html_pages import HtmlPage
 
 FREQUENCIES = np.linspace(2.5, 3.6, 9).tolist()
 HUNG = (7.0, 2500.0, 90.0)
@@ -58,7 +58,7 @@ def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
     hung = dynamic_stiffness_of_hanging_mass(FREQUENCIES, *HUNG)
     omega = math.tau * np.array(FREQUENCIES)
     np.testing.assert_allclose(data.added_damping[0], hung.imag / omega, rtol=1e-9)
-    page = response_page(found).render()
+    page = response_page(found).to_html()
     row = found.peaks()[1]
     assert f"{row['reduction']:.3g} times as much" in page
     for words in (
@@ -72,7 +72,7 @@ def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
     ):
         assert words in page, words
     assert "friction [mJ]" not in page
-    assert "nothing is known" in response_page(found, missing="nothing is known").render()
+    assert "nothing is known" in response_page(found, missing="nothing is known").to_html()
 
 
 def test_what_rearranges_is_drag_beyond_the_affine() -> None:
@@ -105,9 +105,9 @@ def test_a_sweep_that_is_too_fast_is_told() -> None:
     assert paces[0] is not None
     assert paces[1] == pytest.approx(1000.0 * paces[0])
     for found, told in ((fast, True), (slow, False)):
-        page = Page("")
+        page = HtmlPage("")
         add_steadiness_notes(page, found)
-        assert ("too fast" in page.render()) == told
+        assert ("too fast" in page.to_html()) == told
 
 
 def test_one_body_decays_by_half_its_damping_over_its_mass() -> None:

@@ -10,21 +10,27 @@ from typing import Any
 import pytest
 from numba.core.compiler_lock import global_compiler_lock
 
-import granular.run.run
+import granular.run.protocol_runner
 from granular import Scene, damper, load_scene, simulate
-from granular.run.accuracy import FLOORS, MARGIN, choose_settings, parse_accuracy, step_hidden_by_scatter
+from granular.run.settings_for_accuracy import (
+    FLOORS,
+    MARGIN,
+    choose_settings_for_accuracy,
+    longest_step_hidden_by_scatter,
+    parse_accuracy,
+)
 from granular.run.summary import run_text
-from granular.run.time_steps import validated_step
+from granular.run.time_steps import parse_time_step
 from granular.run.work_precision import (
-    WorkPrecisionTable,
-    load_work_precision_table,
-    nearest_priced_scene,
+    SceneWorkPrecision,
+    load_work_precision_scenes,
+    most_similar_measured_scene,
     work_precision_text,
 )
 from granular.shared.errors import InputError
 
 
-def of_table(one: WorkPrecisionTable) -> Scene:
+def of_table(one: SceneWorkPrecision) -> Scene:
     """A scene that the table's entry stands for."""
     changes: dict[str, object] = {"grains.count": one.grains, "cell.width": "60 D"}
     if "rest height" in one.floors:
@@ -35,28 +41,28 @@ def of_table(one: WorkPrecisionTable) -> Scene:
 
 
 def promises() -> Iterator[object]:
-    for one in load_work_precision_table():
+    for one in load_work_precision_scenes():
         for quantity in one.floors:
             yield pytest.param(one, quantity, id=f"{one.name}: {quantity}")
 
 
 @pytest.mark.parametrize(("costs", "quantity"), promises())
-def test_what_is_chosen_holds_and_is_not_dear(costs: WorkPrecisionTable, quantity: str) -> None:
+def test_what_is_chosen_holds_and_is_not_dear(costs: SceneWorkPrecision, quantity: str) -> None:
     """At most 1.5 times dearer than the cheapest of the table that holds the tolerance."""
     scene = of_table(costs)
-    assert nearest_priced_scene(scene, quantity) == costs
+    assert most_similar_measured_scene(scene, quantity) == costs
     chosen = 0
     for tolerance in (10.0 ** (-k / 4) for k in range(29)):
         accurate_points = [one for one in costs.entries if one.bounds[quantity] <= tolerance]
         if tolerance < FLOORS * costs.floors[quantity]:
             with pytest.raises(InputError, match="random starts scatter"):
-                choose_settings(scene, f"{tolerance} {quantity}")
+                choose_settings_for_accuracy(scene, f"{tolerance} {quantity}")
             continue
         if tolerance < MARGIN * min(one.bounds[quantity] for one in costs.entries):
             continue  # shorter than the table's shortest step, or refused
-        found = choose_settings(scene, f"{tolerance} {quantity}")
+        found = choose_settings_for_accuracy(scene, f"{tolerance} {quantity}")
         chosen += 1
-        fraction = validated_step(found.dt, scene).fraction
+        fraction = parse_time_step(found.dt, scene).fraction
         same = [one for one in costs.entries if one.method == found.method]
         near = min(same, key=lambda one: abs(math.log(one.fraction / fraction)))
         if accurate_points:
@@ -85,11 +91,11 @@ def test_accuracies_are_read() -> None:
 
 def test_what_cannot_be_promised_is_refused(bed: Scene) -> None:
     with pytest.raises(InputError, match=r"random starts scatter by .*average \d+ starts"):
-        choose_settings(damper(), "1e-7 rest height")
+        choose_settings_for_accuracy(damper(), "1e-7 rest height")
     with pytest.raises(InputError, match="holds no scene like 'bed' with this quantity"):
-        choose_settings(bed.replace(**{"effects.contact": {"modulus": 1e7}}), "1 % piston force")
+        choose_settings_for_accuracy(bed.replace(**{"effects.contact": {"modulus": 1e7}}), "1 % piston force")
     with pytest.raises(InputError, match="leaves pairs out"):
-        choose_settings(bed.replace(**{"pairs.method": "cut-off"}), "10 % piston force")
+        choose_settings_for_accuracy(bed.replace(**{"pairs.method": "cut-off"}), "10 % piston force")
     with pytest.raises(InputError, match="either it or them"):
         simulate(bed, dt="auto/2", accuracy="10 % piston force", progress=False)
 
@@ -99,7 +105,7 @@ def test_a_mesh_gives_way_to_the_direct_sum_where_it_would_be_felt(bed: Scene) -
         **{"grains.count": 2000, "cell.width": "150 D", "piston.height": "60 D", "arrangement.height": "58 D"}
     )
     assert large.pair_method == "mesh"
-    rough, fine = (choose_settings(large, f"{one} rest height") for one in (0.2, 8e-4))
+    rough, fine = (choose_settings_for_accuracy(large, f"{one} rest height") for one in (0.2, 8e-4))
     assert (rough.scene.pair_method, fine.scene.pair_method) == ("mesh", "direct")
     assert "sum by the mesh" in rough.words
     assert "direct sum" in fine.words
@@ -117,7 +123,7 @@ def test_a_run_says_what_was_chosen_and_its_price(small_bed: Scene) -> None:
 
 
 def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain, made = granular.run.run.advance_ticks, iter(range(100))
+    plain, made = granular.run.protocol_runner.advance_ticks, iter(range(100))
 
     def advance(*known: Any) -> Any:
         if next(made) == 0:
@@ -125,7 +131,7 @@ def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None
                 time.sleep(1.2)
         return plain(*known)
 
-    monkeypatch.setattr("granular.run.run.advance_ticks", advance)
+    monkeypatch.setattr("granular.run.protocol_runner.advance_ticks", advance)
     started = time.perf_counter()
     run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
     passed, settings = time.perf_counter() - started, run.settings()
@@ -145,10 +151,10 @@ def test_price_without_a_like_scene_is_the_energy_s() -> None:
 @pytest.mark.parametrize(("count", "dt"), [(368, "auto*4"), (92, "auto*2")])
 def test_steps_are_as_long_as_random_starts_hide(count: int, dt: str) -> None:
     """By the table, the damping of 92 grains shows four times the step, and 368 show none."""
-    assert step_hidden_by_scatter(damper(count=count), "stormer-verlet") == dt
+    assert longest_step_hidden_by_scatter(damper(count=count), "stormer-verlet") == dt
 
 
 def test_what_the_table_does_not_hold_keeps_the_automatic_step() -> None:
     touching = damper().replace(**{"effects.contact": {"modulus": "1 MPa"}})
-    assert step_hidden_by_scatter(touching, "stormer-verlet") == "auto"
-    assert step_hidden_by_scatter(damper(), "explicit-euler") == "auto"
+    assert longest_step_hidden_by_scatter(touching, "stormer-verlet") == "auto"
+    assert longest_step_hidden_by_scatter(damper(), "explicit-euler") == "auto"

@@ -13,7 +13,12 @@ import pytest
 
 import granular.run.simulation
 from granular import Scene, load_scene, load_trajectory, simulate
-from granular.run.directory import create_partial_directory, lock_directory, move_into_place, unlock_directory
+from granular.run.run_directory import (
+    create_partial_directory,
+    lock_directory,
+    move_to_final_path,
+    unlock_directory,
+)
 from granular.shared.errors import StoreError
 
 ROOT = Path(__file__).parents[3]
@@ -73,9 +78,9 @@ def test_the_first_of_two_gets_the_place(tmp_path: Path) -> None:
     assert first != second
     for part in (first, second):
         (part / "scene.toml").touch()
-    move_into_place(second, path)
+    move_to_final_path(second, path)
     with pytest.raises(StoreError, match="another process has begun a run in"):
-        move_into_place(first, path)
+        move_to_final_path(first, path)
     with pytest.raises(StoreError, match="another process is running in"):
         lock_directory(path)  # the lock of the part is that of the run
     unlock_directory(other)

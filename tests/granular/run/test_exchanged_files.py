@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import xarray
 
-import granular.run.arrays
+import granular.run.zarr_arrays
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
 from granular.shared.errors import StoreError
 
@@ -57,8 +57,8 @@ def scene() -> Scene:
 def runs(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Runs:
     folder = tmp_path_factory.mktemp("runs")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(granular.run.arrays, "TIME_CHUNK", 16)
-        patch.setattr(granular.run.arrays, "FRAME_CHUNK", 8)
+        patch.setattr(granular.run.zarr_arrays, "TIME_CHUNK", 16)
+        patch.setattr(granular.run.zarr_arrays, "FRAME_CHUNK", 8)
         simulate(scene, t_end=EARLY, out=folder / "run", progress=False)
         shutil.copytree(folder / "run", folder / "early")
         run = simulate(scene, t_end=CUT, out=folder / "run", resume=True, progress=False)

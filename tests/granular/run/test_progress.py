@@ -13,8 +13,8 @@ import pytest
 from granular import load_scene, load_trajectory
 from granular.engine.step_size import Step
 from granular.methods import METHODS
-from granular.run.progress import Settling, remaining_steps, remaining_time_text
-from granular.run.run import Run
+from granular.run.protocol_runner import ProtocolRunner
+from granular.run.run_progress_bar import RestApproach, remaining_steps, remaining_time_text
 from granular.scene.system import scene_in_natural_units
 
 ROOT = Path(__file__).parents[3]
@@ -33,7 +33,7 @@ def test_steps_ahead_are_those_of_all_stages() -> None:
     )
     method = METHODS["stormer-verlet"]
     for t_end, count in ((None, 3000), (0.015, 1500), (0.1, 10000)):
-        run = Run(scene, scene_in_natural_units(scene), method, Step(seconds=1e-5), t_end)
+        run = ProtocolRunner(scene, scene_in_natural_units(scene), method, Step(seconds=1e-5), t_end)
         run.advance()
         assert remaining_steps(run) + run.steps == pytest.approx(count)
 
@@ -69,10 +69,12 @@ def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit() -> No
     stage = {"kind": "hold", "name": "settle", "until": "rest", "window": 0.2}
     drag = {"coefficient": "0.02 kg/s"}
     scene = load_scene("single-particle").replace(**{"protocol": [stage], "effects.drag": drag})
-    run = Run(scene, scene_in_natural_units(scene), METHODS["stormer-verlet"], Step(seconds=1e-4), None)
+    run = ProtocolRunner(
+        scene, scene_in_natural_units(scene), METHODS["stormer-verlet"], Step(seconds=1e-4), None
+    )
     fractions, amplitudes = [], []
     run.advance()
-    settling = Settling(run)
+    settling = RestApproach(run)
     while not run.at_end:
         settling.look(run)
         fractions.append(settling.fraction)
@@ -85,7 +87,7 @@ def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit() -> No
 
 
 COMPILING = """
-import granular.shared.progress as progress
+import granular.shared.progress_bars as progress
 progress.LINES_EVERY = 0.0
 from granular import load_scene, simulate
 for _ in range(2):

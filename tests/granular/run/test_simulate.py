@@ -223,17 +223,17 @@ def test_too_long_a_step_is_stopped(scene: Scene) -> None:
 
 
 def test_interrupted_run_keeps_what_was_done(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    from granular.run.run import Run
+    from granular.run.protocol_runner import ProtocolRunner
 
-    plain, calls = Run.advance, []
+    plain, calls = ProtocolRunner.advance, []
 
-    def advance(self: Run) -> None:
+    def advance(self: ProtocolRunner) -> None:
         plain(self)
         calls.append(1)
         if len(calls) == 12:
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(Run, "advance", advance)
+    monkeypatch.setattr(ProtocolRunner, "advance", advance)
     with pytest.raises(Interrupted) as caught:
         simulate(scene, progress=False)
     part = caught.value.trajectory
@@ -311,11 +311,12 @@ def test_two_processes_do_not_write_to_one_run(scene: Scene, tmp_path: Path) -> 
     simulate(scene, t_end=2e-3, out=tmp_path / "run", progress=False)
     code = f"""
 import time
-from granular.run.store import Store
+from granular.run.run_directory_writer import RunDirectoryWriter
 from granular import load_scene
 from granular.scene.system import scene_in_natural_units
 scene = load_scene({str(tmp_path / "run" / "scene.toml")!r})
-Store(__import__("pathlib").Path({str(tmp_path / "run")!r}), scene, scene_in_natural_units(scene)).hold()
+path = __import__("pathlib").Path({str(tmp_path / "run")!r})
+RunDirectoryWriter(path, scene, scene_in_natural_units(scene)).lock()
 print("held", flush=True)
 time.sleep(60)
 """

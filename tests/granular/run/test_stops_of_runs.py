@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from numba.core.compiler_lock import global_compiler_lock
 
-import granular.run.run
+import granular.run.protocol_runner
 import granular.run.simulation
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
 from granular.shared.errors import Interrupted, RunError
-from granular.shared.stops import deferred_stop, handle_sigterm
+from granular.shared.stop_signals import defer_stop_signals, handle_sigterm
 
 ROOT = Path(__file__).parents[3]
 END = 0.02
@@ -112,7 +112,7 @@ def test_a_stop_breaks_off_a_compilation(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: int
 ) -> None:
     """To compile a set of effects takes long, up to a minute; the run goes on from its disk."""
-    plain, made = granular.run.run.advance_ticks, iter(range(100))
+    plain, made = granular.run.protocol_runner.advance_ticks, iter(range(100))
 
     def advance(*known: object) -> object:
         if next(made) == calls:
@@ -122,7 +122,7 @@ def test_a_stop_breaks_off_a_compilation(
             pytest.fail("it was compiled to the end")
         return plain(*known)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("granular.run.run.advance_ticks", advance)
+    monkeypatch.setattr("granular.run.protocol_runner.advance_ticks", advance)
     with pytest.raises(Interrupted) as caught, handle_sigterm():
         simulate(scene, t_end=END, out=tmp_path / "run", progress=False)
     monkeypatch.undo()
@@ -149,7 +149,7 @@ def test_what_a_compilation_held_is_not_freed_after_a_stop() -> None:
         del module
 
     try:
-        with handle_sigterm(), deferred_stop():
+        with handle_sigterm(), defer_stop_signals():
             compile_one()
     except KeyboardInterrupt:
         pass
@@ -159,13 +159,13 @@ def test_what_a_compilation_held_is_not_freed_after_a_stop() -> None:
 
 def test_a_stop_is_not_lost_to_a_run_that_fails(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """A loop that goes on after a failed run ends all the same."""
-    from granular.run.run import Run
+    from granular.run.protocol_runner import ProtocolRunner
 
-    def advance(_: Run) -> None:
+    def advance(_: ProtocolRunner) -> None:
         os.kill(os.getpid(), signal.SIGINT)
         raise RunError("it fails", step=0, time=0.0, remedy="try again")
 
-    monkeypatch.setattr(Run, "advance", advance)
+    monkeypatch.setattr(ProtocolRunner, "advance", advance)
     with pytest.raises(KeyboardInterrupt):
         simulate(scene, t_end=END, progress=False)
 

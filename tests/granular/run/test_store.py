@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import xarray
 
-import granular.run.arrays
+import granular.run.zarr_arrays
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
 from granular.run.checkpoint import read_checkpoint, write_checkpoint
 from granular.shared.errors import StoreError
@@ -54,8 +54,8 @@ def directory(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Iterato
     """A run that was cut within a step, in many small chunks."""
     path = tmp_path_factory.mktemp("store") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(granular.run.arrays, "TIME_CHUNK", 16)
-        patch.setattr(granular.run.arrays, "FRAME_CHUNK", 8)
+        patch.setattr(granular.run.zarr_arrays, "TIME_CHUNK", 16)
+        patch.setattr(granular.run.zarr_arrays, "FRAME_CHUNK", 8)
         simulate(scene, t_end=CUT, out=path, progress=False)
     assert len(list((path / "trajectory.zarr" / "time" / "c").iterdir())) > 3
     return path

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from granular import Scene, simulate
-from granular.run import threads
-from granular.run.threads import Threads, choose_threads
+from granular.run import thread_count
+from granular.run.thread_count import ThreadCountTuner, choose_thread_count
 
 TWO = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one processor")
 
 
-def heard(found: Threads, seconds: dict[int, float], calls: int) -> list[int]:
+def heard(found: ThreadCountTuner, seconds: dict[int, float], calls: int) -> list[int]:
     """The numbers of threads that are taken, where steps take so long with each."""
     taken = []
     for _ in range(calls):
@@ -26,7 +26,7 @@ def heard(found: Threads, seconds: dict[int, float], calls: int) -> list[int]:
 @pytest.mark.parametrize(("slow", "quick"), [(1, 2), (2, 1)])
 def test_the_quicker_number_is_taken(slow: int, quick: int) -> None:
     """Both are tried, in short calls, and then the quicker one is kept."""
-    found = Threads(2)
+    found = ThreadCountTuner(2)
     assert found.trying
     taken = heard(found, {slow: 5e-4, quick: 1e-4}, 6)
     assert set(taken[:2]) == {1, 2}
@@ -39,8 +39,8 @@ def test_the_quicker_number_is_taken(slow: int, quick: int) -> None:
 def test_the_other_number_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Another program may have gone, or come."""
     clock = iter(np.arange(0.0, 1e4, 0.5))
-    monkeypatch.setattr(threads.time, "perf_counter", lambda: float(next(clock)))
-    found = Threads(2)
+    monkeypatch.setattr(thread_count.time, "perf_counter", lambda: float(next(clock)))
+    found = ThreadCountTuner(2)
     assert heard(found, {1: 1e-4, 2: 5e-4}, 3)[-1] == 1
     taken = heard(found, {1: 1e-4, 2: 5e-5}, 40)
     assert taken[-1] == 2
@@ -48,7 +48,7 @@ def test_the_other_number_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_one_thread_stays_one() -> None:
-    found = Threads(1)
+    found = ThreadCountTuner(1)
     assert heard(found, {1: 1.0}, 3) == [1, 1, 1]
     assert not found.trying
 
@@ -57,9 +57,9 @@ def test_small_beds_and_the_source_s_list_take_one(bed: Scene) -> None:
     large = bed.replace(
         **{"grains.count": 2000, "cell.width": "140 D", "piston.height": "62 D", "arrangement.height": "60 D"}
     )
-    assert choose_threads(bed, None) == 1
-    assert choose_threads(large.replace(**{"pairs.method": "verlet-list"}), None) == 1
-    assert choose_threads(large, 1) == 1
+    assert choose_thread_count(bed, None) == 1
+    assert choose_thread_count(large.replace(**{"pairs.method": "verlet-list"}), None) == 1
+    assert choose_thread_count(large, 1) == 1
 
 
 @TWO
@@ -75,7 +75,7 @@ def test_large_beds_take_several(bed: Scene, method: str, monkeypatch: pytest.Mo
         }
     )
     monkeypatch.setattr(numba.config, "THREADING_LAYER", "workqueue")
-    assert (choose_threads(large, None) > 1) == (method == "direct")
+    assert (choose_thread_count(large, None) > 1) == (method == "direct")
 
 
 @TWO

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from granular import load_scene, simulate
-from granular.run import view
+from granular.run import animation_page
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.html import LivePage
+from granular.shared.html_pages import InteractivePage
 
 
-def data_of(page: LivePage) -> dict[str, Any]:
+def data_of(page: InteractivePage) -> dict[str, Any]:
     (text,) = re.findall(r'<script id="data" type="application/json">(.*)</script>', page.page)
     return json.loads(text)
 
@@ -55,7 +55,7 @@ def test_names_cannot_leave_their_place(run: Trajectory) -> None:
 
 
 def test_of_many_frames_some_are_held(run: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(view, "MOST_VALUES", 30 * 7 * 4)
+    monkeypatch.setattr(animation_page, "MOST_VALUES", 30 * 7 * 4)
     data = data_of(run.view())
     assert data["frames"] == list(run.dataset["frame_time"].values[::3])
     assert len(numbers(data["velocity"])) == 30 * 7 * 2

@@ -9,7 +9,7 @@ import pytest
 from granular import Trajectory, cite, load_scene
 from granular.effects.registry import all_effects
 from granular.methods import METHODS
-from granular.shared.citing import bibliography, citation_keys_by_doi, dois, module_docstring_of
+from granular.shared.citations import bibtex_entries, citation_keys_by_doi, find_dois, module_docstring_of
 from granular.shared.errors import InputError
 from granular.shared.version import __version__
 from reduced_models.laws import LAWS
@@ -23,13 +23,13 @@ TEXTS = (
 
 @pytest.mark.parametrize(("name", "text"), TEXTS, ids=[name for name, _ in TEXTS])
 def test_every_paper_that_is_named_is_in_the_bibliography(name: str, text: str) -> None:
-    assert [doi for doi in dois(text) if doi not in citation_keys_by_doi()] == []
+    assert [doi for doi in find_dois(text) if doi not in citation_keys_by_doi()] == []
 
 
 def test_every_entry_is_complete_and_is_named_by_something() -> None:
-    named = {doi for _, text in TEXTS for doi in dois(text)}
+    named = {doi for _, text in TEXTS for doi in find_dois(text)}
     assert set(citation_keys_by_doi()) <= named
-    for key, entry in bibliography().items():
+    for key, entry in bibtex_entries().items():
         assert entry.count("{") == entry.count("}"), key
         for field in ("title", *(("year", "doi") if key not in cite() else ())):
             assert re.search(rf"^  {field} = \{{.+\}},$", entry, re.MULTILINE), (key, field)
@@ -37,7 +37,7 @@ def test_every_entry_is_complete_and_is_named_by_something() -> None:
 
 def test_a_doi_ends_before_what_the_text_goes_on_with() -> None:
     text = "(Forest 1990, doi:10.1016/0167-2789(90)90019-L). Also [X, doi:10.1063/1.1659172]; end"
-    assert dois(text) == ["10.1016/0167-2789(90)90019-L", "10.1063/1.1659172"]
+    assert find_dois(text) == ["10.1016/0167-2789(90)90019-L", "10.1063/1.1659172"]
 
 
 def test_a_run_cites_its_effects_and_its_method(run: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from granular.shared.html import Page
-from granular.shared.plotting import READABLE, figure, plain_numbers
+from granular.shared.html_pages import HtmlPage
+from granular.shared.plotting import READABLE, figure, label_log_axis_plainly
 
 
 @pytest.mark.parametrize(("size", "fits"), [(READABLE, True), (7.0, False)])
 def test_the_smallest_letters_are_nine_pixels(size: float, fits: bool) -> None:
     with figure(width=7.2, size=size) as (drawing, axes):
         axes.set_xlabel("time [s]")
-    page = Page("report")
-    page.figure(drawing, "a motion")
-    (least,) = map(float, re.findall(r'style="--least:(\d+)px"', page.render()))
+    page = HtmlPage("report")
+    page.add_figure(drawing, "a motion")
+    (least,) = map(float, re.findall(r'style="--least:(\d+)px"', page.to_html()))
     assert size * least / (72.0 * 7.2) == pytest.approx(9.0, abs=0.02)
     assert (least <= 358.0) == fits  # a phone's 390 pixels without the page's rims
 
@@ -27,7 +27,7 @@ def test_a_logarithmic_axis_has_no_small_exponents(values: tuple[float, ...]) ->
     with figure() as (drawing, axes):
         axes.plot(values)
         axes.set_yscale("log")
-        plain_numbers(axes.yaxis)
+        label_log_axis_plainly(axes.yaxis)
         drawing.draw_without_rendering()
         ticks = [*axes.yaxis.get_major_ticks(), *axes.yaxis.get_minor_ticks()]
         labels = [tick.label1.get_text() for tick in ticks]
@@ -36,8 +36,8 @@ def test_a_logarithmic_axis_has_no_small_exponents(values: tuple[float, ...]) ->
 
 
 def test_a_page_leads_to_the_files_beside_it(tmp_path: Path) -> None:
-    page = Page("report")
-    page.link("more & more", 'a "page".html')
+    page = HtmlPage("report")
+    page.add_link("more & more", 'a "page".html')
     page.save(tmp_path / "report.html")
     said = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert '<a href="a &quot;page&quot;.html">more &amp; more</a>' in said

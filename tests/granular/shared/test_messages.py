@@ -13,9 +13,9 @@ import pytest
 from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch, print_result
 from granular.shared.errors import GranularError, InputError, RunError
-from granular.shared.html import Page
-from granular.shared.messages import LONGEST, MOST, format_factor, one_line, printable, quote, sanitize
-from granular.shared.plotting import line_style, plain_label
+from granular.shared.html_pages import HtmlPage
+from granular.shared.message_text import LONGEST, MOST, format_factor, one_line, printable, quote, sanitize
+from granular.shared.plotting import figure_label, line_style
 
 STEERING = "\x1b[2J\x1b]0;title\x07\r\n\x00\u202e\u2028\x9b31m\ud800"
 LARGE = (
@@ -166,11 +166,17 @@ def test_a_terminal_that_knows_few_letters(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_pages_hold_no_control_signs() -> None:
-    page = Page(STEERING, STEERING)
-    for write in (page.section, page.text, page.note, page.preformat, page.footer):
+    page = HtmlPage(STEERING, STEERING)
+    for write in (
+        page.add_section,
+        page.add_paragraph,
+        page.add_warning,
+        page.add_preformatted,
+        page.add_footer,
+    ):
         write(STEERING)
-    page.table([STEERING], [[STEERING], ["<b>"]])
-    text = page.render()
+    page.add_table([STEERING], [[STEERING], ["<b>"]])
+    text = page.to_html()
     assert all(sign.isprintable() or sign in "\n\t" for sign in text)
     assert "<b>" not in text
     text.encode("utf-8")
@@ -179,5 +185,5 @@ def test_pages_hold_no_control_signs() -> None:
 def test_lines_and_labels_of_figures() -> None:
     looks = [line_style(place) for place in range(32)]
     assert len({tuple(one.values()) for one in looks}) == 32
-    assert plain_label("$\\frac{$") == "\\$\\frac{\\$"
-    assert len(plain_label("x" * 1000)) == 60
+    assert figure_label("$\\frac{$") == "\\$\\frac{\\$"
+    assert len(figure_label("x" * 1000)) == 60

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from granular.shared.progress import progress_bar
+from granular.shared.progress_bars import progress_bar
 
 
 def test_a_log_has_a_line_at_the_start_and_one_at_the_end(

@@ -13,7 +13,7 @@ import pytest
 
 from granular.commands.console import launch
 from granular.shared.errors import Terminated
-from granular.shared.stops import AGAIN, deferred_stop, handle_sigterm
+from granular.shared.stop_signals import AGAIN, defer_stop_signals, handle_sigterm
 
 
 @pytest.fixture(autouse=True)
@@ -96,7 +96,7 @@ def test_a_stop_that_was_swallowed_at_the_very_end_ends_the_command() -> None:
 
 def stopped(number: int, seen: list[bool], error: Exception | None = None) -> None:
     """A block with a stop in it, which it looks at before it ends, or fails."""
-    with deferred_stop() as stop:
+    with defer_stop_signals() as stop:
         seen.append(stop.asked)
         os.kill(os.getpid(), number)
         seen.append(stop.asked)
@@ -124,7 +124,7 @@ def test_a_stop_is_not_lost_to_an_error() -> None:
 
 def test_a_library_leaves_sigterm_alone() -> None:
     before = signal.getsignal(signal.SIGTERM)
-    with deferred_stop():
+    with defer_stop_signals():
         assert signal.getsignal(signal.SIGTERM) is before
 
 
@@ -132,7 +132,7 @@ def test_other_threads_have_no_signals() -> None:
     seen = []
 
     def other() -> None:
-        with handle_sigterm(), deferred_stop() as stop:
+        with handle_sigterm(), defer_stop_signals() as stop:
             seen.append(stop.asked)
 
     thread = threading.Thread(target=other)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular.shared.tables import latex_array
+from granular.shared.text_tables import latex_array
 
 
 def test_signs_of_latex_are_letters() -> None:

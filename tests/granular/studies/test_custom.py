@@ -13,8 +13,8 @@ from granular.__main__ import main
 from granular.commands.console import launch
 from granular.shared.errors import InputError
 from granular.shared.user_file import run_user_file
-from granular.studies.cases import measure_name
-from granular.studies.measures import CustomMeasure, custom_measures, last_values, measure_named
+from granular.studies.cases import measure_identity
+from granular.studies.measures import CustomMeasure, custom_measures, find_measure, last_values
 
 OWN = """
 from __future__ import annotations
@@ -45,16 +45,16 @@ def read(path: Path, text: str = OWN) -> dict[str, CustomMeasure]:
 def test_functions_of_a_file_are_measures_by_name(tmp_path: Path) -> None:
     own = read(tmp_path)
     assert list(own) == ["answer"]
-    measure = measure_named("answer", own)
+    measure = find_measure("answer", own)
     assert measure is own["answer"]
     assert pickle.loads(pickle.dumps(measure))(None) == {"answer": 42}
-    assert measure_named("last-values", own) is last_values
+    assert find_measure("last-values", own) is last_values
 
 
 def test_a_change_of_the_function_makes_another_measure(tmp_path: Path) -> None:
-    first = measure_name(read(tmp_path)["answer"])
-    same = measure_name(read(tmp_path, "# more\n" + OWN[1:])["answer"])
-    other = measure_name(read(tmp_path, OWN.replace("42.9", "41.9"))["answer"])
+    first = measure_identity(read(tmp_path)["answer"])
+    same = measure_identity(read(tmp_path, "# more\n" + OWN[1:])["answer"])
+    other = measure_identity(read(tmp_path, OWN.replace("42.9", "41.9"))["answer"])
     assert first == same != other
 
 
@@ -63,7 +63,7 @@ def test_no_name_is_imported(tmp_path: Path, name: str, monkeypatch: pytest.Monk
     monkeypatch.syspath_prepend(tmp_path)
     own_file(tmp_path, "raise AssertionError")
     with pytest.raises(InputError, match=WAYS):
-        measure_named(name)
+        find_measure(name)
     assert "swing" not in sys.modules
 
 
@@ -87,11 +87,11 @@ def test_files_that_cannot_be_imported(tmp_path: Path, text: str, words: str) ->
 def test_installed_measures_are_found_by_entry_point(installed: Callable[..., None]) -> None:
     source = "def swing(run): return {'a': 1}\nno = 3\n"
     installed("measures", source, {name: name for name in ("swing", "no", "gone")})
-    assert measure_named("swing").__module__ == "laboratory_measures"
+    assert find_measure("swing").__module__ == "laboratory_measures"
     with pytest.raises(InputError, match="no function"):
-        measure_named("no")
+        find_measure("no")
     with pytest.raises(InputError, match="'gone' cannot be loaded"):
-        measure_named("gone")
+        find_measure("gone")
 
 
 def test_a_study_names_a_function_of_the_file_that_the_command_imports(

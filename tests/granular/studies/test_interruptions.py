@@ -185,7 +185,7 @@ def test_a_command_whose_cases_the_machine_failed_says_so(
     def computed(cases: Any, *_: Any) -> Iterator[Any]:
         yield from zip(cases, [sound, failed], strict=True)
 
-    monkeypatch.setattr(granular.studies.sweep, "iterate_outcomes", computed)
+    monkeypatch.setattr(granular.studies.sweep, "compute_outcomes_with_retries", computed)
     code = launch(main, ["sweep", str(study), "-o", str(tmp_path / "out"), "--quiet"])
     told = capsys.readouterr()
     assert code == 1
@@ -253,8 +253,8 @@ def cmdline(pid: int) -> bytes:
 
 START = """
 import os, time
-from granular.studies.workers import Workers
-workers = Workers(2)
+from granular.studies.executors import ProcessPool
+workers = ProcessPool(2)
 pids = {workers.submit(os.getpid).result()}
 busy = [workers.submit(time.sleep, 600.0) for _ in range(2)]
 print(*pids, flush=True)

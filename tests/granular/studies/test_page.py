@@ -16,7 +16,7 @@ from granular import Study, Trajectory, load_scene, sweep
 from granular.__main__ import main
 from granular.commands.console import launch
 from granular.studies.cases import make_cases
-from granular.studies.page import study_page
+from granular.studies.study_page import study_page
 
 GRID = {"piston.mass": ["6 kg", 7.5], "arrangement.seed": [1, 2], "effects.drag": [{"coefficient": 0.1}]}
 
@@ -60,7 +60,7 @@ def test_a_case_that_leaves_a_key_has_the_scenes_value(study: Study) -> None:
 
 
 def test_a_page_shows_what_varies_over_what_is_varied(study: Study) -> None:
-    text = study_page(study).render()
+    text = study_page(study).to_html()
     assert "4 cases" in text
     assert "<h2>Cases in doubt</h2>" in text
     assert "<li>3, 4: a piston of 7.5 kg is heavy</li>" in text
@@ -76,7 +76,7 @@ def test_the_command_writes_both(
         outcomes = [{"figures": {"piston_height": 0.06 + 0.01 * k}, "error": None} for k in range(2)]
         yield from zip(cases, outcomes, strict=True)
 
-    monkeypatch.setattr("granular.studies.sweep.iterate_outcomes", computed)
+    monkeypatch.setattr("granular.studies.sweep.compute_outcomes_with_retries", computed)
     (tmp_path / "study.toml").write_text('scene = "damper"\n[grid]\n"piston.mass" = ["6 kg", 7]\n')
     words = ["sweep", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--quiet"]
     assert launch(main, words) == 0
@@ -90,6 +90,6 @@ def test_the_command_writes_both(
 def test_cases_that_failed_have_a_page_too() -> None:
     cases = make_cases(load_scene("damper"), {"piston.mass": [6.0, 7.0]}, [], SETTINGS, doubtful)
     lost: dict[str, Any] = {"figures": {}, "error": "StepError: step 3"}
-    text = study_page(Study(tuple(cases), (lost, lost), 0)).render()
+    text = study_page(Study(tuple(cases), (lost, lost), 0)).to_html()
     assert "<li>1, 2: StepError: step 3</li>" in text
     assert "<svg" not in text

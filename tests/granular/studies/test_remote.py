@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from granular import load_scene, sweep
-from granular.studies.workers import Cluster, ExecutorLostError, cluster_executor
+from granular.studies.executors import DaskClusterExecutor, ExecutorLostError, cluster_executor
 
 ROOT = Path(__file__).parents[3]
 
@@ -60,13 +60,13 @@ def test_a_scheduler_that_is_gone_ends_a_sweep_in_words(tmp_path: Path) -> None:
     arguments: dict[str, Any] = {"out": tmp_path, "progress": False}
     grid = {"arrangement.seed": range(1, 9)}
     with pytest.raises(ExecutorLostError, match="scheduler is gone; start it again"):
-        sweep(load_scene("bed"), grid, executor=Cluster(Client(3, float("inf"))), **arguments)
-    again = sweep(load_scene("bed"), grid, executor=Cluster(Client(100, 0)), **arguments)
+        sweep(load_scene("bed"), grid, executor=DaskClusterExecutor(Client(3, float("inf"))), **arguments)
+    again = sweep(load_scene("bed"), grid, executor=DaskClusterExecutor(Client(100, 0)), **arguments)
     assert [one["figures"]["seed"] for one in again.outcomes] == list(range(1, 9))
 
 
 def test_a_scheduler_that_comes_back_is_waited_for() -> None:
-    pool: Executor = Cluster(Client(3, 3))
+    pool: Executor = DaskClusterExecutor(Client(3, 3))
     grid = {"arrangement.seed": range(1, 9)}
     study = sweep(load_scene("bed"), grid, executor=pool, progress=False)
     assert [one["figures"]["seed"] for one in study.outcomes] == list(range(1, 9))
@@ -75,7 +75,7 @@ def test_a_scheduler_that_comes_back_is_waited_for() -> None:
 def test_a_task_that_was_under_way_is_lost() -> None:
     case = sweep_case()
     with pytest.raises(BrokenExecutor, match="scheduler was lost"):
-        Cluster(Client(1, float("inf"))).submit(print, case).result()
+        DaskClusterExecutor(Client(1, float("inf"))).submit(print, case).result()
 
 
 def sweep_case() -> Any:

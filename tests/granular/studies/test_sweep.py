@@ -12,7 +12,7 @@ import pytest
 
 from granular import Scene, Trajectory, load_scene, sweep
 from granular.shared.errors import InputError, SceneError
-from granular.studies.cases import make_cases, measure_name
+from granular.studies.cases import make_cases, measure_identity
 from granular.studies.measures import last_values, piston_columns
 from granular.studies.sweep import load_study
 
@@ -165,7 +165,7 @@ def test_studies_kept_before_go_on() -> None:
     settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
     (case,) = make_cases(load_scene("bed"), {}, [{"grains.density": 7000.0}], settings, piston_columns)
     assert case.key == "1b0fba2a0173aa53a35b"
-    assert measure_name(damper_figures) == "reduced_models.designs.figures:damper_figures#8b0ef787"
+    assert measure_identity(damper_figures) == "reduced_models.designs.figures:damper_figures#8b0ef787"
 
 
 def test_kept_runs_can_be_loaded(tmp_path: Path, here: Executor) -> None:

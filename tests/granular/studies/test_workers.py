@@ -15,8 +15,8 @@ import pytest
 
 from granular import load_scene, sweep
 from granular.studies.cases import Case
+from granular.studies.executors import ProcessPool, case_executor
 from granular.studies.sweep import ATTEMPTS
-from granular.studies.workers import Workers, case_executor
 
 ROOT = Path(__file__).parents[3]
 
@@ -121,7 +121,7 @@ def test_processes_that_die_are_replaced() -> None:
 
 
 def test_no_process_is_started_without_work() -> None:
-    with Workers(2) as workers:
+    with ProcessPool(2) as workers:
         assert workers._pool is None
 
 

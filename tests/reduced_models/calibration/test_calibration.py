@@ -65,7 +65,7 @@ class MadeUp(SceneSimulator):
             bed = np.random.default_rng(seed + self.shift).normal(size=4)
             drag = plain.effects.drag.coefficient
             rows.append(made_features(plain.piston.mass, drag, plain.grains.remanence, bed))
-        records = (RECORD.from_zero(),) * len(rows)
+        records = (RECORD.with_time_from_zero(),) * len(rows)
         return SimulatedPoint(place, records, np.array(rows)[:, : 4 if self.force else 3])
 
 

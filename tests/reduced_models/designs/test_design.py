@@ -311,6 +311,6 @@ def test_designs_meet_their_targets_in_a_fresh_simulation(frequency, damping, fi
     run = simulate(found.damper.scene(seed=11), progress=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        swing = fit(run.piston("release").from_zero(), law="polynomial-spring").at_rest
+        swing = fit(run.piston("release").with_time_from_zero(), law="polynomial-spring").at_rest
     assert 1.0 / swing.period == pytest.approx(frequency, rel=FREQUENCY_TOLERANCE)
     assert swing.damping_ratio == pytest.approx(damping, rel=DAMPING_TOLERANCE)

@@ -49,7 +49,7 @@ def test_a_grade_changes_a_damper_as_its_remanence_does() -> None:
     assert before is not None
     assert after is not None
     frequency = 100.0 * (before.period / after.period - 1.0)
-    text = workshop_sheet(scene, 0.06, title="sheet", lead="", scatter=["so far"]).render()
+    text = workshop_sheet(scene, 0.06, title="sheet", lead="", scatter=["so far"]).to_html()
     row = re.search(r"<td>N52</td><td>1.45 to 1.48</td><td>([-+.\d]+)</td>", text)
     assert row is not None
     assert float(row[1]) == pytest.approx(frequency, abs=0.1)
@@ -58,13 +58,13 @@ def test_a_grade_changes_a_damper_as_its_remanence_does() -> None:
         "5.5 x 3 is none of them"
         in workshop_sheet(
             scene.replace(**{"grains.species.0.diameter": "5.5 mm"}), 0.06, title="", lead="", scatter=[]
-        ).render()
+        ).to_html()
     )
 
 
 def test_the_sheet_names_parts_and_command() -> None:
     scene = Candidate(4.0, 200, 0.2, small_share=0.3).scene()
-    text = workshop_sheet(scene, 0.06, title="sheet", lead="", scatter=["so far"]).render()
+    text = workshop_sheet(scene, 0.06, title="sheet", lead="", scatter=["so far"]).to_html()
     masses = scene.grains.masses()
     assert f"{1e3 * masses.min():.3g} g each" in text
     assert f"{1e3 * masses.max():.3g} g each" in text
@@ -75,7 +75,7 @@ def test_the_sheet_names_parts_and_command() -> None:
 def test_a_design_for_a_machine_has_a_sheet() -> None:
     scene = load_scene("machine")
     law = solve_response(CoupledSystem.of(scene), [2.8, 2.9], 10.0)
-    text = DamperDesign(scene, law, 24e-3, 1e-3, 9e-3, 7.7, "").sheet().render()
+    text = DamperDesign(scene, law, 24e-3, 1e-3, 9e-3, 7.7, "").sheet().to_html()
     assert "how far starts differ is not known" in text
     assert "remanence of the discs" in text
 

@@ -38,7 +38,7 @@ def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
     assert drift.amplitudes == pytest.approx(drift.solved_amplitudes, rel=0.002)
     assert drift.frequencies == pytest.approx((1.1 / (4.0 * ellipk(0.6)),) * 2, rel=0.005)
     assert drift.text in str(found)
-    assert "of duffing by elliptic averaging" in found.page().render()
+    assert "of duffing by elliptic averaging" in found.page().to_html()
     assert found.to_plain()["averaging"]["critical"] == drift.critical < 0.01
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, simulate
-from granular.run.time_steps import halve_step, validated_step
+from granular.run.time_steps import halve_time_step, parse_time_step
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.studies.cases import Case
@@ -145,8 +145,8 @@ def test_from_run(run: Trajectory) -> None:
     ],
 )
 def test_half_a_step(dt: float | str, half: float | str) -> None:
-    assert halve_step(dt) == half
-    step, finer = validated_step(dt), validated_step(halve_step(dt))
+    assert halve_time_step(dt) == half
+    step, finer = parse_time_step(dt), parse_time_step(halve_time_step(dt))
     assert finer.factor == pytest.approx(step.factor if step.seconds else 0.5 * step.factor)
 
 
@@ -253,12 +253,12 @@ def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -
 SCRIPT = """
 import sys
 from granular import load_trajectory
-from granular.studies.background import BackgroundCases
+from granular.studies.background_cases import BackgroundCaseRunner
 from reduced_models.identification.scene_checks import piston_record_columns
 print("started")
 cases = [{"dt": dt} for dt in (1e-3, "auto")]
 settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
-with BackgroundCases(piston_record_columns, None) as background:
+with BackgroundCaseRunner(piston_record_columns, None) as background:
     started = background.start(load_trajectory(sys.argv[1]).scene, cases, settings)
     for outcome in background.finish(started, "checks", False):
         print(sorted(outcome["figures"]), outcome["error"])

@@ -61,7 +61,7 @@ def found(names: tuple[str, ...]) -> Identification:
 def test_as_many_laws_as_there_are() -> None:
     """Nine laws of the package, and some of one's own: every line looks different."""
     names = (*LAWS, "own", "another", "a third")
-    page = found(names).page().render()
+    page = found(names).page().to_html()
     for name in names:
         assert f"<h2>{name}" in page
     figure = page[page.index("The record and the fits") :]
@@ -72,7 +72,7 @@ def test_as_many_laws_as_there_are() -> None:
 def test_no_name_breaks_a_report_or_lets_anything_through() -> None:
     """Each of them stands in titles, tables, notes, legends and labels."""
     for make in (Identification.page, lambda one: comparison_page(one.comparison)):
-        page = make(found(HOSTILE)).render()
+        page = make(found(HOSTILE)).to_html()
         page.encode("utf-8")
         assert "<script" not in page
         assert "<img src=x" not in page
@@ -82,7 +82,7 @@ def test_no_name_breaks_a_report_or_lets_anything_through() -> None:
 
 
 def test_no_name_steers_a_terminal() -> None:
-    from granular.shared.messages import printable
+    from granular.shared.message_text import printable
 
     text = printable(str(found(HOSTILE)))
     assert all(sign.isprintable() or sign in "\n\t" for sign in text)

@@ -252,11 +252,11 @@ def test_results_survive_their_file(tmp_path: Path) -> None:
 
 def test_the_report_says_what_was_not_run() -> None:
     some = results(*scan(0.6, 1), series("direct 368", force=[17.0, 17.01, 17.02]))
-    html = page(some, some).render()
+    html = page(some, some).to_html()
     assert "not run" in html
     assert "differs" in html
     assert html.index("ten figures that matter most") < html.index(">Differences<")
-    assert page(EMPTY).render()
+    assert page(EMPTY).to_html()
 
 
 def test_series_behind_an_entry_are_known() -> None:

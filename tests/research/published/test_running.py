@@ -66,7 +66,7 @@ def test_a_case_that_fails_loses_no_other(groups: list[Group], kept: Path, found
     assert is_whole(found.series[good.key])
     assert not is_whole(found.series[bad.key])
     assert len(found.series[bad.key]["errors"]) == 2
-    assert found.series[bad.key]["errors"][0] in page(found).render().replace("&#x27;", "'")
+    assert found.series[bad.key]["errors"][0] in page(found).to_html().replace("&#x27;", "'")
 
 
 def test_what_was_run_is_found_again(groups: list[Group], kept: Path) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.shared.files import write_text
-from granular.shared.messages import printable
+from granular.shared.message_text import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,17 +64,17 @@ def _escape(words: object) -> str:
     return html.escape(printable(words), quote=True)
 
 
-def preformat(words: object) -> str:
+def preformatted_html(words: object) -> str:
     """Text of many lines as HTML."""
     return f"<pre>{_escape(words)}</pre>"
 
 
-def paragraph(words: object) -> str:
+def paragraph_html(words: object) -> str:
     """Text of one paragraph as HTML."""
     return f"<p>{_escape(words)}</p>"
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+def table_html(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """Table as HTML."""
     head = "".join(f"<th>{_escape(cell)}</th>" for cell in header)
     body = "".join("<tr>" + "".join(f"<td>{_escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
@@ -90,7 +90,7 @@ def _least_readable_width(drawing: Figure) -> float:
     return LEAST_LETTERS * 72.0 * drawing.get_figwidth() / smallest
 
 
-class Page:
+class HtmlPage:
     """An HTML page that grows from top to bottom."""
 
     def __init__(self, title: str, lead: str = "") -> None:
@@ -99,36 +99,36 @@ class Page:
         if lead:
             self._parts.append(f'<p class="lead">{_escape(lead)}</p>')
 
-    def section(self, title: str) -> None:
+    def add_section(self, title: str) -> None:
         self._parts.append(f"<h2>{_escape(title)}</h2>")
 
-    def text(self, words: str) -> None:
-        self._parts.append(paragraph(words))
+    def add_paragraph(self, words: str) -> None:
+        self._parts.append(paragraph_html(words))
 
-    def note(self, words: str) -> None:
+    def add_warning(self, words: str) -> None:
         """Paragraph that must not be overlooked."""
         self._parts.append(f'<p class="note">{_escape(words)}</p>')
 
-    def link(self, words: str, to: str) -> None:
+    def add_link(self, words: str, to: str) -> None:
         """Line that links to another file next to the page."""
         self._parts.append(f'<p><a href="{_escape(to)}">{_escape(words)}</a></p>')
 
-    def listing(self, items: Sequence[str]) -> None:
+    def add_list(self, items: Sequence[str]) -> None:
         """List of short texts."""
         rows = "".join(f"<li>{_escape(words)}</li>" for words in items)
         self._parts.append(f"<ul>{rows}</ul>")
 
-    def preformat(self, words: str) -> None:
-        self._parts.append(preformat(words))
+    def add_preformatted(self, words: str) -> None:
+        self._parts.append(preformatted_html(words))
 
-    def equation(self, mathml: str) -> None:
+    def add_equation(self, mathml: str) -> None:
         """Return the formula as MathML, which browsers set without help."""
         self._parts.append(f'<div class="equation">{mathml}</div>')
 
-    def table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-        self._parts.append(f'<div class="scroll">{table(header, rows)}</div>')
+    def add_table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+        self._parts.append(f'<div class="scroll">{table_html(header, rows)}</div>')
 
-    def figure(self, drawing: Figure, caption: str) -> None:
+    def add_figure(self, drawing: Figure, caption: str) -> None:
         """Matplotlib figure, as lines that stay sharp at any size.
 
         On a phone it is so wide that its letters can be read, and scrolls where that is wider than
@@ -143,10 +143,10 @@ class Page:
         svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}" style="{look}"', 1)
         self._parts.append(f"<figure>{svg}<figcaption>{_escape(caption)}</figcaption></figure>")
 
-    def footer(self, words: str) -> None:
+    def add_footer(self, words: str) -> None:
         self._parts.append(f"<footer>{_escape(words)}</footer>")
 
-    def render(self) -> str:
+    def to_html(self) -> str:
         """Page as text."""
         body = "\n".join(self._parts)
         return (
@@ -164,11 +164,11 @@ class Page:
         InputError
             If it cannot be written; what was there before still stands.
         """
-        write_text(Path(path), self.render())
+        write_text(Path(path), self.to_html())
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
-class LivePage:
+class InteractivePage:
     """A page that a notebook shows, and that `save` writes for any browser.
 
     Attributes
@@ -185,7 +185,9 @@ class LivePage:
     height: int
 
     @classmethod
-    def of(cls, template: Path, title: str, data: Mapping[str, Any], height: int) -> LivePage:
+    def from_template(
+        cls, template: Path, title: str, data: Mapping[str, Any], height: int
+    ) -> InteractivePage:
         """Page from a file of HTML with slots for the title and for the data of its script."""
         # A text in the data must not end the script.
         plain = json.dumps(data, allow_nan=False).replace("<", "\\u003c")

@@ -18,11 +18,11 @@ def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
     Where standard error is neither, as in a log file, every state is a line of its own, at least
     a minute after the one before.
     """
-    tqdm = _tqdm()
+    tqdm = _import_tqdm()
     if wanted and not _is_terminal():
         form = options.get("bar_format", "{desc}: {n_fmt} of {total_fmt}{postfix} [{elapsed}]")
         options["bar_format"] = form.replace(" {bar:20}", "")
-        options |= {"file": _ProgressLines(), "mininterval": LINES_EVERY, "maxinterval": LINES_EVERY}
+        options |= {"file": _ProgressLinesInLog(), "mininterval": LINES_EVERY, "maxinterval": LINES_EVERY}
     return tqdm(disable=not wanted, **options)
 
 
@@ -35,10 +35,10 @@ def stage_reporter(name: str, *, wanted: bool) -> Iterator[Callable[[str], None]
 
 def print_above_bar(words: str) -> None:
     """Line on standard error, above a bar that may stand there."""
-    _tqdm().write(words, file=sys.stderr)
+    _import_tqdm().write(words, file=sys.stderr)
 
 
-def _tqdm() -> Any:
+def _import_tqdm() -> Any:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="IProgress not found")  # no widgets: a plain line
         from tqdm.auto import tqdm
@@ -49,7 +49,7 @@ def _is_terminal() -> bool:
     return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
-class _ProgressLines:
+class _ProgressLinesInLog:
     """A file whose states of a bar stand below each other; the same one twice is one."""
 
     def __init__(self) -> None:

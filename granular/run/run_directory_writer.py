@@ -17,23 +17,29 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.arrays import GROUP, GrowingArray, Metadata, StoredArray
-from granular.run.checkpoint import Manifest, file_digests, read_checkpoint, read_files, write_checkpoint
-from granular.run.directory import (
+from granular.run.checkpoint import (
+    Manifest,
+    digest_files,
+    read_checkpoint,
+    read_verified_files,
+    write_checkpoint,
+)
+from granular.run.record_buffer import RecordBuffer
+from granular.run.run_directory import (
     SCENE,
     SETTINGS,
     create_partial_directory,
     lock_directory,
-    move_into_place,
+    move_to_final_path,
     unlock_directory,
 )
-from granular.run.recorder import Recorder
+from granular.run.zarr_arrays import GROUP, AppendableZarrArray, ZarrArray, ZarrMetadata
 from granular.scene.scene import Scene
 from granular.scene.system import SceneInNaturalUnits
 from granular.shared.errors import StoreError
 
 
-class Store:
+class RunDirectoryWriter:
     """A run directory that is being written.
 
     Attributes
@@ -47,9 +53,9 @@ class Store:
         self.path, self.scene, self.system = path, scene, system
         self.rows = self.frames = 0
         self._files: dict[str, str] = {}
-        self._arrays: dict[str, GrowingArray] = {}
+        self._arrays: dict[str, AppendableZarrArray] = {}
         self._held: int | None = None
-        self._metadata: Metadata
+        self._metadata: ZarrMetadata
 
     @classmethod
     def create(
@@ -59,7 +65,7 @@ class Store:
         system: SceneInNaturalUnits,
         settings: dict[str, Any],
         checkpoint: Mapping[str, Any],
-    ) -> Store:
+    ) -> RunDirectoryWriter:
         """Start a run directory with its first checkpoint, in one step, and `hold` it.
 
         Raises
@@ -72,11 +78,11 @@ class Store:
         try:
             (part / SCENE).write_text(scene.to_toml(), encoding="utf-8")
             (part / SETTINGS).write_text(json.dumps(settings, indent=2), encoding="utf-8")
-            store._metadata = Metadata.of_scene(scene)
-            store._metadata.write(part, store._lengths())
-            store._files = file_digests(part)
-            store.commit(checkpoint)
-            move_into_place(part, path)
+            store._metadata = ZarrMetadata.from_scene(scene)
+            store._metadata.write(part, store._record_and_frame_counts())
+            store._files = digest_files(part)
+            store.replace_checkpoint(checkpoint)
+            move_to_final_path(part, path)
         except BaseException as error:
             shutil.rmtree(part, ignore_errors=True)
             unlock_directory(held)
@@ -84,19 +90,19 @@ class Store:
                 raise StoreError(f"{path} cannot be made: {error.strerror}") from None
             raise
         store.path, store._held = path, held
-        store._open_arrays()
+        store._open_zarr_arrays()
         return store
 
-    def _open_arrays(self, manifest: Manifest | None = None) -> None:
-        lengths = self._lengths()
+    def _open_zarr_arrays(self, manifest: Manifest | None = None) -> None:
+        lengths = self._record_and_frame_counts()
         for name, plain in self._metadata.arrays.items():
-            array = StoredArray(self.path, name, plain)
-            self._arrays[name] = GrowingArray(array, lengths[array.dims[0]], manifest)
+            array = ZarrArray(self.path, name, plain)
+            self._arrays[name] = AppendableZarrArray(array, lengths[array.dims[0]], manifest)
 
-    def _lengths(self) -> dict[str, int]:
+    def _record_and_frame_counts(self) -> dict[str, int]:
         return {"time": self.rows, "frame": self.frames}
 
-    def hold(self) -> None:
+    def lock(self) -> None:
         """Keep other processes from writing here, until `release` or the end of this one.
 
         Raises
@@ -106,12 +112,12 @@ class Store:
         """
         self._held = lock_directory(self.path)
 
-    def release(self) -> None:
+    def unlock(self) -> None:
         """Let others write here."""
         unlock_directory(self._held)
         self._held = None
 
-    def resume(self) -> dict[str, np.ndarray]:
+    def read_checkpoint_and_arrays(self) -> dict[str, np.ndarray]:
         """Last checkpoint; what was written behind it will be written again.
 
         Raises
@@ -122,21 +128,21 @@ class Store:
         checkpoint, manifest = read_checkpoint(self.path)
         self.rows, self.frames = int(checkpoint["rows"]), int(checkpoint["frames"])
         self._files = manifest.files
-        self._metadata = Metadata(read_files(self.path, manifest)[GROUP])
-        self._open_arrays(manifest)
+        self._metadata = ZarrMetadata(read_verified_files(self.path, manifest)[GROUP])
+        self._open_zarr_arrays(manifest)
         return checkpoint
 
-    def write(self, recorder: Recorder) -> None:
+    def append_records(self, recorder: RecordBuffer) -> None:
         """Append what the recorder holds, and clear it."""
-        for variable, values in recorder.in_si(self.scene, self.system.scales):
+        for variable, values in recorder.variables_in_si(self.scene, self.system.scales):
             self._arrays[variable.name].append(values)
-        rows, frames = recorder.counts()
+        rows, frames = recorder.record_and_frame_counts()
         self.rows += rows
         self.frames += frames
-        self._metadata.write(self.path, self._lengths())
+        self._metadata.write(self.path, self._record_and_frame_counts())
         recorder.clear()
 
-    def commit(self, mapping: Mapping[str, Any]) -> None:
+    def replace_checkpoint(self, mapping: Mapping[str, Any]) -> None:
         """Replace the checkpoint: all that was written is complete."""
         chunks = {name: array.digests() for name, array in self._arrays.items()}
-        write_checkpoint(self.path, mapping, Manifest(self._files, self._lengths(), chunks))
+        write_checkpoint(self.path, mapping, Manifest(self._files, self._record_and_frame_counts(), chunks))

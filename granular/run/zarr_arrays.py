@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.checkpoint import METADATA, REMEDY, Manifest, file_bytes, read_checkpoint
-from granular.run.directory import TRAJECTORY, replace_file
-from granular.run.variables import STAGE, Variable, run_variables
+from granular.run.checkpoint import METADATA, REMEDY, Manifest, read_checkpoint, read_run_file
+from granular.run.dataset_variables import STAGE, DatasetVariable, all_run_variables
+from granular.run.run_directory import TRAJECTORY, replace_run_file
 from granular.scene.scene import Scene
 from granular.shared.errors import StoreError
 
@@ -32,7 +32,7 @@ _LEVEL = 0  # of compression
 _CHECKSUM = 4  # bytes of a CRC-32C, behind those that it is of
 
 
-class Metadata:
+class ZarrMetadata:
     """Descriptions of the arrays of a run directory, as Zarr keeps them.
 
     Attributes
@@ -46,12 +46,12 @@ class Metadata:
         self.arrays: dict[str, Any] = self._group["consolidated_metadata"]["metadata"]
 
     @classmethod
-    def of_scene(cls, scene: Scene) -> Metadata:
+    def from_scene(cls, scene: Scene) -> ZarrMetadata:
         """Descriptions of the arrays of a scene, without records and frames."""
         count = scene.grains.count
         depth = max(1, FRAME_CHUNK // max(1, 2 * count))
         arrays = {}
-        for variable in run_variables(scene):
+        for variable in all_run_variables(scene):
             rest = (count, 2)[: len(variable.dims) - 1]
             chunk = (depth if rest else TIME_CHUNK, *(max(1, size) for size in rest))
             arrays[variable.name] = _array_metadata(variable, (0, *rest), chunk)
@@ -67,7 +67,9 @@ class Metadata:
         _write_json(path / TRAJECTORY / METADATA, self._group)
 
 
-def _array_metadata(variable: Variable, shape: tuple[int, ...], chunk: tuple[int, ...]) -> dict[str, Any]:
+def _array_metadata(
+    variable: DatasetVariable, shape: tuple[int, ...], chunk: tuple[int, ...]
+) -> dict[str, Any]:
     """Array in Zarr's format 3 (https://zarr-specs.readthedocs.io/en/latest/v3/core)."""
     integer = variable is STAGE
     return _FORMAT | {
@@ -90,10 +92,10 @@ def _array_metadata(variable: Variable, shape: tuple[int, ...], chunk: tuple[int
 
 def _write_json(file: Path, plain: object) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(file, json.dumps(plain, indent=2).encode())
+    replace_run_file(file, json.dumps(plain, indent=2).encode())
 
 
-class StoredArray:
+class ZarrArray:
     """An array in its chunks, each of so many entries of the first dimension.
 
     Attributes
@@ -116,7 +118,7 @@ class StoredArray:
         self.rest: tuple[int, ...] = tuple(plain["shape"][1:])
         self.dtype = np.dtype(plain["data_type"]).newbyteorder("<")
 
-    def unwritten(self) -> np.ndarray:
+    def unwritten_chunk(self) -> np.ndarray:
         """Chunk of fill values alone."""
         fill = np.nan if self.dtype.kind == "f" else 0
         return np.full((self.depth, *self.rest), fill, dtype=self.dtype)
@@ -129,9 +131,9 @@ class StoredArray:
         packed = Zstd(level=_LEVEL).encode(values)
         file = self._chunk_file(index)
         file.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(file, packed + google_crc32c.value(packed).to_bytes(_CHECKSUM, "little"))
+        replace_run_file(file, packed + google_crc32c.value(packed).to_bytes(_CHECKSUM, "little"))
 
-    def read(self, index: int, manifest: Manifest) -> np.ndarray:
+    def read_chunk(self, index: int, manifest: Manifest) -> np.ndarray:
         """Values of a chunk (depth, ...), right as far as the manifest calls them complete.
 
         Raises
@@ -141,39 +143,39 @@ class StoredArray:
         """
         from numcodecs.zstd import Zstd
 
-        values, file = self.unwritten(), self._chunk_file(index)
-        content = file_bytes(file)
+        values, file = self.unwritten_chunk(), self._chunk_file(index)
+        content = read_run_file(file)
         try:
             Zstd().decode(content[:-_CHECKSUM], out=values)
         except (RuntimeError, ValueError) as error:
             raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
-        if not self._check_shape(index, values, manifest):
+        if not self._matches_digest(index, values, manifest):
             # A run that goes on may have written what lies behind its last whole tick anew.
             latest = read_checkpoint(self.path)[1]
-            if latest.files != manifest.files or not self._check_shape(index, values, latest):
+            if latest.files != manifest.files or not self._matches_digest(index, values, latest):
                 raise StoreError(
                     f"{file} is damaged, or not what the run wrote there (its digest differs); {REMEDY}"
                 )
         return values
 
-    def _check_shape(self, index: int, values: np.ndarray, manifest: Manifest) -> bool:
+    def _matches_digest(self, index: int, values: np.ndarray, manifest: Manifest) -> bool:
         digests = manifest.chunks.get(self.name, [])
         complete = values[: max(0, manifest.lengths[self.dims[0]] - index * self.depth)]
-        return index < len(digests) and _digest(complete) == digests[index]
+        return index < len(digests) and _digest_of_values(complete) == digests[index]
 
     def _chunk_file(self, index: int) -> Path:
         return self.path.joinpath(TRAJECTORY, self.name, "c", str(index), *"0" * len(self.rest))
 
 
-class GrowingArray:
+class AppendableZarrArray:
     """An array that is appended to, with the values of its last chunk and the digests of all.
 
     Attributes
     ----------
-    array : StoredArray
+    array : ZarrArray
     """
 
-    def __init__(self, array: StoredArray, length: int = 0, manifest: Manifest | None = None) -> None:
+    def __init__(self, array: ZarrArray, length: int = 0, manifest: Manifest | None = None) -> None:
         """From the first ``length`` entries of an array that a run has written.
 
         Raises
@@ -183,12 +185,12 @@ class GrowingArray:
         """
         self.array = array
         total, self._filled = divmod(length, array.depth)
-        self._chunk = array.unwritten()
+        self._chunk = array.unwritten_chunk()
         self._finished: list[str] = []
         if manifest is not None and self._chunk.size:
             self._finished = manifest.chunks.get(array.name, [])[:total]
             if self._filled:
-                self._chunk[: self._filled] = array.read(total, manifest)[: self._filled]
+                self._chunk[: self._filled] = array.read_chunk(total, manifest)[: self._filled]
 
     def append(self, values: np.ndarray) -> None:
         """Write values behind those that are there."""
@@ -198,15 +200,15 @@ class GrowingArray:
             self._filled += len(part)
             self.array.write(len(self._finished), self._chunk)
             if self._filled == self.array.depth:
-                self._finished.append(_digest(self._chunk))
-                self._chunk, self._filled = self.array.unwritten(), 0
+                self._finished.append(_digest_of_values(self._chunk))
+                self._chunk, self._filled = self.array.unwritten_chunk(), 0
             values = values[len(part) :]
 
     def digests(self) -> list[str]:
         """Digests of all chunks, of the last one as far as it is filled."""
-        last = [_digest(self._chunk[: self._filled])] if self._filled and self._chunk.size else []
+        last = [_digest_of_values(self._chunk[: self._filled])] if self._filled and self._chunk.size else []
         return [*self._finished, *last]
 
 
-def _digest(values: np.ndarray) -> str:
+def _digest_of_values(values: np.ndarray) -> str:
     return hashlib.blake2b(values.tobytes(), digest_size=16).hexdigest()

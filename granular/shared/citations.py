@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from granular.shared.version import __version__
 
 FILE = Path(__file__).with_name("bibliography.bib")
@@ -55,12 +55,12 @@ def cite(*things: Any) -> str:
         if texts is None:
             raise InputError(f"{quote(thing)} names no papers; give a scene, run, method, law or model")
         known = citation_keys_by_doi()
-        keys |= {known[doi] for text in texts for doi in dois(text) if doi in known}
-    entries = bibliography()
+        keys |= {known[doi] for text in texts for doi in find_dois(text) if doi in known}
+    entries = bibtex_entries()
     return "\n".join(entries[key] for key in (OURS, THESIS, *sorted(keys)))
 
 
-def dois(text: str) -> list[str]:
+def find_dois(text: str) -> list[str]:
     """DOIs that a text names; a bracket that the text opened before one is not part of it."""
     return [_strip_sentence_end(doi) for doi in DOI.findall(text)]
 
@@ -74,7 +74,7 @@ def _strip_sentence_end(doi: str) -> str:
 
 
 @functools.cache
-def bibliography() -> dict[str, str]:
+def bibtex_entries() -> dict[str, str]:
     """Entries of the file by their keys."""
     text = FILE.read_text(encoding="utf-8").replace("VERSION", __version__)
     return {match[1]: match[0] for match in _ENTRY.finditer(text)}
@@ -84,7 +84,7 @@ def bibliography() -> dict[str, str]:
 def citation_keys_by_doi() -> dict[str, str]:
     """Keys of the entries by their DOIs."""
     result = {}
-    for key, entry in bibliography().items():
+    for key, entry in bibtex_entries().items():
         if match := re.search(r"doi = \{(.+)\},\n", entry):
             result[match[1]] = key
     return result

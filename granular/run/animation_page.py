@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.html import LivePage
+from granular.shared.html_pages import InteractivePage
 from granular.shared.plotting import COLOURS
 
 if TYPE_CHECKING:
@@ -24,7 +24,9 @@ MOST_RECORDS = 6000
 HEIGHT = 640
 
 
-def run_page(scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, float]]) -> LivePage:
+def run_animation_page(
+    scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, float]]
+) -> InteractivePage:
     """Page of a run, its stages by name and start [s]; of many frames some are in it."""
     frames, grains = data.sizes["frame"], data.sizes["grain"]
     if not frames:
@@ -37,16 +39,16 @@ def run_page(scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, flo
         "diameters": scene.grains.diameters().tolist(),
         "colours": [COLOURS[k % len(COLOURS)] for k in scene.grains.species_indices()],
         "frames": chosen["frame_time"].values.tolist(),
-        "position": _encode_values(scene.cell.wrap_positions(chosen["position"].values)),
-        "velocity": _encode_values(chosen["velocity"].values),
+        "position": _encode_as_base64(scene.cell.wrap_positions(chosen["position"].values)),
+        "velocity": _encode_as_base64(chosen["velocity"].values),
         "stages": [{"name": name, "start": start} for name, start in stages],
-        "top": _view_height(scene, data),
-        **_view_records(data),
+        "top": _height_of_animated_cell(scene, data),
+        **_piston_curves(data),
     }
-    return LivePage.of(TEMPLATE, f"scene {scene.name}", plain, HEIGHT)
+    return InteractivePage.from_template(TEMPLATE, f"scene {scene.name}", plain, HEIGHT)
 
 
-def _view_records(data: xarray.Dataset) -> dict[str, Any]:
+def _piston_curves(data: xarray.Dataset) -> dict[str, Any]:
     """Time, and height and velocity of the piston; without one the grains' kinetic energy."""
     every = max(1, -(-data.sizes["time"] // MOST_RECORDS))
     part = data.isel(time=slice(None, None, every))
@@ -61,7 +63,7 @@ def _view_records(data: xarray.Dataset) -> dict[str, Any]:
     return record | {"curve": height.tolist(), "phase": velocity.tolist()}
 
 
-def _view_height(scene: Scene, data: xarray.Dataset) -> float:
+def _height_of_animated_cell(scene: Scene, data: xarray.Dataset) -> float:
     """Height that holds piston and grains [m]."""
     if scene.cell.height is not None:
         return scene.cell.height
@@ -72,5 +74,5 @@ def _view_height(scene: Scene, data: xarray.Dataset) -> float:
     return top
 
 
-def _encode_values(values: np.ndarray) -> str:
+def _encode_as_base64(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")

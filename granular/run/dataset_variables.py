@@ -16,7 +16,7 @@ from granular.schema.scales import Scales
 
 
 @dataclasses.dataclass(frozen=True)
-class Variable:
+class DatasetVariable:
     """One variable of the dataset.
 
     Attributes
@@ -39,47 +39,49 @@ class Variable:
         return {"units": self.unit, "long_name": self.meaning}
 
 
-TIME = Variable("time", "s", "time", "time", "time")
+TIME = DatasetVariable("time", "s", "time", "time", "time")
 _PISTON = (
-    Variable("piston_height", "m", "height of the piston", "height", "length"),
-    Variable("piston_velocity", "m/s", "velocity of the piston", "velocity", "velocity"),
+    DatasetVariable("piston_height", "m", "height of the piston", "height", "length"),
+    DatasetVariable("piston_velocity", "m/s", "velocity of the piston", "velocity", "velocity"),
 )
 _SIDES = tuple(
-    Variable(f"{side}_force", "N", f"force of the grains on the {side} wall", side, "force")
+    DatasetVariable(f"{side}_force", "N", f"force of the grains on the {side} wall", side, "force")
     for side in SIDES[:3]
 )
-_TOP = Variable("piston_force", "N", "force of the grains on the piston, upwards", "top", "force")
-_KINETIC = Variable("kinetic_energy", "J", "kinetic energy of the grains", "kinetic", "energy")
-_PAIR = Variable("pair_energy", "J", "energy of the magnetic pairs", "pair", "energy")
-_PISTON_ENERGY = Variable(
+_TOP = DatasetVariable("piston_force", "N", "force of the grains on the piston, upwards", "top", "force")
+_KINETIC = DatasetVariable("kinetic_energy", "J", "kinetic energy of the grains", "kinetic", "energy")
+_PAIR = DatasetVariable("pair_energy", "J", "energy of the magnetic pairs", "pair", "energy")
+_PISTON_ENERGY = DatasetVariable(
     "piston_energy", "J", "kinetic and potential energy of the piston", "piston", "energy"
 )
-_PISTON_LOSS = Variable(
+_PISTON_LOSS = DatasetVariable(
     "piston_loss", "J", "energy lost to the piston's friction and drag", "piston_loss", "energy"
 )
-_COUNT = Variable("grain_count", "1", "number of grains in the cell", "grains")
-_WORK = Variable("work", "J", "work done from outside through the piston", "work", "energy")
+_COUNT = DatasetVariable("grain_count", "1", "number of grains in the cell", "grains")
+_WORK = DatasetVariable("work", "J", "work done from outside through the piston", "work", "energy")
 _STATE = (
-    Variable("closest_distance", "m", "least distance of two grains", "closest", "length"),
-    Variable("greatest_speed", "m/s", "greatest speed of a grain", "fastest", "velocity"),
-    Variable("stiffest_mode", "rad/s", "bound of the highest frequency", "stiffest", "rate"),
+    DatasetVariable("closest_distance", "m", "least distance of two grains", "closest", "length"),
+    DatasetVariable("greatest_speed", "m/s", "greatest speed of a grain", "fastest", "velocity"),
+    DatasetVariable("stiffest_mode", "rad/s", "bound of the highest frequency", "stiffest", "rate"),
 )
 
-STAGE = Variable("stage", "1", "index of the stage in the protocol")
-FRAME_TIME = Variable("frame_time", "s", "time of the frame", scale="time", dims=("frame",))
+STAGE = DatasetVariable("stage", "1", "index of the stage in the protocol")
+FRAME_TIME = DatasetVariable("frame_time", "s", "time of the frame", scale="time", dims=("frame",))
 GRAIN_FIELDS = (
-    Variable("position", "m", "positions", "", "length", ("frame", "grain", "axis")),
-    Variable("velocity", "m/s", "velocities", "", "velocity", ("frame", "grain", "axis")),
-    Variable("force", "N", "magnetic, weight and contact", "", "force", ("frame", "grain", "axis")),
+    DatasetVariable("position", "m", "positions", "", "length", ("frame", "grain", "axis")),
+    DatasetVariable("velocity", "m/s", "velocities", "", "velocity", ("frame", "grain", "axis")),
+    DatasetVariable("force", "N", "magnetic, weight and contact", "", "force", ("frame", "grain", "axis")),
 )
-FRAME_HEIGHT = Variable("frame_height", "m", "height of the piston at the frame", "", "length", ("frame",))
+FRAME_HEIGHT = DatasetVariable(
+    "frame_height", "m", "height of the piston at the frame", "", "length", ("frame",)
+)
 
 
-def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
+def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
     """Scalar records that a scene has: what does not act is not recorded."""
     effects = scene.effects
     laws = list(enumerate(effects.in_loop_order))
-    chosen: list[Variable] = []
+    chosen: list[DatasetVariable] = []
     if scene.piston is not None:
         chosen += _PISTON
     if effects.walls is not None:
@@ -88,10 +90,14 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
         chosen += [_TOP] if walls.top else []
     chosen.append(_KINETIC)
     chosen += [_PAIR] if effects.dipole else []
-    chosen += _sum_records((energy_column(index), variable.energy_record) for index, variable in laws[::-1])
+    chosen += _variables_of_summed_records(
+        (energy_column(index), variable.energy_record) for index, variable in laws[::-1]
+    )
     if scene.piston is not None and scene.piston.mass is not None:
         chosen.append(_PISTON_ENERGY)
-    chosen += _sum_records((loss_column(index), variable.loss_record) for index, variable in laws)
+    chosen += _variables_of_summed_records(
+        (loss_column(index), variable.loss_record) for index, variable in laws
+    )
     if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
         chosen.append(_PISTON_LOSS)
     chosen += [_WORK] if scene.piston is not None or effects.shaking or effects.host else []
@@ -102,7 +108,7 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
     return tuple(chosen)
 
 
-def _sum_records(records: Iterable[tuple[str, Record | None]]) -> list[Variable]:
+def _variables_of_summed_records(records: Iterable[tuple[str, Record | None]]) -> list[DatasetVariable]:
     """Variable for each record, of the columns of all effects that share it."""
     columns: dict[Record, list[str]] = {}
     for column, record in records:
@@ -111,29 +117,31 @@ def _sum_records(records: Iterable[tuple[str, Record | None]]) -> list[Variable]
     return [_record_variable(record, " + ".join(names)) for record, names in columns.items()]
 
 
-def _record_variable(record: Record, column: str, dims: tuple[str, ...] = ("time",)) -> Variable:
-    return Variable(record.name, record.unit, record.meaning, column, record.scale, dims)
+def _record_variable(record: Record, column: str, dims: tuple[str, ...] = ("time",)) -> DatasetVariable:
+    return DatasetVariable(record.name, record.unit, record.meaning, column, record.scale, dims)
 
 
-def frame_variables(scene: Scene) -> tuple[Variable, ...]:
+def grain_field_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
     """Grain fields of each frame that a scene has."""
     brought = (record for effect in scene.effects.in_loop_order for record in effect.grain_records)
     return (*GRAIN_FIELDS, *(_record_variable(column, "", ("frame", "grain")) for column in brought))
 
 
-def run_variables(scene: Scene) -> tuple[Variable, ...]:
+def all_run_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
     """All variables of a run, in the order in which they are recorded."""
     scalars = (TIME, *scalar_variables(scene), STAGE)
-    return (*scalars, FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene))
+    return (*scalars, FRAME_TIME, FRAME_HEIGHT, *grain_field_variables(scene))
 
 
-def record_columns(scene: Scene) -> tuple[str, ...]:
+def record_column_names(scene: Scene) -> tuple[str, ...]:
     """Every column of a scene's records."""
     laws = scene.effects.in_loop_order
     return all_columns(len(laws), sum(len(law.records) for law in laws))
 
 
-def si_column(variable: Variable, rows: np.ndarray, columns: tuple[str, ...], scales: Scales) -> np.ndarray:
+def column_in_si(
+    variable: DatasetVariable, rows: np.ndarray, columns: tuple[str, ...], scales: Scales
+) -> np.ndarray:
     """Variable's values in SI from records in natural units, with those columns."""
     first, *others = (rows[:, columns.index(word)] for word in variable.column.split(" + "))
     values = sum(others, start=first)

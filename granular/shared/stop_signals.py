@@ -24,7 +24,7 @@ AGAIN = 0.05
 """Seconds after which a stop that was swallowed comes again."""
 
 
-class Stop:
+class StopRequest:
     """A stop that waits to be looked at.
 
     Attributes
@@ -58,7 +58,7 @@ class Stop:
 
 
 @contextlib.contextmanager
-def deferred_stop() -> Iterator[Stop]:
+def defer_stop_signals() -> Iterator[StopRequest]:
     """Let a stop wait to be looked at, instead of breaking off in the middle of something.
 
     It is raised at the end of the block, also in place of an error that ends it: whoever goes on
@@ -70,7 +70,7 @@ def deferred_stop() -> Iterator[Stop]:
     KeyboardInterrupt
         At the end, if a stop was asked for, or from the midst of a compilation.
     """
-    stop = Stop()
+    stop = StopRequest()
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return

@@ -10,7 +10,7 @@ import uuid
 from pathlib import Path
 
 from granular.shared.errors import StoreError
-from granular.shared.locks import HAS_LOCKS, hold
+from granular.shared.file_locks import HAS_LOCKS, hold
 
 SCENE = "scene.toml"
 SETTINGS = "run.json"
@@ -53,7 +53,7 @@ def unlock_directory(held: int | None) -> None:
 
 
 def create_partial_directory(path: Path) -> tuple[Path, int | None]:
-    """Empty directory next to a run's path, to which `move_into_place` moves it; and its lock.
+    """Empty directory next to a run's path, to which `move_to_final_path` moves it; and its lock.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def create_partial_directory(path: Path) -> tuple[Path, int | None]:
         raise StoreError(f"{path} cannot be made: {error.strerror}") from None
 
 
-def move_into_place(part: Path, path: Path) -> None:
+def move_to_final_path(part: Path, path: Path) -> None:
     """Move a complete part to its path.
 
     Raises
@@ -122,7 +122,7 @@ def _remove_abandoned_parts(target: Path) -> None:
                 unlock_directory(held)
 
 
-def replace_file(file: Path, content: bytes) -> None:
+def replace_run_file(file: Path, content: bytes) -> None:
     """Write a file of a run atomically."""
     part = file.with_name(file.name + PART)
     part.write_bytes(content)

@@ -32,7 +32,7 @@ from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, W
 from granular.protocol.piston_motion import driven_height_and_velocity
 from granular.protocol.stage import TimedStage, stage_motion
 from granular.run.run_state import ARRANGE, RunState
-from granular.run.threads import Threads
+from granular.run.thread_count import ThreadCountTuner
 from granular.scene.dry_friction import has_coarse_friction
 from granular.shared.errors import NotFiniteError
 
@@ -40,13 +40,13 @@ CALL_SECONDS = 0.1
 """Length of one call of the compiled loop: how long an interruption may have to wait."""
 
 
-class Run(RunState):
+class ProtocolRunner(RunState):
     """The engine's working object: state, progress and recorder, advanced call by call."""
 
     _call_ticks = 1
-    threads = Threads(1)
+    threads = ThreadCountTuner(1)
 
-    def figures(self) -> dict[str, Any]:
+    def summary_figures(self) -> dict[str, Any]:
         """Figures that tell how the run went, in SI."""
         scales, progress, clock = self.system.scales, self.progress, self.state.clock
         figures: dict[str, Any] = {
@@ -68,7 +68,7 @@ class Run(RunState):
         progress.ticks = 0
         progress.schedule = None
         self.state.clock[TIME] = 0.0
-        self._open_ledger()
+        self._open_energy_ledger()
         by = stage.initial_jump(float(self.state.piston[HEIGHT]) * scales.length)
         if by:
             self._jump_piston(by / scales.length)
@@ -78,16 +78,16 @@ class Run(RunState):
             self._set_prescribed_speed(driven_height_and_velocity(self.motion, 0.0)[1])
         row = self.look(ARRANGE)
         update_held_far_field(self.state)
-        self.set_schedule(row)
+        self.set_step_schedule(row)
         self.band[:] = (0.0, row[columns.HEIGHT], row[columns.HEIGHT])
         self.seen[STIFFEST] = self.seen[LATEST] = 0.0
         progress.started = True
         # Where nothing jumped, the last record of the stage before is the first one of this.
         if by or not progress.results:
-            self._keep(row[None])
-            self._frame()
+            self._record_rows(row[None])
+            self._record_frame()
 
-    def _open_ledger(self) -> None:
+    def _open_energy_ledger(self) -> None:
         if self.ledger is None:
             row = self.look(ARRANGE)
             self.ledger = Ledger.opened(row[: self._entered], coarse=has_coarse_friction(self.scene))
@@ -124,16 +124,16 @@ class Run(RunState):
             self.begin_stage()
             if self.at_end:
                 return
-        ticks = self.ticks_ahead()
+        ticks = self.ticks_of_next_call()
         if ticks > 0:
-            self._call_loop(min(ticks, 1 if self.threads.trying else self._call_ticks))
+            self._call_compiled_loop(min(ticks, 1 if self.threads.trying else self._call_ticks))
         else:
-            left = self.rest_of_stage()
+            left = self.remaining_stage_time()
             self._advance_rest_of_stage(left)
             between = progress.ticks % self.schedule.frames_every != 0
-            self._end_stage("duration", new_frame=between or left > 0.0)
+            self._finish_stage("duration", new_frame=between or left > 0.0)
 
-    def _run(
+    def _run_ticks(
         self, window: TickRange, schedule: StepSchedule, watch: StopCriteria
     ) -> tuple[int, int, np.ndarray]:
         """Status, ticks made and records of one call; the row behind them holds the last tick."""
@@ -151,15 +151,15 @@ class Run(RunState):
         )
         self.progress.ticks += done
         if status == OUTSIDE:
-            self._keep(rows[:saved])
-            raise self.misplaced_grain_error(self.shorter_step_remedy)
+            self._record_rows(rows[:saved])
+            raise self.misplaced_grain_error(self.remedy_for_long_steps)
         return status, done, rows[: saved + 1]
 
-    def _call_loop(self, ticks: int) -> None:
+    def _call_compiled_loop(self, ticks: int) -> None:
         progress, schedule = self.progress, self.schedule
         window = TickRange(progress.start, 0.0, self.total, progress.ticks, ticks)
         started = time.perf_counter()
-        status, done, rows = self._run(window, schedule, self.stop_criteria())
+        status, done, rows = self._run_ticks(window, schedule, self.stop_criteria())
         seconds = time.perf_counter() - started
         if done and seconds > 0.0:
             self._call_ticks = max(1, round(CALL_SECONDS * done / seconds))
@@ -167,59 +167,59 @@ class Run(RunState):
         on_record = progress.ticks % schedule.every == 0
         last = rows[-2] if on_record else rows[-1]
         progress.stiffest = max(progress.stiffest, last[columns.STIFFEST] * schedule.h)
-        self._keep(rows[:-1])
+        self._record_rows(rows[:-1])
         if progress.ticks % schedule.frames_every == 0:
-            self._frame()
+            self._record_frame()
         if status in (RESTING, REACHED):
             if not on_record:
-                self._keep(last[None])
+                self._record_rows(last[None])
             reason = "rest" if status == RESTING else "force"
-            self._end_stage(reason, new_frame=progress.ticks % schedule.frames_every != 0)
+            self._finish_stage(reason, new_frame=progress.ticks % schedule.frames_every != 0)
         elif status == REMOVED:
             self._remove_departed_grains()
         elif status == STIFF:
-            self.set_steps(self.seen[LATEST])
+            self.set_steps_per_tick(self.seen[LATEST])
         elif progress.ticks % REVIEW == 0:
-            if self.step.automatic and self._dissipates:
-                self.set_steps(self.seen[STIFFEST])
-            if self._dissipates:
+            if self.step.automatic and self._has_damping_effects:
+                self.set_steps_per_tick(self.seen[STIFFEST])
+            if self._has_damping_effects:
                 update_held_far_field(self.state)
             self.seen[STIFFEST] = 0.0
 
     @property
-    def _dissipates(self) -> bool:
+    def _has_damping_effects(self) -> bool:
         return any(effect.damps for effect in self.system.effects)
 
     def _remove_departed_grains(self) -> None:
         """Take out the grains that have left through the gap, with the energy they carry."""
-        before = self.energy(self.shorter_step_remedy)
+        before = self.energy(self.remedy_for_long_steps)
         self.constants = remove_outflow(self.state, self.constants)
-        self.state.ledger[WORK] += self.energy(self.shorter_step_remedy) - before
+        self.state.ledger[WORK] += self.energy(self.remedy_for_long_steps) - before
 
     def _advance_rest_of_stage(self, left: float) -> None:
         """Rest of a stage that is no whole tick, in steps that are a little shorter."""
         if not left > 0.0:  # the end falls on a tick, which may lie between two records
             if self.progress.ticks % self.schedule.every:
-                self._keep(self.look(self.shorter_step_remedy)[None])
+                self._record_rows(self.look(self.remedy_for_long_steps)[None])
             return
         schedule, reached = self.schedule, float(self.state.clock[TIME])
         steps = max(1, math.ceil(left / schedule.h - 1e-6))
         watch = self.stop_criteria()._replace(rest=-1.0, stiff=math.inf)
         if self.plan.fraction is None:
             window = TickRange(self.progress.start, reached, math.inf, 0, 1)
-            _, made, rows = self._run(window, StepSchedule(left, left / steps, 1, 1, steps, 0), watch)
+            _, made, rows = self._run_ticks(window, StepSchedule(left, left / steps, 1, 1, steps, 0), watch)
             self.state.clock[TIME] = reached + left
             rows = rows[:1]
         else:
             limit, first = reached + left, self.progress.ticks
             ticks = max(1, math.ceil(limit / schedule.length - 1e-9) - first)
             window = TickRange(self.progress.start, 0.0, limit, first, ticks)
-            _, made, rows = self._run(window, schedule, watch)
+            _, made, rows = self._run_ticks(window, schedule, watch)
             rows = rows[:-1] if self.progress.ticks % schedule.every == 0 else rows
         self.progress.ticks -= made
-        self._keep(rows)
+        self._record_rows(rows)
 
-    def run_tail(self) -> float:
+    def finish_last_partial_tick(self) -> float:
         """Run the part of a tick before ``t_end`` and take a last frame; the time reached [tau].
 
         A snapshot to resume from is taken before this.
@@ -227,16 +227,16 @@ class Run(RunState):
         if self.finished or not self.progress.started:
             return self.progress.start
         left = self.t_end - self.time
-        if left > self.least_time():
+        if left > self.rounding_time():
             self._advance_rest_of_stage(left)
-            self._frame(self.t_end)
+            self._record_frame(self.t_end)
             return self.t_end
         self._advance_rest_of_stage(0.0)
         if self.progress.ticks % self.schedule.frames_every:
-            self._frame()
+            self._record_frame()
         return self.time
 
-    def _end_stage(self, reason: str, *, new_frame: bool) -> None:
+    def _finish_stage(self, reason: str, *, new_frame: bool) -> None:
         progress, stage = self.progress, self.stage
         if reason == "duration" and isinstance(stage, TimedStage) and stage.until == "rest":
             state, scales = self.state, self.system.scales
@@ -258,8 +258,8 @@ class Run(RunState):
             height = 0.5 * (self.band[LOWEST] + self.band[HIGHEST])
             spread = self.band[HIGHEST] - self.band[LOWEST]
         if new_frame:
-            self._frame(end)
-        progress.results.append(self._result(reason, end, height, spread))
+            self._record_frame(end)
+        progress.results.append(self._stage_result(reason, end, height, spread))
         progress.start = end
         progress.stage += 1
         progress.started = False
@@ -267,7 +267,7 @@ class Run(RunState):
         progress.schedule = None
         self.state.clock[TIME] = 0.0
 
-    def _result(self, reason: str, end: float, height: float, spread: float) -> dict[str, Any]:
+    def _stage_result(self, reason: str, end: float, height: float, spread: float) -> dict[str, Any]:
         scales = self.system.scales
         return {
             "name": self.stage.name,
@@ -278,16 +278,16 @@ class Run(RunState):
             "spread": spread * scales.length,
         }
 
-    def results(self, until: float) -> list[dict[str, Any]]:
+    def stage_results(self, until: float) -> list[dict[str, Any]]:
         """Finished stages, and the present one, cut at the time ``until`` [tau]."""
         if not self.progress.started:
             return list(self.progress.results)
-        cut = self._result("cut", until, float(self.state.piston[HEIGHT]), 0.0)
+        cut = self._stage_result("cut", until, float(self.state.piston[HEIGHT]), 0.0)
         return [*self.progress.results, cut]
 
     # Records and failures ----------------------------------------------------------------------
 
-    def _keep(self, rows: np.ndarray) -> None:
+    def _record_rows(self, rows: np.ndarray) -> None:
         if not len(rows):
             return
         assert self.ledger is not None
@@ -295,7 +295,7 @@ class Run(RunState):
         self.progress.closest = min(self.progress.closest, float(rows[:, columns.CLOSEST].min()))
         self.progress.last = float(rows[-1, columns.TIME])
         good = len(rows) if wrong is None else wrong[0] + 1
-        self.recorder.add_rows(rows[:good], self.progress.stage)
+        self.recorder.add_records(rows[:good], self.progress.stage)
         if wrong is not None:
             seconds = self.system.scales.time
             moment = float(rows[wrong[0], columns.TIME]) * seconds
@@ -303,13 +303,16 @@ class Run(RunState):
             turned = columns.total_energies(row) + columns.total_losses(row) + row[:, columns.WORK]
             if not np.isfinite(turned).all():
                 raise NotFiniteError(
-                    "an energy is not finite any more", step=self.steps, time=moment, remedy=self.not_finite
+                    "an energy is not finite any more",
+                    step=self.steps,
+                    time=moment,
+                    remedy=self.remedy_for_non_finite,
                 ).with_context(self.too_long_step_text)
             error = unbalanced_energy_error(
-                wrong[1], self.ledger.wrong, self.steps, moment, self.shorter_step_remedy
+                wrong[1], self.ledger.wrong, self.steps, moment, self.remedy_for_long_steps
             )
             raise error.with_context(self.too_long_step_text)
 
-    def _frame(self, at: float | None = None) -> None:
+    def _record_frame(self, at: float | None = None) -> None:
         moment = self.time if at is None else at
         self.recorder.add_frame(moment, self.state, self.constants)

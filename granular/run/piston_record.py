@@ -18,7 +18,7 @@ from granular.readers.read_options import ReadOptions
 from granular.readers.signal_integration import integrate_without_drift
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.files import write_atomically
-from granular.shared.messages import quote, sanitize
+from granular.shared.message_text import quote, sanitize
 
 if TYPE_CHECKING:
     import pandas
@@ -33,7 +33,7 @@ _INTEGRALS = {VELOCITY: 1, ACCELERATION: 2}
 """Columns that tell of a motion without a position, and how often they are integrated."""
 
 
-class Table(Protocol):
+class PandasOrXarray(Protocol):
     """A Series or DataFrame of pandas, or a DataArray or Dataset of xarray."""
 
     def equals(self, other: Any, /) -> bool:
@@ -93,9 +93,9 @@ class PistonRecord:
         for name in UNITS:
             values = getattr(self, name)
             if values is not None:
-                object.__setattr__(self, name, self._checked(name, values))
+                object.__setattr__(self, name, self._validated_column(name, values))
         object.__setattr__(
-            self, "extra", {key: self._checked(key, values) for key, values in self.extra.items()}
+            self, "extra", {key: self._validated_column(key, values) for key, values in self.extra.items()}
         )
         later = np.diff(self.time) > 0.0
         if not later.all():
@@ -108,8 +108,8 @@ class PistonRecord:
                 f"samples {'' if twice else '(sort: true, --sort) '}and drop doubles"
             )
 
-    def _checked(self, name: str, values: np.ndarray) -> np.ndarray:
-        array = _numbers(name, values)
+    def _validated_column(self, name: str, values: np.ndarray) -> np.ndarray:
+        array = _as_finite_type(name, values)
         if array.ndim != 1 or len(array) != len(np.atleast_1d(self.time)):
             raise RecordError(
                 f"{sanitize(name)}: has the shape {array.shape}; one value a sample of time, "
@@ -216,7 +216,7 @@ class PistonRecord:
         RecordError
             If the file cannot be read as such; the message names line and column.
         """
-        return cls._read(Path(path), None, units, said)
+        return cls._read_file(Path(path), None, units, said)
 
     @classmethod
     def from_csv(cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
@@ -235,7 +235,7 @@ class PistonRecord:
         """
         from granular.readers.file_formats import TEXT
 
-        return cls._read(Path(path), TEXT, units, said)
+        return cls._read_file(Path(path), TEXT, units, said)
 
     @classmethod
     def from_parquet(
@@ -259,7 +259,7 @@ class PistonRecord:
         """
         from granular.readers.file_formats import PARQUET
 
-        return cls._read(Path(path), PARQUET, units, said)
+        return cls._read_file(Path(path), PARQUET, units, said)
 
     @classmethod
     def from_table(cls, table: Any, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
@@ -299,17 +299,17 @@ class PistonRecord:
         meaning = interpret_sheet(sheet_from_table(table), ReadOptions(units=units or {}, **said))
         if meaning.notes:
             warnings.warn("; ".join(meaning.notes), RecordWarning, stacklevel=2)
-        return cls.from_interpretation(meaning)
+        return cls.from_interpreted_columns(meaning)
 
     @classmethod
-    def _read(
+    def _read_file(
         cls, path: Path, form: FileFormat | None, units: Mapping[str, str] | None, said: dict[str, Any]
     ) -> PistonRecord:
         from granular.readers.file_formats import interpret_record_file
 
         meaning = interpret_record_file(path, ReadOptions(units=units or {}, **said), form)
         try:
-            record = cls.from_interpretation(meaning)
+            record = cls.from_interpreted_columns(meaning)
         except RecordError as error:
             raise RecordError(f"{sanitize(path)}: {error}") from None
         if meaning.notes:
@@ -317,7 +317,7 @@ class PistonRecord:
         return record
 
     @classmethod
-    def from_interpretation(cls, meaning: SheetInterpretation) -> PistonRecord:
+    def from_interpreted_columns(cls, meaning: SheetInterpretation) -> PistonRecord:
         """Record that columns were taken for; see `granular.readers.sheet_interpretation`.
 
         Parameters
@@ -423,9 +423,9 @@ class PistonRecord:
         extra = {name: values for name, values in columns.items() if name not in UNITS}
         own.setdefault("height", np.zeros(np.shape(columns["time"])))
         record = cls(**own, extra=extra, measured=measured)  # type: ignore[arg-type]  # by names
-        return record if measured == "height" else record._integrated()
+        return record if measured == "height" else record._with_integrated_height()
 
-    def _integrated(self) -> PistonRecord:
+    def _with_integrated_height(self) -> PistonRecord:
         """Record with the integral of what was measured for its height."""
         values = self.columns[self.measured]
         height = integrate_without_drift(self.time, values, _INTEGRALS[self.measured])
@@ -455,7 +455,7 @@ class PistonRecord:
         >>> float(record.between(0.5, 1.5).time[0].round(2))
         0.5
         """
-        return self._selected_columns((self.time >= start) & (self.time <= stop))
+        return self._select_samples((self.time >= start) & (self.time <= stop))
 
     def select(self, samples: np.ndarray | slice) -> PistonRecord:
         """Return some of the samples.
@@ -470,7 +470,7 @@ class PistonRecord:
         PistonRecord
             Record with these samples; its times are kept as they are.
         """
-        return self._selected_columns(samples)
+        return self._select_samples(samples)
 
     def first(self, count: int) -> PistonRecord:
         """First ``count`` samples.
@@ -485,9 +485,9 @@ class PistonRecord:
         PistonRecord
             Beginning of the record.
         """
-        return self._selected_columns(slice(count))
+        return self._select_samples(slice(count))
 
-    def from_zero(self) -> PistonRecord:
+    def with_time_from_zero(self) -> PistonRecord:
         """Return the same record with times that start at 0.
 
         Returns
@@ -501,7 +501,7 @@ class PistonRecord:
         >>> from reduced_models import PistonRecord
         >>> time = np.linspace(0.0, 2.0, 2000)
         >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
-        >>> float(record.between(0.5, 1.5).from_zero().time[0])
+        >>> float(record.between(0.5, 1.5).with_time_from_zero().time[0])
         0.0
         """
         return dataclasses.replace(self, time=self.time - self.time[0])
@@ -538,7 +538,7 @@ class PistonRecord:
             self, height=(self.height - shift) / scale, velocity=velocity, deviations=deviations
         )
 
-    def _selected_columns(self, samples: np.ndarray | slice) -> PistonRecord:
+    def _select_samples(self, samples: np.ndarray | slice) -> PistonRecord:
         return PistonRecord(
             self.time[samples],
             self.height[samples],
@@ -551,7 +551,7 @@ class PistonRecord:
         )
 
 
-def _numbers(name: str, values: Any) -> np.ndarray:
+def _as_finite_type(name: str, values: Any) -> np.ndarray:
     """Copy of values in double precision: neither truth values, texts nor complex numbers."""
     try:
         given = np.asarray(values)

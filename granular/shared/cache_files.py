@@ -15,7 +15,7 @@ import warnings
 from pathlib import Path
 
 
-def toolkit_cache() -> Path | None:
+def toolkit_cache_folder() -> Path | None:
     """Toolkit's folder among the user's caches; None where the user has no home directory.
 
     It is in ``XDG_CACHE_HOME``, or in ``.cache`` in the home directory. An empty or relative
@@ -31,7 +31,7 @@ def toolkit_cache() -> Path | None:
     return home / "granular-damper"
 
 
-def private_folder(folder: Path | None, variable: str) -> Path | None:
+def trusted_cache_folder(folder: Path | None, variable: str) -> Path | None:
     """Folder for compiled code, made where there is none, if it can be trusted and written to.
 
     Parameters
@@ -72,8 +72,8 @@ def _belongs_to_user_alone(status: os.stat_result) -> bool:
     return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
-def read_sealed(path: Path, label: str) -> bytes | None:
-    """Content that `write_sealed` wrote under the same label.
+def read_sealed_file(path: Path, label: str) -> bytes | None:
+    """Content that `write_sealed_file` wrote under the same label.
 
     None where there is no such file, where it is not the user's own, and where it was damaged.
     """
@@ -86,7 +86,7 @@ def read_sealed(path: Path, label: str) -> bytes | None:
     return body if seal == _seal_digest(label, body) else None
 
 
-def write_sealed(path: Path, label: str, body: bytes) -> None:
+def write_sealed_file(path: Path, label: str, body: bytes) -> None:
     """Write a file with a digest before its content, atomically.
 
     Raises

@@ -12,23 +12,23 @@ from granular.engine.columns import record_width
 from granular.engine.far_field_forces import force_with_far_field
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
-from granular.run.variables import (
+from granular.run.dataset_variables import (
     FRAME_HEIGHT,
     FRAME_TIME,
     STAGE,
     TIME,
-    Variable,
-    frame_variables,
-    record_columns,
+    DatasetVariable,
+    column_in_si,
+    grain_field_variables,
+    record_column_names,
     scalar_variables,
-    si_column,
 )
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 
 
 @dataclasses.dataclass
-class Recorder:
+class RecordBuffer:
     """Records and frames in natural units, in the order of time.
 
     A grain that has left the cell has no position: its fields are NaN.
@@ -40,7 +40,7 @@ class Recorder:
     stages: list[np.ndarray] = dataclasses.field(default_factory=list)
     frames: list[dict[str, np.ndarray]] = dataclasses.field(default_factory=list)
 
-    def add_rows(self, rows: np.ndarray, stage: int) -> None:
+    def add_records(self, rows: np.ndarray, stage: int) -> None:
         self.rows.append(rows.copy())
         self.stages.append(np.full(len(rows), stage, dtype=np.int64))
 
@@ -62,7 +62,7 @@ class Recorder:
         field[state.label[:present]] = np.stack([component[:present] for component in components], axis=1)
         return field
 
-    def counts(self) -> tuple[int, int]:
+    def record_and_frame_counts(self) -> tuple[int, int]:
         """Numbers of records and frames that are held."""
         return sum(map(len, self.rows)), len(self.frames)
 
@@ -70,20 +70,20 @@ class Recorder:
         for buffer in (self.rows, self.stages, self.frames):
             buffer.clear()
 
-    def in_si(self, scene: Scene, scales: Scales) -> Iterator[tuple[Variable, np.ndarray]]:
+    def variables_in_si(self, scene: Scene, scales: Scales) -> Iterator[tuple[DatasetVariable, np.ndarray]]:
         """Every variable of the scene with its values in SI."""
-        rows, stages = self.table()
-        columns = record_columns(scene)
+        rows, stages = self.all_records()
+        columns = record_column_names(scene)
         for variable in (TIME, *scalar_variables(scene)):
-            yield variable, si_column(variable, rows, columns, scales)
+            yield variable, column_in_si(variable, rows, columns, scales)
         yield STAGE, stages
-        for variable in (FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene)):
+        for variable in (FRAME_TIME, FRAME_HEIGHT, *grain_field_variables(scene)):
             yield (
                 variable,
                 self.stack_frames(variable.name, variable.dims) * getattr(scales, variable.scale),
             )
 
-    def table(self) -> tuple[np.ndarray, np.ndarray]:
+    def all_records(self) -> tuple[np.ndarray, np.ndarray]:
         """All records (r, columns), and the stage of each (r,)."""
         own = sum(len(effect.records) for effect in self.effects)
         empty = np.empty((0, record_width(len(self.effects)) + own))

@@ -14,10 +14,10 @@ import numpy as np
 from granular.compiled.compile_timer import report_compiled_kernels
 from granular.kernel_data.state import HEIGHT, SPEED
 from granular.protocol.stage import TimedStage
-from granular.shared.progress import print_above_bar, progress_bar
+from granular.shared.progress_bars import print_above_bar, progress_bar
 
 if TYPE_CHECKING:
-    from granular.run.run import Run
+    from granular.run.protocol_runner import ProtocolRunner
 
 JUDGED = 0.5
 """For so long [s] the steps are counted before: the first call, which compiles, does not count."""
@@ -26,7 +26,7 @@ LONG = 60.0
 """Length of a run [s], by the wall clock, from which on it is stated at the start."""
 
 
-class ProgressBar:
+class RunProgressBar:
     """One line that shows the stage, its time and the piston while a run goes on."""
 
     def __init__(self, wanted: bool) -> None:
@@ -34,14 +34,14 @@ class ProgressBar:
         self._bar: Any = None
         self._compiling: Any = None
         self._reports = contextlib.ExitStack()
-        self._settling: Settling | None = None
+        self._settling: RestApproach | None = None
         self._stage = -1
         self._first: tuple[float, int] | None = None
         self._told = False
 
     def __enter__(self) -> Self:
         if self.wanted:
-            self._reports.enter_context(report_compiled_kernels(self._show_compiling))
+            self._reports.enter_context(report_compiled_kernels(self._show_compiled_kernels))
         return self
 
     def __exit__(
@@ -52,7 +52,7 @@ class ProgressBar:
             if bar is not None:
                 bar.close()
 
-    def _show_compiling(self, kernels: int) -> None:
+    def _show_compiled_kernels(self, kernels: int) -> None:
         """Show that a kernel is compiled, before the first steps."""
         if self._compiling is None:
             words = "compiling for scenes of this kind, kept for later runs"
@@ -60,7 +60,7 @@ class ProgressBar:
             self._compiling = progress_bar(desc=words, bar_format=form)
         self._compiling.set_postfix_str(f"kernel {kernels}")
 
-    def show(self, run: Run) -> None:
+    def show(self, run: ProtocolRunner) -> None:
         """Show how far the run is."""
         if not self.wanted:
             return
@@ -76,7 +76,7 @@ class ProgressBar:
             self._stage = progress.stage
             if run.finished:
                 return
-            self._bar, self._settling = self._stage_fraction(run)
+            self._bar, self._settling = self._new_stage_bar(run)
         if self._bar is None:
             return
         words = ""
@@ -91,16 +91,16 @@ class ProgressBar:
             reached = min(reached, self._bar.total)
         self._bar.update(reached - self._bar.n)
 
-    def _stage_fraction(self, run: Run) -> tuple[Any, Settling | None]:
+    def _new_stage_bar(self, run: ProtocolRunner) -> tuple[Any, RestApproach | None]:
         """Bar of the stage's time; of a stage that ends at rest, of the approach to rest."""
         name = f"{run.scene.name}: {run.stage.name}"
         if run.rest_limit >= 0.0:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
-            return progress_bar(desc=name, total=1.0, bar_format=form), Settling(run)
+            return progress_bar(desc=name, total=1.0, bar_format=form), RestApproach(run)
         form = "{desc} {bar:20} {n:.2f} s{postfix} [{elapsed}<{remaining}]"
         return progress_bar(desc=name, total=stage_duration(run), bar_format=form), None
 
-    def _announce_remaining_steps(self, run: Run) -> None:
+    def _announce_remaining_steps(self, run: ProtocolRunner) -> None:
         """Say once how many steps are ahead, and how long they take, if that is long."""
         now = time.perf_counter()
         if self._first is None:
@@ -114,7 +114,7 @@ class ProgressBar:
             print_above_bar(f"{run.scene.name}: {words}")
 
 
-class Settling:
+class RestApproach:
     """Motion over the last window of rest, compared with what counts as rest.
 
     Attributes
@@ -127,7 +127,7 @@ class Settling:
         Progress towards the limit, in orders of magnitude: 0 to 1.
     """
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: ProtocolRunner) -> None:
         stage = run.stage
         assert isinstance(stage, TimedStage)
         self.limit = run.rest_limit
@@ -136,7 +136,7 @@ class Settling:
         self._seen: deque[tuple[float, float, float]] = deque()
         self._greatest = 0.0
 
-    def look(self, run: Run) -> None:
+    def look(self, run: ProtocolRunner) -> None:
         """Take in the present state."""
         state = run.state
         fastest = float(np.hypot(state.vx, state.vy).max(initial=abs(float(state.piston[SPEED]))))
@@ -157,7 +157,7 @@ class Settling:
         return f"moves {self.amplitude:.1e} D, at rest below {self.limit:.0e} D"
 
 
-def stage_duration(run: Run) -> float | None:
+def stage_duration(run: ProtocolRunner) -> float | None:
     """Length of the present stage [s], as far as it is known."""
     stage = run.scene.protocol[run.progress.stage]
     if isinstance(stage, TimedStage) and stage.until == "rest":
@@ -166,7 +166,7 @@ def stage_duration(run: Run) -> float | None:
     return end * run.system.scales.time if math.isfinite(end) else None
 
 
-def remaining_steps(run: Run) -> float:
+def remaining_steps(run: ProtocolRunner) -> float:
     """Return the steps from here to the end of a run, at the present one.
 
     A stage that ends at rest or at a force counts whole, and a later one from the height that the

@@ -9,10 +9,10 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 from typing import Any, NamedTuple, Self
 
 from granular.scene.scene import Scene
-from granular.shared.progress import progress_bar
+from granular.shared.progress_bars import progress_bar
 from granular.studies.cases import Case, Measure, make_cases
-from granular.studies.sweep import future_outcome, iterate_outcomes
-from granular.studies.workers import Outcome, Workers, compute_case
+from granular.studies.executors import Outcome, ProcessPool, compute_case
+from granular.studies.sweep import compute_outcomes_with_retries, future_outcome
 
 
 class BackgroundCase(NamedTuple):
@@ -22,7 +22,7 @@ class BackgroundCase(NamedTuple):
     future: Future[Outcome]
 
 
-class BackgroundCases:
+class BackgroundCaseRunner:
     """Cases that are computed while the caller works; what nobody waits for is ended.
 
     Parameters
@@ -36,7 +36,7 @@ class BackgroundCases:
 
     def __init__(self, measure: Measure, executor: Executor | None) -> None:
         self._measure, self._given = measure, executor
-        self._own: Workers | None = None
+        self._own: ProcessPool | None = None
         self._started: list[BackgroundCase] = []
 
     def __enter__(self) -> Self:
@@ -54,7 +54,7 @@ class BackgroundCases:
         if self._given is not None:
             return self._given
         if self._own is None:
-            self._own = Workers(max(1, (os.cpu_count() or 1) - 1))
+            self._own = ProcessPool(max(1, (os.cpu_count() or 1) - 1))
         return self._own
 
     def start(
@@ -96,6 +96,6 @@ class BackgroundCases:
             if (outcome := future_outcome(entry.future)) is not None
         }
         lost = [entry.case for entry in started if entry.case.key not in outcomes]
-        for case, outcome in iterate_outcomes(lost, self._measure, None, False, self._pool()):
+        for case, outcome in compute_outcomes_with_retries(lost, self._measure, None, False, self._pool()):
             outcomes[case.key] = outcome
         return [outcomes[entry.case.key] for entry in started]

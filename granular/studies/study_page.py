@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.html import Page, format_number
-from granular.shared.plotting import figure, line_style, plain_label
+from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.plotting import figure, figure_label, line_style
 from granular.shared.version import versions
 from granular.studies.sweep import Study
 
@@ -23,7 +23,7 @@ _SEED = "arrangement.seed"
 """Random starts are repetitions, not an axis."""
 
 
-def study_page(study: Study) -> Page:
+def study_page(study: Study) -> HtmlPage:
     """Page of a study: what is varied, its figures over that, and the table.
 
     Parameters
@@ -37,7 +37,7 @@ def study_page(study: Study) -> Page:
     """
     table, varied = study.table, study.varied
     figures = _figures_that_vary(table, varied)
-    page = Page(
+    page = HtmlPage(
         f"Study of {study.cases[0].scene.name}",
         f"{len(table)} cases, varied in {', '.join(varied) or 'nothing'}. All values are in SI.",
     )
@@ -46,27 +46,27 @@ def study_page(study: Study) -> Page:
         others = [name for name in varied if name not in (axis, _SEED)]
         shown = figures[:MOST_PANELS]
         left = f" The first {len(shown)} of {len(figures)}." if len(figures) > len(shown) else ""
-        page.figure(
-            _draw(study, table, axis, others, shown),
+        page.add_figure(
+            _draw_figures(study, table, axis, others, shown),
             f"Figures of the cases over {axis}, lines through the means of repeated cases.{left}",
         )
-    page.section("Cases")
+    page.add_section("Cases")
     columns = [name for name in table.columns if name not in _LAST]
-    page.table(
-        ["case", *(_label(study, name) for name in columns)],
-        [[k, *map(_cell, row)] for k, row in enumerate(table[columns].head(MOST_ROWS).to_numpy(), 1)],
+    page.add_table(
+        ["case", *(_label_with_unit(study, name) for name in columns)],
+        [[k, *map(_cell_text, row)] for k, row in enumerate(table[columns].head(MOST_ROWS).to_numpy(), 1)],
     )
     if len(table) > MOST_ROWS:
-        page.text(f"The first {MOST_ROWS} of {len(table)} cases; table.csv has all of them.")
+        page.add_paragraph(f"The first {MOST_ROWS} of {len(table)} cases; table.csv has all of them.")
     for name, title in (("error", "Cases that failed"), ("warning", "Cases in doubt")):
         if name in table and table[name].notna().any():
-            page.section(title)
-            page.listing(_shared_texts(table[name]))
-    page.footer("Made with " + ", ".join(f"{name} {value}" for name, value in versions().items()))
+            page.add_section(title)
+            page.add_list(_texts_with_case_numbers(table[name]))
+    page.add_footer("Made with " + ", ".join(f"{name} {value}" for name, value in versions().items()))
     return page
 
 
-def _shared_texts(column: pandas.Series[Any]) -> list[str]:
+def _texts_with_case_numbers(column: pandas.Series[Any]) -> list[str]:
     """Texts with the numbers of their cases, each once."""
     cases: dict[str, list[str]] = {}
     for k, text in enumerate(column, 1):
@@ -93,9 +93,11 @@ def _horizontal_axis(varied: Sequence[str], table: pandas.DataFrame) -> str | No
     return max(numbers, key=lambda name: table[name].nunique(), default=None)
 
 
-def _draw(study: Study, table: pandas.DataFrame, axis: str, others: list[str], shown: list[str]) -> Figure:
+def _draw_figures(
+    study: Study, table: pandas.DataFrame, axis: str, others: list[str], shown: list[str]
+) -> Figure:
     labels = [
-        ", ".join(f"{name} = {_cell(value)}" for name, value in zip(others, row, strict=True))
+        ", ".join(f"{name} = {_cell_text(value)}" for name, value in zip(others, row, strict=True))
         for row in table[others].to_numpy()
     ]
     groups = list(table.groupby(labels, sort=False))
@@ -105,7 +107,10 @@ def _draw(study: Study, table: pandas.DataFrame, axis: str, others: list[str], s
         for panel, name in zip(panels.flat, shown, strict=False):
             for index, (label, group) in enumerate(groups):
                 _draw_line(panel, group[[axis, name]].dropna(), index if lines else 0, label, lines)
-            panel.set(xlabel=plain_label(_label(study, axis)), ylabel=plain_label(_label(study, name)))
+            panel.set(
+                xlabel=figure_label(_label_with_unit(study, axis)),
+                ylabel=figure_label(_label_with_unit(study, name)),
+            )
         for panel in panels.flat[len(shown) :]:
             panel.axis("off")
         if len(groups) > 1 and lines:
@@ -119,15 +124,15 @@ def _draw_line(panel: Axes, points: pandas.DataFrame, index: int, label: str, li
     panel.plot(points[axis], points[name], "o", markersize=3.5, color=look["color"])
     if lines:
         mean = points.groupby(axis)[name].mean()
-        panel.plot(mean.index, mean.to_numpy(), linewidth=1.2, label=plain_label(label), **look)
+        panel.plot(mean.index, mean.to_numpy(), linewidth=1.2, label=figure_label(label), **look)
 
 
-def _label(study: Study, name: str) -> str:
+def _label_with_unit(study: Study, name: str) -> str:
     unit = study.units.get(name)
     return name if unit is None else f"{name} [{unit}]"
 
 
-def _cell(value: Any) -> str:
+def _cell_text(value: Any) -> str:
     if isinstance(value, float):
         return "" if math.isnan(value) else format_number(value)
     return "" if value is None else str(value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from granular.shared.messages import printable
+from granular.shared.message_text import printable
 
 _SIGNS = {
     "\\": r"\textbackslash{}",
@@ -42,6 +42,6 @@ def latex_array(rows: Sequence[Sequence[object]], header: Sequence[object] = ())
     return f"$$\\begin{{array}}{{{columns}}}\n{body}\n\\end{{array}}$$"
 
 
-def latex_text(lines: str) -> str:
+def latex_lines(lines: str) -> str:
     """Text of a few lines."""
     return latex_array([[line] for line in lines.splitlines()])

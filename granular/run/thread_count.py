@@ -15,14 +15,14 @@ import numba
 from granular.pairs.direct_sum import PARTED_FROM, PARTS
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 SHORTEST, LONGEST = 1.0, 60.0
 """Seconds until the number that took longer is tried again: at first, and after many trials, each
 of which doubles them."""
 
 
-class Threads:
+class ThreadCountTuner:
     """One thread, or as many as there can be: what was quicker when it was tried last.
 
     Attributes
@@ -58,10 +58,10 @@ class Threads:
         else:
             self.trying, chosen = True, other
         self.count = chosen
-        set_threads(chosen)
+        set_thread_count(chosen)
 
 
-def choose_threads(scene: Scene, asked: int | None) -> int:
+def choose_thread_count(scene: Scene, requested: int | None) -> int:
     """Return the requested number, or the greatest that can pay off.
 
     Raises
@@ -70,12 +70,12 @@ def choose_threads(scene: Scene, asked: int | None) -> int:
         If there are not so many.
     """
     available = int(numba.config.NUMBA_NUM_THREADS)
-    if asked is None:
+    if requested is None:
         parted = scene.pair_method != "verlet-list" and scene.grains.count > PARTED_FROM
         return min(available, PARTS) if parted and _threads_start_quickly(scene) else 1
-    if isinstance(asked, bool) or not isinstance(asked, int) or not 1 <= asked <= available:
-        raise InputError(f"threads = {quote(asked)}; give an integer from 1 to {available}")
-    return asked
+    if isinstance(requested, bool) or not isinstance(requested, int) or not 1 <= requested <= available:
+        raise InputError(f"threads = {quote(requested)}; give an integer from 1 to {available}")
+    return requested
 
 
 def _threads_start_quickly(scene: Scene) -> bool:
@@ -99,7 +99,7 @@ def _has_module(name: str) -> bool:
     return True
 
 
-def set_threads(count: int) -> None:
+def set_thread_count(count: int) -> None:
     """Let the kernels take so many threads.
 
     Raises

@@ -9,17 +9,17 @@ from typing import NamedTuple
 
 from granular.engine.step_size import Step, auto_step_text
 from granular.methods.registry import method_named
-from granular.run.time_steps import is_step_allowed, validated_step
+from granular.run.time_steps import can_run_with_step, parse_time_step
 from granular.run.work_precision import (
+    SceneWorkPrecision,
     WorkPrecisionEntry,
-    WorkPrecisionTable,
-    load_work_precision_table,
-    nearest_priced_scene,
+    load_work_precision_scenes,
+    most_similar_measured_scene,
 )
 from granular.scene.scene import Scene
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 
 MARGIN = 1.5
 """What a bound of the table is multiplied by: scenes differ."""
@@ -68,7 +68,7 @@ def parse_accuracy(text: str) -> tuple[float, str]:
     InputError
         If it is none, or the table has no such quantity.
     """
-    names = sorted({name for entry in load_work_precision_table() for name in entry.floors})
+    names = sorted({name for entry in load_work_precision_scenes() for name in entry.floors})
     match = _ASKED.fullmatch(text) if isinstance(text, str) else None
     try:
         value = float(match["value"]) if match else math.nan
@@ -84,7 +84,7 @@ def parse_accuracy(text: str) -> tuple[float, str]:
     return value * (0.01 if match["percent"] else 1.0), match["quantity"]
 
 
-def choose_settings(scene: Scene, text: str) -> ChosenSettings:
+def choose_settings_for_accuracy(scene: Scene, text: str) -> ChosenSettings:
     """Cheapest method and step that the table promises an accuracy of, and a sum that keeps it.
 
     Raises
@@ -93,13 +93,13 @@ def choose_settings(scene: Scene, text: str) -> ChosenSettings:
         If the text is none, or neither the table nor the scatter of starts allows the promise.
     """
     tolerance, quantity = parse_accuracy(text)
-    costs = nearest_priced_scene(scene, quantity)
+    costs = most_similar_measured_scene(scene, quantity)
     if costs is None:
         raise InputError(
             f"accuracy = {quote(text)}: the table of prices holds no scene like {scene.name!r} "
             "with this quantity; measure it: granular-damper validate cheapest"
         )
-    floor = costs.floor(quantity, scene.grains.count)
+    floor = costs.scatter_for_grain_count(quantity, scene.grains.count)
     if tolerance < FLOORS * floor:
         raise InputError(
             f"accuracy = {quote(text)}: random starts scatter by {floor:.2g}, so no single run "
@@ -125,7 +125,7 @@ def choose_settings(scene: Scene, text: str) -> ChosenSettings:
 
 
 def _accurate_methods(
-    scene: Scene, costs: WorkPrecisionTable, quantity: str, tolerance: float
+    scene: Scene, costs: SceneWorkPrecision, quantity: str, tolerance: float
 ) -> Iterator[tuple[float, str, str, float]]:
     """Price, step, method and bound of each method that reaches the tolerance."""
     for method in dict.fromkeys(entry.method for entry in costs.entries):
@@ -135,8 +135,8 @@ def _accurate_methods(
         fraction = _longest_step_fraction(entries, quantity, tolerance / MARGIN)
         if fraction is None:
             continue
-        dt = step_of_fraction(scene, fraction)
-        if not is_step_allowed(scene, dt, method):
+        dt = step_from_frequency_product(scene, fraction)
+        if not can_run_with_step(scene, dt, method):
             continue
         near = min(entries, key=lambda entry: abs(math.log(entry.fraction / fraction)))
         order = method_named(method).order
@@ -169,12 +169,12 @@ def _longest_step_fraction(
     return min(best.fraction * longer, entries[entries.index(best) + 1].fraction)
 
 
-def step_of_fraction(scene: Scene, fraction: float) -> str:
+def step_from_frequency_product(scene: Scene, fraction: float) -> str:
     """Step of that product with the highest frequency, as a multiple of the automatic one.
 
     It is rounded down to hundredths.
     """
-    step: Step = validated_step("auto", scene)
+    step: Step = parse_time_step("auto", scene)
     factor = min(fraction / step.fraction, step.longest)
     if factor < 1.0:
         return f"auto/{math.ceil(100.0 / factor - 1e-6) / 100.0:g}"
@@ -194,18 +194,18 @@ def _choose_pair_sum(scene: Scene, quantity: str, tolerance: float, text: str) -
     return scene, "sum by the mesh" if method == "mesh" else "direct sum"
 
 
-def step_hidden_by_scatter(scene: Scene, method: str) -> str:
+def longest_step_hidden_by_scatter(scene: Scene, method: str) -> str:
     """Longest automatic step whose errors random starts hide; ``"auto"`` where none is known.
 
     By the scene of the table that is most like another one: neither the rest height nor the period
     nor the damping ratio stands out from their scatter there, and the method shows its order.
     """
-    costs = nearest_priced_scene(scene, MOTION[0])
+    costs = most_similar_measured_scene(scene, MOTION[0])
     fraction = 0.0
     for entry in sorted(costs.entries if costs else (), key=lambda entry: entry.fraction):
         if entry.method == method and entry.frequency <= RESOLVED:
             if not set(entry.clear).isdisjoint(MOTION):
                 break
             fraction = entry.fraction
-    shortest = validated_step("auto", scene).fraction
-    return step_of_fraction(scene, fraction) if fraction > shortest else "auto"
+    shortest = parse_time_step("auto", scene).fraction
+    return step_from_frequency_product(scene, fraction) if fraction > shortest else "auto"

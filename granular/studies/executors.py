@@ -14,10 +14,10 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future,
 from pathlib import Path
 from typing import Any, TypeVar
 
-from granular.shared.errors import GranularError, InputError, MissingError, StoreError
+from granular.shared.errors import GranularError, InputError, MissingPackageError, StoreError
+from granular.shared.file_locks import lock_file
 from granular.shared.files import make_directory
-from granular.shared.locks import lock_file
-from granular.shared.messages import quote
+from granular.shared.message_text import quote
 from granular.shared.result_cache import ResultCache
 from granular.studies.cases import Case, Measure
 
@@ -31,7 +31,7 @@ class ExecutorLostError(GranularError):
     """The executor is gone, with all its workers."""
 
 
-class Workers(Executor):
+class ProcessPool(Executor):
     """Processes that start with the first task and stay: each loads the compiled code once.
 
     The tasks of a process that dies end in `BrokenExecutor`, and so do all others that were waiting
@@ -92,7 +92,7 @@ def case_executor(executor: Executor | None, count: int | None = None) -> Iterat
     if executor is not None:
         yield executor
         return
-    workers = Workers(count)
+    workers = ProcessPool(count)
     try:
         yield workers
     except BaseException:
@@ -119,7 +119,7 @@ ELSEWHERE = "elsewhere"
 OF_THE_MACHINE = (OSError, StoreError, MemoryError)
 
 
-def outcomes_in(directory: Path) -> ResultCache:
+def outcome_cache(directory: Path) -> ResultCache:
     """Outcomes that a study's directory keeps, by the keys of their cases."""
     return ResultCache(directory / "cases")
 
@@ -135,7 +135,7 @@ def compute_case(
     try:
         if directory is None:
             return _run_case(case, measure, None)
-        cache = outcomes_in(directory)
+        cache = outcome_cache(directory)
         make_directory(cache.directory)
         with lock_file(cache.directory / f".{case.key}.lock", wait) as alone:
             if not alone:
@@ -173,7 +173,7 @@ def _run_case(case: Case, measure: Measure, out: Path | None) -> Outcome:
                 case.scene, **case.settings, out=out, resume=out is not None, threads=1, progress=False
             )
             figures = {name: _to_python_number(value) for name, value in measure(run).items()}
-    except (*OF_THE_MACHINE, MissingError):
+    except (*OF_THE_MACHINE, MissingPackageError):
         raise
     except GranularError as error:
         return {"figures": {}, "error": f"{type(error).__name__}: {error}"}
@@ -213,7 +213,7 @@ def cluster_executor(dask: str | None, mpi: bool) -> Iterator[Executor | None]:
         yield None
 
 
-class Cluster(Executor):
+class DaskClusterExecutor(Executor):
     """A Dask cluster whose scheduler may go away: no task then waits for ever.
 
     Running tasks end in `BrokenExecutor`. The next one that is submitted waits until
@@ -286,7 +286,7 @@ def _connect_to_dask(address: str) -> Iterator[Executor]:
             f"no Dask scheduler answers at {quote(address)} ({type(error).__name__}); check the address"
         ) from None
     with client:
-        yield Cluster(client)
+        yield DaskClusterExecutor(client)
 
 
 @contextlib.contextmanager
