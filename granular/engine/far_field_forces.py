@@ -29,9 +29,9 @@ def compute_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
     """Compute the far field at the present positions and time; 1 where its mesh is too small."""
     if far is None:
         return 0
-    far.moment[TIME] = time
-    far.moment[CALLS] = 0.0
-    far.moment[CHANGING] = 0.0
+    far.timing[TIME] = time
+    far.timing[CALLS] = 0.0
+    far.timing[CHANGING] = 0.0
     return _find_far_forces_of_bed(far.mesh, far.direct, far, bed)
 
 
@@ -59,7 +59,7 @@ def _find_far_forces_of_bed(
         crowded = compute_mesh_far_field(mesh, far, threaded, grains, arrays, state.stripes.order)
     if direct is not None:
         compute_direct_far_field(direct, state.stripes, far.radius, threaded, grains, arrays, far.energy)
-        store_positions(far.met, state.x, state.y, grains)
+        store_positions(far.evaluated_at, state.x, state.y, grains)
     return crowded
 
 
@@ -72,68 +72,68 @@ def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
     """
     if far is None:
         return 0
-    return _refresh_if_moved(far.held, far, bed, time)
+    return _refresh_if_moved(far.held_forces, far, bed, time)
 
 
 @compiled(inline=True)
 def _refresh_if_moved(held: Array | None, far: FarFieldState, bed: Bed, time: float) -> int:
     if held is None:
-        return _refresh_trajectory_if_moved(far.met, far, bed, time)
+        return _refresh_rates_if_moved(far.evaluated_at, far, bed, time)
     return 0
 
 
 @compiled(inline=True)
-def _refresh_trajectory_if_moved(met: Array | None, far: FarFieldState, bed: Bed, time: float) -> int:
+def _refresh_rates_if_moved(met: Array | None, far: FarFieldState, bed: Bed, time: float) -> int:
     state, constants = bed.state, bed.constants
     if met is None:
         return compute_far_field(far, bed, time)
-    far.moment[CALLS] += 1.0
-    if far.moment[CHANGING] > 0.0 and far.moment[CALLS] < far.ahead:
+    far.timing[CALLS] += 1.0
+    if far.timing[CHANGING] > 0.0 and far.timing[CALLS] < far.extrapolation_steps:
         return 0
-    if any_grain_moved(met, state.x, state.y, constants.grains, far.still):
-        return _update_far_trajectory(far.trajectory, far, bed, time)
-    far.moment[CHANGING] = 0.0
+    if any_grain_moved(met, state.x, state.y, constants.grains, far.unchanged_distance):
+        return _update_far_field_rates(far.rates, far, bed, time)
+    far.timing[CHANGING] = 0.0
     return 0
 
 
 @compiled(inline=True)
-def _update_far_trajectory(trajectory: Array | None, far: FarFieldState, bed: Bed, time: float) -> int:
+def _update_far_field_rates(rates: Array | None, far: FarFieldState, bed: Bed, time: float) -> int:
     """Compute the far field, and its rate of change where the last one is recent."""
-    if trajectory is None:
+    if rates is None:
         return compute_far_field(far, bed, time)
-    lapse = time - far.moment[TIME]
-    goes_on = far.moment[CALLS] <= far.ahead and lapse > 0.0
-    _store_far_forces(trajectory, far)
+    lapse = time - far.timing[TIME]
+    goes_on = far.timing[CALLS] <= far.extrapolation_steps and lapse > 0.0
+    _store_far_forces(rates, far)
     crowded = compute_far_field(far, bed, time)
     if goes_on:
-        _store_far_force_rates(trajectory, far, lapse)
-        far.moment[CHANGING] = 1.0
+        _store_far_force_rates(rates, far, lapse)
+        far.timing[CHANGING] = 1.0
     return crowded
 
 
 @compiled
-def _store_far_forces(trajectory: Array, far: FarFieldState) -> None:
+def _store_far_forces(rates: Array, far: FarFieldState) -> None:
     for i in range(far.fx.size):
-        trajectory[0, i] = far.fx[i]
-        trajectory[1, i] = far.fy[i]
-        trajectory[2, i] = value_or_one(far.load, i)
+        rates[0, i] = far.fx[i]
+        rates[1, i] = far.fy[i]
+        rates[2, i] = value_or_one(far.load, i)
 
 
 @compiled
-def _store_far_force_rates(trajectory: Array, far: FarFieldState, lapse: float) -> None:
+def _store_far_force_rates(rates: Array, far: FarFieldState, lapse: float) -> None:
     for i in range(far.fx.size):
-        trajectory[0, i] = (far.fx[i] - trajectory[0, i]) / lapse
-        trajectory[1, i] = (far.fy[i] - trajectory[1, i]) / lapse
-        trajectory[2, i] = (value_or_one(far.load, i) - trajectory[2, i]) / lapse
+        rates[0, i] = (far.fx[i] - rates[0, i]) / lapse
+        rates[1, i] = (far.fy[i] - rates[1, i]) / lapse
+        rates[2, i] = (value_or_one(far.load, i) - rates[2, i]) / lapse
 
 
 @compiled(inline=True)
 def add_far_field(far: FarFieldState | None, state: State, count: int, time: float) -> None:
     """Add the far field to forces and loads; where it acts in impulses, the held one."""
     if far is not None:
-        _add_held_forces(far.held, far, state.load, state, count)
-        if far.moment[CHANGING] > 0.0:
-            _add_extrapolated_forces(far.trajectory, state.load, time - far.moment[TIME], state, count)
+        _add_held_forces(far.held_forces, far, state.load, state, count)
+        if far.timing[CHANGING] > 0.0:
+            _add_extrapolated_forces(far.rates, state.load, time - far.timing[TIME], state, count)
 
 
 @compiled
@@ -155,15 +155,15 @@ def _add_held_forces(
 
 @compiled
 def _add_extrapolated_forces(
-    trajectory: Array | None, load: Array | None, lapse: float, state: State, count: int
+    rates: Array | None, load: Array | None, lapse: float, state: State, count: int
 ) -> None:
-    if trajectory is not None:
+    if rates is not None:
         for i in range(count):
-            state.fx[i] += lapse * trajectory[0, i]
-            state.fy[i] += lapse * trajectory[1, i]
+            state.fx[i] += lapse * rates[0, i]
+            state.fy[i] += lapse * rates[1, i]
         if load is not None:
             for i in range(count):
-                load[i] += lapse * trajectory[2, i]
+                load[i] += lapse * rates[2, i]
 
 
 @compiled
@@ -177,7 +177,9 @@ def kick_by_far_field(far: FarFieldState | None, dt: float, bed: Bed) -> None:
     """Give the impulse over ``dt`` [tau] by which the far field differs from the held one."""
     state, constants = bed.state, bed.constants
     if far is not None:
-        _kick_by_held_forces(state.rounding, far.held, far, dt, state, constants.masses, constants.grains)
+        _kick_by_held_forces(
+            state.rounding, far.held_forces, far, dt, state, constants.masses, constants.grains
+        )
 
 
 @compiled
@@ -206,15 +208,15 @@ def update_held_far_field(state: State) -> None:
     often in a run that dissipates nothing.
     """
     far = state.far_forces
-    if far is not None and far.held is not None:
-        state.fx[:] += far.fx - far.held[0]
-        state.fy[:] += far.fy - far.held[1]
-        far.held[0], far.held[1] = far.fx, far.fy
+    if far is not None and far.held_forces is not None:
+        state.fx[:] += far.fx - far.held_forces[0]
+        state.fy[:] += far.fy - far.held_forces[1]
+        far.held_forces[0], far.held_forces[1] = far.fx, far.fy
 
 
 def force_with_far_field(state: State) -> tuple[Array, Array]:
     """Force on the grains [F*], with all of a far field that acts in impulses."""
     far = state.far_forces
-    if far is None or far.held is None:
+    if far is None or far.held_forces is None:
         return state.fx, state.fy
-    return state.fx + far.fx - far.held[0], state.fy + far.fy - far.held[1]
+    return state.fx + far.fx - far.held_forces[0], state.fy + far.fy - far.held_forces[1]

@@ -280,7 +280,7 @@ class LammpsDeck(NamedTuple):
             return None
         # What a mesh adds to its near part is the rest of all pairs.
         method = "direct" if self.scene.pair_method == "mesh" else self.scene.pair_method
-        radius = self.scene.pairs.radius(method, self.scales.length)
+        radius = self.scene.pairs.near_pair_radius(method, self.scales.length)
         diagonal = math.hypot(self.scene.cell.width, self.highest) / self.scales.length
         closed = len(self.wall_laws) == len(FACES)
         return radius or diagonal * (1.0 if closed else OPEN_MARGIN)

@@ -28,7 +28,7 @@ from granular.pairs.grain_arrays import (
     unscaled_sum_factor,
 )
 from granular.pairs.pure_python_sums import pure_python_cut_off_sum
-from granular.pairs.simd import INDEX, WIDTH, Code, constant
+from granular.pairs.simd import INDEX, WIDTH, VectorBuilder, broadcast_constant
 from granular.pairs.stripe_partner_lists import refresh_partner_lists
 from granular.pairs.stripes import Stripes
 
@@ -39,10 +39,10 @@ def clear_row_sums(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> An
     signature = types.void(sums, types.intp, types.intp, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        code, (array, row, first, end) = Code(context, builder), values
-        pointer = code.data(signature.args[0], array, row)
+        code, (array, row, first, end) = VectorBuilder(context, builder), values
+        pointer = code.array_pointer(signature.args[0], array, row)
         with cgutils.for_range_slice(builder, first, end, _vector_width_constant(), INDEX) as (position, _):
-            code.store(constant(0.0), pointer, position)
+            code.store_vector(broadcast_constant(0.0), pointer, position)
         return context.get_dummy_value()
 
     return signature, generate
@@ -54,12 +54,12 @@ def add_row_to_row(typing: Any, sums: Any, row: Any, other: Any, first: Any, end
     signature = types.void(sums, types.intp, types.intp, types.intp, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        code, (array, row, other, first, end) = Code(context, builder), values
-        total = code.data(signature.args[0], array, row)
-        more = code.data(signature.args[0], array, other)
+        code, (array, row, other, first, end) = VectorBuilder(context, builder), values
+        total = code.array_pointer(signature.args[0], array, row)
+        more = code.array_pointer(signature.args[0], array, other)
         with cgutils.for_range_slice(builder, first, end, _vector_width_constant(), INDEX) as (position, _):
-            value = builder.fadd(code.load(total, position), code.load(more, position))
-            code.store(value, total, position)
+            value = builder.fadd(code.load_vector(total, position), code.load_vector(more, position))
+            code.store_vector(value, total, position)
         return context.get_dummy_value()
 
     return signature, generate
@@ -75,7 +75,7 @@ def _load_positions_of_part(stripes: Stripes, asked: GrainArrays, part: int) -> 
     for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
         stripes.x[stripes.slot[k]] = asked.x[stripes.order[k]]
         stripes.y[stripes.slot[k]] = asked.y[stripes.order[k]]
-    _wrap_into_cell(stripes.homes, stripes, part)
+    _wrap_into_cell(stripes.cell_offsets, stripes, part)
     _clear_sums_of_part(asked.fx, stripes.fx, stripes, part)
     _clear_sums_of_part(asked.fy, stripes.fy, stripes, part)
     _clear_sums_of_part(asked.stiffness, stripes.stiffness, stripes, part)
@@ -122,7 +122,7 @@ def _sum_pairs_of_part(
         stripes.shift,
     )
     first, stop = stripes.rows[part], stripes.rows[part + 1]
-    sum_row_ranges(sums, stripes.runs, part, first, stop, radius, smooth, stripes.shifts)
+    sum_row_ranges(sums, stripes.partner_ranges, part, first, stop, radius, smooth, stripes.shifts)
 
 
 @compiled(inline=True)

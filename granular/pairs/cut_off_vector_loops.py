@@ -23,12 +23,12 @@ from granular.pairs.pair_contributions import (
     make_cut_off_vectors,
     pair_contributions,
 )
-from granular.pairs.simd import INDEX, WIDTH, Code, constant
+from granular.pairs.simd import INDEX, WIDTH, VectorBuilder, broadcast_constant
 
 ROWS = 2
 """Rows swept together, neighbours in a stripe."""
 
-RUNS = 3
+RANGES = 3
 """Runs of partners for two rows: the rest of their stripe, and the two stripes above it."""
 
 IMAGES = 3
@@ -46,14 +46,14 @@ class _RowSums(NamedTuple):
     cut: CutOffVectors
 
 
-def _add_eight_partners(code: Code, sweep: _RowSums, j: ir.Value, *, own: bool) -> None:
+def _add_eight_partners(code: VectorBuilder, sweep: _RowSums, j: ir.Value, *, own: bool) -> None:
     """Rows against the partners from j on.
 
     ``own``: j is the second row itself. It is a partner of the first one alone.
     """
     pointers = computed_sums(sweep.arrays.sums)
     partners = load_eight_grains(code, sweep.arrays, j)
-    reactions = [code.load(pointer, j) for pointer in pointers]
+    reactions = [code.load_vector(pointer, j) for pointer in pointers]
     for row, (grain, sums) in enumerate(zip(sweep.grains, sweep.totals, strict=True)):
         lanes = [lane >= row for lane in range(WIDTH)] if own and row else None
         pairs = pair_contributions(
@@ -68,56 +68,58 @@ def _add_eight_partners(code: Code, sweep: _RowSums, j: ir.Value, *, own: bool) 
             sweep.arrays.series,
         )
         for total, value in zip(sums, computed_sums(pairs[0]), strict=True):
-            code.add_in_place(total, value)
+            code.add_to_variable(total, value)
         reactions = add_vectors(code, reactions, computed_sums(pairs[1]))
     for pointer, reaction in zip(pointers, reactions, strict=True):
-        code.store(reaction, pointer, j)
+        code.store_vector(reaction, pointer, j)
 
 
-def _shift_rows_by_image(code: Code, sweep: _RowSums, shifts: Any, index: ir.Value) -> _RowSums:
+def _shift_rows_by_image(code: VectorBuilder, sweep: _RowSums, shifts: Any, index: ir.Value) -> _RowSums:
     """Rows as the images of a run's partners see them."""
     if shifts is None:
         return sweep
     b = code.builder
-    across = code.splat(code.scalar(shifts, index))
-    up = code.splat(code.scalar(shifts, b.add(index, ir.Constant(INDEX, 1))))
+    across = code.broadcast_scalar(code.load_scalar(shifts, index))
+    up = code.broadcast_scalar(code.load_scalar(shifts, b.add(index, ir.Constant(INDEX, 1))))
     grains = [grain._replace(x=b.fsub(grain.x, across), y=b.fsub(grain.y, up)) for grain in sweep.grains]
     return sweep._replace(grains=grains)
 
 
-def _sum_two_rows(code: Code, all_rows: _RowSums, first: ir.Value, runs: ir.Value, shifts: Any) -> None:
+def _sum_two_rows(
+    code: VectorBuilder, all_rows: _RowSums, first: ir.Value, runs: ir.Value, shifts: Any
+) -> None:
     b, sweep = code.builder, all_rows
     second = b.add(first, ir.Constant(INDEX, 1))
     _add_eight_partners(code, sweep, second, own=True)
-    number = RUNS if shifts is None else RUNS * IMAGES
+    number = RANGES if shifts is None else RANGES * IMAGES
     many, item = ir.Constant(INDEX, number), ir.Constant(INDEX, 1)
     begin = b.mul(first, many)  # two places for each run, two rows
     zero = ir.Constant(INDEX, 0)
     with cgutils.for_range_slice(b, zero, many, item, INDEX) as (run, _):
         index = b.add(begin, b.mul(run, ir.Constant(INDEX, 2)))
-        start, stop = code.scalar(runs, index), code.scalar(runs, b.add(index, item))
+        start, stop = code.load_scalar(runs, index), code.load_scalar(runs, b.add(index, item))
         sweep = _shift_rows_by_image(code, all_rows, shifts, index)
         with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
             _add_eight_partners(code, sweep, j, own=False)
     for which, pointer in enumerate(computed_sums(all_rows.arrays.sums)):
         vectors = [b.load(sums[which]) for sums in all_rows.totals]
-        code.add_vector(code.totals(vectors), pointer, first)
+        code.add_vector_to_entries(code.sum_lanes_of_vectors(vectors), pointer, first)
     all_rows.extremes.store_results()
 
 
 def _rescaled_coefficients(
-    code: Code, numbers: tuple[float, ...], power: ir.Value, square: ir.Value, scale: float
+    code: VectorBuilder, numbers: tuple[float, ...], power: ir.Value, square: ir.Value, scale: float
 ) -> list[Any]:
     """Coefficients in r^2 from those in (r/r_c)^2, in each lane: times ``power`` over ``scale``."""
     b, out = code.builder, []
     for number in numbers:
-        out.append(code.splat(b.fmul(ir.Constant(power.type, number / scale), power)))
+        out.append(code.broadcast_scalar(b.fmul(ir.Constant(power.type, number / scale), power)))
         power = b.fdiv(power, square)
     return out
 
 
 def _make_smooth_cut_off(
-    code: Code, arrays: GrainArrayPointers, radius: ir.Value, *, smooth: bool
+    code: VectorBuilder, arrays: GrainArrayPointers, radius: ir.Value, *, smooth: bool
 ) -> CutOffVectors:
     b, far, scale = code.builder, arrays.far, arrays.scale
     square = b.fmul(radius, radius)
@@ -156,7 +158,7 @@ def sum_row_ranges(
 
     What is summed goes to the row ``part`` of fx, fy, stiffness, extremes and load.
     The first row's partners begin with the second row; seven more grains behind that one are met
-    without being listed. ``runs`` is int64 (rows / 2, `RUNS`, 2): where each run starts and stops;
+    without being listed. ``runs`` is int64 (rows / 2, `RANGES`, 2): where each run starts and stops;
     in a periodic cell it has `IMAGES` times as many, and ``shifts``, float64 of that shape, or
     None, the shift of the images of each run's partners. Up to seven entries behind a
     run are met, too. ``smooth`` is None where pairs just end at the radius, anything else where the
@@ -165,13 +167,13 @@ def sum_row_ranges(
     signature = types.void(arrays, runs, types.intp, types.intp, types.intp, types.float64, smooth, shifts)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        code = Code(context, builder)
+        code = VectorBuilder(context, builder)
         part, first, stop, radius = values[2:6]
         arrays = GrainArrayPointers(code, signature.args[0], values[0], part)
-        listed = code.data(signature.args[1], values[1])
+        listed = code.array_pointer(signature.args[1], values[1])
         ends = not isinstance(signature.args[6], types.NoneType)
         cut = _make_smooth_cut_off(code, arrays, radius, smooth=ends)
-        away = code.data(signature.args[7], values[7])
+        away = code.array_pointer(signature.args[7], values[7])
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
             indices = [builder.add(row, ir.Constant(INDEX, item)) for item in range(ROWS)]
@@ -179,7 +181,7 @@ def sum_row_ranges(
             sweep = _RowSums(
                 arrays,
                 [broadcast_grain(code, arrays, position) for position in indices],
-                [[code.variable(constant(0.0)) for _ in range(count)] for _ in indices],
+                [[code.new_variable(broadcast_constant(0.0)) for _ in range(count)] for _ in indices],
                 EnergyAndClosestPair(code, arrays.extremes),
                 cut,
             )

@@ -27,7 +27,7 @@ from granular.pairs.pair_contributions import (
     make_cut_off_vectors,
     pair_contributions,
 )
-from granular.pairs.simd import INDEX, WIDTH, Code, constant, has_avx512, pad_to_vectors
+from granular.pairs.simd import INDEX, WIDTH, VectorBuilder, broadcast_constant, has_avx512, pad_to_vectors
 
 __all__ = ["WIDTH", "pad_to_vectors", "reproducible_sum", "sum_pairs_within_block", "sum_rows_with_partners"]
 
@@ -45,23 +45,23 @@ class _PeriodicCutOff(NamedTuple):
 
 
 def _make_periodic_cut_off(
-    code: Code, arrays: GrainArrayPointers, kind: Any, nearest: Any
+    code: VectorBuilder, arrays: GrainArrayPointers, kind: Any, nearest: Any
 ) -> _PeriodicCutOff:
     """Make it from width, height and radius [D]."""
     if isinstance(kind, types.NoneType):
         return _PeriodicCutOff(None, None)
     b, item = code.builder, ir.Constant(ir.DoubleType(), 1.0)
-    pointer = code.data(kind, nearest)
-    width, height, radius = (code.scalar(pointer, ir.Constant(INDEX, k)) for k in range(3))
+    pointer = code.array_pointer(kind, nearest)
+    width, height, radius = (code.load_scalar(pointer, ir.Constant(INDEX, k)) for k in range(3))
     square = b.fmul(radius, radius)
     rest = b.fdiv(ir.Constant(square.type, 1.0 / arrays.scale), b.fmul(square, radius))
     sides = (width, height, b.fdiv(item, width), b.fdiv(item, height))
     cut = make_cut_off_vectors(code, square, rest, None, arrays.far)
-    return _PeriodicCutOff(cut, PeriodicCellVectors(*(code.splat(side) for side in sides)))
+    return _PeriodicCutOff(cut, PeriodicCellVectors(*(code.broadcast_scalar(side) for side in sides)))
 
 
 def _emit_rows_with_partners(
-    code: Code,
+    code: VectorBuilder,
     arrays: GrainArrayPointers,
     ends: _PeriodicCutOff,
     first: ir.Value,
@@ -74,46 +74,48 @@ def _emit_rows_with_partners(
     indices = [b.add(first, ir.Constant(INDEX, row)) for row in range(rows)]
     grains = [broadcast_grain(code, arrays, position) for position in indices]
     pointers = computed_sums(arrays.sums)
-    totals = [[code.variable(constant(0.0)) for _ in pointers] for _ in range(rows)]
+    totals = [[code.new_variable(broadcast_constant(0.0)) for _ in pointers] for _ in range(rows)]
     extremes = EnergyAndClosestPair(code, arrays.extremes)
     with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
         partners = load_eight_grains(code, arrays, j)
-        reactions = [code.load(pointer, j) for pointer in pointers]
+        reactions = [code.load_vector(pointer, j) for pointer in pointers]
         for grain, sums in zip(grains, totals, strict=True):
             own, other = pair_contributions(
                 code, grain, partners, arrays.sums, extremes, None, *ends, arrays.series
             )
             for total, value in zip(sums, computed_sums(own), strict=True):
-                code.add_in_place(total, value)
+                code.add_to_variable(total, value)
             reactions = add_vectors(code, reactions, computed_sums(other))
         for pointer, reaction in zip(pointers, reactions, strict=True):
-            code.store(reaction, pointer, j)
+            code.store_vector(reaction, pointer, j)
     for which, pointer in enumerate(pointers):
         vectors = [b.load(sums[which]) for sums in totals]
-        code.add_vector(code.totals(vectors), pointer, first)
+        code.add_vector_to_entries(code.sum_lanes_of_vectors(vectors), pointer, first)
     extremes.store_results()
 
 
 def _emit_pairs_within_block(
-    code: Code, arrays: GrainArrayPointers, ends: _PeriodicCutOff, first: ir.Value
+    code: VectorBuilder, arrays: GrainArrayPointers, ends: _PeriodicCutOff, first: ir.Value
 ) -> None:
     """Pairs of eight grains: each lane with the ones 1, 2, 3 and 4 behind it, round the end."""
     grains = load_eight_grains(code, arrays, first)
     pointers = computed_sums(arrays.sums)
-    totals = [code.load(pointer, first) for pointer in pointers]
+    totals = [code.load_vector(pointer, first) for pointer in pointers]
     extremes = EnergyAndClosestPair(code, arrays.extremes)
     for by in range(1, WIDTH // 2 + 1):
-        partners = GrainVectors(*(None if grain is None else code.turned(grain, by) for grain in grains))
+        partners = GrainVectors(
+            *(None if grain is None else code.rotate_lanes(grain, by) for grain in grains)
+        )
         # Half way round, each pair would be met from both ends.
         lanes = [lane < WIDTH // 2 for lane in range(WIDTH)] if by == WIDTH // 2 else None
         own, other = pair_contributions(
             code, grains, partners, arrays.sums, extremes, lanes, *ends, arrays.series
         )
         totals = add_vectors(code, totals, computed_sums(own))
-        back = [code.turned(value, WIDTH - by) for value in computed_sums(other)]
+        back = [code.rotate_lanes(value, WIDTH - by) for value in computed_sums(other)]
         totals = add_vectors(code, totals, back)
     for pointer, total in zip(pointers, totals, strict=True):
-        code.store(total, pointer, first)
+        code.store_vector(total, pointer, first)
     extremes.store_results()
 
 
@@ -126,7 +128,7 @@ def sum_rows_with_partners(typing: Any, arrays: Any, first: Any, start: Any, sto
     signature = types.void(arrays, types.intp, types.intp, types.intp, nearest)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        code = Code(context, builder)
+        code = VectorBuilder(context, builder)
         arrays = GrainArrayPointers(code, signature.args[0], values[0])
         first, start, stop, nearest = values[1:]
         ends = _make_periodic_cut_off(code, arrays, signature.args[4], nearest)
@@ -146,7 +148,7 @@ def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, nearest: Any) -
     signature = types.void(arrays, types.intp, nearest)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        code = Code(context, builder)
+        code = VectorBuilder(context, builder)
         arrays = GrainArrayPointers(code, signature.args[0], values[0])
         ends = _make_periodic_cut_off(code, arrays, signature.args[2], values[2])
         _emit_pairs_within_block(code, arrays, ends, values[1])
@@ -161,13 +163,13 @@ def emit_sum_of_array(typing: Any, values: Any, stop: Any) -> Any:
     signature = types.float64(values, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        code = Code(context, builder)
-        pointer = code.data(signature.args[0], arguments[0])
-        total = code.variable(constant(0.0))
+        code = VectorBuilder(context, builder)
+        pointer = code.array_pointer(signature.args[0], arguments[0])
+        total = code.new_variable(broadcast_constant(0.0))
         start, width = ir.Constant(INDEX, 0), ir.Constant(INDEX, WIDTH)
         with cgutils.for_range_slice(builder, start, arguments[1], width, INDEX) as (j, _):
-            code.add_in_place(total, code.load(pointer, j))
-        return code.total(builder.load(total))
+            code.add_to_variable(total, code.load_vector(pointer, j))
+        return code.sum_lanes(builder.load(total))
 
     return signature, generate
 

@@ -54,9 +54,9 @@ def squared_distance_shift(disc: Disc) -> float:
     return 0.75 * (disc.radius**2 - disc.height**2 / 3.0)
 
 
-def pair_squared_distance_shift(first: Disc, second: Disc, *, level: bool = True) -> float:
+def pair_squared_distance_shift(first: Disc, second: Disc, *, mid_planes_level: bool = True) -> float:
     """Return b of a pair, with the mid-planes level or both discs on one plate."""
-    apart = 0.0 if level else first.height - second.height
+    apart = 0.0 if mid_planes_level else first.height - second.height
     return squared_distance_shift(first) + squared_distance_shift(second) - 0.75 * apart**2
 
 
@@ -66,7 +66,7 @@ def contact_distance(first: Disc, second: Disc) -> float:
 
 
 def disc_energy_and_force(
-    r: Samples, first: Disc, second: Disc, *, level: bool = True
+    r: Samples, first: Disc, second: Disc, *, mid_planes_level: bool = True
 ) -> tuple[Samples, Samples]:
     """Energy and repulsion of two discs over those scales for which dipoles have 1/r^3 and 3/r^4.
 
@@ -76,7 +76,7 @@ def disc_energy_and_force(
         Distances of the axes, from contact on; in the unit of the discs.
     first, second : Disc
         The two discs.
-    level : bool
+    mid_planes_level : bool
         Whether the mid-planes are level; else both discs lie on the lower plate.
 
     Returns
@@ -85,21 +85,27 @@ def disc_energy_and_force(
         Energy over mu0 m1 m2 / (4 pi), and force over the same.
     """
     energy, force = np.zeros((2, len(r)))
-    for z, sign in _face_pair_heights_and_signs(first, second, level=level):
+    for z, sign in _face_pair_heights_and_signs(first, second, mid_planes_level=mid_planes_level):
         of_faces, slope = _face_pair_energy(np.asarray(r, dtype=np.float64), z, first, second)
         energy += sign * of_faces
         force -= sign * slope
     return energy / _disc_volumes(first, second), force / _disc_volumes(first, second)
 
 
-def contact_force_singularity(first: Disc, second: Disc, *, level: bool = True) -> tuple[float, float]:
+def contact_force_singularity(
+    first: Disc, second: Disc, *, mid_planes_level: bool = True
+) -> tuple[float, float]:
     """Factor and height z of the force's singular part, factor Re (x + iz)^(3/2).
 
     In the units of `disc_energy_and_force`. The nearest faces alone: others are smooth at contact.
     """
-    z = min(height for height, _ in _face_pair_heights_and_signs(first, second, level=level))
+    z = min(
+        height for height, _ in _face_pair_heights_and_signs(first, second, mid_planes_level=mid_planes_level)
+    )
     many = sum(
-        sign for height, sign in _face_pair_heights_and_signs(first, second, level=level) if height == z
+        sign
+        for height, sign in _face_pair_heights_and_signs(first, second, mid_planes_level=mid_planes_level)
+        if height == z
     )
     reduced = first.radius * second.radius / (first.radius + second.radius)
     factor = many * 8.0 * np.pi / 3.0 * np.sqrt(2.0 * reduced)
@@ -110,10 +116,12 @@ def _disc_volumes(first: Disc, second: Disc) -> float:
     return float(np.pi**2 * (first.radius * second.radius) ** 2 * first.height * second.height)
 
 
-def _face_pair_heights_and_signs(first: Disc, second: Disc, *, level: bool) -> list[tuple[float, float]]:
+def _face_pair_heights_and_signs(
+    first: Disc, second: Disc, *, mid_planes_level: bool
+) -> list[tuple[float, float]]:
     """Heights of the faces above each other, and the signs of their energies."""
     apart, total = abs(first.height - second.height), first.height + second.height
-    if level:
+    if mid_planes_level:
         return [(0.5 * apart, 2.0), (0.5 * total, -2.0)]
     return [(0.0, 1.0), (apart, 1.0), (first.height, -1.0), (second.height, -1.0)]
 

@@ -30,17 +30,17 @@ def _clear_reached_lines(
         reached[0] = math.floor(low * fineness) - 1 - mesh.windows[0, LOW]
         reached[1] = math.floor(high * fineness) + 3 - mesh.windows[0, LOW]
     stride = mesh.strides[0]
-    mesh.fractions[part, reached[0] * stride : reached[1] * stride] = 0.0
+    mesh.part_sources[part, reached[0] * stride : reached[1] * stride] = 0.0
 
 
 @compiled
 def _spread_grains_of_part(
     mesh: MultilevelMesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int, part: int
 ) -> None:
-    parts = len(mesh.fractions)
+    parts = len(mesh.part_sources)
     first, end = part * grains // parts, (part + 1) * grains // parts
     _clear_reached_lines(mesh, y, order, first, end, part)
-    window, fraction, stride = mesh.windows[0], mesh.fractions[part], mesh.strides[0]
+    window, fraction, stride = mesh.windows[0], mesh.part_sources[part], mesh.strides[0]
     fineness = 1.0 / mesh.spacing
     corner = mesh.margin - 1 - window[LEFT] - (1 + window[LOW]) * stride
     many = (end - first + _STRANDS - 1) // _STRANDS
@@ -62,9 +62,9 @@ def _add_spread_parts(mesh: MultilevelMesh, part: int) -> None:
     for line in range(part * up // PARTS, (part + 1) * up // PARTS):
         total = mesh.source[line * stride : (line + 1) * stride]
         total[:] = 0.0
-        for other in range(len(mesh.fractions)):
+        for other in range(len(mesh.part_sources)):
             if mesh.reached[other, 0] <= line < mesh.reached[other, 1]:
-                more = mesh.fractions[other, line * stride : (line + 1) * stride]
+                more = mesh.part_sources[other, line * stride : (line + 1) * stride]
                 for index in range(total.size):
                     total[index] += more[index]
 
@@ -73,7 +73,7 @@ def _add_spread_parts(mesh: MultilevelMesh, part: int) -> None:
 def _spread_threaded(
     mesh: MultilevelMesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int
 ) -> None:
-    for part in numba.prange(len(mesh.fractions)):
+    for part in numba.prange(len(mesh.part_sources)):
         _spread_grains_of_part(mesh, x, y, amounts, order, grains, part)
 
 
@@ -98,7 +98,7 @@ def spread_grains(
     ``order``, int64 (m,), names the grains one after another: it is quickest where neighbours
     follow each other.
     """
-    _spread_on_window(mesh.around, mesh, threaded, x, y, amounts, order, grains)
+    _spread_on_window(mesh.points_per_length, mesh, threaded, x, y, amounts, order, grains)
 
 
 @compiled(inline=True)
@@ -115,7 +115,7 @@ def _spread_on_window(
     if around is not None:
         spread_on_periodic_mesh(mesh, around, x, y, amounts, order, grains)
     elif threaded is None:
-        for part in range(len(mesh.fractions)):
+        for part in range(len(mesh.part_sources)):
             _spread_grains_of_part(mesh, x, y, amounts, order, grains, part)
         for part in range(PARTS):
             _add_spread_parts(mesh, part)
@@ -127,7 +127,7 @@ def _spread_on_window(
 @compiled(inline=True)
 def interpolate_potential(mesh: MultilevelMesh, x: float, y: float) -> tuple[float, float, float]:
     """Potential at a point, and its derivatives."""
-    return _interpolate_on_window(mesh.around, mesh, x, y)
+    return _interpolate_on_window(mesh.points_per_length, mesh, x, y)
 
 
 @compiled(inline=True)

@@ -16,7 +16,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
-from granular.pairs.simd import INDEX, LANES, WIDTH, Code, constant
+from granular.pairs.simd import INDEX, LANES, WIDTH, VectorBuilder, broadcast_constant
 
 TERMS = WIDTH
 """Products that are taken together."""
@@ -30,7 +30,7 @@ is left of the distances."""
 
 
 def _convolve_along_lines(
-    code: Code, source: ir.Value, indices: list[ir.Value], table: ir.Value, reach: ir.Value
+    code: VectorBuilder, source: ir.Value, indices: list[ir.Value], table: ir.Value, reach: ir.Value
 ) -> list[list[ir.Value]]:
     """Sum both sides of points along their lines; for each point, one sum for each term."""
     b = code.builder
@@ -39,16 +39,17 @@ def _convolve_along_lines(
     with cgutils.for_range_slice(b, zero, reach, step, INDEX) as (apart, _):
         first = b.mul(apart, ir.Constant(INDEX, TERMS))
         both = [
-            b.fadd(code.load(source, b.sub(at, apart)), code.load(source, b.add(at, apart))) for at in indices
+            b.fadd(code.load_vector(source, b.sub(at, apart)), code.load_vector(source, b.add(at, apart)))
+            for at in indices
         ]
         for term in range(TERMS):
-            fraction = code.splat(code.scalar(table, b.add(first, ir.Constant(INDEX, term))))
+            fraction = code.broadcast_scalar(code.load_scalar(table, b.add(first, ir.Constant(INDEX, term))))
             for values, totals in zip(both, sums, strict=True):
                 b.store(code.fused_multiply_add(values, fraction, b.load(totals[term])), totals[term])
     return [[b.load(total) for total in totals] for totals in sums]
 
 
-def _copy_periodic_lines(code: Code, rows: ir.Value, lines: ir.Value, reach: ir.Value) -> None:
+def _copy_periodic_lines(code: VectorBuilder, rows: ir.Value, lines: ir.Value, reach: ir.Value) -> None:
     """Copy what was met along lines to where they stand again, before the first and behind all."""
     b = code.builder
     block, width = ir.Constant(INDEX, TERMS * WIDTH), ir.Constant(INDEX, WIDTH)
@@ -61,19 +62,19 @@ def _copy_periodic_lines(code: Code, rows: ir.Value, lines: ir.Value, reach: ir.
         from_line = b.urem(b.sub(b.add(here, total), reach), lines)
         there = b.mul(b.add(from_line, reach), block)
         with cgutils.for_range_slice(b, zero, block, width, INDEX) as (position, _):
-            value = code.load(rows, b.add(there, position))
-            code.store(value, rows, b.add(b.mul(here, block), position))
+            value = code.load_vector(rows, b.add(there, position))
+            code.store_vector(value, rows, b.add(b.mul(here, block), position))
 
 
-def _allocate_zero_sums(code: Code, many: int) -> list[Any]:
-    sums = [code.variable(constant(0.0)) for _ in range(many)]
+def _allocate_zero_sums(code: VectorBuilder, many: int) -> list[Any]:
+    sums = [code.new_variable(broadcast_constant(0.0)) for _ in range(many)]
     for sum_pointer in sums:
-        code.builder.store(constant(0.0), sum_pointer)
+        code.builder.store(broadcast_constant(0.0), sum_pointer)
     return sums
 
 
 def _add_distances_to_line_sums(
-    code: Code,
+    code: VectorBuilder,
     rows: ir.Value,
     begin: ir.Value,
     table: ir.Value,
@@ -92,20 +93,20 @@ def _add_distances_to_line_sums(
     up = b.add(begin, b.mul(apart, ir.Constant(INDEX, block)))
     many = len(sums) + distances - 1
     below = [
-        code.load(rows, b.add(down, ir.Constant(INDEX, (line - distances + 1) * block)))
+        code.load_vector(rows, b.add(down, ir.Constant(INDEX, (line - distances + 1) * block)))
         for line in range(many)
     ]
-    above = [code.load(rows, b.add(up, ir.Constant(INDEX, line * block))) for line in range(many)]
+    above = [code.load_vector(rows, b.add(up, ir.Constant(INDEX, line * block))) for line in range(many)]
     for by in range(distances):
         index = b.mul(b.add(apart, ir.Constant(INDEX, by)), ir.Constant(INDEX, TERMS))
-        fraction = code.splat(code.scalar(table, index))
+        fraction = code.broadcast_scalar(code.load_scalar(table, index))
         for line, total in enumerate(sums):
             both = b.fadd(below[line + distances - 1 - by], above[line + by])
             b.store(code.fused_multiply_add(both, fraction, b.load(total)), total)
 
 
 def _convolve_across_lines(
-    code: Code, rows: ir.Value, line: ir.Value, table: ir.Value, reach: ir.Value
+    code: VectorBuilder, rows: ir.Value, line: ir.Value, table: ir.Value, reach: ir.Value
 ) -> list[ir.Value]:
     """Return the sums over both sides of `_LINES` points across the lines, and over the terms."""
     b = code.builder
@@ -163,9 +164,10 @@ def _emit_column_convolution(
     )
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        code, b = Code(context, builder), builder
+        code, b = VectorBuilder(context, builder), builder
         pointers = [
-            code.data(kind, array) for kind, array in zip(signature.args[:5], values[:5], strict=True)
+            code.array_pointer(kind, array)
+            for kind, array in zip(signature.args[:5], values[:5], strict=True)
         ]
         source, out, along, across, rows = pointers
         at, stride, lines, first, scale = values[5:10]
@@ -183,10 +185,10 @@ def _emit_column_convolution(
             ):
                 begin = b.mul(b.add(here, reach), block)
                 for term, value in enumerate(sums):
-                    code.store(value, rows, b.add(begin, ir.Constant(INDEX, term * WIDTH)))
+                    code.store_vector(value, rows, b.add(begin, ir.Constant(INDEX, term * WIDTH)))
         if not isinstance(signature.args[10], types.NoneType):
             _copy_periodic_lines(code, rows, lines, reach)
-        factor = code.splat(scale)
+        factor = code.broadcast_scalar(scale)
         many = ir.Constant(INDEX, _LINES)
         with cgutils.for_range_slice(b, zero, lines, many, INDEX) as (line, _):
             values = _convolve_across_lines(code, rows, b.add(line, reach), across, reach)
@@ -194,8 +196,8 @@ def _emit_column_convolution(
                 here = b.add(line, ir.Constant(INDEX, behind))
                 with b.if_then(b.icmp_signed("<", here, lines)):
                     index = b.add(at, b.mul(here, stride))
-                    before = b.select(first, constant(0.0), code.load(out, index))
-                    code.store(b.fadd(before, b.fmul(value, factor)), out, index)
+                    before = b.select(first, broadcast_constant(0.0), code.load_vector(out, index))
+                    code.store_vector(b.fadd(before, b.fmul(value, factor)), out, index)
         return context.get_dummy_value()
 
     return signature, generate

@@ -93,45 +93,45 @@ class FarFieldState(NamedTuple):
     direct : DirectFarFieldWorkspace or None
         Instead of the mesh where all pairs are summed.
     radius : float
-    own : float
+    self_potential : float
         Far part of the potential of a grain of moment 1 at its own position.
     fx, fy : float64 (m,)
-    held : float64 (2, m) or None
+    held_forces : float64 (2, m) or None
         A force that stays as it is and acts all the time, where the far field acts in impulses:
         they make up the difference. Without it, grains at rest would be pushed to and fro. None
         where the far field is a part of every force.
     load : float64 (m,) or None
         Far part of the sums behind the normal force of friction.
-    met : float64 (2, m) or None
+    evaluated_at : float64 (2, m) or None
         Positions of the last evaluation; None where each force has one.
-    course : float64 (3, m) or None
+    rates : float64 (3, m) or None
         Rates of change of forces and loads [1/tau] while grains slide; None where not needed.
-    ahead : int
+    extrapolation_steps : int
         Steps that they then go on for.
-    still : float
+    unchanged_distance : float
         See `STILL`.
-    moment : float64 (3,)
+    timing : float64 (3,)
         See `TIME` and the others.
     energy : float64 (1,)
-    totals : float64 (parts,)
+    part_totals : float64 (parts,)
         Twice the energy of each part of the grains.
     """
 
     mesh: MultilevelMesh | None
     direct: DirectFarFieldWorkspace | None
     radius: float
-    own: float
+    self_potential: float
     fx: np.ndarray
     fy: np.ndarray
-    held: np.ndarray | None
+    held_forces: np.ndarray | None
     load: np.ndarray | None
-    met: np.ndarray | None
-    trajectory: np.ndarray | None
-    ahead: int
-    still: float
-    moment: np.ndarray
+    evaluated_at: np.ndarray | None
+    rates: np.ndarray | None
+    extrapolation_steps: int
+    unchanged_distance: float
+    timing: np.ndarray
     energy: np.ndarray
-    totals: np.ndarray
+    part_totals: np.ndarray
 
 
 def far_field_state(field: FarFieldSettings, size: int, *, loaded: bool) -> FarFieldState:
@@ -145,19 +145,19 @@ def far_field_state(field: FarFieldSettings, size: int, *, loaded: bool) -> FarF
         mesh=mesh,
         direct=direct_far_field_workspace(size, loaded=loaded) if mesh is None else None,
         radius=field.radius,
-        own=CUBE[0] / (field.radius * field.radius * field.radius)
+        self_potential=CUBE[0] / (field.radius * field.radius * field.radius)
         + FIFTH_ENERGY[0] * field.fifth / field.radius**5,
         fx=np.zeros(size),
         fy=np.zeros(size),
-        held=None if field.every is None else np.zeros((2, size)),
+        held_forces=None if field.every is None else np.zeros((2, size)),
         load=np.zeros(size) if loaded else None,
-        met=None if field.rubbing is None else np.full((2, size), np.nan),
-        trajectory=np.zeros((3, size)) if field.rubbing is not None and field.rubbing > 1 else None,
-        ahead=field.rubbing or 0,
-        still=STILL_EXACT if mesh is None else STILL,
-        moment=np.zeros(3),
+        evaluated_at=None if field.rubbing is None else np.full((2, size), np.nan),
+        rates=np.zeros((3, size)) if field.rubbing is not None and field.rubbing > 1 else None,
+        extrapolation_steps=field.rubbing or 0,
+        unchanged_distance=STILL_EXACT if mesh is None else STILL,
+        timing=np.zeros(3),
         energy=np.zeros(1),
-        totals=np.zeros(PARTS),
+        part_totals=np.zeros(PARTS),
     )
 
 
@@ -166,7 +166,7 @@ class MeshFarFieldArrays(NamedTuple):
 
     Attributes
     ----------
-    own : float
+    self_potential : float
         Potential of a grain of moment 1 at its own position.
     """
 
@@ -176,11 +176,11 @@ class MeshFarFieldArrays(NamedTuple):
     moments: np.ndarray | None
     weight: np.ndarray | None
     order: np.ndarray
-    own: float
+    self_potential: float
     fx: np.ndarray
     fy: np.ndarray
     load: np.ndarray | None
-    totals: np.ndarray
+    part_totals: np.ndarray
 
 
 @compiled(inline=True)
@@ -199,9 +199,9 @@ def _interpolate_forces_of_part(mesh: MultilevelMesh, asked: MeshFarFieldArrays,
         q = value_or_one(asked.moments, i)
         asked.fx[i] = -ENERGY * q * by_x
         asked.fy[i] = -ENERGY * q * by_y
-        total += q * (value - asked.own * q)
-        _store_load_if_wanted(asked.load, i, value_or_one(asked.weight, i) * (value - asked.own))
-    asked.totals[part] = total
+        total += q * (value - asked.self_potential * q)
+        _store_load_if_wanted(asked.load, i, value_or_one(asked.weight, i) * (value - asked.self_potential))
+    asked.part_totals[part] = total
 
 
 @compiled
@@ -211,7 +211,7 @@ def _interpolate_loads_of_part(mesh: MultilevelMesh, asked: MeshFarFieldArrays, 
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = asked.order[k]
         value, _, _ = interpolate_potential(mesh, asked.x[i], asked.y[i])
-        _store_load_if_wanted(asked.load, i, value - asked.own * value_or_one(asked.weight, i))
+        _store_load_if_wanted(asked.load, i, value - asked.self_potential * value_or_one(asked.weight, i))
 
 
 @compiled(parallel=True)
@@ -236,7 +236,7 @@ def _interpolate_forces(threaded: bool | None, mesh: MultilevelMesh, asked: Mesh
         _interpolate_forces_threaded(mesh, asked)
     total = 0.0
     for part in range(PARTS):
-        total += asked.totals[part]
+        total += asked.part_totals[part]
     return 0.5 * ENERGY * total
 
 
@@ -301,7 +301,7 @@ def compute_mesh_far_field(
     if not positions_are_finite(x, y, grains):
         set_forces_to_nan(arrays, grains)
         return 0
-    if not _choose_windows_unless_periodic(mesh.around, mesh, x, y, grains):
+    if not _choose_windows_unless_periodic(mesh.points_per_length, mesh, x, y, grains):
         far.energy[0] = np.nan
         return 1
     sums = MeshFarFieldArrays(
@@ -311,16 +311,16 @@ def compute_mesh_far_field(
         arrays.moments,
         arrays.weight,
         order,
-        far.own,
+        far.self_potential,
         arrays.fx,
         arrays.fy,
         arrays.load,
-        far.totals,
+        far.part_totals,
     )
     spread_grains(mesh, threaded, x, y, arrays.moments, order, grains)
     compute_mesh_potential(mesh, threaded)
     far.energy[0] = _interpolate_forces(threaded, mesh, sums)
-    store_positions(far.met, x, y, grains)
+    store_positions(far.evaluated_at, x, y, grains)
     _compute_load_of_unlike_grains(arrays.weight, arrays.moments, mesh, threaded, sums)
     return 0
 

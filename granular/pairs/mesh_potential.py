@@ -122,7 +122,7 @@ def _index_of_first_point(around: Array | None, mesh: MultilevelMesh, level: int
 
 @compiled
 def _convolve_columns(mesh: MultilevelMesh, level: int, column: int, part: int) -> None:
-    at, up = _index_of_first_point(mesh.around, mesh, level) + column, mesh.windows[level, UP]
+    at, up = _index_of_first_point(mesh.points_per_length, mesh, level) + column, mesh.windows[level, UP]
     along, across = mesh.band_along[level], mesh.band_across[level]
     if level == len(mesh.windows) - 1:
         along, across = mesh.rest_along, mesh.rest_across
@@ -136,7 +136,7 @@ def _convolve_columns(mesh: MultilevelMesh, level: int, column: int, part: int) 
         mesh.strides[level],
         up,
         0.125**level,
-        mesh.around,
+        mesh.points_per_length,
     )
 
 
@@ -161,7 +161,7 @@ def _convolve_threaded(mesh: MultilevelMesh) -> None:
 @compiled
 def compute_mesh_potential(mesh: MultilevelMesh, threaded: bool | None) -> None:
     """Find the potential on the finest level of the sources there."""
-    _compute_potential(mesh.around, mesh, threaded)
+    _compute_potential(mesh.points_per_length, mesh, threaded)
 
 
 @compiled(inline=True)

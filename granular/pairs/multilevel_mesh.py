@@ -195,13 +195,13 @@ class MultilevelMesh(NamedTuple):
         Zeros before a line.
     windows : int64 (levels, 4)
         See `LEFT` and the others.
-    shares : float64 (parts, q)
+    part_sources : float64 (parts, q)
         Sources that each part of the grains puts on the finest level.
     reached : int64 (parts, 2)
         The lines that it does so on: the first one, and the one behind the last.
     rows : float64 (PARTS, r)
         Scratch of the convolution.
-    around : float64 (2,) or None
+    points_per_length : float64 (2,) or None
         Points of the finest level a length of D, along both axes, where it goes round a periodic
         cell; see `granular.pairs.periodic_mesh`.
     """
@@ -217,10 +217,10 @@ class MultilevelMesh(NamedTuple):
     strides: np.ndarray
     margin: int
     windows: np.ndarray
-    fractions: np.ndarray
+    part_sources: np.ndarray
     reached: np.ndarray
     rows: np.ndarray
-    around: np.ndarray | None
+    points_per_length: np.ndarray | None
 
 
 def multilevel_mesh_workspace(
@@ -253,10 +253,10 @@ def multilevel_mesh_workspace(
         strides=np.array(strides),
         margin=margin,
         windows=np.zeros((levels, 4), dtype=np.int64),
-        fractions=np.zeros((parts, begins[1])),
+        part_sources=np.zeros((parts, begins[1])),
         reached=np.zeros((parts, 2), dtype=np.int64),
         rows=np.zeros((PARTS, (most + 2 * reach + BESIDE) * TERMS * WIDTH)),
-        around=None,
+        points_per_length=None,
     )
 
 

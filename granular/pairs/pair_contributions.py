@@ -18,11 +18,11 @@ from granular.pairs.simd import (
     DISC_SCALE,
     INDEX,
     SCALE,
-    Code,
-    constant,
-    inverse_fifth,
-    inverse_fifth_for_discs,
+    VectorBuilder,
+    broadcast_constant,
+    inverse_fifth_power,
     lane_mask,
+    rough_inverse_fifth_power,
 )
 
 _AWAY = 1e100
@@ -47,13 +47,15 @@ class DiscLawVectors(NamedTuple):
     energy: Any
 
 
-def _load_disc_law(code: Code, pointer: Any) -> DiscLawVectors | None:
+def _load_disc_law(code: VectorBuilder, pointer: Any) -> DiscLawVectors | None:
     if pointer is None:
         return None
     b, entries = code.builder, (COMMON, CENTRE, TERM)
-    common, centre, term = (code.splat(code.scalar(pointer, ir.Constant(INDEX, k))) for k in entries)
+    common, centre, term = (
+        code.broadcast_scalar(code.load_scalar(pointer, ir.Constant(INDEX, k))) for k in entries
+    )
     rest = b.fneg(b.fmul(centre, centre))
-    return DiscLawVectors(common, centre, rest, b.fmul(constant(DISC_SCALE), term))
+    return DiscLawVectors(common, centre, rest, b.fmul(broadcast_constant(DISC_SCALE), term))
 
 
 class GrainArrayPointers:
@@ -62,9 +64,9 @@ class GrainArrayPointers:
     Of arrays with two dimensions, the row that is given.
     """
 
-    def __init__(self, code: Code, kinds: Any, arrays: Any, row: ir.Value | None = None) -> None:
+    def __init__(self, code: VectorBuilder, kinds: Any, arrays: Any, row: ir.Value | None = None) -> None:
         pointers = [
-            code.data(kind, code.builder.extract_value(arrays, index), row)
+            code.array_pointer(kind, code.builder.extract_value(arrays, index), row)
             for index, kind in enumerate(kinds)
         ]
         self.x, self.y = pointers[:2]
@@ -72,8 +74,10 @@ class GrainArrayPointers:
         self.moments, self.extremes, self.weight = pointers[4], pointers[6], pointers[8]
         self.series, self.shift = _load_disc_law(code, pointers[9]), pointers[10]
         self.scale = SCALE if self.series is None else DISC_SCALE
-        self.far = pointers[9] and code.scalar(pointers[9], ir.Constant(INDEX, FAR))
-        self.unscaled_force_factor = pointers[9] and code.scalar(pointers[9], ir.Constant(INDEX, FORCE_SCALE))
+        self.far = pointers[9] and code.load_scalar(pointers[9], ir.Constant(INDEX, FAR))
+        self.unscaled_force_factor = pointers[9] and code.load_scalar(
+            pointers[9], ir.Constant(INDEX, FORCE_SCALE)
+        )
 
 
 class GrainVectors(NamedTuple):
@@ -90,15 +94,18 @@ def computed_sums(values: PairSums) -> list[Any]:
     return [value for value in values if value is not None]
 
 
-def load_eight_grains(code: Code, arrays: GrainArrayPointers, j: ir.Value) -> GrainVectors:
+def load_eight_grains(code: VectorBuilder, arrays: GrainArrayPointers, j: ir.Value) -> GrainVectors:
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
-    return GrainVectors(*(None if pointer is None else code.load(pointer, j) for pointer in pointers))
+    return GrainVectors(*(None if pointer is None else code.load_vector(pointer, j) for pointer in pointers))
 
 
-def broadcast_grain(code: Code, arrays: GrainArrayPointers, i: ir.Value) -> GrainVectors:
+def broadcast_grain(code: VectorBuilder, arrays: GrainArrayPointers, i: ir.Value) -> GrainVectors:
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
     return GrainVectors(
-        *(None if pointer is None else code.splat(code.scalar(pointer, i)) for pointer in pointers)
+        *(
+            None if pointer is None else code.broadcast_scalar(code.load_scalar(pointer, i))
+            for pointer in pointers
+        )
     )
 
 
@@ -123,14 +130,18 @@ class CutOffVectors(NamedTuple):
 
 
 def make_cut_off_vectors(
-    code: Code, square: ir.Value, rest: ir.Value, smooth: FarPartCoefficients | None, far: ir.Value | None
+    code: VectorBuilder,
+    square: ir.Value,
+    rest: ir.Value,
+    smooth: FarPartCoefficients | None,
+    far: ir.Value | None,
 ) -> CutOffVectors:
     """Return the cut-off from its square and r^-3 there over the scale.
 
     ``far`` is the factor of r^-5 in the far part of discs; None for dipoles.
     """
     b = code.builder
-    cut = CutOffVectors(code.splat(square), code.splat(rest), smooth)
+    cut = CutOffVectors(code.broadcast_scalar(square), code.broadcast_scalar(rest), smooth)
     if far is None:
         return cut
     # (r^2 - b)^(-3/2) = r^-3 (1 + (3/2) b/r^2 + (15/8) b^2/r^4 + ...), less the far part.
@@ -139,7 +150,7 @@ def make_cut_off_vectors(
     begin = rest if smooth is None else b.fneg(b.fmul(far, first))
     factors = [begin, b.fmul(ir.Constant(square.type, 1.5), first)]
     factors.append(b.fmul(ir.Constant(square.type, 1.875), second))
-    return cut._replace(rest=[code.splat(factor) for factor in factors])
+    return cut._replace(rest=[code.broadcast_scalar(factor) for factor in factors])
 
 
 class PeriodicCellVectors(NamedTuple):
@@ -150,43 +161,45 @@ class PeriodicCellVectors(NamedTuple):
     per_width: Any
     per_height: Any
 
-    def nearest_image_displacement(self, code: Code, dx: ir.Value, dy: ir.Value) -> tuple[ir.Value, ir.Value]:
+    def nearest_image_displacement(
+        self, code: VectorBuilder, dx: ir.Value, dy: ir.Value
+    ) -> tuple[ir.Value, ir.Value]:
         """Displacement to the nearest image."""
         b, result = code.builder, []
         for displacement, side, per in ((dx, self.width, self.per_width), (dy, self.height, self.per_height)):
-            turns = code.rounded(b.fmul(displacement, per))
+            turns = code.round_to_integers(b.fmul(displacement, per))
             result.append(b.fsub(displacement, b.fmul(turns, side)))
         # Padding grains have no images.
-        padding = b.fcmp_unordered(">", b.fmul(dx, dx), constant(_AWAY))
+        padding = b.fcmp_unordered(">", b.fmul(dx, dx), broadcast_constant(_AWAY))
         return b.select(padding, dx, result[0]), result[1]
 
 
 class EnergyAndClosestPair:
     """The energy of a sweep, and its closest pair."""
 
-    def __init__(self, code: Code, pointer: ir.Value) -> None:
+    def __init__(self, code: VectorBuilder, pointer: ir.Value) -> None:
         self.code, self.pointer = code, pointer
-        self.energy = pointer and code.variable(constant(0.0))
-        self.closest = pointer and code.variable(constant(0.0))
+        self.energy = pointer and code.new_variable(broadcast_constant(0.0))
+        self.closest = pointer and code.new_variable(broadcast_constant(0.0))
 
     def include_pairs(self, s: ir.Value, energy: ir.Value) -> None:
         if self.pointer is not None:
             code, b = self.code, self.code.builder
-            code.add_in_place(self.energy, energy)
-            b.store(code.greater(s, b.load(self.closest)), self.closest)
+            code.add_to_variable(self.energy, energy)
+            b.store(code.elementwise_maximum(s, b.load(self.closest)), self.closest)
 
     def store_results(self) -> None:
         if self.pointer is not None:
             code, b = self.code, self.code.builder
             first, second = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
-            code.add_scalar(code.total(b.load(self.energy)), self.pointer, first)
-            closest = code.largest(b.load(self.closest))
-            held = code.scalar(self.pointer, second)
+            code.add_scalar_to_entry(code.sum_lanes(b.load(self.energy)), self.pointer, first)
+            closest = code.largest_lane(b.load(self.closest))
+            held = code.load_scalar(self.pointer, second)
             closest = b.select(b.fcmp_ordered(">", closest, held), closest, held)
-            code.put_scalar(closest, self.pointer, second)
+            code.store_scalar(closest, self.pointer, second)
 
 
-def _evaluate_polynomial(code: Code, coefficients: list[Any], r2: ir.Value) -> ir.Value:
+def _evaluate_polynomial(code: VectorBuilder, coefficients: list[Any], r2: ir.Value) -> ir.Value:
     value = coefficients[-1]
     for coefficient in reversed(coefficients[:-1]):
         value = code.fused_multiply_add(value, r2, coefficient)
@@ -194,7 +207,7 @@ def _evaluate_polynomial(code: Code, coefficients: list[Any], r2: ir.Value) -> i
 
 
 def _pair_energies(
-    code: Code,
+    code: VectorBuilder,
     r2: ir.Value,
     s: ir.Value,
     strength: ir.Value,
@@ -207,20 +220,20 @@ def _pair_energies(
     b = code.builder
     if cube is not None:
         if shift is not None and cut is not None and cut.rest is not None:
-            inside = b.fcmp_unordered("!=", s, constant(0.0))
+            inside = b.fcmp_unordered("!=", s, broadcast_constant(0.0))
             rest = _evaluate_polynomial(code, cut.rest, shift)
-            cube = b.select(inside, b.fsub(cube, rest), constant(0.0))
+            cube = b.select(inside, b.fsub(cube, rest), broadcast_constant(0.0))
         return cube if pair is None else b.fmul(cube, pair)
     energy = b.fmul(r2, strength)
     if cut is None:
         return energy
     rest = cut.cube if pair is None else b.fmul(cut.cube, pair)
-    inside = b.fcmp_ordered(">", s, constant(0.0))
-    return b.select(inside, b.fsub(energy, rest), constant(0.0))
+    inside = b.fcmp_ordered(">", s, broadcast_constant(0.0))
+    return b.select(inside, b.fsub(energy, rest), broadcast_constant(0.0))
 
 
 def _masked_inverse_fifth_power(
-    code: Code,
+    code: VectorBuilder,
     argument: ir.Value,
     r2: ir.Value,
     lanes: list[bool] | None,
@@ -228,8 +241,8 @@ def _masked_inverse_fifth_power(
     series: DiscLawVectors | None,
 ) -> ir.Value:
     """Return ``argument``^(-5/2), and 0 where a pair does not count."""
-    b, zero = code.builder, constant(0.0)
-    s = inverse_fifth(code, argument) if series is None else inverse_fifth_for_discs(code, argument)
+    b, zero = code.builder, broadcast_constant(0.0)
+    s = inverse_fifth_power(code, argument) if series is None else rough_inverse_fifth_power(code, argument)
     if lanes is not None:
         s = b.select(lane_mask(lanes), s, zero)
     if cut is not None:
@@ -238,7 +251,7 @@ def _masked_inverse_fifth_power(
 
 
 def pair_contributions(
-    code: Code,
+    code: VectorBuilder,
     first: GrainVectors,
     second: GrainVectors,
     wanted: PairSums,
@@ -253,7 +266,7 @@ def pair_contributions(
     Only in the lanes that are given, or in all.
     """
     b = code.builder
-    zero = constant(0.0)
+    zero = broadcast_constant(0.0)
     dx, dy = b.fsub(first.x, second.x), b.fsub(first.y, second.y)
     if images is not None:
         dx, dy = images.nearest_image_displacement(code, dx, dy)
@@ -303,7 +316,7 @@ def pair_contributions(
 
 
 def _inverse_cube_in_energy(
-    code: Code,
+    code: VectorBuilder,
     r2: ir.Value,
     argument: ir.Value,
     energy: ir.Value,
@@ -311,7 +324,7 @@ def _inverse_cube_in_energy(
     cut: CutOffVectors | None,
 ) -> ir.Value | None:
     """Return what stands for r^-3 in energies, of discs or where a far part is taken off."""
-    b, zero = code.builder, constant(0.0)
+    b, zero = code.builder, broadcast_constant(0.0)
     smooth = None if cut is None else cut.smooth
     if shift is None and smooth is None:
         return None
@@ -321,5 +334,5 @@ def _inverse_cube_in_energy(
     return cube if cut is None else b.select(b.fcmp_unordered("!=", energy, zero), cube, zero)
 
 
-def add_vectors(code: Code, totals: list[Any], values: list[Any]) -> list[Any]:
+def add_vectors(code: VectorBuilder, totals: list[Any], values: list[Any]) -> list[Any]:
     return [code.builder.fadd(total, more) for total, more in zip(totals, values, strict=True)]

@@ -85,52 +85,54 @@ class PairSumSettings(Section):
                 "far_every",
             )
 
-    def chosen(self, grains: int, *, closed: bool, workspace: float | None = None) -> str:
+    def resolve_method(self, grains: int, *, closed: bool, shorter_side: float | None = None) -> str:
         """Return method that runs, for so many grains in a closed cell, an open or a periodic one.
 
-        ``workspace`` is the shorter side of a periodic cell over the first species' diameter.
+        ``shorter_side`` is the shorter side of a periodic cell over the first species' diameter.
         """
         if self.method != "auto":
             return self.method
-        if workspace is not None:
+        if shorter_side is not None:
             return (
                 "mesh"
-                if self._mesh_split_radius() <= MESH_REACH * workspace and grains >= LEAST
+                if self._mesh_split_radius() <= MESH_REACH * shorter_side and grains >= LEAST
                 else "direct"
             )
         return "mesh" if closed and grains >= MESH_FROM else "direct"
 
-    def radius(self, method: str | None, diameter: float, workspace: float | None = None) -> float | None:
+    def near_pair_radius(
+        self, method: str | None, diameter: float, shorter_side: float | None = None
+    ) -> float | None:
         """Radius where pairs end, over the first species' diameter [m]; None where none do.
 
-        ``workspace`` as in `chosen`.
+        ``shorter_side`` as in `chosen`.
         """
         if method == "cut-off":
             return self._radius_or_default(diameter, RADIUS)
         if method == "mesh":
             return self._radius_or_default(diameter, self._mesh_split_radius())
-        if method == "direct" and workspace is not None:
-            return self._radius_or_default(diameter, 0.5 * workspace)
+        if method == "direct" and shorter_side is not None:
+            return self._radius_or_default(diameter, 0.5 * shorter_side)
         return None
 
-    def check_periodic_cell(self, grains: int, workspace: float, diameter: float) -> None:
+    def check_periodic_cell(self, grains: int, shorter_side: float, diameter: float) -> None:
         """Raise `FieldError` unless pairs end within a periodic cell; see `chosen`."""
         if self.method == "verlet-list":
             raise FieldError("de Paula's list knows no images; take 'cut-off' in a periodic cell", "method")
-        method = self.chosen(grains, closed=False, workspace=workspace)
+        method = self.resolve_method(grains, closed=False, shorter_side=shorter_side)
         if method == "direct" and (self.far_every or 1) > 1:
             raise FieldError(
                 "the direct sum of a periodic cell ends at a radius and has no far field; take 'mesh'",
                 "far_every",
             )
-        radius = self.radius(method, diameter, workspace)
-        most = (0.5 if method == "direct" else MESH_REACH) * workspace
+        radius = self.near_pair_radius(method, diameter, shorter_side)
+        most = (0.5 if method == "direct" else MESH_REACH) * shorter_side
         if radius is not None and radius > most * (1.0 + 1e-12):
             needed = method == "mesh" and self.cut_off is None
             other = "a greater tolerance" if needed else "a shorter cut_off"
             raise FieldError(
                 f"{'needs a radius of ' if needed else ''}{radius * diameter:.6g} m, which is over "
-                f"{most / workspace:g} of the shorter side of the periodic cell, "
+                f"{most / shorter_side:g} of the shorter side of the periodic cell, "
                 f"{most * diameter:.6g} m; take 'direct', {other} or a larger cell",
                 "tolerance" if needed else "cut_off",
             )
@@ -139,7 +141,7 @@ class PairSumSettings(Section):
                 f"{method!r} needs {LEAST} grains in a periodic cell, not {grains}; take 'direct'", "method"
             )
 
-    def listing(self, diameter: float) -> VerletSettings:
+    def verlet_list_settings(self, diameter: float) -> VerletSettings:
         """De Paula's list in units of the first species' diameter [m]."""
         skin = SKIN if self.skin is None else self.skin / diameter
         return VerletSettings(self._radius_or_default(diameter, RADIUS), skin)

@@ -359,8 +359,8 @@ def periodic_mesh_workspace(
         strides=np.array(strides),
         margin=margin,
         windows=np.array([(0, 0, across, up) for across, up in points], dtype=np.int64),
-        fractions=np.zeros((0, 0)),
+        part_sources=np.zeros((0, 0)),
         reached=np.zeros((0, 2), dtype=np.int64),
         rows=np.zeros((PARTS, (most + 2 * reach + BESIDE) * TERMS * WIDTH)),
-        around=np.array([points[0][0] / width, points[0][1] / height]),
+        points_per_length=np.array([points[0][0] / width, points[0][1] / height]),
     )

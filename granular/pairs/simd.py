@@ -44,15 +44,15 @@ def pad_to_vectors(count: int) -> int:
     return max(WIDTH, -(-count // WIDTH) * WIDTH)
 
 
-def constant(value: float) -> ir.Constant:
+def broadcast_constant(value: float) -> ir.Constant:
     return ir.Constant(LANES, [value] * WIDTH)
 
 
-def vector_constant(values: Sequence[float]) -> ir.Constant:
+def constant_vector(values: Sequence[float]) -> ir.Constant:
     return ir.Constant(LANES, list(values))
 
 
-def integer_constant(value: int) -> ir.Constant:
+def broadcast_integer_constant(value: int) -> ir.Constant:
     return ir.Constant(_BITS, [value] * WIDTH)
 
 
@@ -65,13 +65,13 @@ def has_avx512(context: Any) -> bool:
     return "+avx512f" in context.codegen().magic_tuple()[2]
 
 
-class Code:
+class VectorBuilder:
     """An instruction builder with the few vector operations that are needed."""
 
     def __init__(self, context: Any, builder: ir.IRBuilder) -> None:
         self.context, self.builder = context, builder
 
-    def data(self, kind: Any, array: Any, row: ir.Value | None = None) -> Any:
+    def array_pointer(self, kind: Any, array: Any, row: ir.Value | None = None) -> Any:
         """Pointer to an array's first element, or to a row's; None for an absent array."""
         if isinstance(kind, types.NoneType):
             return None
@@ -81,7 +81,7 @@ class Code:
         across = self.builder.extract_value(made.shape, 1)
         return self.builder.gep(made.data, [self.builder.mul(row, across)])
 
-    def call(self, name: str, *operands: ir.Value) -> ir.Value:
+    def call_llvm_function(self, name: str, *operands: ir.Value) -> ir.Value:
         """Return a function of LLVM on vectors of doubles."""
         module = self.builder.module
         function = module.globals.get(name)
@@ -91,19 +91,19 @@ class Code:
         return self.builder.call(function, operands)
 
     def fused_multiply_add(self, a: ir.Value, b: ir.Value, c: ir.Value) -> ir.Value:
-        return self.call(f"llvm.fmuladd.v{WIDTH}f64", a, b, c)
+        return self.call_llvm_function(f"llvm.fmuladd.v{WIDTH}f64", a, b, c)
 
-    def rounded(self, vector: ir.Value) -> ir.Value:
+    def round_to_integers(self, vector: ir.Value) -> ir.Value:
         """Round to integers, halves to even ones."""
-        return self.call(f"llvm.rint.v{WIDTH}f64", vector)
+        return self.call_llvm_function(f"llvm.rint.v{WIDTH}f64", vector)
 
-    def bits(self, vector: ir.Value) -> ir.Value:
+    def reinterpret_as_integers(self, vector: ir.Value) -> ir.Value:
         return self.builder.bitcast(vector, _BITS)
 
-    def number(self, bits: ir.Value) -> ir.Value:
+    def reinterpret_as_doubles(self, bits: ir.Value) -> ir.Value:
         return self.builder.bitcast(bits, LANES)
 
-    def splat(self, scalar: ir.Value) -> ir.Value:
+    def broadcast_scalar(self, scalar: ir.Value) -> ir.Value:
         first = self.builder.insert_element(_UNDEFINED, scalar, ir.Constant(ir.IntType(32), 0))
         return self.shuffle(first, first, [0] * WIDTH)
 
@@ -112,86 +112,86 @@ class Code:
         mask = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes)
         return self.builder.shuffle_vector(first, second, mask)
 
-    def turned(self, vector: ir.Value, by: int) -> ir.Value:
+    def rotate_lanes(self, vector: ir.Value, by: int) -> ir.Value:
         """Rotate lanes: lane l takes the value of lane l + by, round the end."""
         return self.shuffle(vector, vector, [(lane + by) % WIDTH for lane in range(WIDTH)])
 
-    def _vector_at(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
+    def _vector_pointer(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
         return self.builder.bitcast(self.builder.gep(pointer, [index]), LANES.as_pointer())
 
-    def load(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
-        return self.builder.load(self._vector_at(pointer, index), align=8)
+    def load_vector(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
+        return self.builder.load(self._vector_pointer(pointer, index), align=8)
 
-    def store(self, vector: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
-        self.builder.store(vector, self._vector_at(pointer, index), align=8)
+    def store_vector(self, vector: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
+        self.builder.store(vector, self._vector_pointer(pointer, index), align=8)
 
-    def scalar(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
+    def load_scalar(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
         return self.builder.load(self.builder.gep(pointer, [index]))
 
-    def put_scalar(self, value: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
+    def store_scalar(self, value: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
         self.builder.store(value, self.builder.gep(pointer, [index]))
 
-    def add_scalar(self, value: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
-        total = self.builder.fadd(self.scalar(pointer, index), value)
-        self.put_scalar(total, pointer, index)
+    def add_scalar_to_entry(self, value: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
+        total = self.builder.fadd(self.load_scalar(pointer, index), value)
+        self.store_scalar(total, pointer, index)
 
-    def lane(self, vector: ir.Value, lane: int) -> ir.Value:
+    def extract_lane(self, vector: ir.Value, lane: int) -> ir.Value:
         return self.builder.extract_element(vector, ir.Constant(ir.IntType(32), lane))
 
-    def _fold_operands(self, first: ir.Value, second: ir.Value, half: int) -> ir.Value:
+    def _add_folded_lanes(self, first: ir.Value, second: ir.Value, half: int) -> ir.Value:
         """Add lanes that lie ``half`` apart: of the first vector, and between them of both."""
         lanes = range(WIDTH)
         there = [lane + WIDTH if lane & half else lane for lane in lanes]
         other = [(lane ^ half) + WIDTH if lane & half else lane ^ half for lane in lanes]
         return self.builder.fadd(self.shuffle(first, second, there), self.shuffle(first, second, other))
 
-    def totals(self, vectors: list[ir.Value]) -> ir.Value:
+    def sum_lanes_of_vectors(self, vectors: list[ir.Value]) -> ir.Value:
         """Return sums of the lanes of 1, 2, 4 or 8 vectors, each as a tree, in a shorter vector."""
         indices = [0]
         for half in (4, 2, 1):
             if len(vectors) > 1:
                 pairs = zip(vectors[::2], vectors[1::2], strict=True)
-                vectors = [self._fold_operands(first, second, half) for first, second in pairs]
+                vectors = [self._add_folded_lanes(first, second, half) for first, second in pairs]
                 indices = [*indices, *(position + half for position in indices)]
             else:
-                vectors = [self._fold_operands(vectors[0], vectors[0], half)]
+                vectors = [self._add_folded_lanes(vectors[0], vectors[0], half)]
         return self.shuffle(vectors[0], vectors[0], indices)
 
-    def total(self, vector: ir.Value) -> ir.Value:
+    def sum_lanes(self, vector: ir.Value) -> ir.Value:
         """Sum of the lanes, as a tree."""
-        return self.lane(self.totals([vector]), 0)
+        return self.extract_lane(self.sum_lanes_of_vectors([vector]), 0)
 
-    def add_vector(self, vector: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
+    def add_vector_to_entries(self, vector: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
         """Add a vector of any length to the entries from ``index`` on."""
         position = self.builder.bitcast(self.builder.gep(pointer, [index]), vector.type.as_pointer())
         total = self.builder.fadd(self.builder.load(position, align=8), vector)
         self.builder.store(total, position, align=8)
 
-    def largest(self, vector: ir.Value) -> ir.Value:
+    def largest_lane(self, vector: ir.Value) -> ir.Value:
         for half in (4, 2, 1):
             other = self.shuffle(vector, vector, [lane ^ half for lane in range(WIDTH)])
-            vector = self.greater(vector, other)
-        return self.lane(vector, 0)
+            vector = self.elementwise_maximum(vector, other)
+        return self.extract_lane(vector, 0)
 
-    def greater(self, a: ir.Value, b: ir.Value) -> ir.Value:
+    def elementwise_maximum(self, a: ir.Value, b: ir.Value) -> ir.Value:
         return self.builder.select(self.builder.fcmp_ordered(">", a, b), a, b)
 
-    def variable(self, start: ir.Value) -> ir.Value:
+    def new_variable(self, start: ir.Value) -> ir.Value:
         return cgutils.alloca_once_value(self.builder, start)
 
-    def add_in_place(self, variable: ir.Value, value: ir.Value) -> None:
+    def add_to_variable(self, variable: ir.Value, value: ir.Value) -> None:
         self.builder.store(self.builder.fadd(self.builder.load(variable), value), variable)
 
 
 SCALE = 105.0 / 16.0
-"""What sums of `inverse_fifth` lack as a factor."""
+"""What sums of `inverse_fifth_power` lack as a factor."""
 
 _HALVED_EXPONENT = 0x5FE6EB50C7B537A9
 _FIRST = (1.8765983221738327, -1.252100297322187, 0.37550218858758094)
 _SHIFT, _SQUARE, _REST = 2.0 / 3.0, 8.0 / 21.0, -32.0 / 315.0
 
 
-def _estimated_seed(code: Code, r2: ir.Value) -> ir.Value:
+def _avx512_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
     """Processor's own estimate."""
     b = code.builder
     name = "llvm.x86.avx512.rsqrt14.pd.512"
@@ -200,48 +200,52 @@ def _estimated_seed(code: Code, r2: ir.Value) -> ir.Value:
     if function is None:
         kind = ir.FunctionType(r2.type, [r2.type, r2.type, byte])
         function = ir.Function(b.module, kind, name)
-    return b.call(function, [r2, constant(0.0), ir.Constant(byte, -1)])
+    return b.call(function, [r2, broadcast_constant(0.0), ir.Constant(byte, -1)])
 
 
-def _portable_seed(code: Code, r2: ir.Value) -> ir.Value:
+def _portable_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
     """Approximate from the bits: the same on every processor."""
     b = code.builder
-    halved = b.lshr(code.bits(r2), integer_constant(1))
-    y = code.number(b.sub(integer_constant(_HALVED_EXPONENT), halved))
+    halved = b.lshr(code.reinterpret_as_integers(r2), broadcast_integer_constant(1))
+    y = code.reinterpret_as_doubles(b.sub(broadcast_integer_constant(_HALVED_EXPONENT), halved))
     t = b.fmul(r2, b.fmul(y, y))
-    slope = code.fused_multiply_add(t, constant(_FIRST[2]), constant(_FIRST[1]))
-    return b.fmul(y, code.fused_multiply_add(t, slope, constant(_FIRST[0])))
+    slope = code.fused_multiply_add(t, broadcast_constant(_FIRST[2]), broadcast_constant(_FIRST[1]))
+    return b.fmul(y, code.fused_multiply_add(t, slope, broadcast_constant(_FIRST[0])))
 
 
 DISC_SCALE = 35.0 / 8.0
-"""The same of `inverse_fifth_for_discs`."""
+"""The same of `rough_inverse_fifth_power`."""
 
 _SHORT_SHIFT, _SHORT_REST = 9.0 / 7.0, 36.0 / 245.0
 
 
-def _seed(code: Code, r2: ir.Value) -> ir.Value:
-    return _estimated_seed(code, r2) if has_avx512(code.context) else _portable_seed(code, r2)
+def _inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
+    return (
+        _avx512_inverse_root_seed(code, r2)
+        if has_avx512(code.context)
+        else _portable_inverse_root_seed(code, r2)
+    )
 
 
-def inverse_fifth_for_discs(code: Code, r2: ir.Value) -> ir.Value:
+def rough_inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
     """r^-5 / `DISC_SCALE` with two products less, and a relative error below 2e-11.
 
     1 + (5/2) e + (35/8) e^2 = (35/8) ((e + 2/7)^2 + 36/245).
     """
     b = code.builder
-    y = _seed(code, r2)
+    y = _inverse_root_seed(code, r2)
     y2 = b.fmul(y, y)
-    t = code.fused_multiply_add(b.fneg(r2), y2, constant(_SHORT_SHIFT))
-    square = code.fused_multiply_add(t, t, constant(_SHORT_REST))
+    t = code.fused_multiply_add(b.fneg(r2), y2, broadcast_constant(_SHORT_SHIFT))
+    square = code.fused_multiply_add(t, t, broadcast_constant(_SHORT_REST))
     return b.fmul(b.fmul(b.fmul(y2, y2), y), square)
 
 
-def inverse_fifth(code: Code, r2: ir.Value) -> ir.Value:
+def inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
     """r^-5 / `SCALE` from r^2; not a number where r is zero."""
     b = code.builder
-    y = _seed(code, r2)
+    y = _inverse_root_seed(code, r2)
     y2 = b.fmul(y, y)
-    e = code.fused_multiply_add(b.fneg(r2), y2, constant(1.0))
-    square = code.fused_multiply_add(e, e, constant(_SQUARE))
-    cubic = code.fused_multiply_add(b.fadd(e, constant(_SHIFT)), square, constant(_REST))
+    e = code.fused_multiply_add(b.fneg(r2), y2, broadcast_constant(1.0))
+    square = code.fused_multiply_add(e, e, broadcast_constant(_SQUARE))
+    cubic = code.fused_multiply_add(b.fadd(e, broadcast_constant(_SHIFT)), square, broadcast_constant(_REST))
     return b.fmul(b.fmul(b.fmul(y2, y2), y), cubic)

@@ -14,7 +14,7 @@ from numba import config, types
 from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
-from granular.pairs.simd import DOUBLE, Code, vector_constant
+from granular.pairs.simd import DOUBLE, VectorBuilder, constant_vector
 
 POINTS = 4
 """Of a spline, along each axis."""
@@ -30,21 +30,21 @@ _POLYNOMIALS = (
 _FOUR = ir.VectorType(DOUBLE, POINTS)
 
 
-def _spline_values_and_slopes(code: Code, displacement: ir.Value) -> ir.Value:
+def _spline_values_and_slopes(code: VectorBuilder, displacement: ir.Value) -> ir.Value:
     """Values of the four splines, and of their slopes."""
-    u = code.splat(displacement)
-    result: Any = vector_constant(_POLYNOMIALS[-1])
+    u = code.broadcast_scalar(displacement)
+    result: Any = constant_vector(_POLYNOMIALS[-1])
     for coefficients in reversed(_POLYNOMIALS[:-1]):
-        result = code.fused_multiply_add(result, u, vector_constant(coefficients))
+        result = code.fused_multiply_add(result, u, constant_vector(coefficients))
     return result
 
 
-def _pointer_to_line(code: Code, values: ir.Value, at: ir.Value) -> ir.Value:
+def _pointer_to_line(code: VectorBuilder, values: ir.Value, at: ir.Value) -> ir.Value:
     """Pointer to four points that follow each other."""
     return code.builder.bitcast(code.builder.gep(values, [at]), _FOUR.as_pointer())
 
 
-def _fold_operands(code: Code, vector: ir.Value) -> ir.Value:
+def _sum_half_lanes(code: VectorBuilder, vector: ir.Value) -> ir.Value:
     """Return the sums of the first and of the last four lanes, each in its first lane."""
     for lanes in ((2, 3, 0, 1, 6, 7, 4, 5), (1, 0, 3, 2, 5, 4, 7, 6)):
         vector = code.builder.fadd(vector, code.shuffle(vector, vector, list(lanes)))
@@ -56,12 +56,12 @@ def _emit_spline_weights(typing: Any, values: Any, at: Any, stride: Any, u: Any,
     signature = types.void(values, types.intp, types.intp, types.float64, types.float64, types.float64)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        code = Code(context, builder)
-        pointer = code.data(signature.args[0], arguments[0])
+        code = VectorBuilder(context, builder)
+        pointer = code.array_pointer(signature.args[0], arguments[0])
         at, stride, u, v, amount = arguments[1:]
         across = _spline_values_and_slopes(code, u)
         along = code.shuffle(across, across, list(range(POINTS)))
-        ups = builder.fmul(_spline_values_and_slopes(code, v), code.splat(amount))
+        ups = builder.fmul(_spline_values_and_slopes(code, v), code.broadcast_scalar(amount))
         for line in range(POINTS):
             fraction = code.shuffle(ups, ups, [line] * POINTS)
             index = _pointer_to_line(code, pointer, at)
@@ -79,8 +79,8 @@ def _emit_spline_sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v:
     signature = types.UniTuple(number, 3)(values, types.intp, types.intp, number, number)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        code = Code(context, builder)
-        pointer = code.data(signature.args[0], arguments[0])
+        code = VectorBuilder(context, builder)
+        pointer = code.array_pointer(signature.args[0], arguments[0])
         at, stride, u, v = arguments[1:]
         along, up = _spline_values_and_slopes(code, u), _spline_values_and_slopes(code, v)
         total = None
@@ -98,9 +98,13 @@ def _emit_spline_sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v:
         half = [*range(POINTS), *range(POINTS)]
         splines = code.shuffle(along, along, half)
         slopes = code.shuffle(along, along, [lane + POINTS for lane in half])
-        by_value = _fold_operands(code, builder.fmul(total, splines))
-        by_slope = _fold_operands(code, builder.fmul(total, slopes))
-        result = [code.lane(by_value, 0), code.lane(by_slope, 0), code.lane(by_value, POINTS)]
+        by_value = _sum_half_lanes(code, builder.fmul(total, splines))
+        by_slope = _sum_half_lanes(code, builder.fmul(total, slopes))
+        result = [
+            code.extract_lane(by_value, 0),
+            code.extract_lane(by_slope, 0),
+            code.extract_lane(by_value, POINTS),
+        ]
         return context.make_tuple(builder, signature.return_type, result)
 
     return signature, generate

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 
 from granular.compiled import Array, compiled
-from granular.pairs.cut_off_vector_loops import IMAGES, ROWS, RUNS
+from granular.pairs.cut_off_vector_loops import IMAGES, RANGES, ROWS
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.simd import WIDTH
 from granular.pairs.stripes import (
@@ -48,14 +48,14 @@ def _list_partner_ranges(stripes: Stripes, number: int, reach: float) -> None:
     """List the runs of every two rows."""
     far = reach * (1.0 + 1e-12)
     for k in range(number):
-        for up in range(RUNS):
+        for up in range(RANGES):
             _list_ranges_of_stripe(stripes, k, min(k + up, number), number, up, far)
 
 
 @compiled
 def _list_ranges_of_stripe(stripes: Stripes, k: int, there: int, number: int, up: int, far: float) -> None:
     """List the partners of a stripe's rows in itself or in one above, which may be none."""
-    x, y, runs = stripes.x, stripes.y, stripes.runs
+    x, y, runs = stripes.x, stripes.y, stripes.partner_ranges
     begin = stripes.begins[there]
     end, lowest = begin, math.inf
     while there < number and end < stripes.begins[there + 1] and x[end] < PADDING:
@@ -91,8 +91,8 @@ def _row_cost(stripes: Stripes, first: int) -> tuple[int, int, int]:
     cost, low, last = 0, first, first + 2 * WIDTH
     for pair in range(first // ROWS, (first + WIDTH) // ROWS):
         cost += _ROW_COST
-        for run in range(stripes.runs.shape[1]):
-            start, stop = stripes.runs[pair, run, 0], stripes.runs[pair, run, 1]
+        for run in range(stripes.partner_ranges.shape[1]):
+            start, stop = stripes.partner_ranges[pair, run, 0], stripes.partner_ranges[pair, run, 1]
             if stop > start:
                 vectors = (stop - start + WIDTH - 1) // WIDTH
                 cost += vectors
@@ -227,7 +227,7 @@ def list_periodic_partner_ranges(stripes: Stripes, number: int, reach: float) ->
     """List the runs of every two rows, and their shifts."""
     far = reach * (1.0 + 1e-12)
     for k in range(number):
-        for up in range(RUNS):
+        for up in range(RANGES):
             there, turns = (k + up) % number, (k + up) // number
             for image in range(IMAGES):
                 _list_ranges_of_image(stripes, k, there, turns, up, image, far)
@@ -238,7 +238,13 @@ def _list_ranges_of_image(
     stripes: Stripes, k: int, there: int, turns: int, up: int, image: int, far: float
 ) -> None:
     """List one image of the partners of a stripe's rows, in itself or in one above."""
-    x, y, runs, periods, shifts = (stripes.x, stripes.y, stripes.runs, stripes.periods, stripes.shifts)
+    x, y, runs, periods, shifts = (
+        stripes.x,
+        stripes.y,
+        stripes.partner_ranges,
+        stripes.periods,
+        stripes.shifts,
+    )
     assert periods is not None
     assert shifts is not None
     across = periods[0] * ((image == _RIGHT) - (image == _LEFT))

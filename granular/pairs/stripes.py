@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.cut_off_vector_loops import IMAGES, ROWS, RUNS
+from granular.pairs.cut_off_vector_loops import IMAGES, RANGES, ROWS
 from granular.pairs.direct_sum import PARTED_FROM, PARTS
 from granular.pairs.simd import WIDTH, pad_to_vectors
 
@@ -66,11 +66,11 @@ class Stripes(NamedTuple):
         Scratch.
     begins : int64 (k,)
         Index at which each stripe begins; a multiple of the vector width.
-    runs : int64 (s / 2, RUNS, 2)
+    partner_ranges : int64 (s / 2, RANGES, 2)
         Start and stop of each run; in a periodic cell `IMAGES` times as many.
-    shifts : float64 (s / 2, RUNS * IMAGES, 2) or None
+    shifts : float64 (s / 2, RANGES * IMAGES, 2) or None
         Displacement of the images of each run's partners [D].
-    homes : float64 (2, m) or None
+    cell_offsets : float64 (2, m) or None
         Displacement of each grain from its image within the periodic cell [D].
     periods : float64 (2,) or None
         Its sides [D].
@@ -98,9 +98,9 @@ class Stripes(NamedTuple):
     order: np.ndarray
     stripe: np.ndarray
     begins: np.ndarray
-    runs: np.ndarray
+    partner_ranges: np.ndarray
     shifts: np.ndarray | None
-    homes: np.ndarray | None
+    cell_offsets: np.ndarray | None
     periods: np.ndarray | None
     built: np.ndarray
     memory: np.ndarray
@@ -120,7 +120,7 @@ def stripes_workspace(
 ) -> Stripes:
     """Workspace for that many grains (padded); linear in it. ``periods`` as of `CutOffSettings`."""
     around = periods is not None
-    runs = RUNS * IMAGES if around else RUNS
+    runs = RANGES * IMAGES if around else RANGES
     most = _most_stripes(size)
     length = pad_to_vectors(size + 2 * WIDTH * most) + 2 * WIDTH
     parts = PARTS if size >= PARTED_FROM else 1
@@ -142,9 +142,9 @@ def stripes_workspace(
         order=np.arange(size),
         stripe=np.zeros(size, dtype=np.int64),
         begins=np.zeros(most + 2, dtype=np.int64),
-        runs=np.zeros((length // ROWS, runs, 2), dtype=np.int64),
+        partner_ranges=np.zeros((length // ROWS, runs, 2), dtype=np.int64),
         shifts=np.zeros((length // ROWS, runs, 2)) if around else None,
-        homes=np.zeros((2, size)) if around else None,
+        cell_offsets=np.zeros((2, size)) if around else None,
         periods=np.array(periods) if around else None,
         built=np.zeros((2, size)),
         memory=np.zeros(6),
@@ -165,7 +165,7 @@ def sort_into_stripes(stripes: Stripes, grains: int, reach: float) -> int:
     for i in range(grains):
         low, high = min(low, y[i]), max(high, y[i])
     most = max(1, min(stripes.begins.size - 2, grains // LEAST_IN_STRIPE))
-    height = max(reach / (RUNS - 1), (high - low) / most)
+    height = max(reach / (RANGES - 1), (high - low) / most)
     number = min(int((high - low) / height) + 1, most)
     _sort_into_equal_stripes(stripes, stripes.built[0], y, grains, low, height, number)
     return number
@@ -209,7 +209,7 @@ def _sort_into_equal_stripes(
 @compiled
 def sort_into_periodic_stripes(stripes: Stripes, grains: int, reach: float) -> int:
     """`sort_into_stripes` in a periodic cell: the images within it, in stripes of one height."""
-    periods, homes = stripes.periods, stripes.homes
+    periods, homes = stripes.periods, stripes.cell_offsets
     assert periods is not None
     assert homes is not None
     inside = np.empty((2, grains))
@@ -219,6 +219,6 @@ def sort_into_periodic_stripes(stripes: Stripes, grains: int, reach: float) -> i
             homes[axis, i] = periods[axis] * np.floor(index / periods[axis])
             inside[axis, i] = index - homes[axis, i]
     most = min(stripes.begins.size - 2, grains // LEAST_IN_STRIPE)
-    number = min(int(periods[1] * (RUNS - 1) / reach), most)
+    number = min(int(periods[1] * (RANGES - 1) / reach), most)
     _sort_into_equal_stripes(stripes, inside[0], inside[1], grains, 0.0, periods[1] / number, number)
     return number

@@ -93,10 +93,10 @@ def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
         if hasattr(workspace, "persistent"):
             saved[f"room_{index}"] = workspace.persistent
     far = state.far_forces
-    if far is not None and far.held is not None:
-        saved["far_held"] = far.held
-    if far is not None and far.met is not None:
-        saved["far_moment"] = far.moment
+    if far is not None and far.held_forces is not None:
+        saved["far_held"] = far.held_forces
+    if far is not None and far.evaluated_at is not None:
+        saved["far_moment"] = far.timing
     return saved
 
 

@@ -217,8 +217,8 @@ class Scene(Section):
     @property
     def pair_method(self) -> str:
         """Method by which pairs are summed; the recommended one where the scene says ``"auto"``."""
-        return self.pairs.chosen(
-            self.grains.count, closed=self._has_closed_walls, workspace=self._shorter_period
+        return self.pairs.resolve_method(
+            self.grains.count, closed=self._has_closed_walls, shorter_side=self._shorter_period
         )
 
     @property

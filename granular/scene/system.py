@@ -120,7 +120,7 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
         far = far._replace(fifth=float(discs.series[FAR]))
     periods = _periodic_sides(scene, scales)
     workspace = None if periods is None else min(periods)
-    radius = scene.pairs.radius(summed, scales.length, workspace) if far is None else far.radius
+    radius = scene.pairs.near_pair_radius(summed, scales.length, workspace) if far is None else far.radius
     nearest = cut = None
     if summed == "direct" and periods is not None:
         assert radius is not None
@@ -139,7 +139,7 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
         walls=tuple(named.get("walls", (None,) * len(SIDES))),
         weight=weights[0] if weights else None,
         cut=cut,
-        listing=scene.pairs.listing(scales.length) if summed == "verlet-list" else None,
+        listing=scene.pairs.verlet_list_settings(scales.length) if summed == "verlet-list" else None,
         far=far,
         nearest=nearest,
         discs=discs,
@@ -207,7 +207,7 @@ def _far_field(
         if every is None and rubbing is None:
             return None
         return FarFieldSettings(SPLIT_RADIUS, None, every, rubbing)
-    radius = scene.pairs.radius(summed, scales.length)
+    radius = scene.pairs.near_pair_radius(summed, scales.length)
     if summed != "mesh" or radius is None:
         return None
     periods = _periodic_sides(scene, scales)

@@ -168,7 +168,7 @@ def by_pairs(scene: Scene, row: Row, place: np.ndarray) -> tuple[np.ndarray, flo
     moment = moment * scene.grains.spread_factors()
     way = (place[:, None] - place) / scales.length
     strength = np.outer(moment, moment)
-    radius = scene.pairs.radius(scene.pair_method, scales.length)
+    radius = scene.pairs.near_pair_radius(scene.pair_method, scales.length)
     shifts = np.zeros((1, 2))
     if scene.cell.periods is not None:
         sides = np.array(scene.cell.periods) / scales.length

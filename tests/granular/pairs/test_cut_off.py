@@ -35,7 +35,7 @@ class Bed:
     threaded: bool | None = None
 
     def __init__(self, positions: np.ndarray, radius: float, *, differing: bool) -> None:
-        self.count, self.radius = len(positions), radius
+        self.count, self.near_pair_radius = len(positions), radius
         self.x, self.y = pad_coordinates(positions)
         self.moments = pad_values(np.linspace(0.3, 1.0, self.count)) if differing else None
         self.weight = pad_values(np.linspace(0.2, 1.0, self.count))
@@ -48,7 +48,7 @@ class Bed:
         out, extremes = np.zeros((4, self.x.size)), np.zeros(2)
         function(
             self.stripes,
-            self.radius,
+            self.near_pair_radius,
             self.smooth,
             self.threaded,
             self.count,
@@ -155,11 +155,11 @@ def test_no_number_gives_no_number() -> None:
 
 def test_scene_chooses_the_method(bed: Scene) -> None:
     assert bed.pair_method == "direct"
-    assert bed.pairs.radius("direct", 0.006) is None
+    assert bed.pairs.near_pair_radius("direct", 0.006) is None
     assert bed.replace(**{"pairs.method": "cut-off"}).pair_method == "cut-off"
-    assert bed.pairs.radius("cut-off", 0.006) == 11.26
+    assert bed.pairs.near_pair_radius("cut-off", 0.006) == 11.26
     near = bed.replace(**{"pairs": {"method": "cut-off", "cut_off": "5 D"}})
-    assert near.pairs.radius("cut-off", 0.006) == pytest.approx(5.0)
+    assert near.pairs.near_pair_radius("cut-off", 0.006) == pytest.approx(5.0)
     with pytest.raises(SceneError, match=r"pairs\.cut_off: only the methods 'cut-off'"):
         bed.replace(**{"pairs.cut_off": "5 D"})
 

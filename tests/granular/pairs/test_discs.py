@@ -78,7 +78,7 @@ def compare_with_fields(draws: int) -> None:
         second, level = (first if k % 2 else second), k % 3 > 0
         contact = contact_distance(first, second)
         r = contact * (1.0 if k < 4 else 20.0 ** random.uniform())
-        energy, force = disc_energy_and_force(np.array([contact, r]), first, second, level=level)
+        energy, force = disc_energy_and_force(np.array([contact, r]), first, second, mid_planes_level=level)
         known = from_fields(r, first, second, level)
         assert known[0] == pytest.approx(energy[1], rel=1e-5, abs=1e-6 * energy[0])
         assert known[1] == pytest.approx(force[1], rel=1e-6, abs=1e-8 * force[0])
@@ -105,9 +105,11 @@ def test_force_of_equal_discs_over_that_of_dipoles() -> None:
 @pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (THIN, TALL)])
 def test_far_away_discs_are_dipoles_with_a_second_multipole(pair: tuple[Disc, Disc], level: bool) -> None:
     r = np.array([60.0, 120.0])
-    excess = disc_energy_and_force(r, *pair, level=level)[0] * r**3 - 1.0
+    excess = disc_energy_and_force(r, *pair, mid_planes_level=level)[0] * r**3 - 1.0
     slope = (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2)
-    assert slope == pytest.approx(1.5 * pair_squared_distance_shift(*pair, level=level), rel=3e-3, abs=1e-4)
+    assert slope == pytest.approx(
+        1.5 * pair_squared_distance_shift(*pair, mid_planes_level=level), rel=3e-3, abs=1e-4
+    )
     assert 3.0 * squared_distance_shift(COIN) == pytest.approx(2.25 * (0.25 - 0.25 / 3.0))
 
 

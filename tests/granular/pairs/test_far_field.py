@@ -225,7 +225,7 @@ def test_scene_chooses_the_mesh(bed: Scene, small_bed: Scene) -> None:
     assert large.replace(**{"effects.walls.left": None}).pair_method == "direct"
     assert large.replace(**{"pairs.method": "direct"}).pair_method == "direct"
     radii = [
-        large.replace(**{"pairs.tolerance": one}).pairs.radius("mesh", 0.006)
+        large.replace(**{"pairs.tolerance": one}).pairs.near_pair_radius("mesh", 0.006)
         for one in (TOLERANCE, 0.1 * TOLERANCE)
     ]
     assert radii == pytest.approx([RADIUS, RADIUS * 10.0 ** (1 / 3.36)])

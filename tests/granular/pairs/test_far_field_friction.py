@@ -179,8 +179,8 @@ def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> No
     assert back is not None
     find_far(far, Bed(run.state, run.constants), dt / 3.0)  # as what is written down does
     restore_snapshot(other, take_snapshot(run))
-    assert far.moment[TIME] > 0.0
-    np.testing.assert_array_equal(back.moment, far.moment)
+    assert far.timing[TIME] > 0.0
+    np.testing.assert_array_equal(back.timing, far.timing)
     forces = [step(one, 4.0 / 3.0 * dt) for one in (run, other)]
     np.testing.assert_array_equal(*forces)
 

@@ -83,8 +83,8 @@ def test_full_list_gives_no_numbers() -> None:
 
 def test_scene_names_the_source_s_list(bed: Scene) -> None:
     source = bed.replace(**{"pairs.method": "verlet-list"})
-    assert source.pairs.listing(0.006) == (11.26, 4.13)
-    assert source.pairs.radius("verlet-list", 0.006) is None
+    assert source.pairs.verlet_list_settings(0.006) == (11.26, 4.13)
+    assert source.pairs.near_pair_radius("verlet-list", 0.006) is None
     assert source.pair_method == "verlet-list"
     with pytest.raises(SceneError, match=r"pairs\.skin: only the method 'verlet-list'"):
         bed.replace(**{"pairs.skin": "1 D"})
