@@ -18,7 +18,7 @@ from granular import PistonRecord, evaluate, load_scene, simulate
 from granular.export import to_lammps
 from reduced_models import HeightMap, discover, fit, read_record
 from reduced_models.discovery.terms import state_symbols
-from reduced_models.records.examples import write_examples
+from reduced_models.records.example_records import write_example_records
 from research.discovery.cases import equation_text
 from research.discovery.peers import pysindy_law, smoothed, tuned_window
 from research.discovery.systems import System, law_of, made_record, solved, system_named
@@ -101,7 +101,7 @@ def beside_pysindy() -> str:
     """A made decay with noise and a packaged record, by PySINDy and here."""
     duffing = system_named("hard Duffing")
     with tempfile.TemporaryDirectory() as folder:
-        write_examples(folder)
+        write_example_records(folder)
         encoder, real = (read_record(Path(folder) / f"{name}.toml") for name in ("encoder", "pendulum"))
     law = "z'' + c*z' + k*z + b*z**3 = 0"
     decay = compared(duffing, made_record(duffing, NOISE, SEED), law, {"z": "k", "z**3": "b", "z'": "c"})

@@ -73,7 +73,7 @@ class ReadOptions:
         as in a description, where ``points`` names a file.
     release : int, str or None
         Which of several releases is the record, from 1, or ``"all"`` for all of them; heeded where
-        the motion in a record is looked for (`reduced_models.records.motion`).
+        the motion in a record is looked for (`reduced_models.records.free_motion`).
     rate : str, float or None
         Samples a second [Hz] of a file without times.
     sort : bool

@@ -219,11 +219,13 @@ def _map_dampers(options: Any) -> None:
 
 def _packaged_maps(options: Any, target: Path) -> DamperMaps:
     from reduced_models.designs.maps import damper_maps
-    from reduced_models.records.sources import show_path
+    from reduced_models.records.sources import shortened_path_text
 
     refuse_options(options, "the package's own maps, only with --simulate", "points")
     if (target / "cases").is_dir():
-        raise InputError(f"{show_path(target)} holds a study of its own; add --simulate, or give another -o")
+        raise InputError(
+            f"{shortened_path_text(target)} holds a study of its own; add --simulate, or give another -o"
+        )
     return damper_maps()
 
 

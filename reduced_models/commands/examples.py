@@ -22,9 +22,9 @@ examples:
 )
 def example(options: Any) -> None:
     """Write the example records."""
-    from reduced_models.records.examples import write_examples
+    from reduced_models.records.example_records import write_example_records
 
-    truths = write_examples(options.out)
+    truths = write_example_records(options.out)
     lines = [f"written to {options.out}, each with a .toml that says how it is read:"]
     lines += [f"  {name:18} {truth}" for name, truth in truths.items()]
     print_result({"directory": options.out, "records": truths}, "\n".join(lines), options.json)

@@ -195,7 +195,7 @@ def fit(options: Any) -> None:
     from reduced_models.fitting.fit import fit as fit_law
     from reduced_models.laws.catalogue import LAWS
     from reduced_models.laws.force_law import FORCE_LAWS
-    from reduced_models.records.sensor import sensor_from_text
+    from reduced_models.records.sensor import parse_sensor
 
     if options.laws:
         text = f"{LAWS!r}\n\nof the force on a prescribed stroke (--measured force):\n{FORCE_LAWS!r}"
@@ -208,7 +208,7 @@ def fit(options: Any) -> None:
         load_records(options.sources, options),
         options.law,
         bounds=parse_bounds(options.bounds, units),
-        measured=None if options.measured is None else sensor_from_text(options.measured),
+        measured=None if options.measured is None else parse_sensor(options.measured),
         **pick_options(options, "own", "test_fraction", "starts", "intervals", "drift"),
     )
     text = "\n\n".join(map(str, models))

@@ -153,7 +153,7 @@ def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
         load_record,
         open_source,
         read_releases,
-        stated_release,
+        stated_release_number,
     )
 
     run = RunOptions({}, "auto", METHOD, None, not options.quiet)
@@ -161,7 +161,7 @@ def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
     records: list[PistonRecord] = []
     for source in sources:
         path = Path(source)
-        if is_record_file(path) and stated_release(path, said) == ALL:
+        if is_record_file(path) and stated_release_number(path, said) == ALL:
             records += read_releases(path, **said.to_plain())
         else:
             records.append(load_record(open_source(source, said), None, run)[0])
@@ -202,15 +202,15 @@ def look(options: Any) -> None:
         read_record_description,
         write_record_description,
     )
-    from reduced_models.records.look import look as look_at
-    from reduced_models.records.look import plot_look
+    from reduced_models.records.record_overview import look as look_at
+    from reduced_models.records.record_overview import plot_overview
 
     said, path = read_options_from_line(options), Path(options.file)
     seen = look_at(path, said)
     if options.plot is not None:
         from granular.render import save_picture
 
-        save_picture(plot_look(seen), options.plot, overwrite=True)
+        save_picture(plot_overview(seen), options.plot, overwrite=True)
     if options.write is not None:
         if is_record_description(path):
             path, described = read_record_description(path)

@@ -47,9 +47,9 @@ from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import Quality
 from reduced_models.records.envelope import envelope
 from reduced_models.records.first_guesses import noise_level
+from reduced_models.records.held_out_swings import SwingError, error_on_swings
 from reduced_models.records.release import release_sample
 from reduced_models.records.sensor import Sensor
-from reduced_models.records.swings import SwingError, error_on_swings
 
 FEW = 0.25
 """Fraction of the starts that must lead to the best fit before it is taken without a note."""

@@ -51,7 +51,7 @@ from reduced_models.least_squares.residuals import BLOWN_UP, LossName, remove_ra
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import SURE
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, has_inputs_besides_time
-from reduced_models.records.sensor import Quantity, Sensor, chosen_sensor
+from reduced_models.records.sensor import Quantity, Sensor, resolve_sensor
 
 _MOST_SAMPLES = 2000  # of a record, from which the interpolation of inputs is chosen
 _CLEARLY = 0.98  # of the spline's error, for another to be taken
@@ -248,7 +248,7 @@ def fit(
     histories = align_histories(chosen, initial, records) if is_history(initial) else []
     state = {} if histories else initial_state(chosen, initial)
     given_sensor = measured or records[0].measured
-    sensor = None if given_sensor == "height" else chosen_sensor(given_sensor)
+    sensor = None if given_sensor == "height" else resolve_sensor(given_sensor)
     if sensor is not None and histories:
         raise InputError("initial: a motion before is followed by its heights; fit these")
     view = IdentifiableSensor(None)
@@ -258,7 +258,7 @@ def fit(
     if sensor is not None and sensor != view.sensor:  # its gain is held
         records = [
             dataclasses.replace(
-                record, deviations=sensor.with_gain_left_open(record.columns, record.deviations)
+                record, deviations=sensor.deviations_with_open_gain(record.columns, record.deviations)
             )
             for record in records
         ]

@@ -158,7 +158,7 @@ def _measured_forces(
 ) -> tuple[_MeasuredForces, list[str]]:
     """Return the forces of some records, and notes on them."""
     cell = sensor or Sensor("force")
-    if cell.order or cell.absolute:
+    if cell.filter_order or cell.absolute:
         raise InputError("a load cell on a prescribed stroke has no filter and no base; give gain and offset")
     known = isinstance(cell.gain, int | float)
     gain, offset = cell.nominal_gain, cell.nominal_offset

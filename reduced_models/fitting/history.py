@@ -23,7 +23,7 @@ from reduced_models.fitting.start_values import acceleration_function
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.levenberg_marquardt import Bounds
-from reduced_models.records.derivatives import local_cubics
+from reduced_models.records.derivatives import fit_local_cubics
 from reduced_models.records.inputs import TIME, column_names, input_column, interpolate_inputs
 
 _NODES_A_SWING = 128
@@ -112,7 +112,7 @@ def _states_at_history_end(
     start = float(history.time[0])
     nodes = np.linspace(start, 0.0, max(_NODES_A_SWING, round(-_NODES_A_SWING * start / period)))
     mapped = history.mapped(shift, scale)
-    motion = local_cubics(mapped.time, mapped.height, period, nodes)
+    motion = fit_local_cubics(mapped.time, mapped.height, period, nodes)
     motion = motion[:, motion[3] <= 0.0]
     columns = [history.time if name == TIME else input_column(history, name) for name in law.inputs]
     drive = interpolate_inputs(history.time, columns, motion[3])

@@ -15,10 +15,10 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.residuals import Loss, LossName
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses, noise_level
+from reduced_models.records.held_out_swings import choose_test_swings
 from reduced_models.records.inputs import Interpolation
 from reduced_models.records.sensor import Sensor
-from reduced_models.records.sensor_limits import samples_in_motion
-from reduced_models.records.swings import spread_test_swings
+from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
 Pairs = Mapping[str, tuple[float, float]]
 Intervals = Literal["linear", "bootstrap", "profile"]
@@ -176,11 +176,11 @@ def training_data(
     motion = total
     if sensor is not None:
         columns = total.columns
-        motion = dataclasses.replace(total, height=sensor.motion(columns, about_rest=about_rest))
+        motion = dataclasses.replace(total, height=sensor.approximate_heights(columns, about_rest=about_rest))
         total = dataclasses.replace(
             total, height=sensor.signal(columns), deviations=sensor.signal_deviations(total.deviations)
         )
-    moving = samples_in_motion(total) if test_fraction > 0.0 else len(total)
+    moving = count_samples_in_motion(total) if test_fraction > 0.0 else len(total)
     stop = float(total.time[moving - 1]) * (1.0 - test_fraction)
     # Two samples make a record; what is too short to fit is reported by its first guesses.
     count = max(2, int(np.searchsorted(total.time, stop, side="right")))
@@ -195,7 +195,7 @@ def training_data(
     guess = first_guesses(look.time, look.height)
     swings: tuple[slice, ...] = ()
     if test_fraction > 0.0:
-        swings = spread_test_swings(total.time, total.height, test_fraction, moving)
+        swings = choose_test_swings(total.time, total.height, test_fraction, moving)
     if not swings and len(total) - count >= 2:
         swings = (slice(count, max(moving, count + 2)),)
     return TrainingData(total, training, swings, look, guess, given, level, fixed or {})

@@ -23,7 +23,7 @@ from reduced_models.least_squares.joint_records import JointRecords, joint_vecto
 from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, cost_and_weight, record_on_grid
 from reduced_models.least_squares.samples import grid_over
-from reduced_models.records.inputs import Grid, has_inputs_besides_time, input_column
+from reduced_models.records.inputs import StepGrid, has_inputs_besides_time, input_column
 
 FIRST_SWINGS = 2.0
 """Swings that a search sees first."""
@@ -83,7 +83,7 @@ class SearchResult:
         return dataclasses.replace(self, joint=joint, trained=trained, theta=trained)
 
 
-def fine_grids(problem: FitProblem) -> list[Grid]:
+def fine_grids(problem: FitProblem) -> list[StepGrid]:
     """Fine grid over each record.
 
     One of a driven law, whose steps end at the samples, is no finer than need be at first.

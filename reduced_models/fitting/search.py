@@ -210,7 +210,7 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
     """Means of a training stretch, or of its first part, on a coarse grid."""
     training, law, how = data.training, unknowns.law, problem.interpolation
     wanted = law.resolution * COARSE_STEPS
-    period = data.guess.shortest_period
+    period = data.guess.shortest_start_period
     grid = grid_over(training, law.inputs, period, wanted, how)
     if grid.steps > _MOST_COARSE:
         count = int(np.searchsorted(training.time, grid.step * _MOST_COARSE, side="right"))

@@ -43,7 +43,7 @@ def identifiable_sensor(
     held: tuple[str, ...] = ()
     untold: list[str] = []
     shift = similarity(law, "shift") if not law.mapped else None
-    level_is_open = sensor.derivative > 0 or sensor.offset == "free"
+    level_is_open = sensor.derivative_order > 0 or sensor.offset == "free"
     if shift is not None and level_is_open and "height" not in initial:
         known = shift.level in declared
         if shift.level and not known:

@@ -26,7 +26,7 @@ from reduced_models.laws.law import Law, NormalizedSwingLaw, Starts
 from reduced_models.laws.symmetry import canonical_values
 from reduced_models.least_squares.levenberg_marquardt import Normal, Prior, levenberg_marquardt
 from reduced_models.least_squares.unknowns import Unknowns
-from reduced_models.records.derivatives import local_cubics
+from reduced_models.records.derivatives import fit_local_cubics
 from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses
 from reduced_models.records.inputs import input_column, interpolate_inputs
 from reduced_models.records.sensor import Sensor
@@ -119,7 +119,7 @@ def _fit_draws_to_accelerations(
     """Draws after a fit of the accelerations, the best one first, the poor ones left out."""
     from scipy.optimize import least_squares
 
-    z, v, a, nodes = local_cubics(record.time, record.height, guess.period, _NODES)
+    z, v, a, nodes = fit_local_cubics(record.time, record.height, guess.period, _NODES)
     drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], nodes)
     field = compile_rates(law.equation, law.inputs, "numpy")
     scale = max(float(np.abs(a).max()), 1e-300)
@@ -169,7 +169,7 @@ def _hidden_starts(
     """Parameters (k, p) of a law with hidden states, the best first, from random draws (k, p)."""
     end = min(float(record.time[-1]), _SWINGS * guess.period)
     nodes = np.linspace(0.0, end, max(48, round(_NODES_A_SWING * end / guess.period)))
-    motion = local_cubics(record.time, record.height, guess.period, nodes)
+    motion = fit_local_cubics(record.time, record.height, guess.period, nodes)
     acceleration, times = motion[2:]
     drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], times)
     carried = acceleration_function(law, motion, drive)
@@ -321,8 +321,8 @@ def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
         return []
     gain_is_open, offset_is_open = unknowns.open_settings
     mean = float(signal.mean()) if sensor.offset == "free" else sensor.nominal_offset
-    first = float(signal[0] - mean) / unknowns.signal * sensor.sign
-    states = [first if sensor.low_pass is not None else 0.0, 0.0][: sensor.order]
+    first = float(signal[0] - mean) / unknowns.signal * sensor.derivative_sign
+    states = [first if sensor.low_pass is not None else 0.0, 0.0][: sensor.filter_order]
     offset = (mean - sensor.nominal_offset) / unknowns.signal
     return [1.0] * gain_is_open + [offset] * offset_is_open + states
 

@@ -43,9 +43,9 @@ from reduced_models.records.sources import (
     METHOD,
     STEP,
     RunOptions,
+    incomplete_run_notes,
     make_directory,
-    prepare_source,
-    run_notes,
+    open_and_check_source,
     run_scene,
 )
 
@@ -153,7 +153,7 @@ def identify(
     target = make_directory(out)
     clock = _Stopwatch()
     options = RunOptions(changes or {}, STEP if dt is None else dt, method, threads, progress)
-    opened = prepare_source(as_record(source), options)
+    opened = open_and_check_source(as_record(source), options)
     lift = laws is None or len(laws) > 1
     with contextlib.ExitStack() as stack:
         if isinstance(opened, PistonRecord):
@@ -318,7 +318,7 @@ def _collect_notes(
     record: PistonRecord, run: Trajectory | None, comparison: Comparison, models: Sequence[ReducedModel]
 ) -> tuple[str, ...]:
     """Doubts about a run, fits that failed, and columns that were not used."""
-    notes = [] if run is None else list(run_notes(run))
+    notes = [] if run is None else list(incomplete_run_notes(run))
     notes += [f"the fit of {row.name} failed: {row.failure}" for row in comparison.rows if row.failure]
     if run is None:
         notes += [

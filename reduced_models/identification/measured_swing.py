@@ -92,7 +92,7 @@ class MeasuredSwing:
         assert self.law is not None
         rows = []
         for size in self.amplitudes:
-            own, law = self.record.at(size), self.law.at(size)
+            own, law = self.record.interpolate_at(size), self.law.interpolate_at(size)
             scale = abs(own.damping_ratio) or math.inf
             rows.append(
                 (
@@ -115,7 +115,7 @@ class MeasuredSwing:
                 f"the law, {self.law_name}, agrees (frequency within {frequency}, damping within {damping})"
             )
         k = int(np.argmax([row[1][0] + row[0][0] for row in self._relative_differences]))
-        law = self.law.at(self.amplitudes[k])
+        law = self.law.interpolate_at(self.amplitudes[k])
         return (
             f"the law, {self.law_name}, contradicts the record: at {self.amplitude_text(k)} it has "
             f"{law.frequency / math.tau:.4g} Hz and {100.0 * law.damping_ratio:.3g} %, the record "
@@ -190,7 +190,7 @@ class MeasuredSwing:
         row = [format_number(self.units.scale * size, 2)]
         row += [quantity.table_cell for quantity in self.quantities_at(k)]
         if self.law is not None:
-            law = self.law.at(size)
+            law = self.law.interpolate_at(size)
             row += [format_number(law.frequency / math.tau, 5), format_number(100.0 * law.damping_ratio, 4)]
         return row
 
@@ -219,7 +219,7 @@ def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | 
     own = _backbone_of_motion(record, record, model)
     if own is None:
         return None
-    amplitudes = own.amplitudes(units.scale)
+    amplitudes = own.amplitudes_to_show(units.scale)
     try:
         law = _backbone_of_motion(model.follow(record), record, model)
     except GranularError:
@@ -267,7 +267,7 @@ def _frequency_and_damping(
 ) -> tuple[QuantityWithError, ...]:
     figures = []
     for size in amplitudes:
-        swing, where = own.at(size), f" at {format_amplitude(size, units)}"
+        swing, where = own.interpolate_at(size), f" at {format_amplitude(size, units)}"
         figures += [
             QuantityWithError(
                 f"frequency{where}",

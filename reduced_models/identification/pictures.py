@@ -15,7 +15,7 @@ from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, fi
 from reduced_models.falls.unseen_fall_scores import DropScores
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.models.model import ReducedModel
-from reduced_models.records.sources import step_text
+from reduced_models.records.sources import time_step_text
 
 if TYPE_CHECKING:
     from granular.run.trajectory import StageResult, Trajectory
@@ -319,7 +319,7 @@ def _add_settings_section(page: HtmlPage, run: Trajectory) -> None:
         ("setting", "value"),
         [
             ("method", run.method.name),
-            ("time step", step_text(run)),
+            ("time step", time_step_text(run)),
             ("steps", settings["steps"]),
             (
                 "greatest step times highest frequency (stable below 2)",

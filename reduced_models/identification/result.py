@@ -35,7 +35,7 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.elliptic import EllipticMotion
 from reduced_models.models.model import ReducedModel
-from reduced_models.records.sources import step_text
+from reduced_models.records.sources import time_step_text
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -194,7 +194,7 @@ class Identification:
             "figures": {figure.name: figure.to_plain() for figure in self.figures_to_print},
             "figures_law": self.figures_law,
             "notes": list(self.notes),
-            "time_step": None if self.run is None else step_text(self.run),
+            "time_step": None if self.run is None else time_step_text(self.run),
             "seconds": dict(self.seconds),
             "mass": self.mass,
             "left_out": list(self.left_out),
@@ -222,7 +222,7 @@ class Identification:
             lines.append(self.elliptic_averaging.text)
         if self.run is not None:
             method = self.run.method.name
-            lines.append(f"simulated with {method}, time step {step_text(self.run)}")
+            lines.append(f"simulated with {method}, time step {time_step_text(self.run)}")
             lines.append(checked_work_precision_text(self.run, self.figure("level of rest")))
         lines += [f"left out: {words}" for words in self.left_out]
         lines += [f"to try: {words}" for words in self.advice]

@@ -22,7 +22,7 @@ from reduced_models.least_squares.levenberg_marquardt import Normal
 from reduced_models.least_squares.samples import Samples, samples_on_grid
 from reduced_models.least_squares.sensor_signal import solution_signal
 from reduced_models.least_squares.unknowns import Unknowns, physical_values, sensor_values
-from reduced_models.records.inputs import Grid, Interpolation
+from reduced_models.records.inputs import Interpolation, StepGrid
 
 jnp = jax.numpy
 
@@ -132,7 +132,7 @@ def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
     law = unknowns.law
     sensor = None
     if unknowns.sensor is not None:
-        sensor = SensorForm(unknowns.sensor.derivative, unknowns.open_settings, unknowns.sensor_entries)
+        sensor = SensorForm(unknowns.sensor.derivative_order, unknowns.open_settings, unknowns.sensor_entries)
     fits_map = unknowns.map is None
     return _compile_residuals(kind, law.equation, law.inputs, unknowns.logarithmic, fits_map, sensor)
 
@@ -215,7 +215,7 @@ class GriddedRecord:
     unknowns : Unknowns
     record : PistonRecord
         That starts at time 0.
-    grid : Grid
+    grid : StepGrid
     samples : Samples
     interpolation : str
         Interpolation of the inputs.
@@ -228,7 +228,7 @@ class GriddedRecord:
 
     unknowns: Unknowns
     record: PistonRecord
-    grid: Grid
+    grid: StepGrid
     samples: Samples
     interpolation: Interpolation
     weights: np.ndarray
@@ -313,7 +313,7 @@ class GriddedRecord:
             record = dataclasses.replace(record, **{name: getattr(record, name) + deviation})
         return dataclasses.replace(self, record=record).on(self.grid)
 
-    def on(self, grid: Grid, interpolation: Interpolation | None = None) -> GriddedRecord:
+    def on(self, grid: StepGrid, interpolation: Interpolation | None = None) -> GriddedRecord:
         """Return same on another grid, or with inputs that are something else between samples."""
         how = interpolation or self.interpolation
         samples = samples_on_grid(self.record, grid, self.unknowns.law.inputs, how)
@@ -324,7 +324,7 @@ class GriddedRecord:
 def record_on_grid(
     unknowns: Unknowns,
     record: PistonRecord,
-    grid: Grid,
+    grid: StepGrid,
     how: Interpolation = "spline",
     weights: np.ndarray | None = None,
     loss: Loss = Loss(),  # noqa: B008

@@ -13,10 +13,10 @@ from reduced_models.least_squares.sensor_signal import SensorTables, filtered, s
 from reduced_models.records.derivatives import is_evenly_sampled
 from reduced_models.records.inputs import (
     STAGE_TIMES,
-    Grid,
     Interpolation,
-    drive_on_grid,
+    StepGrid,
     has_inputs_besides_time,
+    inputs_on_grid,
 )
 from reduced_models.records.sensor import Sensor
 
@@ -29,7 +29,7 @@ class Samples(NamedTuple):
     step : float
         Step of the grid [s].
     point, fraction : int (n,), float (n,)
-        Grid point before each sample, and how far behind it, in steps.
+        StepGrid point before each sample, and how far behind it, in steps.
     height, weight : float (n,)
         [m]; weights multiply the residuals.
     drive : float (points, stages, inputs)
@@ -55,7 +55,7 @@ class Samples(NamedTuple):
         last = int(used.max()) + 1 if len(used) else 1
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
 
-    def behind(self, sensor: Sensor | None, record: PistonRecord, grid: Grid) -> Samples:
+    def behind(self, sensor: Sensor | None, record: PistonRecord, grid: StepGrid) -> Samples:
         """Return same for a sensor whose signal the record has for its height."""
         if sensor is None:
             return self
@@ -70,7 +70,7 @@ def grid_over(
     period: float,
     per_period: int,
     how: Interpolation = "spline",
-) -> Grid:
+) -> StepGrid:
     """Grid over a record that starts at time 0, with at least so many steps a period.
 
     Where something drives the law, and samples are even, steps end at the samples: what an input
@@ -84,16 +84,18 @@ def grid_over(
     duration = float(record.time[-1])
     wanted = grid_steps(duration, period, per_period)
     if not (has_inputs_besides_time(names) and is_evenly_sampled(record.time)):
-        return Grid(duration / wanted, wanted)
+        return StepGrid(duration / wanted, wanted)
     sample = duration / (len(record) - 1)
     fraction = wanted / (len(record) - 1)
     smooth = how in ("spline", "band-limited")
     several = 2.0 ** math.floor(math.log2(1.0 / fraction)) if smooth and fraction < 1.0 else 1.0
     step = sample * several / max(1, math.ceil(fraction))
-    return Grid(step, round_up_to_chunks(duration / step * (1.0 - 1e-12)))
+    return StepGrid(step, round_up_to_chunks(duration / step * (1.0 - 1e-12)))
 
 
-def samples_on_grid(record: PistonRecord, grid: Grid, names: tuple[str, ...], how: Interpolation) -> Samples:
+def samples_on_grid(
+    record: PistonRecord, grid: StepGrid, names: tuple[str, ...], how: Interpolation
+) -> Samples:
     """Every sample of a record that starts at time 0, on a grid over all of it."""
     count = len(record)
     point, fraction = _grid_points(record.time, grid)
@@ -107,7 +109,7 @@ def samples_on_grid(record: PistonRecord, grid: Grid, names: tuple[str, ...], ho
 
 def means_on_grid(
     record: PistonRecord,
-    grid: Grid,
+    grid: StepGrid,
     names: tuple[str, ...],
     how: Interpolation,
     weights: np.ndarray | None = None,
@@ -128,7 +130,7 @@ def means_on_grid(
     return Samples(grid.step, point, fraction, means, np.sqrt(total), drive, grid.steps // CHUNK)
 
 
-def _grid_points(time: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+def _grid_points(time: np.ndarray, grid: StepGrid) -> tuple[np.ndarray, np.ndarray]:
     """Grid point before each time, and the fraction of a step behind it."""
     steps = time / grid.step
     # Rounding is not to put a sample that lies on a grid point behind the one before.
@@ -136,11 +138,13 @@ def _grid_points(time: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     return point, steps - point
 
 
-def _padded_drive(record: PistonRecord, grid: Grid, names: tuple[str, ...], how: Interpolation) -> np.ndarray:
+def _padded_drive(
+    record: PistonRecord, grid: StepGrid, names: tuple[str, ...], how: Interpolation
+) -> np.ndarray:
     points = padded_steps(grid.steps) + 1
     drive = np.zeros((points, len(STAGE_TIMES), len(names)))
     if names:
-        drive[: grid.steps + 1] = drive_on_grid(record, names, grid, how)
+        drive[: grid.steps + 1] = inputs_on_grid(record, names, grid, how)
     return drive
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from reduced_models.jax_setup import jax
-from reduced_models.records.inputs import Grid
+from reduced_models.records.inputs import StepGrid
 from reduced_models.records.sensor import Sensor
 
 jnp = jax.numpy
@@ -46,9 +46,9 @@ class SensorTables(NamedTuple):
     advance_input: np.ndarray
 
 
-def sensor_tables(sensor: Sensor, grid: Grid, fraction: np.ndarray, base: np.ndarray) -> SensorTables:
+def sensor_tables(sensor: Sensor, grid: StepGrid, fraction: np.ndarray, base: np.ndarray) -> SensorTables:
     """Tables for samples at fractions (n,) of steps; ``base`` (n,) is the base's own signal."""
-    size = _DEGREE + 1 - sensor.derivative
+    size = _DEGREE + 1 - sensor.derivative_order
     states, inputs, output, through = _filter_matrices(sensor, grid.step)
     count = len(states)
     # The derivatives of the step's polynomial follow each other in a chain, which drives the state.
@@ -76,10 +76,10 @@ def motion_signal(
     """Signal (n,) of a motion whose base adds a quantity (n,), behind a filter that has settled."""
     from scipy.interpolate import CubicSpline
 
-    quantity = (height, velocity)[min(sensor.derivative, 1)]
-    if sensor.derivative == 2:
+    quantity = (height, velocity)[min(sensor.derivative_order, 1)]
+    if sensor.derivative_order == 2:
         quantity = CubicSpline(time, quantity).derivative()(time)
-    seen = filtered(sensor, time, sensor.sign * quantity + base)
+    seen = filtered(sensor, time, sensor.derivative_sign * quantity + base)
     return sensor.nominal_gain * seen + sensor.nominal_offset
 
 
@@ -87,7 +87,7 @@ def filtered(sensor: Sensor, time: np.ndarray, values: np.ndarray) -> np.ndarray
     """Values (n,) behind a sensor's filter that has settled at the first."""
     from scipy.signal import StateSpace, lsim
 
-    if not sensor.order or not values.any():
+    if not sensor.filter_order or not values.any():
         return values
     states, inputs, output, through = _filter_matrices(sensor, 1.0)
     start = -np.linalg.solve(states, inputs[:, 0]) * values[0]
@@ -99,11 +99,11 @@ def filtered(sensor: Sensor, time: np.ndarray, values: np.ndarray) -> np.ndarray
 
 def _filter_matrices(sensor: Sensor, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Matrices of x' = A x + b u, y = c x + d u, with time in steps."""
-    if not sensor.order:
+    if not sensor.filter_order:
         return np.zeros((0, 0)), np.zeros((0, 1)), np.zeros(0), 1.0
-    assert sensor.corner is not None
-    omega, low = 2.0 * math.pi * sensor.corner * step, sensor.low_pass is not None
-    if sensor.order == 1:
+    assert sensor.corner_frequency is not None
+    omega, low = 2.0 * math.pi * sensor.corner_frequency * step, sensor.low_pass is not None
+    if sensor.filter_order == 1:
         output = np.array([1.0 if low else -1.0])
         return np.array([[-omega]]), np.array([[omega]]), output, float(not low)
     assert sensor.damping_ratio is not None

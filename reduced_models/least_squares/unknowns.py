@@ -62,7 +62,7 @@ class Unknowns:
         numbers = [self.rest, self.amplitude, self.speed, given.shift, given.scale, *self.units]
         if self.sensor is not None:
             sensor = self.sensor
-            numbers += [self.signal, sensor.sign * sensor.nominal_gain, sensor.nominal_offset]
+            numbers += [self.signal, sensor.derivative_sign * sensor.nominal_gain, sensor.nominal_offset]
         return np.array(numbers)
 
     @property
@@ -76,7 +76,7 @@ class Unknowns:
     @property
     def sensor_entries(self) -> int:
         """Number of entries that a sensor has: gain, offset, and the filter's state."""
-        return sum(self.open_settings) + (0 if self.sensor is None else self.sensor.order)
+        return sum(self.open_settings) + (0 if self.sensor is None else self.sensor.filter_order)
 
     @property
     def logarithmic(self) -> tuple[bool, ...]:
@@ -109,7 +109,7 @@ class Unknowns:
             theta[len(theta) - self.sensor_entries :], self.scales, self.open_settings
         )
         assert self.sensor is not None
-        return float(gain) * self.sensor.sign, float(offset)
+        return float(gain) * self.sensor.derivative_sign, float(offset)
 
 
 def theta_bounds(

@@ -23,7 +23,7 @@ from reduced_models.models.ports import GRAVITY, force_port
 from reduced_models.models.quality import Direction, Quality
 from reduced_models.records.envelope import PeakDamping
 from reduced_models.records.inputs import Interpolation
-from reduced_models.records.sensor import Sensor, sensor_lines
+from reduced_models.records.sensor import Sensor, sensor_report_lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -458,7 +458,7 @@ class ReducedModel(FittedLaw):
             lines.append(words)
         elif self.no_swing:
             lines.append(f"  small swing about rest: none, {self.no_swing}")
-        lines += sensor_lines(self.sensor, self.untold)
+        lines += sensor_report_lines(self.sensor, self.untold)
         lines.append(f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing")
         if self.quality.test_error is not None:
             error = f"  test error {100.0 * self.quality.test_error:.3g} %"

@@ -15,8 +15,8 @@ from reduced_models.least_squares.samples import grid_over
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
-from reduced_models.records.sensor_limits import samples_in_motion
-from reduced_models.records.swings import error_on_swings, whole_swings
+from reduced_models.records.held_out_swings import error_on_swings, find_whole_swings
+from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
 _STEPS = 128  # of a period
 START_PERIODS = 1.0
@@ -109,7 +109,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     spread = None
     if not lost.any():
         missed = guess.amplitude * residuals
-        swings = whole_swings(total.time, total.height, samples_in_motion(total))
+        swings = find_whole_swings(total.time, total.height, count_samples_in_motion(total))
         spread = error_on_swings(missed, total.height - rest, swings, swing).standard_error
     return RollOut(motion, error, error / swing, at_rest, spread)
 

@@ -17,7 +17,7 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models.records.derivatives import derivatives
-from reduced_models.records.envelope import LEAST_EXTREMES, alternating_extremes, envelope
+from reduced_models.records.envelope import LEAST_EXTREMES, envelope, find_alternating_extremes
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1)
 """Amplitudes that are looked at, over the greatest one of the record."""
@@ -31,8 +31,8 @@ _STEEPEST = 0.5  # fall of an amplitude [1/rad], up to which it is told from its
 _SURE = 2.0  # standard deviations
 
 
-class Swing(NamedTuple):
-    """Swing of one amplitude.
+class BackbonePoint(NamedTuple):
+    """Frequency and damping at one amplitude.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Backbone:
     method : str
         ``"envelope"`` or ``"restoring force"``.
     amplitude, frequency, damping_ratio, frequency_error, damping_error : float64 (n,)
-        As of `Swing`, each row with the help of those of about its amplitude.
+        As of `BackbonePoint`, each row with the help of those of about its amplitude.
     drive : float or None
         Angular frequency of a driven swing [rad/s].
     """
@@ -72,8 +72,8 @@ class Backbone:
     damping_error: np.ndarray
     drive: float | None = None
 
-    def at(self, amplitude: float) -> Swing:
-        """Swing of an amplitude [m], between the nearest rows."""
+    def interpolate_at(self, amplitude: float) -> BackbonePoint:
+        """Frequency and damping at an amplitude [m], between the nearest rows."""
 
         def between(row: np.ndarray) -> float:
             return float(np.interp(amplitude, self.amplitude, row))
@@ -83,9 +83,9 @@ class Backbone:
             between(self.amplitude * row) / between(self.amplitude)
             for row in (self.damping_ratio, self.damping_error)
         )
-        return Swing(amplitude, between(self.frequency), ratio, between(self.frequency_error), error)
+        return BackbonePoint(amplitude, between(self.frequency), ratio, between(self.frequency_error), error)
 
-    def amplitudes(self, scale: float) -> tuple[float, ...]:
+    def amplitudes_to_show(self, scale: float) -> tuple[float, ...]:
         """Amplitudes to show [m], the greatest first; times ``scale`` they have two digits.
 
         The last cycles before a motion stops are left out: they are cut short.
@@ -108,9 +108,11 @@ def free_backbone(record: PistonRecord) -> Backbone:
     size, turn = cycles.amplitude[:count], math.pi * np.arange(count)
     rows = []
     for k in range(count):
-        near, (fall, error) = _amplitude_fall(turn, size, cycles.amplitude_noise, k)
+        near, (fall, error) = _amplitude_loss_per_radian(turn, size, cycles.amplitude_noise, k)
         away = turn[near] - turn[k]
-        (value, *_), (spread, *_) = _local_fit(away, cycles.frequency[near], cycles.frequency_noise[near], 1)
+        (value, *_), (spread, *_) = _fit_local_polynomial(
+            away, cycles.frequency[near], cycles.frequency_noise[near], 1
+        )
         per_radian = fall / size[k]
         rows.append((value, per_radian / math.hypot(1.0, per_radian), spread, error / size[k]))
     return _sorted_backbone("envelope", size, rows, None)
@@ -122,7 +124,7 @@ def _count_swinging_cycles(frequency: np.ndarray) -> int:
     return int(slow[0]) if len(slow) and slow[0] >= LEAST_EXTREMES - 2 else len(frequency)
 
 
-def _amplitude_fall(
+def _amplitude_loss_per_radian(
     turn: np.ndarray, size: np.ndarray, noise: np.ndarray, k: int
 ) -> tuple[slice, tuple[float, float]]:
     """Neighbours of a cycle, and the fall of the amplitude there with its error [m/rad].
@@ -137,11 +139,11 @@ def _amplitude_fall(
         if result is not None and (spread > _NEAR**2 or len(size) <= result[0].stop - result[0].start):
             break
         away, degree = turn[near] - turn[k], 2 if width < 4 else 3
-        (_, slope, bend, *_), (_, error, *_) = _local_fit(away, size[near], noise[near], degree)
+        (_, slope, bend, *_), (_, error, *_) = _fit_local_polynomial(away, size[near], noise[near], degree)
         # An amplitude that falls exponentially is no parabola: what that does to one tells by how much.
         rate = 2.0 * bend / slope if slope else 0.0
         if 0.0 < abs(rate) < _STEEPEST:
-            slope *= rate / _local_fit(away, np.exp(rate * away), noise[near], degree)[0][1]
+            slope *= rate / _fit_local_polynomial(away, np.exp(rate * away), noise[near], degree)[0][1]
         result = near, (-slope, error)
         if error < _PRECISE * abs(slope):
             break
@@ -167,7 +169,7 @@ def driven_backbone(record: PistonRecord, drive: Callable[[np.ndarray, np.ndarra
     smooth = derivatives(record)
     time, height, velocity = smooth.time, smooth.height, smooth.velocity
     force = drive(height, velocity) - smooth.acceleration
-    times, heights, _ = alternating_extremes(smooth)
+    times, heights, _ = find_alternating_extremes(smooth)
     sizes, rows = [], []
     for k in range(len(times) - 2):
         here = slice(*np.searchsorted(time, times[[k, k + 2]]))
@@ -186,9 +188,12 @@ def driven_backbone(record: PistonRecord, drive: Callable[[np.ndarray, np.ndarra
     size, values = np.log(sizes), np.array(rows)
     fitted = []
     for k in range(len(size)):
-        near = _neighbours(size, k)
+        near = _cycles_of_similar_amplitude(size, k)
         (omega, spread), (ratio, error) = (
-            [float(part[0]) for part in _local_fit(size[near] - size[k], values[near, column], None, 1)]
+            [
+                float(part[0])
+                for part in _fit_local_polynomial(size[near] - size[k], values[near, column], None, 1)
+            ]
             for column in (0, 1)
         )
         fitted.append((omega, ratio, spread, error))
@@ -204,14 +209,14 @@ def _sorted_backbone(
     return Backbone(method, amplitude[order], frequency, ratio, frequency_error, error, drive)
 
 
-def _neighbours(size: np.ndarray, k: int) -> np.ndarray:
+def _cycles_of_similar_amplitude(size: np.ndarray, k: int) -> np.ndarray:
     """Rows of about the amplitude of row k, by the logarithms of all."""
     away = np.abs(size - size[k])
     near = np.flatnonzero(away <= math.log(_NEAR))
     return near if len(near) >= _FEWEST else np.sort(np.argsort(away, kind="stable")[:_FEWEST])
 
 
-def _local_fit(
+def _fit_local_polynomial(
     x: np.ndarray, y: np.ndarray, noise: np.ndarray | None, degree: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients, from the constant on, of a low polynomial through points, and their errors.

@@ -44,7 +44,7 @@ _CROWDED = 1e-13  # fraction of the greatest eigenvalue, below which there is no
 Smoother = Callable[[np.ndarray], np.ndarray]
 
 
-class Noise(NamedTuple):
+class DerivativeNoise(NamedTuple):
     """Standard deviations of what the record's white noise leaves, away from the ends."""
 
     height: float
@@ -64,7 +64,7 @@ class Derivatives(NamedTuple):
         Time over which a value is smoothed [s].
     record_noise : float
         Standard deviation of the record's own white noise [m].
-    noise : Noise
+    noise : DerivativeNoise
         Of height, velocity and acceleration. It holds what the noise does, not what smoothing
         takes from the motion.
     """
@@ -76,7 +76,7 @@ class Derivatives(NamedTuple):
     acceleration: np.ndarray
     width: float
     record_noise: float
-    noise: Noise
+    noise: DerivativeNoise
 
 
 def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay") -> Derivatives:
@@ -109,20 +109,20 @@ def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay
     time, height = record.time, record.height
     sigma = noise_level(height, time)
     choose = {
-        "savitzky-golay": _local_polynomials,
-        "smoothing-spline": _spline_derivatives,
-        "finite-differences": _difference_derivatives,
+        "savitzky-golay": _choose_local_polynomials,
+        "smoothing-spline": _choose_smoothing_spline,
+        "finite-differences": _choose_central_differences,
     }
     smoother, width = choose[method](time, height, sigma)
     smooth, velocity, acceleration = smoother(height)
-    left = _output_noise(smoother, len(time), sigma)
+    left = _noise_of_derivatives(smoother, len(time), sigma)
     return Derivatives(method, time, smooth, velocity, acceleration, width, sigma, left)
 
 
-def _output_noise(smoother: Smoother, count: int, sigma: float) -> Noise:
+def _noise_of_derivatives(smoother: Smoother, count: int, sigma: float) -> DerivativeNoise:
     """Noise of the outputs: the smoother applied to white noise of unit variance."""
-    gains = _known_noise_gains if isinstance(smoother, _EvenPolynomials) else _noise_gains
-    return Noise(*(float(sigma * gain) for gain in gains(smoother, count)))
+    gains = _known_noise_gains if isinstance(smoother, _SavitzkyGolayFilter) else _noise_gains
+    return DerivativeNoise(*(float(sigma * gain) for gain in gains(smoother, count)))
 
 
 def _noise_gains(smoother: Smoother, count: int) -> np.ndarray:
@@ -141,12 +141,12 @@ _known_noise_gains = functools.lru_cache(maxsize=64)(_noise_gains)
 # Local polynomials -----------------------------------------------------------------------------
 
 
-def _local_polynomials(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
+def _choose_local_polynomials(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
     even, step = is_evenly_sampled(time), float(time[-1] - time[0]) / (len(time) - 1)
 
     def smooth(window: int) -> np.ndarray:
         if even:
-            return _EvenPolynomials(step, window).filtered(height, 0)
+            return _SavitzkyGolayFilter(step, window).filter_heights(height, 0)
         return _polynomials_at_uneven_times(height, time, window)[0]
 
     longest = max(_LEAST_WINDOW, (len(time) // 3) | 1)
@@ -164,7 +164,7 @@ def _local_polynomials(time: np.ndarray, height: np.ndarray, sigma: float) -> tu
     # The widest window hides as much of the motion as of the noise; a shorter one keeps the motion.
     chosen = max(_LEAST_WINDOW, int(_FRACTION * chosen) | 1)
     if even:
-        return _EvenPolynomials(step, chosen), chosen * step
+        return _SavitzkyGolayFilter(step, chosen), chosen * step
     smoother = functools.partial(_polynomials_at_uneven_times, time=time, window=chosen)
     return smoother, chosen * step
 
@@ -183,16 +183,16 @@ def _central_smoother_weight(window: int) -> float:
 
 
 @dataclasses.dataclass(frozen=True)
-class _EvenPolynomials:
+class _SavitzkyGolayFilter:
     """Local polynomials on times that are a step apart."""
 
     step: float
     window: int
 
     def __call__(self, height: np.ndarray) -> np.ndarray:
-        return np.stack([self.filtered(height, order) for order in range(3)])
+        return np.stack([self.filter_heights(height, order) for order in range(3)])
 
-    def filtered(self, height: np.ndarray, order: int) -> np.ndarray:
+    def filter_heights(self, height: np.ndarray, order: int) -> np.ndarray:
         """Heights, or a derivative of theirs."""
         from scipy.signal import savgol_filter
 
@@ -220,40 +220,42 @@ def _polynomials_at_uneven_times(height: np.ndarray, time: np.ndarray, window: i
 # Splines and differences -------------------------------------------------------------------------
 
 
-def _spline_derivatives(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
+def _choose_smoothing_spline(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
     step = float(time[-1] - time[0]) / (len(time) - 1)
     # A penalty in steps^3: 10^p smooths over about 10^(p/4) steps.
     low, high = -2.0, 4.0 * np.log10(len(time))
     for _ in range(30):
         middle = 0.5 * (low + high)
-        left = height - _spline_values(height, time, 10.0**middle * step**3)[0]
+        left = height - _spline_and_derivatives(height, time, 10.0**middle * step**3)[0]
         if (left**2).mean() > sigma**2:
             high = middle
         else:
             low = middle
-    smoother = functools.partial(_spline_values, time=time, penalty=10.0**low * step**3)
+    smoother = functools.partial(_spline_and_derivatives, time=time, penalty=10.0**low * step**3)
     return smoother, 2.0 * np.pi * step * 10.0 ** (low / 4.0)
 
 
-def _spline_values(height: np.ndarray, time: np.ndarray, penalty: float) -> np.ndarray:
+def _spline_and_derivatives(height: np.ndarray, time: np.ndarray, penalty: float) -> np.ndarray:
     from scipy.interpolate import make_smoothing_spline
 
     spline = make_smoothing_spline(time, height, lam=penalty)
     return np.stack([spline(time), spline.derivative()(time), spline.derivative(2)(time)])
 
 
-def _difference_derivatives(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
+def _choose_central_differences(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
     step = float(time[-1] - time[0]) / (len(time) - 1)
-    return functools.partial(_difference_values, time=time), 2.0 * step
+    return functools.partial(_central_differences, time=time), 2.0 * step
 
 
-def _difference_values(height: np.ndarray, time: np.ndarray) -> np.ndarray:
+def _central_differences(height: np.ndarray, time: np.ndarray) -> np.ndarray:
     slopes = np.diff(height) / np.diff(time)
     bends = 2.0 * np.diff(slopes) / (time[2:] - time[:-2])
     return np.stack([height, np.gradient(height, time), np.pad(bends, 1, mode="edge")])
 
 
-def local_cubics(time: np.ndarray, height: np.ndarray, period: float, nodes: np.ndarray | int) -> np.ndarray:
+def fit_local_cubics(
+    time: np.ndarray, height: np.ndarray, period: float, nodes: np.ndarray | int
+) -> np.ndarray:
     """Height, velocity, acceleration and time (4, n) of a motion, by a cubic about each time.
 
     ``nodes`` are the times, or how many, over all of the samples. Times without enough samples
@@ -275,11 +277,11 @@ def local_cubics(time: np.ndarray, height: np.ndarray, period: float, nodes: np.
         for here in np.array_split(alike, 1 + size * len(alike) // _WINDOWS_IN_MEMORY):
             inside = first[saved][here, None] + np.arange(size)
             shifted = (time[inside] - positions[saved][here, None]) / half
-            level[here], slope[here], bend[here] = _fit_cubics(shifted, height[inside])
+            level[here], slope[here], bend[here] = _cubic_coefficients(shifted, height[inside])
     return np.stack([level, slope / half, 2.0 * bend / half**2, positions[saved]])
 
 
-def _fit_cubics(position: np.ndarray, height: np.ndarray) -> np.ndarray:
+def _cubic_coefficients(position: np.ndarray, height: np.ndarray) -> np.ndarray:
     """First three coefficients (3, m) of cubics in points (m, n) from -1 to 1, by least squares."""
     from numpy.polynomial.legendre import legvander
 

@@ -124,7 +124,7 @@ def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-gola
     21.8
     """
     smooth = derivatives(record, derivative)
-    time, height, times_noise = alternating_extremes(smooth)
+    time, height, times_noise = find_alternating_extremes(smooth)
     if len(time) < LEAST_EXTREMES:
         raise RecordError(
             f"{len(time)} extremes of the height stand out of the noise; at least "
@@ -146,7 +146,7 @@ def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-gola
     )
 
 
-def alternating_extremes(smooth: Derivatives) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def find_alternating_extremes(smooth: Derivatives) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the times and heights of alternating extremes, and the noise of their times."""
     from scipy.signal import find_peaks
 

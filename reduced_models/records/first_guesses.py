@@ -73,14 +73,14 @@ class FirstGuesses:
         )
 
     @property
-    def poor(self) -> bool:
+    def is_poor(self) -> bool:
         """True if the record is too short to guess its frequency and rest level well."""
         return self.crossings < LEAST_CROSSINGS
 
     @property
-    def frequency_spread(self) -> float:
+    def log_frequency_spread(self) -> float:
         """Half-width of the logarithm of the starting frequencies."""
-        return _SPREAD_IF_POOR if self.poor else _SPREAD
+        return _SPREAD_IF_POOR if self.is_poor else _SPREAD
 
     @property
     def period(self) -> float:
@@ -88,9 +88,9 @@ class FirstGuesses:
         return 2.0 * math.pi / self.frequency
 
     @property
-    def shortest_period(self) -> float:
+    def shortest_start_period(self) -> float:
         """Shortest period of all motions that a search may start from [s]."""
-        return self.shortest_swing_period * math.exp(-self.frequency_spread)
+        return self.shortest_swing_period * math.exp(-self.log_frequency_spread)
 
     @property
     def shortest_swing_period(self) -> float:
@@ -112,7 +112,7 @@ class FirstGuesses:
         float64 (count,)
             Draws [rad/s].
         """
-        spread = self.frequency_spread
+        spread = self.log_frequency_spread
         about = np.resize([self.frequency, *self.rivals], count)
         return np.asarray(about * np.exp(random.uniform(-spread, spread, count)))
 
@@ -131,7 +131,7 @@ class FirstGuesses:
         float64 (count,)
             Draws [m].
         """
-        spread = 1.0 if self.poor else 0.1
+        spread = 1.0 if self.is_poor else 0.1
         return np.asarray(self.rest + self.amplitude * random.uniform(-spread, spread, count))
 
     def decays(self, random: np.random.Generator, count: int) -> np.ndarray:
@@ -228,14 +228,14 @@ def _alternative_frequencies(
         return ()
     early = math.pi / float(np.diff(passages[: 2 * LEAST_CROSSINGS]).mean())
     result: list[float] = []
-    for rival in (early, spectral_peak(time, swing)):
+    for rival in (early, spectral_peak_frequency(time, swing)):
         apart = [abs(math.log(rival / other)) for other in (frequency, *result)]
         if min(apart) > _APART and max(apart) < math.log(_FARTHEST):
             result.append(rival)
     return tuple(result)
 
 
-def spectral_peak(time: np.ndarray, swing: np.ndarray) -> float:
+def spectral_peak_frequency(time: np.ndarray, swing: np.ndarray) -> float:
     """Angular frequency [rad/s] of the strongest line of a swing, under a Hann window."""
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, swing)

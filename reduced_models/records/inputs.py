@@ -28,7 +28,7 @@ _FINER = 4
 _KAISER = 8.0  # shape of their window: errors of 1e-4 up to nine tenths of half the sampling rate
 
 
-class Grid(NamedTuple):
+class StepGrid(NamedTuple):
     """Uniform steps of a solution.
 
     Attributes
@@ -42,9 +42,9 @@ class Grid(NamedTuple):
     steps: int
 
     @property
-    def finer(self) -> Grid:
+    def finer(self) -> StepGrid:
         """Twice as many steps of half the length."""
-        return Grid(0.5 * self.step, 2 * self.steps)
+        return StepGrid(0.5 * self.step, 2 * self.steps)
 
 
 def input_column(record: PistonRecord, name: str) -> np.ndarray:
@@ -77,8 +77,8 @@ def has_inputs_besides_time(names: Sequence[str]) -> bool:
     return any(name != TIME for name in names)
 
 
-def drive_on_grid(
-    record: PistonRecord, names: tuple[str, ...], grid: Grid, how: Interpolation = "spline"
+def inputs_on_grid(
+    record: PistonRecord, names: tuple[str, ...], grid: StepGrid, how: Interpolation = "spline"
 ) -> np.ndarray:
     """Return inputs (steps + 1, stages, inputs) of a record that starts at time 0, on a grid."""
     nodes = grid.step * (np.arange(grid.steps + 1)[:, None] + np.array(STAGE_TIMES))
@@ -101,7 +101,7 @@ def interpolate_inputs(
     if not columns:
         return np.zeros((*times.shape, 0))
     inside = np.clip(times, time[0], time[-1])
-    return np.stack([_interpolate_columns(time, column, inside, how) for column in columns], axis=-1)
+    return np.stack([_interpolate_column(time, column, inside, how) for column in columns], axis=-1)
 
 
 class PiecewiseCubics(NamedTuple):
@@ -128,7 +128,7 @@ def piecewise_cubics(
     if how == "band-limited":
         fraction = np.arange(_FINER) / _FINER
         fine = np.append((time[:-1, None] + length[:, None] * fraction).ravel(), time[-1])
-        columns = [_interpolate_columns(time, column, fine, how) for column in columns]
+        columns = [_interpolate_column(time, column, fine, how) for column in columns]
         time, length = fine, np.diff(fine)
     cubics = np.zeros((len(length), 4, len(columns)))
     for k, values in enumerate(columns):
@@ -140,7 +140,7 @@ def piecewise_cubics(
     return PiecewiseCubics(length, cubics)
 
 
-def _interpolate_columns(
+def _interpolate_column(
     time: np.ndarray, values: np.ndarray, times: np.ndarray, how: Interpolation
 ) -> np.ndarray:
     if how == "linear":
@@ -149,14 +149,14 @@ def _interpolate_columns(
         index = np.searchsorted(time, times, side="right") - 1
         return np.asarray(values[np.clip(index, 0, len(time) - 1)])
     if how == "band-limited" and is_evenly_sampled(time) and len(time) > _TAPS:
-        return _band_limited(time, values, times)
+        return _interpolate_band_limited(time, values, times)
     from scipy.interpolate import CubicSpline
 
     # Over two or three samples there is no cubic.
     return np.asarray(CubicSpline(time, values)(times))
 
 
-def _band_limited(time: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _interpolate_band_limited(time: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Interpolate by sinc functions under a Kaiser window (Kaiser 1974); mirrored at the ends."""
     step = float(time[-1] - time[0]) / (len(time) - 1)
     before = 2.0 * values[0] - values[_TAPS:0:-1]

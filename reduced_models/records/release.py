@@ -104,7 +104,7 @@ def release_sample(record: PistonRecord) -> int:
     further = forces | dict(record.extra)
     if any(_input_acts_before_release(time, name, values, early) for name, values in further.items()):
         return 0
-    return min([start, *(_sample_of_change(values, early, start) for values in further.values())])
+    return min([start, *(_sample_of_column_change(values, early, start) for values in further.values())])
 
 
 class _Release(NamedTuple):
@@ -135,13 +135,13 @@ def _find_release(time: np.ndarray, height: np.ndarray) -> _Release | None:
     if low > _NOISIEST:
         return None
     levels = largest * np.array([low, _RATIO * low, max(_HIGHEST, 1.5 * _RATIO * low)])
-    times = _crossings(time, displacement, levels)
+    times = _level_passage_times(time, displacement, levels)
     if times is None:
         return None
-    since = _squared_onset(times[:2], levels[:2])
+    since = _onset_of_quadratic_growth(times[:2], levels[:2])
     rise = times[2] - since
     slack = _LATER + 2.0 * _SIGMAS * left_noise / (levels[1] - levels[0])
-    if _squared_onset(times[1:], levels[1:]) > since + slack * (times[1] - times[0]):
+    if _onset_of_quadratic_growth(times[1:], levels[1:]) > since + slack * (times[1] - times[0]):
         return None
     if since < _SHORTEST * rise or not _is_still(
         time[time < since], height[time < since], levels[2] / rise**2, noise
@@ -150,7 +150,7 @@ def _find_release(time: np.ndarray, height: np.ndarray) -> _Release | None:
     return _Release(_onset_of_motion(time, height, (since, times[0]), times[2]), rise)
 
 
-def _crossings(time: np.ndarray, displacement: np.ndarray, levels: np.ndarray) -> np.ndarray | None:
+def _level_passage_times(time: np.ndarray, displacement: np.ndarray, levels: np.ndarray) -> np.ndarray | None:
     """Return the times at which a monotonic displacement passes three levels."""
     first, last = (int(np.argmax(displacement >= x)) for x in levels[1:])
     still = np.flatnonzero(displacement[:first] < levels[0])
@@ -166,7 +166,7 @@ def _crossings(time: np.ndarray, displacement: np.ndarray, levels: np.ndarray) -
     return np.array([np.interp(x, displacement[k], time[k]) for x, k in zip(levels, here, strict=True)])
 
 
-def _squared_onset(times: np.ndarray, levels: np.ndarray) -> float:
+def _onset_of_quadratic_growth(times: np.ndarray, levels: np.ndarray) -> float:
     """Time at which a square that passes two levels starts."""
     ratio = math.sqrt(levels[1] / levels[0])
     return float((ratio * times[0] - times[1]) / (ratio - 1.0))
@@ -221,7 +221,7 @@ def _input_acts_before_release(time: np.ndarray, name: str, values: np.ndarray, 
     return float(np.ptp(values[:early])) > _ACTS * extent > 5.0 * noise_level(values, time)
 
 
-def _sample_of_change(values: np.ndarray, early: int, start: int) -> int:
+def _sample_of_column_change(values: np.ndarray, early: int, start: int) -> int:
     """Sample shortly before a release at which a column changes: what set the motion off."""
     if early < 4:
         return start

@@ -89,7 +89,7 @@ class Sensor:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | float) and 0.0 < value < math.inf):
                 raise InputError(f"{name} = {quote(value)}; give a number above 0")
-        if self.damping_ratio is not None and self.corner is None:
+        if self.damping_ratio is not None and self.corner_frequency is None:
             raise InputError("damping_ratio is of a filter: give its low_pass or high_pass too")
 
     def __str__(self) -> str:
@@ -97,30 +97,30 @@ class Sensor:
         for name, value, plain in (("gain", self.gain, 1.0), ("offset", self.offset, 0.0)):
             if value != plain:
                 words.append(f"{name} {value:.5g}" if isinstance(value, float) else name)
-        if self.corner is not None:
+        if self.corner_frequency is not None:
             kind = "low" if self.low_pass is not None else "high"
-            words.append(f"{kind} pass of {self.corner:g} Hz")
+            words.append(f"{kind} pass of {self.corner_frequency:g} Hz")
         return ", ".join(words)
 
     @property
-    def derivative(self) -> int:
+    def derivative_order(self) -> int:
         """Order of the derivative of the coordinate that is measured."""
         return _DERIVATIVES[self.quantity]
 
     @property
-    def sign(self) -> float:
+    def derivative_sign(self) -> float:
         """Sign of that derivative in the quantity."""
         return -1.0 if self.quantity == "base_force" else 1.0
 
     @property
-    def corner(self) -> float | None:
+    def corner_frequency(self) -> float | None:
         """Corner frequency of its filter [Hz]."""
         return self.low_pass or self.high_pass
 
     @property
-    def order(self) -> int:
+    def filter_order(self) -> int:
         """Order of its filter; 0 for none."""
-        return 0 if self.corner is None else 1 if self.damping_ratio is None else 2
+        return 0 if self.corner_frequency is None else 1 if self.damping_ratio is None else 2
 
     @property
     def nominal_gain(self) -> float:
@@ -159,7 +159,7 @@ class Sensor:
             )
         return columns[name]
 
-    def motion(self, columns: Columns, *, about_rest: bool) -> np.ndarray:
+    def approximate_heights(self, columns: Columns, *, about_rest: bool) -> np.ndarray:
         """Heights behind the signal, roughly: the record's, or else the integrated signal.
 
         Parameters
@@ -177,9 +177,9 @@ class Sensor:
         if "height" in columns:
             height = columns["height"]
             return height - (height[-len(height) // 3 :].mean() if about_rest else 0.0)
-        values = (self.signal(columns) - self.nominal_offset) / (self.sign * self.nominal_gain)
+        values = (self.signal(columns) - self.nominal_offset) / (self.derivative_sign * self.nominal_gain)
         values = values - self.base_motion(columns)
-        return integrate_without_drift(columns["time"], values, self.derivative)
+        return integrate_without_drift(columns["time"], values, self.derivative_order)
 
     def signal_deviations(self, deviations: Columns) -> dict[str, np.ndarray]:
         """Deviations of a record that has the signal for its height.
@@ -199,7 +199,7 @@ class Sensor:
         result.pop(self.column or self.quantity, None)
         return result if mine is None else result | {"height": mine}
 
-    def with_gain_left_open(self, columns: Columns, deviations: Columns) -> dict[str, np.ndarray]:
+    def deviations_with_open_gain(self, columns: Columns, deviations: Columns) -> dict[str, np.ndarray]:
         """Deviations with those of gains that are spread evenly between the gain's bounds.
 
         Parameters
@@ -242,19 +242,19 @@ class Sensor:
         """
         if not self.absolute:
             return np.zeros(len(columns["time"]))
-        if self.derivative == 2 and BASE_ACCELERATION in columns:
+        if self.derivative_order == 2 and BASE_ACCELERATION in columns:
             return columns[BASE_ACCELERATION]
         if BASE_HEIGHT in columns:
             base = derivatives(PistonRecord(columns["time"], columns[BASE_HEIGHT]))
-            return (base.height, base.velocity, base.acceleration)[self.derivative]
-        wanted = f"{BASE_ACCELERATION} or {BASE_HEIGHT}" if self.derivative == 2 else BASE_HEIGHT
+            return (base.height, base.velocity, base.acceleration)[self.derivative_order]
+        wanted = f"{BASE_ACCELERATION} or {BASE_HEIGHT}" if self.derivative_order == 2 else BASE_HEIGHT
         raise RecordError(
             f"an absolute {self.quantity} needs the motion of the base, and the record has no "
             f"column {wanted}; add it, or measure relative to the base (absolute=False)"
         )
 
 
-def sensor_lines(sensor: Sensor | None, untold: Iterable[str]) -> list[str]:
+def sensor_report_lines(sensor: Sensor | None, untold: Iterable[str]) -> list[str]:
     """Lines that say what was measured, and what that does not tell of a law."""
     if sensor is None:
         return []
@@ -263,7 +263,7 @@ def sensor_lines(sensor: Sensor | None, untold: Iterable[str]) -> list[str]:
     return [f"  measured: {sensor}"] + [f"  not told by that: {names}"] * bool(names)
 
 
-def sensor_from_text(text: str) -> Sensor:
+def parse_sensor(text: str) -> Sensor:
     """Sensor that a line says: a quantity, and settings behind it.
 
     ``"velocity gain=free high_pass=4.5 damping_ratio=0.6"``; ``gain=26:32`` lies between two
@@ -287,7 +287,7 @@ def sensor_from_text(text: str) -> Sensor:
     return Sensor(quantity, **given)  # type: ignore[arg-type]  # checked there
 
 
-def chosen_sensor(measured: str | Sensor) -> Sensor | None:
+def resolve_sensor(measured: str | Sensor) -> Sensor | None:
     """Sensor by its quantity; None where the height is compared as it is.
 
     Raises

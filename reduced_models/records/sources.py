@@ -11,7 +11,7 @@ from granular.readers.read_options import ReadOptions, is_record_description, re
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, StoreError
 from granular.shared.message_text import quote, sanitize
-from reduced_models.records.motion import find_motion, find_motions
+from reduced_models.records.free_motion import find_free_motion, find_free_motions
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -40,7 +40,7 @@ def load_record(
     InputError, RunError
         If the source cannot be read or run, or an option does not apply to it.
     """
-    opened = prepare_source(source, options)
+    opened = open_and_check_source(source, options)
     if isinstance(opened, PistonRecord):
         return opened, None
     from granular.scene.scene import Scene
@@ -49,7 +49,7 @@ def load_record(
     return run.piston(), run
 
 
-def prepare_source(
+def open_and_check_source(
     source: str | Path | Scene | Trajectory | PistonRecord, options: RunOptions
 ) -> Scene | Trajectory | PistonRecord:
     """Open a source, and change it where it is a scene.
@@ -94,17 +94,17 @@ def make_directory(out: str | Path | None) -> Path | None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
-        raise StoreError(f"{show_path(path)} is a file; give a directory to write to") from None
+        raise StoreError(f"{shortened_path_text(path)} is a file; give a directory to write to") from None
     except OSError as error:
         raise StoreError(
-            f"{show_path(path)} cannot be made: {error.strerror}; give another directory"
+            f"{shortened_path_text(path)} cannot be made: {error.strerror}; give another directory"
         ) from None
     if not os.access(path, os.W_OK):
-        raise StoreError(f"{show_path(path)} cannot be written to; give another directory")
+        raise StoreError(f"{shortened_path_text(path)} cannot be written to; give another directory")
     return path
 
 
-def show_path(path: Path, most: int = 80) -> str:
+def shortened_path_text(path: Path, most: int = 80) -> str:
     """Path for a message, cut where it is long."""
     return sanitize(path, most)
 
@@ -113,7 +113,7 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     """Read the motion in a file, as `PistonRecord.from_file` does, from its release on.
 
     Left out are samples that the sensor lost or clipped, what stands before the release, further
-    releases, what follows a knock, and an end that is noise (`reduced_models.records.motion`),
+    releases, what follows a knock, and an end that is noise (`reduced_models.records.free_motion`),
     unless times are given, here or in the ``record.toml``; ``release=2`` takes the second one.
 
     Parameters
@@ -146,9 +146,9 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
         Of what was guessed or done, the cut among it.
     """
     record, options = PistonRecord.from_file(path, units, **said), ReadOptions(**said)
-    if record.measured == "force" or has_stated_interval(Path(path), options):
+    if record.measured == "force" or has_stated_time_interval(Path(path), options):
         return record
-    return find_motion(record, stated_release(Path(path), options))
+    return find_free_motion(record, stated_release_number(Path(path), options))
 
 
 def read_releases(
@@ -183,20 +183,20 @@ def read_releases(
         Of what was guessed or left out.
     """
     record = PistonRecord.from_file(path, units, **said)
-    return [record] if record.measured == "force" else find_motions(record)
+    return [record] if record.measured == "force" else find_free_motions(record)
 
 
-def has_stated_interval(path: Path, options: ReadOptions) -> bool:
+def has_stated_time_interval(path: Path, options: ReadOptions) -> bool:
     """Return whether the user states which part of a file is the record."""
-    return _described(path, options).between is not None
+    return _options_with_description(path, options).between is not None
 
 
-def stated_release(path: Path, options: ReadOptions) -> int | str | None:
+def stated_release_number(path: Path, options: ReadOptions) -> int | str | None:
     """Return which of several releases the user names, if any."""
-    return _described(path, options).release
+    return _options_with_description(path, options).release
 
 
-def _described(path: Path, options: ReadOptions) -> ReadOptions:
+def _options_with_description(path: Path, options: ReadOptions) -> ReadOptions:
     return read_record_description(path)[1].merge(options) if is_record_description(path) else options
 
 
@@ -220,7 +220,7 @@ def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene
             return read_record(path, **plain)
         if plain:
             raise InputError(
-                f"{', '.join(plain)}: how the file of a record is read, and {show_path(path)} is "
+                f"{', '.join(plain)}: how the file of a record is read, and {shortened_path_text(path)} is "
                 "none; leave it out"
             )
         from granular.run.run_directory import is_run_directory
@@ -231,7 +231,9 @@ def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene
             return load_trajectory(path)
         return load_scene(source)
     except OSError as error:
-        raise InputError(f"{show_path(path)} cannot be read: {error.strerror}; check the path") from None
+        raise InputError(
+            f"{shortened_path_text(path)} cannot be read: {error.strerror}; check the path"
+        ) from None
 
 
 def is_record_file(path: Path) -> bool:
@@ -280,7 +282,7 @@ def run_scene(scene: Scene, out: Path | None, options: RunOptions) -> Trajectory
     )
 
 
-def run_notes(run: Trajectory) -> tuple[str, ...]:
+def incomplete_run_notes(run: Trajectory) -> tuple[str, ...]:
     """Warnings about a run as the source of a record."""
     if run.complete:
         return ()
@@ -293,7 +295,7 @@ def run_notes(run: Trajectory) -> tuple[str, ...]:
     )
 
 
-def step_text(run: Trajectory) -> str:
+def time_step_text(run: Trajectory) -> str:
     """Time step of a run in words, an automatic one also in seconds."""
     settings = run.settings()
     dt = settings["dt"]

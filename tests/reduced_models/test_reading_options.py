@@ -62,11 +62,13 @@ def read(
             raise InputError("caught")
 
         if name == "look":
-            from reduced_models.records import look
+            from reduced_models.records import record_overview
 
-            drawn = look._draw_motion
+            drawn = record_overview._motion_in_characters
             monkeypatch.setattr(
-                look, "_draw_motion", lambda record: (caught.append(record), drawn(record))[1]
+                record_overview,
+                "_motion_in_characters",
+                lambda record: (caught.append(record), drawn(record))[1],
             )
         else:
             monkeypatch.setattr(f"reduced_models.{JOBS[name]}", job)

@@ -49,15 +49,15 @@ def made_signal(
     field = compile_rates(law.equation, law.inputs, "numpy")
     values = [truth[name] for name in law.parameters]
     size = 2 + len(law.hidden)
-    corner = 2.0 * math.pi * (sensor.corner or 0.0)
+    corner = 2.0 * math.pi * (sensor.corner_frequency or 0.0)
     ratio = 2.0 * (sensor.damping_ratio or 0.0)
 
     def rates(_: float, state: np.ndarray) -> list[Any]:
         motion = field(*state[:size], *values)
         slopes = [state[1], *motion]
-        if sensor.order:
-            seen = (state[0], state[1], motion[0])[sensor.derivative]
-            if sensor.order == 1:
+        if sensor.filter_order:
+            seen = (state[0], state[1], motion[0])[sensor.derivative_order]
+            if sensor.filter_order == 1:
                 slopes.append(corner * (seen - state[size]))
             else:
                 p, q = state[size:]
@@ -65,17 +65,19 @@ def made_signal(
         return slopes
 
     time = np.linspace(0.0, PERIODS * 2.0 * math.pi / truth["omega"], SAMPLES)
-    first = np.zeros(size + sensor.order)
+    first = np.zeros(size + sensor.filter_order)
     first[0] = start
     states = solve_ivp(rates, (0.0, time[-1]), first, t_eval=time, rtol=1e-9, atol=1e-13, method="LSODA").y
-    seen = states[sensor.derivative] if sensor.derivative < 2 else field(*states[:size], *values)[0]
-    if sensor.order:
+    seen = (
+        states[sensor.derivative_order] if sensor.derivative_order < 2 else field(*states[:size], *values)[0]
+    )
+    if sensor.filter_order:
         low = states[size]
-        high = seen - low - (ratio * states[size + 1] if sensor.order == 2 else 0.0)
+        high = seen - low - (ratio * states[size + 1] if sensor.filter_order == 2 else 0.0)
         seen = low if sensor.low_pass is not None else high
     signal = gain * seen
     signal = signal + offset + noise * signal.std() * random.normal(size=SAMPLES)
-    columns = {"time": time, "acceleration" if sensor.derivative == 2 else "velocity": signal}
+    columns = {"time": time, "acceleration" if sensor.derivative_order == 2 else "velocity": signal}
     return Made(PistonRecord.from_columns(columns), sensor, law_name, truth)
 
 

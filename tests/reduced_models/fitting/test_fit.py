@@ -21,8 +21,8 @@ from reduced_models.laws.equation import parse_equation
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import Solution, solve_law
 from reduced_models.records.first_guesses import FirstGuesses
-from reduced_models.records.sensor_limits import samples_in_motion
-from reduced_models.records.swings import spread_test_swings
+from reduced_models.records.held_out_swings import choose_test_swings
+from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
 TRUE = {"alpha": 0.17, "omega": 1.05, "g0": -1.0}
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -189,7 +189,7 @@ def test_what_judges_is_blind(made: Any) -> None:
     """Changes in the test swings leave alone the model that is judged on them."""
     record, offset = made("duffing", 5), 0.002
     moved = np.zeros(len(record))
-    swings = spread_test_swings(record.time, record.height, 0.3, len(record))
+    swings = choose_test_swings(record.time, record.height, 0.3, len(record))
     for swing in swings:  # their ends stay where they are
         moved[swing.start + 10 : swing.start + 50] = offset
         moved[swing.stop - 50 : swing.stop - 10] = -offset
@@ -227,10 +227,10 @@ def test_what_comes_to_rest_is_tested_while_it_moves() -> None:
     noise = np.random.default_rng(0).normal(0.0, 0.001, len(time))
     swing = np.exp(-0.45 * time) * np.cos(2.0 * np.pi * time) + noise
     record = PistonRecord(time, swing)
-    count = samples_in_motion(record)
+    count = count_samples_in_motion(record)
     assert 11.0 < time[count - 1] < 16.0
     driven = PistonRecord(time, swing, extra={"force": np.sin(time)})
-    assert samples_in_motion(driven) == len(time)
+    assert count_samples_in_motion(driven) == len(time)
     quality = fit(record, "linear", starts=4).quality
     starts, ends = np.transpose(quality.test_swings)
     assert len(starts) >= 3

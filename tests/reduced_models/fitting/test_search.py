@@ -17,7 +17,7 @@ from reduced_models.fitting.residual_diagnostics import (
 )
 from reduced_models.laws.solution import solve_law
 from reduced_models.least_squares.residuals import add_random_walk, remove_random_walk
-from reduced_models.records.first_guesses import first_guesses, spectral_peak
+from reduced_models.records.first_guesses import first_guesses, spectral_peak_frequency
 
 TIME = np.linspace(0.0, 40.0, 2000)
 
@@ -85,7 +85,7 @@ def test_first_guesses_have_rivals_where_the_period_changes() -> None:
     assert guess.shortest_swing_period <= guess.period
     steady = first_guesses(TIME, np.cos(3.0 * TIME))
     assert steady.rivals == ()
-    assert spectral_peak(TIME, np.cos(3.0 * TIME)) == pytest.approx(3.0, rel=0.01)
+    assert spectral_peak_frequency(TIME, np.cos(3.0 * TIME)) == pytest.approx(3.0, rel=0.01)
 
 
 def test_a_law_that_is_wrong_by_little_is_named(made: Callable[..., PistonRecord]) -> None:

@@ -54,8 +54,8 @@ def test_damping_at_an_amplitude(kind: str, seed: int) -> None:
     """Within a tenth where the headline names one, though it changes tenfold within the record."""
     record, ratio, omega = decay(kind, seed)
     found = free_backbone(record)
-    for amplitude in found.amplitudes(1e3):
-        swing = found.at(amplitude)
+    for amplitude in found.amplitudes_to_show(1e3):
+        swing = found.interpolate_at(amplitude)
         assert swing.damping_ratio == pytest.approx(ratio(amplitude), rel=0.1)
         assert swing.frequency == pytest.approx(omega, rel=0.01)
     assert (found.damping_ratio < 1.0).all()
@@ -92,8 +92,8 @@ def test_a_driven_swing_by_its_restoring_force(beta: float) -> None:
     )
     noise = np.random.default_rng(0).normal(0.0, 1e-7, len(time))
     found = driven_backbone(PistonRecord(time, 0.06 + solved.y[0] + noise), lambda z, v: push(time))
-    for amplitude in found.amplitudes(1e3)[:2]:
-        swing = found.at(amplitude)
+    for amplitude in found.amplitudes_to_show(1e3)[:2]:
+        swing = found.interpolate_at(amplitude)
         expected = math.sqrt(omega**2 + 0.75 * beta * amplitude**2)
         assert swing.frequency == pytest.approx(expected, rel=0.01)
         assert swing.damping_ratio == pytest.approx(lam / expected, rel=0.1)

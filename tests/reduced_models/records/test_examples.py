@@ -12,7 +12,7 @@ import pytest
 
 from granular.shared.errors import InputError
 from reduced_models import fit, read_record
-from reduced_models.records.examples import EXAMPLES, write_examples
+from reduced_models.records.example_records import EXAMPLES, write_example_records
 
 pytestmark = pytest.mark.filterwarnings("ignore::granular.shared.errors.RecordWarning")
 
@@ -21,19 +21,19 @@ pytestmark = pytest.mark.filterwarnings("ignore::granular.shared.errors.RecordWa
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Directory with all of them."""
     directory = tmp_path_factory.mktemp("lab")
-    assert set(write_examples(directory)) == {f"{name}.csv" for name in EXAMPLES}
+    assert set(write_example_records(directory)) == {f"{name}.csv" for name in EXAMPLES}
     return directory
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / "driven.toml").write_text("mine", encoding="utf-8")
     with pytest.raises(InputError, match=r"driven\.toml is in .* already"):
-        write_examples(tmp_path)
+        write_example_records(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["driven.toml"]
 
 
 def test_the_same_files_come_again(lab: Path, tmp_path: Path) -> None:
-    write_examples(tmp_path)
+    write_example_records(tmp_path)
     for path in lab.iterdir():
         assert path.read_bytes() == (tmp_path / path.name).read_bytes()
 

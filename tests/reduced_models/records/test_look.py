@@ -11,7 +11,7 @@ import pytest
 from granular import PistonRecord
 from granular.commands.console import launch
 from reduced_models.__main__ import main
-from reduced_models.records.look import look
+from reduced_models.records.record_overview import look
 from reduced_models.records.sources import open_source
 
 TIME = 0.01 * np.arange(400)

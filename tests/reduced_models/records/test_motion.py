@@ -14,7 +14,7 @@ import pytest
 from granular.readers.read_options import ALL, ReadOptions
 from granular.shared.errors import RecordError
 from reduced_models import PistonRecord, fit, read_releases
-from reduced_models.records.motion import find_motion, find_motions
+from reduced_models.records.free_motion import find_free_motion, find_free_motions
 
 RATE, FREQUENCY, DAMPING = 500.0, 4.1, 0.05
 OMEGA = 2.0 * np.pi * FREQUENCY
@@ -54,7 +54,7 @@ def found(record: PistonRecord) -> tuple[PistonRecord, list[str]]:
     """The motion, and what was said."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        motion = find_motion(record)
+        motion = find_free_motion(record)
     return motion, [str(one.message) for one in caught]
 
 
@@ -105,8 +105,8 @@ def test_each_release_is_cut_from_its_lift_to_the_next(number: int) -> None:
     record = record_of(np.concatenate([lifted(2.5)] * 3))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        motion = find_motion(record, number)
-        assert len(find_motions(record)) == 3
+        motion = find_free_motion(record, number)
+        assert len(find_free_motions(record)) == 3
     released = (number - 1) * (2.5 + 0.75) + 0.748
     assert motion.time[0] == pytest.approx(released, abs=0.015)
     assert motion.time[-1] < released + 2.5 + 0.25  # it rests before the next lift
@@ -127,9 +127,9 @@ def test_releases_are_told_where_most_of_the_record_is_held() -> None:
 def test_a_release_that_is_not_there_is_refused() -> None:
     record = record_of(np.concatenate([decay(2.5)] * 3))
     with pytest.raises(RecordError, match="release 4 of a record that holds 3"):
-        find_motion(record, 4)
+        find_free_motion(record, 4)
     with pytest.raises(RecordError, match="'all' where one motion is taken"):
-        find_motion(record, ALL)
+        find_free_motion(record, ALL)
     for wrong in ("0", "some", 1.5):
         with pytest.raises(RecordError, match="give a number from 1, or 'all'"):
             ReadOptions(release=wrong)  # type: ignore[arg-type]

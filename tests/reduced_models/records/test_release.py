@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from granular import PistonRecord, simulate
 from granular.shared.errors import RecordWarning
 from reduced_models import cut_at_release, fit, identify, read_record
-from reduced_models.records.look import look
+from reduced_models.records.record_overview import look
 from reduced_models.records.release import release_sample
 
 FREQUENCY, DAMPING = 4.1, 0.05

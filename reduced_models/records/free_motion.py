@@ -18,7 +18,7 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from reduced_models.records.first_guesses import LEAST_SAMPLES, crossings, noise_level
 from reduced_models.records.release import cut_at_release, has_active_input
-from reduced_models.records.sensor_limits import clipped_samples, cut_noise_tail, drop_lost_samples
+from reduced_models.records.sensor_artefacts import clipped_sample_mask, cut_noise_tail, drop_lost_samples
 
 _ENDS = (5, 10, 20, 40)
 """Parts of a record, at its end, whose middle may be the level of rest; a fifth may be held."""
@@ -51,7 +51,7 @@ _LEAST_PERIODS, _LEAST_HALVES = 3, 4.0
 """Periods before or behind a knock, and half periods of a motion, at least."""
 
 
-def find_motion(record: PistonRecord, release: int | str | None = None) -> PistonRecord:
+def find_free_motion(record: PistonRecord, release: int | str | None = None) -> PistonRecord:
     """Return a free motion in a record, from its release on.
 
     Left out are samples that the sensor lost or clipped, further releases, what was done before
@@ -62,7 +62,7 @@ def find_motion(record: PistonRecord, release: int | str | None = None) -> Pisto
     record : PistonRecord
         Record as an instrument wrote it.
     release : int or str, optional
-        Which of several, from 1; the first if not given. Of all of them, `find_motions`.
+        Which of several, from 1; the first if not given. Of all of them, `find_free_motions`.
 
     Returns
     -------
@@ -100,8 +100,8 @@ def find_motion(record: PistonRecord, release: int | str | None = None) -> Pisto
     return _trim_motion(motions[number - 1])
 
 
-def find_motions(record: PistonRecord) -> list[PistonRecord]:
-    """Return all free motions in a record; see `find_motion`.
+def find_free_motions(record: PistonRecord) -> list[PistonRecord]:
+    """Return all free motions in a record; see `find_free_motion`.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def _cut_free_motions(record: PistonRecord) -> list[PistonRecord]:
     """Free motions of a record, each with what stands still before it."""
     record = drop_lost_samples(record)
     # a hold that is clipped tells a release all the same
-    clipped = clipped_samples(record)
+    clipped = clipped_sample_mask(record)
     # what is driven may stand still between two moves without being released
     parts = _free_motion_slices(record, holds=not has_active_input(record))
     start = parts[0].start
@@ -180,17 +180,17 @@ def _free_motion_slices(record: PistonRecord, *, holds: bool) -> list[slice]:
     swing = _swing_about_rest(record)
     away = np.abs(swing)
     largest = float(away.max())
-    half, gaps = _half_period(time, swing)
+    half, gaps = _half_period_and_restarts(time, swing)
     if half is None:
         return [total]
     small = away < _SMALL * largest
-    tops = {k: _top_of_lift(time, away, small, k, half) if holds else None for k in gaps}
+    tops = {k: _top_sample_of_lift(time, away, small, k, half) if holds else None for k in gaps}
     anew = [k for k in gaps if tops[k] or _starts_suddenly(time, away, k, half)]
     starts = [0]
     for first, last in _find_holds(record, away, half) if holds else ():
-        anew = [k for k in anew if not first - _count_samples(time, first, _PAUSE * half) <= k <= last]
+        anew = [k for k in anew if not first - _count_samples_before(time, first, _PAUSE * half) <= k <= last]
         starts.append(first)
-    starts += [tops[k] or _onset(time, small, k, half) for k in anew]
+    starts += [tops[k] or _onset_sample(time, small, k, half) for k in anew]
     ends = np.append(time[starts := sorted(set(starts))], time[-1])
     starts = [k for k, long in zip(starts, np.diff(ends) > _LEAST_HALVES * half, strict=True) if long]
     if not starts:
@@ -211,7 +211,7 @@ def _swing_about_rest(record: PistonRecord) -> np.ndarray:
     return swings[int(np.argmax(counts))]
 
 
-def _half_period(time: np.ndarray, swing: np.ndarray) -> tuple[float | None, list[int]]:
+def _half_period_and_restarts(time: np.ndarray, swing: np.ndarray) -> tuple[float | None, list[int]]:
     """Time from one passage through rest to the next, and samples of a motion after a pause."""
     largest, noise = float(np.abs(swing).max()), noise_level(swing, time)
     passages = crossings(time, swing, _SMALL * largest)
@@ -239,18 +239,20 @@ def _starts_suddenly(time: np.ndarray, away: np.ndarray, start: int, half: float
     return bool(before < 1.5 * _SMALL * away.max() and next_ < _STEADY * first)
 
 
-def _count_samples(time: np.ndarray, before: int, duration: float) -> int:
+def _count_samples_before(time: np.ndarray, before: int, duration: float) -> int:
     """Count the samples of a time before one of them."""
     return before - int(np.searchsorted(time, time[before] - duration))
 
 
-def _onset(time: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
+def _onset_sample(time: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
     """Sample at which a motion leaves a calm; a jump starts where it lands."""
     calm = int(np.flatnonzero(small[:start])[-1])
-    return start if start - calm <= 2 else calm - _count_samples(time, calm, half)
+    return start if start - calm <= 2 else calm - _count_samples_before(time, calm, half)
 
 
-def _top_of_lift(time: np.ndarray, away: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
+def _top_sample_of_lift(
+    time: np.ndarray, away: np.ndarray, small: np.ndarray, start: int, half: float
+) -> int:
     """Sample at which a slow rise from a calm turns into a decay; 0 where a motion starts otherwise."""
     calm = int(np.flatnonzero(small[:start])[-1])
     end = start + int(np.argmax(small[start:])) if small[start:].any() else len(time)
@@ -275,7 +277,7 @@ def _end_of_undisturbed_motion(
     # from its beginning a lift goes to one side
     other = np.flatnonzero(swing[:stop] * np.sign(swing[start]) < 0.0)
     stop = int(other[-1]) if len(other) else stop
-    return stop - _count_samples(time, stop, _LEFT * half)
+    return stop - _count_samples_before(time, stop, _LEFT * half)
 
 
 def _find_holds(record: PistonRecord, away: np.ndarray, half: float) -> list[tuple[int, int]]:
@@ -322,7 +324,7 @@ def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
         return []
     time = record.time
     swing = _swing_about_rest(record)
-    half, _ = _half_period(time, swing)
+    half, _ = _half_period_and_restarts(time, swing)
     if half is None:
         return []
     period = 2.0 * half

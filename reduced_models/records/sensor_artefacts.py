@@ -56,9 +56,9 @@ def drop_lost_samples(record: PistonRecord) -> PistonRecord:
     RecordWarning
         If samples are left out.
     """
-    lost = _placeholder_samples(record.height)
+    lost = _placeholder_mask(record.height)
     spikes = np.zeros_like(lost)
-    spikes[~lost] = _spikes(record.time[~lost], record.height[~lost])
+    spikes[~lost] = _spike_mask(record.time[~lost], record.height[~lost])
     lost |= spikes
     if not lost.any() or (~lost).sum() < LEAST_SAMPLES:
         return record
@@ -71,7 +71,7 @@ def drop_lost_samples(record: PistonRecord) -> PistonRecord:
     return record.select(~lost)
 
 
-def _placeholder_samples(height: np.ndarray) -> np.ndarray:
+def _placeholder_mask(height: np.ndarray) -> np.ndarray:
     """Return the samples of one extreme number that the record jumps to and back from."""
     lost = np.zeros(len(height), dtype=bool)
     for extreme in (np.min, np.max):
@@ -91,7 +91,7 @@ def _placeholder_samples(height: np.ndarray) -> np.ndarray:
     return lost
 
 
-def _spikes(time: np.ndarray, height: np.ndarray) -> np.ndarray:
+def _spike_mask(time: np.ndarray, height: np.ndarray) -> np.ndarray:
     """Return single samples that stand off the median of their neighbours (Hampel's identifier)."""
     none = np.zeros(len(height), dtype=bool)
     if len(height) < LEAST_SAMPLES:
@@ -122,7 +122,7 @@ def _sensor_noise(time: np.ndarray, height: np.ndarray) -> float:
     return math.hypot(noise_level(height, time), rounding / math.sqrt(12.0) if few else 0.0)
 
 
-def clipped_samples(record: PistonRecord) -> np.ndarray:
+def clipped_sample_mask(record: PistonRecord) -> np.ndarray:
     """Mask (n,) of the samples at the limits of a sensor, where runs of them stand at a peak.
 
     Warns
@@ -163,7 +163,7 @@ def clipped_samples(record: PistonRecord) -> np.ndarray:
     return at_limit
 
 
-def end_of_motion(record: PistonRecord) -> float:
+def end_time_of_motion(record: PistonRecord) -> float:
     """Time after which the motion is hardly more than noise about where it ends [s]."""
     swing = record.height - np.median(record.height[-max(3, int(_LEAST_END * len(record))) :])
     count = min(len(swing), max(_FEWEST, len(swing) // 50))
@@ -176,14 +176,14 @@ def end_of_motion(record: PistonRecord) -> float:
     return float(record.time[int(moving[-1]) + count - 1 if len(moving) else 0])
 
 
-def samples_in_motion(record: PistonRecord) -> int:
+def count_samples_in_motion(record: PistonRecord) -> int:
     """Return the number of samples until a free swing is lost in the noise of its record.
 
     All of them where something drives the motion, or where it ends after few swings.
     """
     if has_active_input(record):
         return len(record)
-    end, duration = end_of_motion(record), float(record.time[-1])
+    end, duration = end_time_of_motion(record), float(record.time[-1])
     count = int(np.searchsorted(record.time, end, side="right"))
     if end > _MOST_OF_RECORD * duration or count < LEAST_SAMPLES:
         return len(record)
@@ -201,7 +201,7 @@ def cut_noise_tail(record: PistonRecord) -> PistonRecord:
         If its end is left out.
     """
     start, stop = float(record.time[0]), float(record.time[-1])
-    end = end_of_motion(record)
+    end = end_time_of_motion(record)
     motion = record.time <= end
     if end - start > _ENDS * (stop - start) or motion.sum() < LEAST_SAMPLES:
         return record

@@ -24,7 +24,7 @@ _FEWEST_SWINGS = 10
 _FEWEST_TESTED = 2
 
 
-def whole_swings(time: np.ndarray, height: np.ndarray, moving: int) -> tuple[slice, ...]:
+def find_whole_swings(time: np.ndarray, height: np.ndarray, moving: int) -> tuple[slice, ...]:
     """Return the samples of the whole swings that are above the noise, in the first ``moving``.
 
     Each reaches from a passage through the level of rest to the one after next; of few, half swings
@@ -37,7 +37,7 @@ def whole_swings(time: np.ndarray, height: np.ndarray, moving: int) -> tuple[sli
     height : float64 (n,)
         Heights [m], or angles [rad].
     moving : int
-        Number of samples until the motion is lost in noise; see `sensor_limits.samples_in_motion`.
+        Number of samples until the motion is lost in noise; see `sensor_limits.count_samples_in_motion`.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def whole_swings(time: np.ndarray, height: np.ndarray, moving: int) -> tuple[sli
     return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(edges) if b > a)
 
 
-def spread_test_swings(
+def choose_test_swings(
     time: np.ndarray, height: np.ndarray, fraction: float, moving: int
 ) -> tuple[slice, ...]:
     """Return the samples of a fraction of the whole swings, evenly spread over them.
@@ -71,14 +71,14 @@ def spread_test_swings(
     fraction : float
         Fraction of the swings, from 0 to 1.
     moving : int
-        Number of samples until the motion is lost in noise; see `sensor_limits.samples_in_motion`.
+        Number of samples until the motion is lost in noise; see `sensor_limits.count_samples_in_motion`.
 
     Returns
     -------
     tuple of slice
         Samples of each swing that is held out, in order.
     """
-    swings = whole_swings(time, height, moving)
+    swings = find_whole_swings(time, height, moving)
     passed = np.floor(fraction * np.arange(len(swings) + 1) + 0.5 + 1e-9)
     chosen = tuple(swing for swing, step in zip(swings, np.diff(passed), strict=True) if step > 0.0)
     chosen = chosen[1:] if chosen[:1] == swings[:1] else chosen

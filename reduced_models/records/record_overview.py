@@ -16,9 +16,9 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.message_text import sanitize
 from reduced_models.records.first_guesses import noise_level
-from reduced_models.records.motion import find_motion
-from reduced_models.records.sensor_limits import end_of_motion
-from reduced_models.records.sources import has_stated_interval, stated_release
+from reduced_models.records.free_motion import find_free_motion
+from reduced_models.records.sensor_artefacts import end_time_of_motion
+from reduced_models.records.sources import has_stated_time_interval, stated_release_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +31,7 @@ _WIDTH, _ROWS = 68, 12
 
 
 @dataclasses.dataclass(frozen=True)
-class Look:
+class RecordOverview:
     """A record, and what is to be known of it before a law is fitted.
 
     Attributes
@@ -103,10 +103,10 @@ class Look:
             f"the motion is above its noise until {self.useful:.4g} s",
         ]
         lines += [f"note: {sanitize(note)}" for note in self.meaning.notes]
-        return "\n".join([*lines, "", *_draw_motion(record)])
+        return "\n".join([*lines, "", *_motion_in_characters(record)])
 
 
-def look(path: str | Path, options: ReadOptions | None = None) -> Look:
+def look(path: str | Path, options: ReadOptions | None = None) -> RecordOverview:
     """Read a file and say what was understood of it.
 
     Parameters
@@ -126,23 +126,23 @@ def look(path: str | Path, options: ReadOptions | None = None) -> Look:
         record = PistonRecord.from_interpreted_columns(meaning)
     except RecordError as error:
         raise RecordError(f"{sanitize(path)}: {error}") from None
-    if not has_stated_interval(path, options):
+    if not has_stated_time_interval(path, options):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", RecordWarning)
-            record = find_motion(record, stated_release(path, options))
+            record = find_free_motion(record, stated_release_number(path, options))
         notes = (*meaning.notes, *(str(warning.message) for warning in caught))
         meaning = dataclasses.replace(meaning, notes=notes)
     steps = np.diff(record.time)
     usual = float(np.median(steps))
     noise = noise_level(record.height, record.time) if len(record) > 8 else 0.0
-    return Look(
+    return RecordOverview(
         record,
         meaning,
         1.0 / usual,
         int((steps > GAP * usual).sum()),
         float(noise),
         _quantization_step(record.height),
-        end_of_motion(record),
+        end_time_of_motion(record),
     )
 
 
@@ -159,7 +159,7 @@ def _quantization_step(height: np.ndarray) -> float | None:
     return least if few and total else None
 
 
-def _draw_motion(record: PistonRecord) -> list[str]:
+def _motion_in_characters(record: PistonRecord) -> list[str]:
     """Motion in characters, for a terminal."""
     extent = float(np.ptp(record.height)) or 1.0
     position = (record.time - record.time[0]) / (record.time[-1] - record.time[0])
@@ -170,14 +170,14 @@ def _draw_motion(record: PistonRecord) -> list[str]:
     return ["".join("*" if count else " " for count in row).rstrip() for row in counts[::-1]]
 
 
-def plot_look(look: Look) -> Figure:
+def plot_overview(overview: RecordOverview) -> Figure:
     """Motion over time, with where it is above its noise."""
     from granular.shared.plotting import COLOURS, GREY, figure
 
     with figure(width=7.0, height=3.0) as (drawing, axes):
-        record = look.record
+        record = overview.record
         axes.plot(record.time, record.height, color=COLOURS[0], linewidth=1)
-        axes.axvline(look.useful, color=GREY, linestyle=":")
+        axes.axvline(overview.useful, color=GREY, linestyle=":")
         axes.set(xlabel="time [s]", ylabel=f"coordinate [{record.units['height']}]")
         axes.set_title("dotted: from there on the motion is within its noise", fontsize=9)
         return drawing

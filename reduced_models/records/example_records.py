@@ -16,10 +16,10 @@ import numpy as np
 from granular.readers.read_options import ReadOptions, write_record_description
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
-from reduced_models.records.sources import make_directory, show_path
+from reduced_models.records.sources import make_directory, shortened_path_text
 
 
-class Example(NamedTuple):
+class ExampleRecord(NamedTuple):
     """A record to try the commands on.
 
     Attributes
@@ -38,7 +38,7 @@ class Example(NamedTuple):
     truth: str
 
 
-def write_examples(out: str | Path) -> dict[str, str]:
+def write_example_records(out: str | Path) -> dict[str, str]:
     """Write the records of `EXAMPLES`, a CSV file and a description (TOML) each.
 
     Parameters
@@ -64,7 +64,7 @@ def write_examples(out: str | Path) -> dict[str, str]:
     for path in (*files.values(), *(path.with_suffix(".toml") for path in files.values())):
         if path.exists():
             raise InputError(
-                f"{path.name} is in {show_path(directory)} already, and nothing is overwritten; "
+                f"{path.name} is in {shortened_path_text(directory)} already, and nothing is overwritten; "
                 "give another directory (-o)"
             )
     for seed, (name, example) in enumerate(EXAMPLES.items()):
@@ -90,13 +90,13 @@ def _released_swing(time: np.ndarray, frequency: float, ratio: float) -> np.ndar
     return np.asarray(decay * (np.cos(damped * since) + sine))
 
 
-def _lvdt(random: np.random.Generator) -> dict[str, np.ndarray]:
+def _lvdt_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     time = np.arange(0.0, 3.4, 0.002)
     height = 4.0 * _released_swing(time - 0.4, 4.1, 0.05) + random.normal(0.0, 0.02, len(time))
     return {"time [s]": time, "lvdt [V]": 2.513 + height / 2.4894}
 
 
-def _encoder(random: np.random.Generator) -> dict[str, np.ndarray]:
+def _encoder_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     from scipy.integrate import solve_ivp
 
     time = np.arange(0.0, 20.0, 0.01)
@@ -110,7 +110,7 @@ def _encoder(random: np.random.Generator) -> dict[str, np.ndarray]:
     return {"time [ms]": 1e3 * time, "encoder [counts]": counts}
 
 
-def _accelerometer(random: np.random.Generator) -> dict[str, np.ndarray]:
+def _accelerometer_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     time = np.arange(0.0, 4.0, 0.001)
     omega, swing = 2.0 * math.pi * 6.0, 3e-3 * _released_swing(time, 6.0, 0.03)
     acceleration = -(omega**2 * swing + 0.06 * omega * np.gradient(swing, time)) / 9.80665
@@ -121,7 +121,7 @@ def _accelerometer(random: np.random.Generator) -> dict[str, np.ndarray]:
     }
 
 
-def _driven(random: np.random.Generator) -> dict[str, np.ndarray]:
+def _driven_swing_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     from scipy.signal import lsim
 
     time = np.arange(0.0, 12.0, 0.004)
@@ -132,7 +132,7 @@ def _driven(random: np.random.Generator) -> dict[str, np.ndarray]:
     return {"time [s]": time, "height [mm]": 1e3 * height, "force [N]": force}
 
 
-def _force_stroke(random: np.random.Generator) -> dict[str, np.ndarray]:
+def _force_stroke_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     time = np.arange(0.0, 4.0, 0.002)
     phase = 2.0 * math.pi * 1.5 * time
     stroke, speed = 10e-3 * np.sin(phase), 10e-3 * 2.0 * math.pi * 1.5 * np.cos(phase)
@@ -141,29 +141,31 @@ def _force_stroke(random: np.random.Generator) -> dict[str, np.ndarray]:
 
 
 EXAMPLES = {
-    "lvdt": Example(
-        _lvdt,
+    "lvdt": ExampleRecord(
+        _lvdt_columns,
         {"scale": "2.4894 mm/V", "zero": "2.513 V"},
         "a linear swing of 4.1 Hz and 5 % damping, held for 0.4 s",
     ),
-    "encoder": Example(
-        _encoder,
+    "encoder": ExampleRecord(
+        _encoder_columns,
         {"scale": "360 deg/2048 counts", "zero": "1024 counts"},
         "a pendulum, theta'' + 0.1*theta' + 30*sin(theta) = 0, released at 1.2 rad",
     ),
-    "accelerometer": Example(
-        _accelerometer,
+    "accelerometer": ExampleRecord(
+        _accelerometer_columns,
         {"columns": {"height": "laser"}},
         "a linear swing of 6 Hz and 3 % damping about 60 mm, with its acceleration",
     ),
-    "driven": Example(_driven, {}, "7.5 kg under a force, with 4.1 Hz and 5 % damping about 60 mm"),
-    "force-stroke": Example(
-        _force_stroke,
+    "driven": ExampleRecord(
+        _driven_swing_columns, {}, "7.5 kg under a force, with 4.1 Hz and 5 % damping about 60 mm"
+    ),
+    "force-stroke": ExampleRecord(
+        _force_stroke_columns,
         {"columns": {"stroke": "stroke", "force": "load cell"}},
         "a damper moved at 1.5 Hz: 120 N s/m times the velocity and 900 N/m times the stroke",
     ),
     # The board divided the 4000 counts of a turn by 360 in whole numbers: its degrees are eleven counts.
-    "pendulum": Example(
+    "pendulum": ExampleRecord(
         Path(__file__).with_name("pendulum.csv"),
         {
             "skip": 27,
