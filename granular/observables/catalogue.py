@@ -159,7 +159,7 @@ def grain_pressure(frame: Frame) -> np.ndarray:
 
 
 OBSERVABLES: Mapping[str, Callable[[Frame], Value]] = {
-    function.observable.name: function  # type: ignore[attr-defined]
+    function.observable.name: function  # type: ignore[union-attr]
     for function in (
         mean_grain_distance,
         nearest_grain_to_piston,
