@@ -117,5 +117,16 @@ def _read_frame_block(run: Trajectory, indices: list[int]) -> Iterator[BedFrame]
 
 
 def planar_to_spatial(plane: np.ndarray) -> np.ndarray:
-    """Append z = 0 to vectors in the plane: (k, 2) to (k, 3), in their own unit."""
+    """Append z = 0 to vectors in the plane.
+
+    Parameters
+    ----------
+    plane : float64 (k, 2)
+        Vectors in any unit.
+
+    Returns
+    -------
+    float64 (k, 3)
+        The same vectors in space, in the same unit.
+    """
     return np.column_stack([plane, np.zeros(len(plane))])

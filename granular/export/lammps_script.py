@@ -171,6 +171,11 @@ CARRIED = ("dipole", "walls", "gravity", "drag", "shaking")
 def check_exportable_scene(scene: Scene) -> None:
     """Refuse a scene that a LAMMPS deck cannot carry.
 
+    Parameters
+    ----------
+    scene : Scene
+        Scene to export.
+
     Raises
     ------
     InputError
@@ -297,12 +302,36 @@ class LammpsDeck(NamedTuple):
 
 
 def pair_table_name(first: int, second: int) -> str:
-    """Name of the table of two species' repulsion, which are counted from 1."""
+    """Name the table of the repulsion of two species.
+
+    Parameters
+    ----------
+    first, second : int
+        Species, counted from 1.
+
+    Returns
+    -------
+    str
+        Keyword of the table's section.
+    """
     return f"PAIR_{first}_{second}"
 
 
 def wall_table_name(law: str, species: int) -> str:
-    """Name of the table of a species' repulsion from a wall of that law; species count from 1."""
+    """Name the table of the repulsion of a species from a wall.
+
+    Parameters
+    ----------
+    law : str
+        Law of the wall, such as ``"infinite"``.
+    species : int
+        Species, counted from 1.
+
+    Returns
+    -------
+    str
+        Keyword of the table's section.
+    """
     return f"WALL_{law.upper()}_{species}"
 
 

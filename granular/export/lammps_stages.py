@@ -60,6 +60,11 @@ class RemainingStage(NamedTuple):
 def check_exportable_stage(stage: Stage) -> None:
     """Refuse a stage that does not prescribe the piston for a known time.
 
+    Parameters
+    ----------
+    stage : Stage
+        Stage of the scene's protocol.
+
     Raises
     ------
     InputError

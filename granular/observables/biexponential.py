@@ -39,7 +39,18 @@ class BiexponentialFit(NamedTuple):
     residual: float
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """Law at x, in the shape of x."""
+        """Evaluate the fitted law A exp(l1 x) + B exp(l2 x).
+
+        Parameters
+        ----------
+        x : float (...)
+            Abscissae, in the unit of the x that was fitted.
+
+        Returns
+        -------
+        float64 (...)
+            Values in the unit of the y that was fitted, in the shape of x.
+        """
         parts = np.exp(np.multiply.outer(np.asarray(x, dtype=np.float64), self.rates))
         return np.asarray(parts @ self.amplitudes)
 

@@ -22,23 +22,26 @@ from granular.shared.errors import InputError
 def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.ndarray:
     """Complex bond order of each grain, mean over its Voronoi neighbours of exp(6 i theta).
 
+    theta is the angle of the bond against the x axis (Nelson and Halperin, Phys. Rev. B 19, 2457,
+    1979).
+
     Parameters
     ----------
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent ones.
     cells : VoronoiCells, optional
         Voronoi cells of the same positions, if known.
 
     Returns
     -------
-    complex (n,)
-        NaN for absent grains and for grains without neighbours. Grains at the rim have a value too;
-        see ``cells.interior``.
+    complex128 (n,)
+        Order of each grain, without unit, at most 1 in size. NaN for absent grains and for grains
+        without neighbours. Grains at the rim have a value too; see ``cells.interior``.
 
     Raises
     ------
     InputError
-        If the positions have another shape.
+        If the positions have another shape than (n, 2).
 
     Examples
     --------
@@ -107,8 +110,8 @@ def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
 def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> complex:
     """Mean of the complex local Psi6 over the grains with an interior cell.
 
-    Its size is 1 only where all hexagons have the same orientation. NaN without interior cells. The
-    arguments are those of `local_psi6`.
+    Its size is 1 only where all hexagons have the same orientation (Nelson and Halperin, Phys. Rev.
+    B 19, 2457, 1979).
 
     Parameters
     ----------
@@ -120,7 +123,12 @@ def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> com
     Returns
     -------
     complex
-        Complex order parameter, at most 1 in size.
+        Complex order parameter, without unit, at most 1 in size; NaN without interior cells.
+
+    Raises
+    ------
+    InputError
+        If the positions have another shape than (n, 2).
 
     Examples
     --------

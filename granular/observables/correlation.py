@@ -101,7 +101,17 @@ def per_distance(
 
 
 def check_bin_edges(edges: np.ndarray) -> np.ndarray:
-    """Bin edges as float64 (k + 1,).
+    """Check the edges of distance bins, and convert them.
+
+    Parameters
+    ----------
+    edges : float (k + 1,)
+        Edges [m].
+
+    Returns
+    -------
+    float64 (k + 1,)
+        The same edges [m].
 
     Raises
     ------
@@ -115,12 +125,22 @@ def check_bin_edges(edges: np.ndarray) -> np.ndarray:
 
 
 def default_bin_edges(positions: np.ndarray) -> np.ndarray:
-    """`BINS` bins up to half the shorter side of the box, or `FARTHEST` mean spacings.
+    """Choose `BINS` bins up to half the shorter side of the grains' box, or up to `FARTHEST` mean spacings.
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        Positions of the grains [m]; NaN for absent ones.
+
+    Returns
+    -------
+    float64 (BINS + 1,)
+        Edges [m], evenly spaced from 0.
 
     Raises
     ------
     InputError
-        If the grains span no box.
+        If the positions have another shape, or the grains span no box.
     """
     low, high = bounding_box(positions)
     sides = high - low
@@ -132,7 +152,17 @@ def default_bin_edges(positions: np.ndarray) -> np.ndarray:
 
 
 def box_spanning_frames(frames: np.ndarray) -> list[np.ndarray]:
-    """Frames (k, n, 2) whose grains span a box: what a cell that empties ends with does not.
+    """Select the frames whose grains span a box; the last frames of a cell that empties do not.
+
+    Parameters
+    ----------
+    frames : float (f, n, 2)
+        Positions [m]; NaN for absent grains.
+
+    Returns
+    -------
+    list of float (n, 2)
+        Frames with two grains or more that differ in x and in y [m].
 
     Raises
     ------
@@ -150,7 +180,20 @@ def box_spanning_frames(frames: np.ndarray) -> list[np.ndarray]:
 
 
 def count_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Pairs i < j in each bin (lower edge, upper edge], int (k,)."""
+    """Count the pairs i < j in each bin (lower edge, upper edge] of their distance.
+
+    Parameters
+    ----------
+    points : float (n, 2)
+        Positions, all finite [m].
+    edges : float (k + 1,)
+        Edges of the bins [m], increasing.
+
+    Returns
+    -------
+    int64 (k,)
+        Number of pairs in each bin.
+    """
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)
@@ -158,18 +201,61 @@ def count_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def mean_over_pairs(points: np.ndarray, products: np.ndarray, edges: np.ndarray) -> PairDistanceFunction:
-    """Return the sums over the pairs of each bin, as means over them."""
+    """Divide sums over the pairs of each bin by the number of these pairs.
+
+    Parameters
+    ----------
+    points : float (n, 2)
+        Positions, all finite [m].
+    products : float (k,)
+        Sum over the pairs of each bin, in any unit; see `sum_pair_products`.
+    edges : float (k + 1,)
+        Edges of the bins [m].
+
+    Returns
+    -------
+    PairDistanceFunction
+        Mean of each bin in that unit, NaN without pairs, and the number of its pairs.
+    """
     pairs = count_pairs(points, edges)
     return PairDistanceFunction(edges, divide_by_pair_count(products, pairs), pairs, pairs)
 
 
 def divide_by_pair_count(total: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """NaN in bins without pairs."""
+    """Divide sums by numbers of pairs, with NaN where there are no pairs.
+
+    Parameters
+    ----------
+    total : float (k,)
+        Sum over the pairs of each bin, in any unit.
+    pairs : int or float (k,)
+        Number or weight of the pairs of each bin.
+
+    Returns
+    -------
+    float64 (k,)
+        Mean of each bin, in the same unit.
+    """
     return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0)
 
 
 def sum_pair_products(points: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Sum of v_i v_j over the pairs i < j of each bin (lower edge, upper edge], float (k,)."""
+    """Sum v_i v_j over the pairs i < j of each bin (lower edge, upper edge] of their distance.
+
+    Parameters
+    ----------
+    points : float (n, 2)
+        Positions, all finite [m].
+    values : float (n,)
+        Value v of each grain, in any unit.
+    edges : float (k + 1,)
+        Edges of the bins [m], increasing.
+
+    Returns
+    -------
+    float64 (k,)
+        Sum of each bin, in the unit of v squared.
+    """
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)

@@ -89,20 +89,25 @@ class DefectEvent(NamedTuple):
 def link_defect_tracks(
     frames: Sequence[Defects], reach: float = REACH, memory: int = MEMORY
 ) -> list[DefectTrack]:
-    """Tracks of the defects, in the order in which they begin.
+    """Link the defects of frame after frame into tracks.
 
-    From frame to frame the sum of the squared displacements is as small as it can be (SciPy's
-    assignment), among defects of the same kind and Burgers vector. Bound pairs, which heat makes
-    and takes back, have no tracks.
+    From frame to frame the sum of the squared displacements is as small as it can be, among defects
+    of the same kind and Burgers vector: SciPy's linear assignment, as in Crocker and Grier, J. Colloid
+    Interface Sci. 179, 298 (1996). Bound pairs, which heat makes and takes back, have no tracks.
 
     Parameters
     ----------
     frames : sequence of Defects
         With lattices of one direction: give each frame's `detect_defects` the same angle.
     reach : float
-        Greatest displacement in a frame, in spacings.
+        Greatest displacement in a frame, in lattice spacings.
     memory : int
         Frames that a defect may be out of sight.
+
+    Returns
+    -------
+    list of DefectTrack
+        Tracks, in the order in which they begin; positions in metres.
 
     Raises
     ------
@@ -188,12 +193,25 @@ def _same_burgers_vector(item: _OpenTrack, lattice: np.ndarray) -> bool:
 
 
 def drop_short_tracks(tracks: Iterable[DefectTrack], frames: int) -> list[DefectTrack]:
-    """Tracks that were seen in at least so many frames."""
+    """Keep the tracks that were seen in a number of frames or more.
+
+    Parameters
+    ----------
+    tracks : iterable of DefectTrack
+        Tracks of `link_defect_tracks`.
+    frames : int
+        Least number of frames.
+
+    Returns
+    -------
+    list of DefectTrack
+        Those that are long enough, in the same order.
+    """
     return [track for track in tracks if len(track.frames) >= frames]
 
 
 def find_defect_events(tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float) -> list[DefectEvent]:
-    """Events by which tracks end and begin.
+    """Find the births, annihilations and reactions by which tracks end and begin.
 
     Ends and beginnings nearer than `MEETING` spacings and `SAME_TIME` frames to one another are one
     event. One with a part near the rim may take a Burgers vector from it; in any other the vectors
@@ -202,10 +220,16 @@ def find_defect_events(tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing
     Parameters
     ----------
     tracks : sequence of DefectTrack
+        Tracks of `link_defect_tracks`.
     boxes : float (f, 2, 2)
         Lowest and highest x and y of the bed in each frame [m].
     spacing : float
-        [m]
+        Lattice spacing [m].
+
+    Returns
+    -------
+    list of DefectEvent
+        Events in the order of time; positions in metres.
     """
     moments = [
         (int(end.frames[-1]) + 1, end.positions[-1], index, -1)
@@ -279,13 +303,19 @@ class DefectMotion(NamedTuple):
 
 
 def motion_of_track(track: DefectTrack, times: np.ndarray) -> DefectMotion:
-    """Velocity, glide and climb of a track; NaN if it was seen in one frame.
+    """Fit the velocity of a defect by a line of least squares through its path.
 
     Parameters
     ----------
     track : DefectTrack
+        Path of the defect [m], and its Burgers vector.
     times : float (f,)
         Times of all frames [s].
+
+    Returns
+    -------
+    DefectMotion
+        Velocity, speed, glide and climb [m/s]; NaN if it was seen in one frame.
     """
     if len(track.frames) < 2:
         return DefectMotion(np.full(2, np.nan), math.nan, math.nan, math.nan)
@@ -301,12 +331,19 @@ def motion_of_track(track: DefectTrack, times: np.ndarray) -> DefectMotion:
 
 
 def detect_defects_in_frames(frames: np.ndarray) -> list[Defects]:
-    """`detect_defects` of every frame; the direction of the lattice is followed in time.
+    """Detect the defects of every frame, with the direction of the lattice followed in time.
+
+    See `detect_defects`, by the Burgers circuit about clusters of grains that have not six neighbours.
 
     Parameters
     ----------
     frames : float (f, n, 2)
         Positions [m]; NaN for absent grains.
+
+    Returns
+    -------
+    list of Defects
+        Defects of each frame.
 
     Raises
     ------

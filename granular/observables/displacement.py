@@ -78,7 +78,19 @@ def per_lag(
 
 
 def check_lags(lags: np.ndarray | None, count: int) -> np.ndarray:
-    """Numbers of frames from 1 to ``count - 1``; about 30 at even ratios where none are given.
+    """Check lags between frames, or choose about 30 at even ratios.
+
+    Parameters
+    ----------
+    lags : int (k,) or None
+        Lags in numbers of frames; None to choose them.
+    count : int
+        Number of frames.
+
+    Returns
+    -------
+    int64 (k,)
+        Lags from 1 to ``count - 1`` frames.
 
     Raises
     ------
@@ -97,7 +109,10 @@ def check_lags(lags: np.ndarray | None, count: int) -> np.ndarray:
 
 @observable("m^2", "mean square displacement")
 def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None) -> np.ndarray:
-    """<|r(t) - r(0)|^2> over grains and frames (k,) [m^2].
+    """Mean square displacement <|r(t) - r(0)|^2> over grains and frames.
+
+    Every pair of frames that lie a lag apart counts (Allen and Tildesley, Computer Simulation of
+    Liquids, 2nd ed. 2017).
 
     Parameters
     ----------
@@ -126,20 +141,24 @@ def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -
     It is 0 where the displacements are normally distributed.
 
     In two dimensions (Rahman, Phys. Rev. 136, A405, 1964, has it in three). It peaks where some
-    grains leave their cages and others do not. NaN where nothing moves. Arguments and errors as of
-    `mean_square_displacement`.
+    grains leave their cages and others do not.
 
     Parameters
     ----------
     frames : float64 (f, n, 2)
         Positions of the grains in each frame [m]; NaN for absent ones.
     lags : int (k,), optional
-        Lags in frames; by default evenly spread ones.
+        Lags in frames; about 30 at even ratios if not given.
 
     Returns
     -------
     float64 (k,)
-        Parameter at each lag, without unit.
+        Parameter at each lag, without unit; NaN where nothing moves.
+
+    Raises
+    ------
+    InputError
+        If a shape or lag does not fit, or no grain is present in two such frames.
     """
     second, fourth = _displacement_moments(frames, lags)
     squared = np.where(second > 0.0, second, np.nan) ** 2

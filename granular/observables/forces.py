@@ -23,7 +23,17 @@ _WALLS = ("left", "right", "bottom", "piston")
 
 
 def piston_force(run: Trajectory) -> xarray.DataArray:
-    """Force of the grains on the piston, upwards [N], on ``time``.
+    """Force of the grains on the piston, upwards, at every record of a run.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+
+    Returns
+    -------
+    xarray.DataArray
+        Force [N] on ``time`` [s].
 
     Raises
     ------
@@ -200,9 +210,10 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: float | No
 def grain_stresses(
     scene: Scene, positions: np.ndarray, piston_height: float | None = None, cells: VoronoiCells | None = None
 ) -> np.ndarray:
-    """`grain_virials` over the area of the Voronoi cell: the stress tensor of each grain.
+    """Virial stress tensor of each grain: `grain_virials` over the area of its Voronoi cell.
 
-    The virial stress in two dimensions.
+    It is the virial stress in two dimensions (Irving and Kirkwood, J. Chem. Phys. 18, 817, 1950),
+    without its kinetic part.
 
     Parameters
     ----------
@@ -217,13 +228,14 @@ def grain_stresses(
 
     Returns
     -------
-    float (n, 2, 2)
-        [N/m], positive for compression; NaN for grains without an interior Voronoi cell.
+    float64 (n, 2, 2)
+        Stress [N/m], positive for compression; NaN for grains without an interior Voronoi cell.
 
     Raises
     ------
     InputError
-        If the positions have another shape than the scene's grains.
+        If the positions have another shape than the scene's grains, or an effect acts between grains
+        by a law other than dipole and contact.
     """
     cells = voronoi_cells(scene.cell.wrap_positions(positions)) if cells is None else cells
     return grain_virials(scene, positions, piston_height) / cells.area[:, None, None]
@@ -232,7 +244,7 @@ def grain_stresses(
 def grain_pressures(
     scene: Scene, positions: np.ndarray, piston_height: float | None = None, cells: VoronoiCells | None = None
 ) -> np.ndarray:
-    """Half the trace of `grain_stresses` (n,) [N/m]; NaN without an interior Voronoi cell.
+    """Half the trace of `grain_stresses`: the virial pressure of each grain in two dimensions.
 
     Parameters
     ----------
@@ -241,14 +253,20 @@ def grain_pressures(
     positions : float64 (n, 2)
         Positions of the grains [m]; NaN for absent ones.
     piston_height : float, optional
-        Height of the piston [m]; none if not given.
+        Height of the piston [m]; the scene's where not given.
     cells : VoronoiCells, optional
         Voronoi cells of these positions, where they are known already.
 
     Returns
     -------
     float64 (n,)
-        Pressure of each grain in two dimensions [N/m].
+        Pressure of each grain [N/m]; NaN without an interior Voronoi cell.
+
+    Raises
+    ------
+    InputError
+        If the positions have another shape than the scene's grains, or an effect acts between grains
+        by a law other than dipole and contact.
     """
     stresses = grain_stresses(scene, positions, piston_height, cells)
     return np.asarray(0.5 * np.trace(stresses, axis1=1, axis2=2))
@@ -308,12 +326,13 @@ def force_dip_test(frame: Frame) -> DipTest:
     Returns
     -------
     DipTest
-        Dip of the distribution and its probability under one mode.
+        Dip of the distribution and its probability under one mode, without unit.
 
     Raises
     ------
     InputError
-        If fewer than four grains have an interior cell.
+        If fewer than four grains have an interior cell, or a force cannot be taken apart (see
+        `compressive_forces`).
     """
     return dip_test(_interior_compressive_forces(frame))
 

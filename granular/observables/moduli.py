@@ -54,12 +54,12 @@ def hexagonal_lattice_sum(power: float = 3.0) -> float:
     Parameters
     ----------
     power : float
-        Above 2.
+        Exponent above 2, without unit.
 
     Returns
     -------
     float
-        Sum over all places but the origin.
+        Sum over all places but the origin, without unit.
     """
     from scipy.special import zeta
 
@@ -69,7 +69,9 @@ def hexagonal_lattice_sum(power: float = 3.0) -> float:
 
 
 def dipole_pair_strength(moment: float) -> float:
-    """C of the energy C/r^3 of two dipoles at a right angle to their plane, mu0 m^2/(4 pi) [J m^3].
+    """Strength C = mu0 m^2/(4 pi) of the energy C/r^3 of two dipoles at a right angle to their plane.
+
+    (Jackson, Classical Electrodynamics, 1999, 5.6 and 5.7.)
 
     Parameters
     ----------
@@ -122,7 +124,23 @@ def crystal_moduli(density: float, strength: float) -> Moduli:
 
 
 def lattice_spacing(density: float) -> float:
-    """Spacing of the hexagonal lattice of a density [1/m^2], [m]."""
+    """Spacing of the hexagonal lattice of a density, sqrt(2/(sqrt(3) rho)).
+
+    Parameters
+    ----------
+    density : float
+        Grains an area [1/m^2].
+
+    Returns
+    -------
+    float
+        Distance of nearest neighbours [m].
+
+    Raises
+    ------
+    InputError
+        If the density is not above 0.
+    """
     _check_positive("density", density)
     return math.sqrt(2.0 / (math.sqrt(3.0) * density))
 

@@ -25,7 +25,7 @@ BLOCK = 1024
 
 
 def packing_fraction(diameters: np.ndarray, width: float, height: float | np.ndarray) -> np.ndarray:
-    """Area of the grains over that of the cell [D, eq. 2.2].
+    """Packing fraction: area of the grains over that of the cell [D, eq. 2.2].
 
     Parameters
     ----------
@@ -38,8 +38,8 @@ def packing_fraction(diameters: np.ndarray, width: float, height: float | np.nda
 
     Returns
     -------
-    float (...)
-        In the shape of ``height``.
+    float64 (...)
+        Fraction without unit, in the shape of ``height``.
 
     Raises
     ------
@@ -60,11 +60,10 @@ def packing_fraction(diameters: np.ndarray, width: float, height: float | np.nda
 
 
 def packing_fraction_series(run: Trajectory) -> xarray.DataArray:
-    """Packing fraction below the piston, on ``time`` [D, eq. 2.2].
+    """Packing fraction below the piston at every record of a run [D, eq. 2.2].
 
-    The area of the grains over that of the cell, its width times the piston's height.
-
-    Where grains leave the cell, those of the latest frame count.
+    The area of the grains over that of the cell, its width times the piston's height. Where grains
+    leave the cell, those of the latest frame count.
 
     Parameters
     ----------
@@ -74,7 +73,7 @@ def packing_fraction_series(run: Trajectory) -> xarray.DataArray:
     Returns
     -------
     xarray.DataArray
-        Fraction of the area below the piston, on ``time``.
+        Fraction without unit, on ``time`` [s].
 
     Raises
     ------

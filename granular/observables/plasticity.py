@@ -174,22 +174,44 @@ class DislocationSlip(NamedTuple):
 
     @property
     def total(self) -> np.ndarray:
-        """Moves, events and rim (f, 2, 2)."""
+        """Plastic distortion of moves, events and rim together, float64 (f, 2, 2), without unit."""
         return self.moves + self.events + self.rim
 
 
 def axial_strain_difference(strain: np.ndarray) -> np.ndarray:
-    """Yy less xx (f,) of strains (f, 2, 2): what a piston drives at a constant width."""
+    """Difference yy less xx of strain tensors: the strain that a piston drives at a constant width.
+
+    Parameters
+    ----------
+    strain : float (f, 2, 2)
+        Strain of each frame, without unit.
+
+    Returns
+    -------
+    float64 (f,)
+        strain_yy - strain_xx, without unit.
+    """
     return np.asarray(strain[:, 1, 1] - strain[:, 0, 0])
 
 
 def areal_strain(strain: np.ndarray) -> np.ndarray:
-    """Xx and yy together (f,): of plastic strain what climb makes, grains lost or gained."""
+    """Trace of strain tensors; of plastic strain it is the part that climb makes, grains lost or gained.
+
+    Parameters
+    ----------
+    strain : float (f, 2, 2)
+        Strain of each frame, without unit.
+
+    Returns
+    -------
+    float64 (f,)
+        strain_xx + strain_yy, without unit.
+    """
     return np.asarray(strain[:, 0, 0] + strain[:, 1, 1])
 
 
 def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
-    """Plastic distortion by the dislocations of frames (f, n, 2), which hold the same grains.
+    """Plastic distortion by the dislocations of frames that hold the same grains.
 
     A dislocation with the Burgers vector b that moves by d changes the mean distortion of the area
     A by b_i (z x d)_j/A, z being the normal (Orowan, Proc. Phys. Soc. 52, 8, 1940).
@@ -202,7 +224,7 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
     Returns
     -------
     DislocationSlip
-        Distortion carried by dislocations, without unit, and what of it is known.
+        Distortion (f, 2, 2) carried by dislocations, without unit, and the defects and tracks behind it.
 
     Raises
     ------
@@ -242,18 +264,39 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
 
 
 def slip_area_tensor(burgers: np.ndarray, displacement: np.ndarray) -> np.ndarray:
-    """b_i (z x d)_j (2, 2) [m^2] of a displacement d."""
+    """Plastic distortion times area that a moving dislocation leaves, b_i (z x d)_j.
+
+    (Orowan, Proc. Phys. Soc. 52, 8, 1940; z is the normal of the plane.)
+
+    Parameters
+    ----------
+    burgers : float (2,)
+        Burgers vector b [m].
+    displacement : float (2,)
+        Displacement d of the dislocation [m].
+
+    Returns
+    -------
+    float64 (2, 2)
+        Tensor [m^2]; over the area of the bed it is the change of the mean distortion.
+    """
     return np.outer(burgers, [-displacement[1], displacement[0]])
 
 
 def glide_displacement_to_edge(position: np.ndarray, burgers: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Shortest displacement (2,) along the Burgers vector to an edge of the box; 0 from outside.
+    """Shortest displacement along the Burgers vector to an edge of the box.
 
     Parameters
     ----------
-    place, burgers : float (2,)
+    position, burgers : float (2,)
+        Position of the dislocation and its Burgers vector [m].
     box : float (2, 2)
-        Lowest and highest x and y.
+        Lowest x and y, and highest x and y of the box [m].
+
+    Returns
+    -------
+    float64 (2,)
+        Displacement [m]; 0 from a position outside of the box.
     """
     if (position <= box[0]).any() or (position >= box[1]).any():
         return np.zeros(2)
@@ -285,7 +328,10 @@ def _slip_of_event(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndar
 
 
 def elastic_strain(frames: np.ndarray) -> np.ndarray:
-    """(1/2) log M of the inner bonds of frames (f, n, 2), less that of the first (f, 2, 2).
+    """Elastic strain (1/2) log M of the bonds in the inner part of a bed, less that of the first frame.
+
+    M = <r r> is the texture, over the bonds r between Voronoi neighbours (Graner, Dollet, Raufaste and
+    Marmottant, Eur. Phys. J. E 25, 349, 2008).
 
     Parameters
     ----------
@@ -309,7 +355,18 @@ def _log_texture(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
 
 
 def grains_with_interior_neighbours(cells: VoronoiCells) -> np.ndarray:
-    """Grains (n,) whose cell and whose neighbours' cells are interior: where defects are known."""
+    """Grains whose cell and whose neighbours' cells are interior: those where defects are known.
+
+    Parameters
+    ----------
+    cells : VoronoiCells
+        Voronoi cells of the grains.
+
+    Returns
+    -------
+    bool (n,)
+        True for such grains.
+    """
     result = cells.interior.copy()
     result[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False
     return result

@@ -54,17 +54,20 @@ def draw_bed(
     Parameters
     ----------
     axes : matplotlib Axes
+        Axes to draw on; their unit becomes a millimetre.
+    scene : Scene
+        Scene that the grains belong to.
     positions : float (n, 2)
-        [m]
+        Positions of the grains [m].
     piston_height : float or None
-        [m]
+        Height of the piston [m]; none is drawn where it is None.
     colours : float (n,), optional
-        A value a grain, shown by colour; the species where not given.
+        A value a grain, in any unit, shown by colour; the species where not given.
 
     Returns
     -------
     matplotlib collection
-        The grains, for a colour bar.
+        Grains, for a colour bar.
     """
     from matplotlib.collections import EllipseCollection
 
@@ -100,7 +103,7 @@ def draw_bed(
 
 
 def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = None) -> Axes:
-    """Interior Voronoi cells, coloured by their number of sides, and the grains' centres.
+    """Draw the interior Voronoi cells, coloured by their number of sides, and the grains' centres.
 
     The colours are those of ``granular render --colour sides``: de Paula has green and red, which
     some eyes do not tell apart.
@@ -151,7 +154,7 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = Non
 
 
 def plot_dislocations(dislocations: Dislocations, positions: np.ndarray, ax: Axes | None = None) -> Axes:
-    """Grains, the pentagon and the heptagon of each dislocation, and its Burgers vector.
+    """Draw the grains, the pentagon and the heptagon of each dislocation, and its Burgers vector.
 
     Parameters
     ----------
@@ -190,7 +193,7 @@ def plot_dislocations(dislocations: Dislocations, positions: np.ndarray, ax: Axe
 
 
 def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes | None = None) -> Axes:
-    """Paths of `track_defects` over the Voronoi cells of a frame, with their Burgers vectors.
+    """Draw the paths of `track_defects` over the Voronoi cells of a frame, with their Burgers vectors.
 
     Parameters
     ----------
@@ -252,7 +255,7 @@ def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes |
 
 
 def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
-    """Observable on ``frame`` or ``time``; one line for each value of a second dimension.
+    """Draw an observable over ``frame`` or ``time``; one line for each value of a second dimension.
 
     Parameters
     ----------
@@ -282,7 +285,7 @@ def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
 
 
 def plot_hysteresis(run: Trajectory, ax: Axes | None = None) -> Axes:
-    """Piston force over piston height, down and up [D, Fig. 3.4].
+    """Draw the piston force over the piston's height, down and up [D, Fig. 3.4].
 
     Parameters
     ----------
@@ -295,6 +298,11 @@ def plot_hysteresis(run: Trajectory, ax: Axes | None = None) -> Axes:
     -------
     Axes
         Axes that hold the drawing.
+
+    Raises
+    ------
+    InputError
+        If nothing acts on the piston.
     """
     ax = axes_or_new(ax)
     height, force = 1e3 * run.dataset["piston_height"].values, piston_force(run).values
@@ -307,7 +315,7 @@ def plot_hysteresis(run: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes:
-    """Local area fraction by depth below the piston, of one frame or of several [D, Fig. 3.2].
+    """Draw the local area fraction by depth below the piston, of one frame or of several [D, Fig. 3.2].
 
     Parameters
     ----------
@@ -343,7 +351,7 @@ def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes
 
 
 def plot_correlation_function(function: xarray.DataArray, ax: Axes | None = None) -> Axes:
-    """Correlation g(r) or g6(r) of a run, on ``distance``.
+    """Draw a correlation g(r) or g6(r) of a run over the distance.
 
     Parameters
     ----------
@@ -364,7 +372,7 @@ def plot_correlation_function(function: xarray.DataArray, ax: Axes | None = None
 
 
 def plot_force_distribution(histograms: dict[str, Histogram], ax: Axes | None = None) -> Axes:
-    """Probability density of the force on the grains, by species [D, Fig. 4.21].
+    """Draw the probability density of the force on the grains, by species [D, Fig. 4.21].
 
     Parameters
     ----------
@@ -396,7 +404,7 @@ def plot_force_distribution(histograms: dict[str, Histogram], ax: Axes | None = 
 def plot_forces(
     positions: np.ndarray, forces: np.ndarray, species: np.ndarray, ax: Axes | None = None
 ) -> Axes:
-    """Resulting force on each grain as an arrow [D, Fig. 4.23].
+    """Draw the resulting force on each grain as an arrow [D, Fig. 4.23].
 
     Each species' arrows are drawn over its greatest force, in a colour of its own; grains whose
     force (n, 2) is NaN have none.
@@ -408,7 +416,7 @@ def plot_forces(
     forces : float64 (n, 2)
         Force on each grain [N].
     species : int (n,)
-        Species of each grain.
+        Index of each grain's species.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -436,14 +444,14 @@ def plot_forces(
 
 
 def plot_order_correlation(orders: np.ndarray, fractions: np.ndarray, ax: Axes | None = None) -> Axes:
-    """Psi6 over the fraction of hexagons, with the line of best fit [D, Fig. 4.13].
+    """Draw Psi6 over the fraction of hexagons, with the line of best fit [D, Fig. 4.13].
 
     Parameters
     ----------
     orders : float64 (k,)
-        Psi6 of each bed.
+        Psi6 of each bed, without unit.
     fractions : float64 (k,)
-        Fraction of hexagons of each bed.
+        Fraction of hexagons of each bed, without unit.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -464,16 +472,16 @@ def plot_order_correlation(orders: np.ndarray, fractions: np.ndarray, ax: Axes |
 
 
 def plot_biexponential(fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, ax: Axes | None = None) -> Axes:
-    """Return the samples and the fitted law [D, Fig. 4.8].
+    """Draw the samples and the fitted bi-exponential law [D, Fig. 4.8].
 
     Parameters
     ----------
     fit : BiexponentialFit
         Fitted law.
     x : float64 (k,)
-        Abscissae of the samples.
+        Abscissae of the samples, in the unit that was fitted.
     y : float64 (k,)
-        Ordinates of the samples.
+        Ordinates of the samples, in the unit that was fitted.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -492,7 +500,7 @@ def plot_biexponential(fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, ax: 
 
 
 def plot_response(responses: list[xarray.Dataset], ax: Axes | None = None) -> Axes:
-    """Amplitude ratio of each harmonic over the drive's frequency, with errors.
+    """Draw the amplitude ratio of each harmonic over the drive's frequency, with errors.
 
     Parameters
     ----------

@@ -25,18 +25,20 @@ _NARROWINGS = 12
 
 
 def structure_factor(positions: np.ndarray, wave_vectors: np.ndarray) -> np.ndarray:
-    """S(q) = |sum exp(i q r)|^2/n of the grains that are present.
+    """Structure factor S(q) = |sum exp(i q r)|^2/n of the grains that are present.
+
+    (Hansen and McDonald, Theory of Simple Liquids, 4th ed. 2013, chapter 4.)
 
     Parameters
     ----------
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions r [m]; NaN for absent grains.
     wave_vectors : float (k, 2)
-        [1/m].
+        Wave vectors q [1/m].
 
     Returns
     -------
-    float (k,)
+    float64 (k,)
         Structure factor, without unit; about 1 without order.
 
     Raises
@@ -54,10 +56,10 @@ def structure_factor(positions: np.ndarray, wave_vectors: np.ndarray) -> np.ndar
 
 
 def reciprocal_lattice_vector(positions: np.ndarray) -> np.ndarray:
-    """Shortest reciprocal lattice vector of the order that is there (2,) [1/m].
+    """Shortest reciprocal lattice vector of the positional order that a bed has.
 
-    Where S(q) is greatest within `RING` of the length that the hexagonal lattice of the mean cell
-    area has, in a half plane.
+    It lies where `structure_factor` is greatest within `RING` of the length 4 pi/(sqrt(3) a) that the
+    hexagonal lattice of the mean cell area has, in a half plane.
 
     Parameters
     ----------
@@ -72,7 +74,7 @@ def reciprocal_lattice_vector(positions: np.ndarray) -> np.ndarray:
     Raises
     ------
     InputError
-        If no grain has an interior cell.
+        If the positions have another shape, or no grain has an interior cell.
     """
     cells = voronoi_cells(positions)
     if not cells.interior.any():
@@ -108,19 +110,22 @@ def _coarse_structure_factor_peak(points: np.ndarray, length: float) -> np.ndarr
 
 
 def translational_order(positions: np.ndarray, vector: np.ndarray | None = None) -> float:
-    """|mean of exp(i G r)| over the grains: 1 for a crystal at rest, about n^(-1/2) for a liquid.
+    """Order parameter of translation, |mean of exp(i G r)| over the grains.
+
+    It is 1 for a crystal at rest and about n^(-1/2) for a liquid (Nelson and Halperin, Phys. Rev. B 19,
+    2457, 1979).
 
     Parameters
     ----------
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions r [m]; NaN for absent grains.
     vector : float (2,), optional
         G, a reciprocal lattice vector [1/m]; `reciprocal_lattice_vector` of the positions if not given.
 
     Returns
     -------
     float
-        Order parameter from 0 to 1.
+        Order parameter from 0 to 1, without unit.
 
     Raises
     ------

@@ -31,15 +31,17 @@ class PearsonCorrelation(NamedTuple):
 def pearson_correlation(first: np.ndarray, second: np.ndarray) -> PearsonCorrelation:
     """Pearson's correlation of two quantities, such as Psi6 and n6 of many beds [D, Fig. 4.13].
 
+    The probability is that of Student's t (SciPy's ``pearsonr``).
+
     Parameters
     ----------
     first, second : float (n,)
-        Samples where one is NaN are ignored.
+        Samples, each of any unit; those where one is NaN are ignored.
 
     Returns
     -------
     PearsonCorrelation
-        Coefficient, its interval, and its probability by chance.
+        Coefficient from -1 to 1, its probability by chance, and the number of samples.
 
     Raises
     ------
@@ -91,10 +93,11 @@ class DirectionalOrder(NamedTuple):
 
 
 def axial_order_parameter(vectors: np.ndarray) -> DirectionalOrder:
-    """Polar and axial order parameter of vectors (n, 2), of whatever length.
+    """Polar and axial order parameter of the directions of vectors, |mean exp(i k theta)|, k = 1 and 2.
 
-    Vectors that are NaN or 0 are left out. The probability is exp(-n R^2) with the first correction
-    for few vectors (Mardia and Jupp, Directional Statistics, 2000, sect. 6.3.1).
+    Vectors that are NaN or 0 are left out, and their lengths do not count. The probability is
+    exp(-n R^2) with the first correction for few vectors (Mardia and Jupp, Directional Statistics,
+    2000, sect. 6.3.1).
 
     Parameters
     ----------
@@ -104,7 +107,7 @@ def axial_order_parameter(vectors: np.ndarray) -> DirectionalOrder:
     Returns
     -------
     DirectionalOrder
-        Both parameters from 0 to 1, with their directions [rad] and probabilities by chance.
+        Both parameters from 0 to 1, without unit, and their probabilities by chance.
 
     Raises
     ------
@@ -164,15 +167,18 @@ class DipTest(NamedTuple):
 def dip_test(values: np.ndarray) -> DipTest:
     """Test values for more than one mode (Hartigan and Hartigan 1985, doi:10.1214/aos/1176346577).
 
+    The probability is that of dips of uniform samples (`DRAWS` of them) of as many values, or of
+    `LARGEST_DRAWN` where there are more: the dip falls with the root of their number.
+
     Parameters
     ----------
     values : float (n,)
-        NaN is ignored.
+        Values of any unit; NaN is ignored.
 
     Returns
     -------
     DipTest
-        Dip, and its probability under one mode.
+        Dip, and its probability under one mode, both without unit.
 
     Raises
     ------
@@ -199,10 +205,21 @@ def dip_test(values: np.ndarray) -> DipTest:
 
 
 def dip_statistic(values: np.ndarray) -> float:
-    """Dip of values in order (n,), n at least 2.
+    """Dip of sorted values: the greatest distance of their distribution from the nearest with one mode.
 
     Between a lower and an upper end, which close in on the mode, the greatest convex minorant of
-    the distribution and its least concave majorant are compared where either touches it.
+    the distribution and its least concave majorant are compared where either touches it (Hartigan,
+    Appl. Stat. 34, 320, 1985, algorithm AS 217).
+
+    Parameters
+    ----------
+    values : float (n,)
+        Values of any unit in order, two at least.
+
+    Returns
+    -------
+    float
+        Dip, from 1/(2 n) to 1/4, without unit.
     """
     x, heights = np.unique(values, return_counts=True)
     if len(x) == 1:
@@ -275,7 +292,7 @@ class Histogram(NamedTuple):
 
 
 def knuth_bin_count(values: np.ndarray) -> int:
-    """Return the number of bins of Knuth's rule.
+    """Choose the number of bins of a histogram by Knuth's rule.
 
     The number M that makes the logarithm of the posterior greatest, [D, eq. 4.33]:
 
@@ -288,7 +305,12 @@ def knuth_bin_count(values: np.ndarray) -> int:
     Parameters
     ----------
     values : float (n,)
-        NaN is ignored.
+        Values of any unit; NaN is ignored.
+
+    Returns
+    -------
+    int
+        Number of bins; 1 where all values are the same.
 
     Raises
     ------

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
-    """Mean kinetic energy of the fluctuations per degree of freedom, (1/2) <m |v - V|^2> [J].
+    """Mean kinetic energy of the fluctuations per degree of freedom, (1/2) <m |v - V|^2>.
 
     V is the velocity of the centre of mass of the grains given. (Goldhirsch, Annu. Rev. Fluid Mech.
     35, 267, 2003, leaves the mass out; with it, species in equilibrium have one temperature.)
@@ -28,14 +28,14 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     Parameters
     ----------
     velocities : float (n, 2)
-        [m/s]; NaN for absent grains.
+        Velocities v [m/s]; NaN for absent grains.
     masses : float (n,)
-        [kg].
+        Masses m [kg].
 
     Returns
     -------
     float
-        NaN without grains.
+        Boltzmann's constant times the temperature [J]; NaN without grains.
 
     Raises
     ------
@@ -59,7 +59,20 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
 
 
 def fluctuation_energies(velocities: np.ndarray, masses: np.ndarray) -> np.ndarray:
-    """(1/2) m |v - V|^2 of each grain (n,) [J]; NaN for absent grains."""
+    """Kinetic energy (1/2) m |v - V|^2 of each grain against the centre of mass of all.
+
+    Parameters
+    ----------
+    velocities : float64 (n, 2)
+        Velocities v [m/s]; NaN for absent grains.
+    masses : float64 (n,)
+        Masses m [kg].
+
+    Returns
+    -------
+    float64 (n,)
+        Energy [J]; NaN for absent grains.
+    """
     here = is_present(velocities)
     if not here.any():
         return np.full(len(masses), np.nan)
@@ -79,7 +92,7 @@ def configurational_temperature(
     piston_height: float | np.ndarray | None = None,
     forces: np.ndarray | None = None,
 ) -> float:
-    """<|grad U|^2>/<laplacian U> over frames, k_B times a temperature [J].
+    """Temperature <|grad U|^2>/<laplacian U> of the positions in frames, times Boltzmann's constant.
 
     It equals the kinetic temperature in equilibrium (Rugh, Phys. Rev. Lett. 78, 772, 1997; Butler
     et al., J. Chem. Phys. 109, 6519, 1998), and needs no velocities. U is that of dipoles and
@@ -90,9 +103,9 @@ def configurational_temperature(
     scene : Scene
         Scene that the grains belong to.
     frames : float (f, n, 2)
-        Positions [m].
+        Positions [m]; NaN for absent grains.
     piston_height : float or float (f,), optional
-        [m]; the scene's where not given.
+        Height of the piston [m]; the scene's where not given.
     forces : float (f, n, 2), optional
         Forces of a run at these frames [N]: weight counts then, and so does the inertia of a shaken
         cell. Those of dipoles and walls if not given.
@@ -137,10 +150,30 @@ def configurational_temperature(
 
 
 def potential_laplacian(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> float:
-    """Laplacian of U of dipoles and walls [N/m]; weight and shaking have none.
+    """Laplacian of the potential energy of dipoles and walls over all grains' coordinates.
 
-    Parameters and errors as of `configurational_temperature`, but for one frame (n, 2), and with
-    effects that act by a uniform force or by friction besides.
+    For the energy C/r^3 of two dipoles it is 9 C/r^5 for either grain; that of the walls is taken by
+    central differences. Weight, shaking and friction have none.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that the grains belong to.
+    positions : float64 (n, 2)
+        Positions of the grains [m]; NaN for absent ones.
+    piston_height : float, optional
+        Height of the piston [m]; the scene's where not given.
+
+    Returns
+    -------
+    float
+        Laplacian [N/m].
+
+    Raises
+    ------
+    InputError
+        If the shape is not that of the scene's grains, there are no dipoles, or there is an effect
+        other than `KNOWN` and `STRAIGHT`.
     """
     _check_effects_known(scene, (*KNOWN, *STRAIGHT))
     return (

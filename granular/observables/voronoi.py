@@ -68,7 +68,7 @@ class PolygonFractions(NamedTuple):
 
     @property
     def by_name(self) -> dict[str, float]:
-        """The four fractions."""
+        """Four fractions by their names, pentagons to others, without unit; NaN without interior cells."""
         return dict(zip(self._fields[:4], self[:4], strict=True))
 
 
@@ -151,8 +151,8 @@ def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:
     Returns
     -------
     PolygonFractions
-        Four fractions, which add up to 1, or NaN without interior cells; and ``cells``, the number of
-        those.
+        Four fractions without unit, which add up to 1, or NaN without interior cells; and ``cells``, the
+        number of those.
 
     Examples
     --------
@@ -230,7 +230,20 @@ def _triangulation(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def circumcentres(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Circumcentres (t, 2); infinite or NaN for a triangle of no area."""
+    """Centres of the circles through the three corners of each triangle.
+
+    Parameters
+    ----------
+    points : float64 (n, 2)
+        Positions [m].
+    triangles : int (t, 3)
+        Points at the corners.
+
+    Returns
+    -------
+    float64 (t, 2)
+        Circumcentres [m]; infinite or NaN for a triangle of no area.
+    """
     a, b, c = (points[triangles[:, k]] for k in range(3))
     p, q = b - a, c - a
     twice = 2.0 * (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])

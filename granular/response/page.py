@@ -59,9 +59,21 @@ class PageComparison:
 def response_page(
     response: FrequencyResponse, comparison: PageComparison | None = None, missing: str = ""
 ) -> HtmlPage:
-    """Report as a page: what is left, what the damper is to the machine, how it was simulated.
+    """Report of a response as an HTML page: the curves, the peaks, the damper's part and the settings.
 
-    ``missing`` says why there is nothing to compare with, where there could be.
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Measured response.
+    comparison : PageComparison, optional
+        Prediction that is drawn and tabulated with it.
+    missing : str
+        Note that says why there is nothing to compare with, where there could be.
+
+    Returns
+    -------
+    HtmlPage
+        Page, which is not yet written.
     """
     page = HtmlPage(f"The response of scene {response.scene.name!r}", peak_summary_sentence(response))
     _add_curves(page, response, comparison)
@@ -85,7 +97,18 @@ def response_page(
 
 
 def peak_summary_sentence(response: FrequencyResponse) -> str:
-    """Answer in one sentence, at the greatest amplitude."""
+    """Say the peak at the greatest amplitude, with the damper and without, in one sentence.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Measured response.
+
+    Returns
+    -------
+    str
+        Sentence, with displacements in millimetres and the frequency in hertz.
+    """
     row = max(response.peaks(), key=lambda peak: peak["amplitude"])
     words = (
         f"{amplitude_phrase(response, row['amplitude'])}: {_format_in_mm(row['peak'])} mm at most, at "
@@ -182,7 +205,15 @@ def _add_peak_table(page: HtmlPage, response: FrequencyResponse) -> None:
 
 
 def add_steadiness_notes(page: HtmlPage, response: FrequencyResponse) -> None:
-    """Add notes on swings that are not steady, and on a sweep that was too fast."""
+    """Add notes on swings that are not steady, and on a sweep that was too fast, to a page.
+
+    Parameters
+    ----------
+    page : HtmlPage
+        Page that the notes are added to.
+    response : FrequencyResponse
+        Measured response.
+    """
     data = response.dataset
     rate = sweep_rate_at_peak(response)
     if rate is not None and rate > MAX_SWEEP_RATE:
@@ -239,7 +270,15 @@ LOSSES = {
 
 
 def add_damper_section(page: HtmlPage, response: FrequencyResponse) -> None:
-    """Add what the damper is to the machine, over frequency and over the machine's displacement."""
+    """Add tables and pictures of what the damper is to the machine, over frequency and displacement.
+
+    Parameters
+    ----------
+    page : HtmlPage
+        Page that the section is added to.
+    response : FrequencyResponse
+        Measured response.
+    """
     page.add_section("The swings, and what the damper is to the machine")
     data = response.dataset
     if "added_damping" in data:
@@ -307,7 +346,15 @@ def _format_table_number(value: float, digits: int) -> str:
 
 
 def add_energy_section(page: HtmlPage, response: FrequencyResponse) -> None:
-    """Add where the energy of a period goes, at each amplitude."""
+    """Add tables of the energies that are taken in a period, at each amplitude, to a page.
+
+    Parameters
+    ----------
+    page : HtmlPage
+        Page that the section is added to.
+    response : FrequencyResponse
+        Measured response; nothing is added where it has no energies.
+    """
     if "work_a_period" not in response.dataset:
         return
     page.add_section("Where the energy of a period goes")
@@ -334,7 +381,19 @@ def add_energy_section(page: HtmlPage, response: FrequencyResponse) -> None:
 
 
 def energy_losses_per_period(part: xarray.Dataset) -> dict[str, np.ndarray]:
-    """Energies (f,) that are lost in a period [J], by their names, without those that are 0."""
+    """Energies that each cause takes in a period of the drive.
+
+    Parameters
+    ----------
+    part : xarray.Dataset
+        Response at one amplitude, on ``frequency`` [Hz].
+
+    Returns
+    -------
+    dict of str to float64 (f,)
+        Energy at each frequency [J], by the cause's name in words; causes that take nothing are left
+        out.
+    """
     values = {str(name): column.values for name, column in part.data_vars.items()}
     if "affine_loss_a_period" in values and "drag_loss_a_period" in values:
         values["rearranging"] = values["drag_loss_a_period"] - values["affine_loss_a_period"]
@@ -355,26 +414,73 @@ _NAMES = {
 
 
 def amplitude_header_and_scale(response: FrequencyResponse) -> tuple[str, float]:
-    """Head of the column of amplitudes, and what they are multiplied by for it."""
+    """Head of the tables' column of amplitudes, and the factor of its numbers.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Measured response, under a force or on a moving base.
+
+    Returns
+    -------
+    header : str
+        Name of the excitation with its unit, such as ``"base [mm]"``.
+    scale : float
+        Factor from SI to that unit.
+    """
     head, _, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
     return head, scale
 
 
 def amplitude_phrase(response: FrequencyResponse, size: float) -> str:
-    """Amplitude, as a sentence begins with it."""
+    """Phrase that tells an amplitude at the head of a sentence, such as "Under 5 N".
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Measured response, under a force or on a moving base.
+    size : float
+        Amplitude [N], [m/s^2] or [m].
+
+    Returns
+    -------
+    str
+        Phrase with a capital, without a stop.
+    """
     _, words, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
     return words.format(size=scale * size)
 
 
 def table_frequency_count(response: FrequencyResponse) -> int:
-    """Return the number of frequencies that the tables show."""
+    """Count the frequencies that the page's tables show, `MOST_ROWS` at most.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Measured response.
+
+    Returns
+    -------
+    int
+        Rows of a table.
+    """
     return min(response.dataset.sizes["frequency"], MOST_ROWS)
 
 
 def response_at_table_frequencies(response: FrequencyResponse, size: float) -> xarray.Dataset:
-    """Response at an amplitude, at the frequencies that tables show; its peak is one of them.
+    """Response at one amplitude, at the frequencies that tables show; its peak is one of them.
 
-    On ``frequency``.
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Measured response.
+    size : float
+        Amplitude [N], [m/s^2] or [m], one of the response's.
+
+    Returns
+    -------
+    xarray.Dataset
+        Fields of the response on ``frequency`` [Hz].
     """
     part = response.dataset.sel(amplitude=size)
     count = part.sizes["frequency"]

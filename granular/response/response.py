@@ -64,11 +64,19 @@ class FrequencyResponse:
 
     @property
     def peak(self) -> float:
-        """Greatest displacement at the highest amplitude [m]."""
+        """Greatest displacement of the machine over all frequencies and amplitudes, float [m]."""
         return float(self.dataset.displacement.max())
 
     def peaks(self) -> list[dict[str, float]]:
-        """For each amplitude: where and how high the peak is, alone, and with the tuned mass."""
+        """List the peak of each amplitude, with the damper, without it, and with the tuned mass.
+
+        Returns
+        -------
+        list of dict of str to float
+            ``amplitude`` [N], [m/s^2] or [m], ``frequency`` [Hz] and ``peak`` [m]; and where they are known
+            ``alone`` and ``ideal`` [m], ``reduction`` (alone over peak) and ``over_ideal`` (peak over
+            ideal).
+        """
         result = []
         for value in self.dataset.amplitude.values:
             part = self.dataset.sel(amplitude=value)
@@ -84,7 +92,18 @@ class FrequencyResponse:
         return result
 
     def linear_curves(self, size: float) -> dict[str, np.ndarray]:
-        """Return fine ``frequency`` [Hz], and the amplitude ``alone`` and with ``ideal`` [m]."""
+        """Exact amplitudes of the host alone and with Den Hartog's tuned mass, at `DENSE` frequencies.
+
+        Parameters
+        ----------
+        size : float
+            Amplitude of the excitation [N], [m/s^2] or [m].
+
+        Returns
+        -------
+        dict of str to float64 (DENSE,)
+            ``frequency`` [Hz] within the measured ones, ``alone`` and ``ideal`` [m].
+        """
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
         host = host_with_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
@@ -99,13 +118,24 @@ class FrequencyResponse:
 
     @property
     def table(self) -> str:
-        """The peaks in columns."""
+        """Peaks of `peaks` as text in columns, in SI."""
         rows = self.peaks()
         head = tuple(rows[0])
         return align_columns([head, *(tuple(f"{row[key]:.4g}" for key in head) for row in rows)])
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacement [mm] over the frequency, with and without the damper."""
+        """Draw the displacement [mm] over the frequency [Hz], with and without the damper.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes to draw on; new ones if not given.
+
+        Returns
+        -------
+        Axes
+            Axes that hold the drawing.
+        """
         from granular.shared.plotting import axes_or_new, line_style
 
         ax = axes_or_new(ax)
@@ -267,7 +297,24 @@ def response_dataset(
     frequencies: Sequence[float],
     mapping: Mapping[str, tuple[str, str, np.ndarray]],
 ) -> xarray.Dataset:
-    """Response's dataset, of fields (amplitude, frequency) with units and meanings."""
+    """Put fields of a response into one dataset, with units and meanings.
+
+    Parameters
+    ----------
+    key : str
+        ``"force"``, ``"acceleration"`` or ``"displacement"``: what the amplitudes are of.
+    sizes : sequence of float, s long
+        Amplitudes [N], [m/s^2] or [m].
+    frequencies : sequence of float, f long
+        Frequencies [Hz].
+    mapping : mapping of str to (str, str, float64 (s, f))
+        Unit, meaning and values of each field.
+
+    Returns
+    -------
+    xarray.Dataset
+        Fields on (``amplitude``, ``frequency``).
+    """
     import xarray
 
     dims = ("amplitude", "frequency")

@@ -21,7 +21,22 @@ LEAST_PERIODS = 4
 
 
 def complex_amplitude(time: np.ndarray, values: np.ndarray, frequency: float) -> complex:
-    """Return A where values = Im(A exp(i omega t)) + constant + slope t, by least squares."""
+    """Complex amplitude A of a signal Im(A exp(i omega t)) + constant + slope t, by least squares.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times t [s].
+    values : float64 (n,)
+        Signal, in any unit.
+    frequency : float
+        omega/(2 pi) [Hz].
+
+    Returns
+    -------
+    complex
+        Amplitude in the unit of the signal; its angle is the phase of the sine.
+    """
     omega = math.tau * frequency
     moment = time - time.mean()
     columns = np.stack([np.sin(omega * time), np.cos(omega * time), np.ones_like(time), moment], axis=1)
@@ -30,18 +45,43 @@ def complex_amplitude(time: np.ndarray, values: np.ndarray, frequency: float) ->
 
 
 def last_whole_periods(start: float, end: float, frequency: float) -> tuple[float, float]:
-    """Last whole periods of the last part of a time [s]; at least `LEAST_PERIODS` of them."""
+    """Range of the last whole periods within the last `FRACTION` of a drive.
+
+    Parameters
+    ----------
+    start, end : float
+        Times at which the drive begins and ends [s].
+    frequency : float
+        Frequency of the drive [Hz].
+
+    Returns
+    -------
+    first, last : float
+        Times of the range [s], of at least `LEAST_PERIODS` periods where the drive is as long.
+    """
     count = max(math.floor(FRACTION * (end - start) * frequency), LEAST_PERIODS)
     return max(start, end - count / frequency), end
 
 
 def steady_figures(run: Trajectory) -> Mapping[str, Any]:
-    """Figures of the steady swing at the end of a run whose host is shaken by a sine, in SI.
+    """Amplitudes, energies and steadiness at the end of a run whose host is shaken by a sine.
 
-    ``real`` and ``imaginary`` parts of the displacement of the last body (of the load on the piston
-    where the cell stands on the base) and of the piston over the cell, with the phase of the drive;
-    the energies taken in a period; ``unsteady``, by how much the amplitudes of both halves of the
-    time differ, over their mean.
+    The amplitudes are fitted by least squares over the last whole periods; see `complex_amplitude`.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Run of a host under a sine.
+
+    Returns
+    -------
+    dict of str to float
+        In SI. ``real`` and ``imaginary`` part of the displacement [m] of the last body (of the load on
+        the piston where the cell stands on the base), and ``stroke_real`` and ``stroke_imaginary`` of
+        the piston over the cell [m], with the phase of the drive; ``greatest``, half the range of the
+        displacement [m]; ``unsteady``, by how much the amplitudes of both halves of the time differ,
+        over their mean; energies taken in a period [J], with names that end in ``_a_period``;
+        ``last``, the time from which on these are taken [s].
     """
     host, data = run.scene.effects.host, run.dataset
     assert host is not None
@@ -140,14 +180,30 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
 def swept_amplitudes(
     time: np.ndarray, values: list[np.ndarray], sweep: tuple[float, float, float], points: int
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Frequencies (p,) [Hz] and complex amplitudes (p,) of each of the values (n,).
+    """Complex amplitudes of signals while an exponential sweep passes, by least squares about each moment.
 
     Parameters
     ----------
     time : float64 (n,)
-        Since the beginning of the sweep [s].
+        Time since the beginning of the sweep [s].
+    values : list of float64 (n,)
+        Signals, each in any unit.
     sweep : (float, float, float)
         First and last frequency [Hz], and duration [s].
+    points : int
+        Number of moments p.
+
+    Returns
+    -------
+    frequencies : float64 (p,)
+        Frequency of the drive at each moment [Hz].
+    amplitudes : list of complex128 (p,)
+        Amplitude of each signal, in its unit and in the phase of the drive.
+
+    Raises
+    ------
+    InputError
+        If ``points`` is below 2, or the run holds less than `PERIODS` periods of the sweep.
     """
     low, high, length = sweep
     if points < 2:

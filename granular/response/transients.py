@@ -104,7 +104,19 @@ def run_frequency_sweep(
 
 
 def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyResponse:
-    """Response of a host, read off a run under a sweep.
+    """Response of a host, read off a run under a frequency sweep; see `swept_response`.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Run whose host is shaken by a sweep.
+    points : int
+        Number of frequencies of the result.
+
+    Returns
+    -------
+    FrequencyResponse
+        Amplitudes [m] and phases [rad] over the frequency [Hz].
 
     Raises
     ------
@@ -132,10 +144,21 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyRespons
 
 
 def sweep_rate_at_peak(response: FrequencyResponse) -> float | None:
-    """Speed at which a sweep passed its peak: f' over delta^2/(2 pi), which should be far below 1.
+    """Rate f' at which a sweep passed its peak, over delta^2/(2 pi), which should be far below 1.
 
     delta is the decay rate of the host with the mass and the damping that the damper had for it at
-    the peak; None where these are not known (a shaken base, several bodies) or do not damp.
+    the peak.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Response of `run_frequency_sweep`.
+
+    Returns
+    -------
+    float or None
+        Rate without unit; None where mass and damping are not known (a shaken base, several bodies), do
+        not damp, or no sweep was run.
     """
     host, data = response.scene.effects.host, response.dataset
     if host is None or "sweep" not in response.settings or "added_damping" not in data:
@@ -175,7 +198,7 @@ class ImpulseResponse:
 
     @property
     def settling_time_without_damper(self) -> float:
-        """Time that the host would take without the damper, ln(1/share)/delta [s].
+        """Time that the host would take without the damper, ln(1/fraction)/delta, float [s].
 
         delta is the decay rate of its slowest mode; infinite where nothing damps the host.
         """
@@ -186,12 +209,12 @@ class ImpulseResponse:
 
     @property
     def peak(self) -> float:
-        """Greatest displacement after the impulse [m]."""
+        """Greatest displacement after the impulse, float [m]."""
         return float(np.abs(self.displacement).max())
 
     @property
     def table(self) -> pandas.DataFrame:
-        """``time`` [s] and ``displacement`` [m]."""
+        """Motion after the impulse as a DataFrame with the columns ``time`` [s] and ``displacement`` [m]."""
         import pandas
 
         return pandas.DataFrame({"time": self.time, "displacement": self.displacement})
@@ -208,7 +231,18 @@ class ImpulseResponse:
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacement [mm] over the time, and what ``fraction`` of the peak is."""
+        """Draw the displacement [mm] over the time [s], and the fraction of its peak that settling means.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes to draw on; new ones if not given.
+
+        Returns
+        -------
+        Axes
+            Axes that hold the drawing.
+        """
         from granular.shared.plotting import COLOURS, GREY, axes_or_new
 
         ax = axes_or_new(ax)
@@ -378,7 +412,32 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
 def settling_time_of_samples(
     time: np.ndarray, displacement: np.ndarray, ends: float, fraction: float
 ) -> float:
-    """As `settling_time`, of times [s] and displacements [m] (n,)."""
+    """Time from the end of an impulse until a displacement stays within a fraction of its peak.
+
+    See `settling_time`.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times [s], increasing.
+    displacement : float64 (n,)
+        Displacement from rest [m].
+    ends : float
+        Time at which the impulse ends [s].
+    fraction : float
+        Fraction of the peak, above 0 and below 1.
+
+    Returns
+    -------
+    float
+        Settling time [s].
+
+    Raises
+    ------
+    InputError
+        If the fraction is no fraction, the samples end before the impulse, or the displacement is still
+        wider at their end.
+    """
     check_peak_fraction(fraction)
     behind = time >= ends
     if not behind.any():
@@ -395,6 +454,17 @@ def settling_time_of_samples(
 
 
 def check_peak_fraction(fraction: float) -> None:
-    """Refuse a number that is no fraction of the peak."""
+    """Refuse a number that is no fraction of the peak.
+
+    Parameters
+    ----------
+    fraction : float
+        Fraction, without unit.
+
+    Raises
+    ------
+    InputError
+        If it is not above 0 and below 1.
+    """
     if not 0.0 < fraction < 1.0:
         raise InputError(f"fraction = {fraction:g} must be above 0 and below 1; give 0.1 for a tenth")
