@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.engine import bed_of
 from benchmarks.handwritten_steps import KERNELS, Bed
 from benchmarks.timing import least_seconds
-from granular.effects.dissipative_effect import Flow
+from granular.effects.dissipative_effect import DissipativeEffect
 from validation.effect_costs import STEP, EngineSteps
 
 
@@ -21,7 +21,7 @@ def hand_and_engine(
     kernel, changes = KERNELS[scenery]
     engine = EngineSteps(bed_of(count, changes))
     system, bed = engine.run.system, bed_by_hand(engine)
-    flows = (effect for effect in system.effects if isinstance(effect, Flow))
+    flows = (effect for effect in system.effects if isinstance(effect, DissipativeEffect))
     rate = sum(flow.decay_rate(system.scales) for flow in flows)
     calls = {
         "by hand": lambda: kernel(bed, system.downward_acceleration, rate, STEP, steps),

@@ -173,7 +173,7 @@ def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     return {
         "method": setting.method,
         "dt": str(setting.dt),
-        "fraction": parse_time_step(setting.dt, item.scene).fraction,
+        "fraction": parse_time_step(setting.dt, item.scene).step_times_frequency,
         "frequency": rounded(seen),
         "seconds": rounded(seconds),
         "bounds": {

@@ -62,9 +62,9 @@ class BuiltInSpring(Effect):
     k: float = quantity("N/m", above=0.0)
     height: float = quantity("m", default=0.0)
 
-    def law(self, setting: EffectContext) -> BuiltInSpringLaw:
+    def make_kernel_law(self, context: EffectContext) -> BuiltInSpringLaw:
         """The law in natural units."""
-        scales = setting.scales
+        scales = context.scales
         return BuiltInSpringLaw(self.k / scales.natural_unit("N/m"), self.height / scales.length)
 
 

@@ -228,7 +228,7 @@ def draw_eddy() -> None:
     """Damping ratio of the damper in oil and over copper, by the drag of a lone grain."""
     plates = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm", "plates": 2}
     scene = damper().replace(**{"effects.drag": None, "effects.eddy": plates})
-    unit = scene.effects.eddy.coefficient(Scales.from_grains(scene.grains))
+    unit = scene.effects.eddy.dipole_drag_coefficient(Scales.from_grains(scene.grains))
     drags = (0.1, 0.2)
     with figure(width=7.0, height=3.2) as (drawing, axes):
         for place, (label, mutual) in enumerate(

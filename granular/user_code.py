@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from granular.effects.custom import set_source_file
+from granular.effects.custom import load_user_sections
 from granular.methods.method import Method
 from granular.methods.registry import register_methods
 from granular.methods.tables import METHODS
@@ -42,7 +42,7 @@ def import_user_code(paths: Iterable[str | Path]) -> UserCode:
     user_code = UserCode({}, {})
     for path in paths:
         file = run_user_file(path)
-        set_source_file(file)
+        load_user_sections(file)
         values = user_definitions(file).values()
         methods = [function for function in values if isinstance(function, Method)]
         register_methods(function for function in methods if METHODS.get(function.name) is not function)

@@ -79,7 +79,7 @@ print(convergence_table([results["stormer-verlet"], results["kahan-li-8"]]).text
 figure, axes = plt.subplots(figsize=(7, 3.6), layout="constrained")
 for name, marker in zip(names, "osd^v", strict=True):
     result = results[name]
-    calls = [METHODS[name].force_calls * problem.time / step for step in result.steps]
+    calls = [METHODS[name].force_evaluations_per_step * problem.time / step for step in result.steps]
     axes.loglog(calls, result.errors, marker + "-", markersize=4, label=name)
 axes.set(xlabel="force calls", ylabel="error [m]")
 axes.legend(fontsize=8)

@@ -22,7 +22,7 @@ from granular.commands.console import (
     print_result,
 )
 from granular.commands.options import OUTPUT
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError
 
 PROG = "granular-damper"
@@ -84,7 +84,9 @@ def run(arguments: Sequence[str]) -> None:
         return
     homes = {name: package for package, program in programs.items() for name in _command_names(program)}
     if command not in homes:
-        raise InputError(f"{unknown(command, (*homes, _VALIDATE), 'command')} (see {PROG} --help)")
+        raise InputError(
+            f"{unknown_word_message(command, (*homes, _VALIDATE), 'command')} (see {PROG} --help)"
+        )
     programs[homes[command]].main(arguments, PROG)
 
 
@@ -166,7 +168,7 @@ def _resolve_cited_name(name: str) -> Any:
         return law_named(name)
     if path.suffix == ".toml" or name in scene_names():
         return load_scene(name)
-    raise InputError(unknown(name, (*scene_names(), *METHODS, *LAWS), "scene, method or law"))
+    raise InputError(unknown_word_message(name, (*scene_names(), *METHODS, *LAWS), "scene, method or law"))
 
 
 @command(

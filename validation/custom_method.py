@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.methods import METHODS, Method, method_named
-from granular.methods.registry import method_setting, register_methods
+from granular.methods.registry import method_as_run_setting, register_methods
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.convergence_order import (
@@ -130,5 +130,5 @@ def _cost_of_methods(
 
 def _table(name: str) -> dict[str, Any]:
     """Key that tells a user's own method from another one of the name."""
-    setting = method_setting(method_named(name))
+    setting = method_as_run_setting(method_named(name))
     return {} if isinstance(setting, str) else {"table": setting}

@@ -16,9 +16,9 @@ from typing import Any
 import numba
 import numpy as np
 
-from granular.engine.columns import record_width
+from granular.engine.columns import ledger_column_count
 from granular.engine.loop import TickRange, advance_ticks
-from granular.engine.step_size import Step, StepSchedule
+from granular.engine.step_size import StepRequest, StepSchedule
 from granular.methods import method_named
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.summary import active_effect_names
@@ -37,10 +37,10 @@ class EngineSteps:
         method = method_named("stormer-verlet")
         system = scene_in_natural_units(scene, threads=threads, method=method)
         self.threads, self.step = threads, step
-        self.run = ProtocolRunner(scene, system, method, Step(), None)
+        self.run = ProtocolRunner(scene, system, method, StepRequest(), None)
         self.run.begin_stage()
         self.watch = self.run.stop_criteria()._replace(stiff=math.inf, rest=-1.0)
-        self.rows = np.zeros((3, record_width(len(system.effects))))
+        self.rows = np.zeros((3, ledger_column_count(len(system.effects))))
 
     def make_steps(self, steps: int) -> None:
         """Make that many steps, and check the state at their end."""

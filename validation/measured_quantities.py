@@ -10,7 +10,7 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.run.trajectory import Trajectory
 from granular.schema.scales import Scales
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError, RecordError
 
 _LEAST_SWINGS = 3
@@ -145,5 +145,5 @@ def quantity_named(name: str | MeasuredQuantity) -> MeasuredQuantity:
     if isinstance(name, MeasuredQuantity):
         return name
     if name not in QUANTITIES:
-        raise InputError(unknown(str(name), tuple(QUANTITIES), "quantity"))
+        raise InputError(unknown_word_message(str(name), tuple(QUANTITIES), "quantity"))
     return QUANTITIES[name]

@@ -144,7 +144,7 @@ def plan_runs(
     entries = min(max(entries, 2), len(steps) - 1)
     ladder = [SolverSettings("stormer-verlet", dt) for dt in steps[:entries]]
     for name in OTHERS:
-        calls = METHODS[name].force_calls
+        calls = METHODS[name].force_evaluations_per_step
         runs = seconds * FRACTION / (starts * took * calls)
         more = min(math.floor(math.log2(runs + 1.0)), len(steps)) if runs >= 1.0 else 0
         ladder += [SolverSettings(name, dt) for dt in steps[:more] if can_run_with_step(scene, dt, name)]

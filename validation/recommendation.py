@@ -271,10 +271,10 @@ def _family_too_dear(
     known = [latest for latest in tried if not latest.has_failed and latest.setting.dt in STEPS]
     if not known or best.point is None or setting.dt not in STEPS:
         return False
-    calls = METHODS[setting.method].force_calls
+    calls = METHODS[setting.method].force_evaluations_per_step
     last = known[-1]
     shorter = STEPS.index(setting.dt) - STEPS.index(str(last.setting.dt))
-    seconds = last.seconds * calls / METHODS[last.setting.method].force_calls * 2.0**shorter
+    seconds = last.seconds * calls / METHODS[last.setting.method].force_evaluations_per_step * 2.0**shorter
     return seconds > HOPELESS * best.point.seconds
 
 

@@ -34,7 +34,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, NoReturn
 
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing_package_error
 from granular.shared.files import replace_non_finite_by_none
 from granular.shared.garbage import rare_garbage_collection
@@ -237,7 +237,7 @@ def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentPars
     wrong = next((word.split("=")[0] for word in rest if word.startswith("--")), None)
     words = f"unrecognized arguments: {' '.join(rest)}"
     if wrong is not None:
-        words = unknown(wrong, option_names, "option").rstrip("?")
+        words = unknown_word_message(wrong, option_names, "option").rstrip("?")
     return f"{words}; see {parser.prog} --help"
 
 

@@ -79,7 +79,7 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
     bare = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     # Code on threads is reached by its address, so it stands by itself.
     compiler = Compiler if parallel else InnerCompiler
-    kernel = _kernel(function, compiler, parallel=parallel, forceinline=inline, **bare)
+    kernel = _compile_kernel(function, compiler, parallel=parallel, forceinline=inline, **bare)
     if isinstance(kernel, CPUDispatcher):  # a plain function where compiling is switched off
         kernel.__class__ = InnerKernel
     return kernel
@@ -107,10 +107,10 @@ def entry(function: Any = None, *, inline: bool = False) -> Any:
     if function is None:
         return functools.partial(entry, inline=inline)
     plain = getattr(function, "py_func", function)
-    return _kernel(plain, EntryCompiler, forceinline=inline, no_cfunc_wrapper=True)
+    return _compile_kernel(plain, EntryCompiler, forceinline=inline, no_cfunc_wrapper=True)
 
 
-def _kernel(function: Any, compiler: type[Compiler], **options: bool) -> Any:
+def _compile_kernel(function: Any, compiler: type[Compiler], **options: bool) -> Any:
     kernel = numba.njit(
         error_model="numpy", nogil=True, fastmath={"contract"}, pipeline_class=compiler, **options
     )(function)

@@ -24,7 +24,7 @@ from granular.compiled import PLAIN
 T = TypeVar("T")
 
 
-class Reference(types.Type):
+class ReferenceType(types.Type):
     """Address of a named tuple; its name is short, since it is a part of names of kernels."""
 
     def __init__(self, total: Any) -> None:
@@ -36,7 +36,7 @@ class Reference(types.Type):
     def mangling_args(self) -> tuple[str, tuple[()]]:
         return self.name, ()
 
-    def field(self, name: str) -> tuple[int, Any] | None:
+    def field_position_and_type(self, name: str) -> tuple[int, Any] | None:
         """Place of a field, and what reading it gives."""
         if name not in self.integer.fields:
             return None
@@ -45,36 +45,36 @@ class Reference(types.Type):
 
 
 def _make_reference_type(kind: Any) -> Any:
-    return Reference(kind) if _is_named_tuple(kind) else kind
+    return ReferenceType(kind) if _is_named_tuple(kind) else kind
 
 
 def _is_named_tuple(kind: Any) -> bool:
     return isinstance(kind, types.BaseNamedTuple) and len(kind.types) > 0
 
 
-@register_model(Reference)
+@register_model(ReferenceType)
 class _ReferenceModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Reference) -> None:
+    def __init__(self, manager: Any, kind: ReferenceType) -> None:
         data_type = manager.lookup(kind.integer).get_data_type()
         super().__init__(manager, kind, data_type.as_pointer())
 
 
 @infer_getattr
 class _ReferenceFields(AttributeTemplate):
-    key = Reference
+    key = ReferenceType
 
-    def generic_resolve(self, kind: Reference, name: str) -> Any:
-        result = kind.field(name)
+    def generic_resolve(self, kind: ReferenceType, name: str) -> Any:
+        result = kind.field_position_and_type(name)
         return None if result is None else result[1]
 
 
-@lower_getattr_generic(Reference)
-def _read_field(context: Any, builder: Any, kind: Reference, value: Any, name: str) -> Any:
-    output = kind.field(name)
+@lower_getattr_generic(ReferenceType)
+def _read_field(context: Any, builder: Any, kind: ReferenceType, value: Any, name: str) -> Any:
+    output = kind.field_position_and_type(name)
     assert output is not None
     position, read = output
     pointer = cgutils.gep_inbounds(builder, value, 0, position)
-    if isinstance(read, Reference):
+    if isinstance(read, ReferenceType):
         return pointer
     block, before = builder.block, len(builder.block.instructions)
     result = context.data_model_manager[read].load_from_data_pointer(builder, pointer)
@@ -115,7 +115,7 @@ def _pass_by_reference(typing: Any, total: Any) -> Any:
         kind = ir.FunctionType(pointer.type, [pointer.type])
         return builder.asm(kind, "", "=r,0,~{memory}", [pointer], side_effect=True)
 
-    return Reference(total)(total), generate
+    return ReferenceType(total)(total), generate
 
 
 def _return_unchanged(total: T) -> T:

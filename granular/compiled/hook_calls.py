@@ -49,12 +49,12 @@ def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = Fal
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         result = [
             getattr(laws[index], hook)(laws[index], workspaces[index], index, *others)
-            for index in _indices_with(hook, map(type, laws), backward)
+            for index in _indices_of_laws_with_hook(hook, map(type, laws), backward)
         ]
         return sum(result[1:], start=result[0]) if result else empty
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
-        indices = _indices_with(hook, _law_classes(laws), backward)
+        indices = _indices_of_laws_with_hook(hook, _law_classes(laws), backward)
         calls = [_resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
         return _emit_unrolled_calls(calls, empty, _emit_sum, (laws, workspaces, *others))
 
@@ -68,13 +68,13 @@ def greatest_of_hooks(hook: str, rest: str) -> Kernel:
         return max(
             (
                 getattr(laws[index], hook)(laws[index], workspaces[index], index, *others)
-                for index in _indices_with(hook, map(type, laws))
+                for index in _indices_of_laws_with_hook(hook, map(type, laws))
             ),
             default=0.0,
         )
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
-        indices = _indices_with(hook, _law_classes(laws))
+        indices = _indices_of_laws_with_hook(hook, _law_classes(laws))
         calls = [_resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
         return _emit_unrolled_calls(calls, 0.0, _emit_maximum, (laws, workspaces, *others))
 
@@ -88,14 +88,14 @@ def call_last_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
     """
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
-        for index in _indices_with(hook, map(type, laws), backward=True):
+        for index in _indices_of_laws_with_hook(hook, map(type, laws), backward=True):
             return getattr(laws[index], hook)(laws[index], workspaces[index], index, *others)
         return otherwise(*others)
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
-        indices = _indices_with(hook, _law_classes(laws), backward=True)[:1]
+        indices = _indices_of_laws_with_hook(hook, _law_classes(laws), backward=True)[:1]
         calls = [_resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
-        calls = calls or [_emit_kernel_call(context, otherwise, others, range(2, 2 + len(others)))]
+        calls = calls or [_resolve_kernel_call(context, otherwise, others, range(2, 2 + len(others)))]
         return _emit_unrolled_calls(calls, 0, _emit_sum, (laws, workspaces, *others))
 
     return _make_intrinsic_wrapper(call, choose, f"laws rooms {rest}")
@@ -112,7 +112,7 @@ def call_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
 
     def choose(context: Any, law: Any, *others: Any) -> tuple[Signature, Kernel]:
         kernel = getattr(law.instance_class, hook, otherwise)
-        call_law = _emit_kernel_call(context, kernel, (law, *others), range(1 + len(others)))
+        call_law = _resolve_kernel_call(context, kernel, (law, *others), range(1 + len(others)))
         return _emit_unrolled_calls([call_law], 0, _emit_sum, (law, *others))
 
     return _make_intrinsic_wrapper(call, choose, f"law {rest}")
@@ -122,12 +122,12 @@ def _law_classes(laws: types.BaseTuple) -> list[type]:
     return [law.instance_class for law in laws.types]
 
 
-def _indices_with(hook: str, classes: Any, backward: bool = False) -> list[int]:
+def _indices_of_laws_with_hook(hook: str, classes: Any, backward: bool = False) -> list[int]:
     indices = [index for index, kind in enumerate(classes) if hasattr(kind, hook)]
     return indices[::-1] if backward else indices
 
 
-class _Call(NamedTuple):
+class _KernelCall(NamedTuple):
     """A call of a kernel in compiled code.
 
     Attributes
@@ -147,24 +147,24 @@ class _Call(NamedTuple):
     number: int | None
 
 
-def _emit_kernel_call(
+def _resolve_kernel_call(
     context: Any,
     kernel: Kernel,
     given: Sequence[Any],
     sources: Sequence[int | tuple[int, int]],
     number: int | None = None,
-) -> _Call:
+) -> _KernelCall:
     known = context.resolve_value_type(kernel)
-    return _Call(known, known.get_call_type(context, tuple(given), {}), sources, number)
+    return _KernelCall(known, known.get_call_type(context, tuple(given), {}), sources, number)
 
 
 def _resolve_hook_call(
     context: Any, hook: str, laws: Any, workspaces: Any, index: int, rest: Sequence[Any]
-) -> _Call:
+) -> _KernelCall:
     kernel = getattr(laws.types[index].instance_class, hook)
     given = (laws.types[index], workspaces.types[index], types.int64, *rest)
     sources = ((0, index), (1, index), *range(2, 2 + len(rest)))
-    return _emit_kernel_call(context, kernel, given, sources, index)
+    return _resolve_kernel_call(context, kernel, given, sources, index)
 
 
 def _emit_sum(builder: Any, first: Any, second: Any) -> Any:
@@ -178,7 +178,7 @@ def _emit_maximum(builder: Any, first: Any, second: Any) -> Any:
 
 
 def _emit_unrolled_calls(
-    calls: Sequence[_Call], empty: float, join: Kernel, given: tuple[Any, ...]
+    calls: Sequence[_KernelCall], empty: float, join: Kernel, given: tuple[Any, ...]
 ) -> tuple[Signature, Kernel]:
     """Return the calls, one after another, and what joins their results."""
     none = types.float64 if isinstance(empty, float) else types.int64
@@ -201,7 +201,9 @@ def _emit_unrolled_calls(
     return signature(result, *given), write
 
 
-def _emit_call(context: Any, builder: Any, call: _Call, values: Sequence[Any], given: Sequence[Any]) -> Any:
+def _emit_call(
+    context: Any, builder: Any, call: _KernelCall, values: Sequence[Any], given: Sequence[Any]
+) -> Any:
     arguments = []
     for source in call.sources:
         if isinstance(source, tuple):

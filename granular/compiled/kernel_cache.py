@@ -71,11 +71,11 @@ def _load_or_compute_syntax_digest() -> str:
     if sealed is not None:
         return sealed.decode()
     result = digest_of_syntax(files)
-    _write(known, label, result.encode())
+    _write_cache_file(known, label, result.encode())
     return result
 
 
-def _write(path: Path, label: str, body: bytes) -> None:
+def _write_cache_file(path: Path, label: str, body: bytes) -> None:
     try:
         write_sealed_file(path, label, body)
     except OSError as error:
@@ -107,7 +107,7 @@ _claims: dict[Path, contextlib.ExitStack] = {}
 """Locks of the forms that this process compiles."""
 
 
-def _read_or_claim(path: Path, label: str) -> bytes | None:
+def _read_kernel_file_or_claim(path: Path, label: str) -> bytes | None:
     """Content of a form's file; None where this process is to compile it, and to write it."""
     latest = time.monotonic() + PATIENCE
     while (body := read_sealed_file(path, label)) is None and path not in _claims:
@@ -123,11 +123,11 @@ def _read_or_claim(path: Path, label: str) -> bytes | None:
         else:
             time.sleep(_LOOK)
     if body is not None:
-        _release(path)
+        _release_claim(path)
     return body
 
 
-def _release(path: Path) -> None:
+def _release_claim(path: Path) -> None:
     if path in _claims:
         _claims.pop(path).close()
 
@@ -147,8 +147,8 @@ class KernelCache(_Cache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Form for these types of arguments; None where there is none that can be trusted."""
         target_context.refresh()
-        entry = self._entry(sig, target_context.codegen())
-        body = None if entry is None else _read_or_claim(*entry)
+        entry = self._kernel_file_and_label(sig, target_context.codegen())
+        body = None if entry is None else _read_kernel_file_or_claim(*entry)
         if body is None:
             return None
         types, payload = pickle.loads(body)
@@ -156,15 +156,15 @@ class KernelCache(_Cache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a form."""
-        entry = self._entry(sig, data.codegen)
+        entry = self._kernel_file_and_label(sig, data.codegen)
         if entry is None:
             return
         if not data.library.has_dynamic_globals:
             _delete_outdated_files(entry[0].parent)
-            _write(*entry, dumps((sig, data._reduce())))
-        _release(entry[0])
+            _write_cache_file(*entry, dumps((sig, data._reduce())))
+        _release_claim(entry[0])
 
-    def _entry(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
+    def _kernel_file_and_label(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
         """File of a form, and all that it must have been made for."""
         folder = kernel_cache_folder()
         if folder is None or not self.enabled:

@@ -60,7 +60,7 @@ class LinkedLibrary(JITCodeLibrary):
         if self._shared_module is None:
             total = self._final_module.clone()
             for library in _libraries_below(self._linking_libraries):
-                total.link_in(_module(library), preserve=True)
+                total.link_in(_module_to_link(library), preserve=True)
             self._shared_module = total
         return self._shared_module
 
@@ -77,12 +77,12 @@ class EntryLibrary(JITCodeLibrary):
         self._raise_if_finalized()
         for library in _libraries_below(self._linking_libraries):
             self._reload_init.update(library._reload_init)
-            self._final_module.link_in(_module(library), preserve=True)
+            self._final_module.link_in(_module_to_link(library), preserve=True)
         self._linking_libraries = []
         super().finalize()
 
 
-def _module(library: Any) -> Any:
+def _module_to_link(library: Any) -> Any:
     if isinstance(library, LinkedLibrary):
         return library.kernel_module()
     return library._get_module_for_linking()
@@ -103,7 +103,7 @@ class InnerCompiler(Compiler):
         result = super()._compile_core()
         library = result.library
         if isinstance(library, LinkedLibrary):
-            entry = _entry_point(library, result.fndesc, result.environment)
+            entry = _placeholder_entry_point(library, result.fndesc, result.environment)
             result = result._replace(entry_point=entry)
             result.target_context.insert_user_function(entry, result.fndesc, [library])
         return result
@@ -124,7 +124,7 @@ class EntryCompiler(Compiler):
             return super()._compile_core()
 
 
-def _entry_point(library: Any, fndesc: Any, env: Any) -> Any:
+def _placeholder_entry_point(library: Any, fndesc: Any, env: Any) -> Any:
     """Stand in for the kernel in Numba's tables; not to be called."""
     name = fndesc.qualname.split(".")[-1]
     return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
@@ -144,7 +144,7 @@ def rebuild_kernel(context: Any, payload: tuple[Any, ...]) -> Any:
         typing_context=context.typing_context,
         library=library,
         environment=env,
-        entry_point=_entry_point(library, fndesc, env),
+        entry_point=_placeholder_entry_point(library, fndesc, env),
         fndesc=fndesc,
         type_annotation=rest[2],
         signature=signature,

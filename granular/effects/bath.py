@@ -25,9 +25,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import compiled, entry
-from granular.effects.dissipative_effect import Flow
+from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.moving_frame_effect import Frame
+from granular.effects.moving_frame_effect import MovingFrameEffect
 from granular.kernel_data.state import LOSSES, STEPS, Bed
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
@@ -43,7 +43,7 @@ _TOP, _REST = np.uint64(5), np.uint64(6)
 _SCALE = 1.0 / 2.0**53
 
 
-class Bath(Frame, Flow):
+class Bath(MovingFrameEffect, DissipativeEffect):
     """A Langevin bath.
 
     Attributes
@@ -71,11 +71,13 @@ class Bath(Frame, Flow):
         """Rate in natural units."""
         return self.rate * scales.time
 
-    def greatest_speed(self, scales: Scales) -> float:
+    def greatest_imparted_speed(self, scales: Scales) -> float:
         """Speed that a grain of a few hundred has now and then."""
         return 4.0 * math.sqrt(self.temperature / scales.energy)
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
+    def check_compatibility(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
         """Raise unless nothing rubs: a grain at rest would be kicked loose at each step."""
         for other in others.values():
             if other.dry:
@@ -83,9 +85,9 @@ class Bath(Frame, Flow):
                     f"kicks grains that {other.key!r} holds at rest; leave one of them out", "effects", "bath"
                 )
 
-    def law(self, setting: EffectContext) -> BathLaw:
+    def make_kernel_law(self, context: EffectContext) -> BathLaw:
         """Law in natural units."""
-        return BathLaw(self.decay_rate(setting.scales), self.temperature / setting.scales.energy, self.seed)
+        return BathLaw(self.decay_rate(context.scales), self.temperature / context.scales.energy, self.seed)
 
 
 class BathLaw(NamedTuple):
@@ -136,7 +138,7 @@ def _philox_round(
 
 
 @entry
-def philox(
+def philox_random_words(
     seed: np.uint64, step: np.uint64, label: np.uint64
 ) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
     """Four words of 32 random bits of a step and a grain."""
@@ -151,7 +153,7 @@ def philox(
 @entry
 def draw_normal_pair(seed: np.uint64, step: np.uint64, label: np.uint64) -> tuple[float, float]:
     """Two independent numbers of mean 0 and variance 1."""
-    a, b, c, d = philox(seed, step, label)
+    a, b, c, d = philox_random_words(seed, step, label)
     # Above 0 and up to 1, by 53 bits: 27 of one word, 26 of another.
     first = (float((a >> _TOP) << np.uint64(26)) + float(b >> _REST) + 1.0) * _SCALE
     second = (float((c >> _TOP) << np.uint64(26)) + float(d >> _REST)) * _SCALE

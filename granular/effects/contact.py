@@ -18,9 +18,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.dissipative_effect import Flow
+from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.force_effect import Force
+from granular.effects.force_effect import ForceEffect
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.cell_list import PLACES_A_GRAIN, ClosePairs, close_pairs_workspace, find_close_pairs
@@ -30,7 +30,7 @@ from granular.pairs.grain_arrays import value_or_one
 from granular.schema.sections import quantity
 
 
-class Contact(Force, Flow):
+class Contact(ForceEffect, DissipativeEffect):
     """Hertzian contact between grains; off unless named.
 
     Attributes
@@ -52,11 +52,11 @@ class Contact(Force, Flow):
     modulus: float = quantity("Pa", above=0.0)
     restitution: float = quantity("1", default=0.5, above=0.0, most=1.0)
 
-    def law(self, setting: EffectContext) -> ContactLaw:
+    def make_kernel_law(self, context: EffectContext) -> ContactLaw:
         """Law in natural units."""
-        scales = setting.scales
-        diameters = np.array([specy.diameter for specy in setting.grains.species]) / scales.length
-        radius = 0.5 * diameters[setting.species]
+        scales = context.scales
+        diameters = np.array([specy.diameter for specy in context.grains.species]) / scales.length
+        radius = 0.5 * diameters[context.species]
         logarithm = math.log(self.restitution)
         alpha = -math.sqrt(5.0) * logarithm / math.hypot(logarithm, math.pi)
         return ContactLaw(
@@ -105,8 +105,8 @@ class ContactLaw(NamedTuple):
             r = math.sqrt(dx * dx + dy * dy)
             overlap = law.radius[i] + law.radius[j] - r
             if overlap > 0.0:
-                k = spring_constant(law, law.radius[i], law.radius[j])
-                ratio = force(k, overlap) / r
+                k = hertz_spring_constant(law, law.radius[i], law.radius[j])
+                ratio = hertz_force(k, overlap) / r
                 state.fx[i] += ratio * dx
                 state.fy[i] += ratio * dy
                 state.fx[j] -= ratio * dx
@@ -115,7 +115,7 @@ class ContactLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def measure(
+    def measure_energy_and_stiffness(
         law: ContactLaw,
         workspace: ClosePairs,
         index: int,
@@ -133,9 +133,9 @@ class ContactLaw(NamedTuple):
             dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
             overlap = law.radius[i] + law.radius[j] - math.sqrt(dx * dx + dy * dy)
             if overlap > 0.0:
-                k = spring_constant(law, law.radius[i], law.radius[j])
-                total += energy(k, overlap)
-                slope = 2.0 * _stiffness(k, overlap)
+                k = hertz_spring_constant(law, law.radius[i], law.radius[j])
+                total += hertz_energy(k, overlap)
+                slope = 2.0 * _hertz_stiffness(k, overlap)
                 stiffness[i] += slope / value_or_one(masses, i)
                 stiffness[j] += slope / value_or_one(masses, j)
         energies[index] = total
@@ -143,12 +143,14 @@ class ContactLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def flow(law: ContactLaw, workspace: ClosePairs, index: int, dt: float, bed: Bed, opening: bool) -> int:
+    def damp_velocities(
+        law: ContactLaw, workspace: ClosePairs, index: int, dt: float, bed: Bed, opens_step: bool
+    ) -> int:
         """Apply the dashpots to the normal velocities of grains in contact."""
         state, constants = bed.state, bed.constants
         masses = constants.masses
         for turn in range(workspace.filled[0]):
-            p = turn if opening else workspace.filled[0] - 1 - turn
+            p = turn if opens_step else workspace.filled[0] - 1 - turn
             i, j = workspace.first[p], workspace.second[p]
             dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
             r = math.sqrt(dx * dx + dy * dy)
@@ -157,7 +159,7 @@ class ContactLaw(NamedTuple):
                 first = value_or_one(masses, i)
                 second = value_or_one(masses, j)
                 mass = first * second / (first + second)
-                k = spring_constant(law, law.radius[i], law.radius[j])
+                k = hertz_spring_constant(law, law.radius[i], law.radius[j])
                 nx, ny = dx / r, dy / r
                 speed = (state.vx[i] - state.vx[j]) * nx + (state.vy[i] - state.vy[j]) * ny
                 left = dashpot_decay_factor(law, k, overlap, mass, dt)
@@ -171,39 +173,41 @@ class ContactLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def collision(law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants) -> float:
+    def squared_collision_frequency(
+        law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants
+    ) -> float:
         """Square of the highest angular frequency in an impact at that speed."""
         barrier = 0.0
         if constants.acting.dipole is not None:
-            barrier = _energy_at_touch(constants.acting.discs, law) * constants.least_moment**2
-        return impact_stiffness(law, speed, constants.least_mass, barrier)
+            barrier = _magnetic_energy_at_touch(constants.acting.discs, law) * constants.least_moment**2
+        return squared_impact_frequency(law, speed, constants.least_mass, barrier)
 
 
 @compiled(inline=True)
-def _energy_at_touch(discs: DiscLaw | None, law: ContactLaw) -> float:
+def _magnetic_energy_at_touch(discs: DiscLaw | None, law: ContactLaw) -> float:
     return pair_energy(law.narrowest) if discs is None else discs.collision[TOUCH, 0]
 
 
 @compiled
-def spring_constant(law: ContactLaw, first: float, second: float) -> float:
+def hertz_spring_constant(law: ContactLaw, first: float, second: float) -> float:
     """Spring constant k of two grains with these radii [F*/D^(3/2)]."""
     return law.modulus * math.sqrt(first * second / (first + second))
 
 
 @compiled
-def force(k: float, overlap: float) -> float:
+def hertz_force(k: float, overlap: float) -> float:
     """Repulsion [F*] at an overlap [D]."""
     return k * overlap * math.sqrt(overlap)
 
 
 @compiled
-def energy(k: float, overlap: float) -> float:
+def hertz_energy(k: float, overlap: float) -> float:
     """Energy [F* D] at an overlap [D]."""
     return 0.4 * k * overlap * overlap * math.sqrt(overlap)
 
 
 @compiled
-def _stiffness(k: float, overlap: float) -> float:
+def _hertz_stiffness(k: float, overlap: float) -> float:
     """d(force)/d(overlap) [F*/D]."""
     return 1.5 * k * math.sqrt(overlap)
 
@@ -216,7 +220,7 @@ def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float,
 
 
 @compiled
-def impact_stiffness(law: ContactLaw, speed: float, mass: float, barrier: float) -> float:
+def squared_impact_frequency(law: ContactLaw, speed: float, mass: float, barrier: float) -> float:
     """Square of the highest angular frequency in a head-on impact of two alike grains.
 
     Both come at ``speed``; their energy above the magnetic ``barrier`` at touch fixes the overlap.
@@ -225,5 +229,5 @@ def impact_stiffness(law: ContactLaw, speed: float, mass: float, barrier: float)
     left = 2.0 * reduced * speed * speed - barrier
     if left <= 0.0:
         return 0.0
-    k = spring_constant(law, 0.5 * law.widest, 0.5 * law.widest)
-    return _stiffness(k, (2.5 * left / k) ** 0.4) / reduced
+    k = hertz_spring_constant(law, 0.5 * law.widest, 0.5 * law.widest)
+    return _hertz_stiffness(k, (2.5 * left / k) ** 0.4) / reduced

@@ -73,22 +73,26 @@ from typing import Any, ClassVar
 import numba
 
 from granular.compiled.hook_calls import OPTIONS
-from granular.effects.custom_check import check_compiling, check_functions, check_wall_functions
+from granular.effects.custom_check import (
+    check_effect_functions,
+    check_functions_compile,
+    check_wall_functions,
+)
 from granular.effects.custom_functions import (
     DEFINITIONS,
     FUNCTIONS,
     WALL_FUNCTIONS,
+    CustomDefinition,
     CustomLawKind,
-    Definition,
     functions_digest,
 )
 from granular.effects.custom_law import CustomLaw, CustomWallLaw
-from granular.effects.dissipative_effect import Flow
+from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.force_effect import Force
+from granular.effects.force_effect import ForceEffect
 from granular.effects.registry import WALL_LAWS, register_effect
 from granular.schema.scales import Scales
-from granular.schema.sections import IntegerKind, QuantityKind, Section, unknown
+from granular.schema.sections import IntegerKind, QuantityKind, Section, unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from granular.shared.user_file import UserFile, user_definitions
@@ -99,8 +103,8 @@ class CustomSection(Section):
 
     Attributes
     ----------
-    definition : Definition
-    written : type
+    definition : CustomDefinition
+    user_class : type
         The class as it was written.
     origin : UserFile or None
         The file that it came from, where the command line named one.
@@ -108,17 +112,17 @@ class CustomSection(Section):
         The decorator.
     """
 
-    definition: ClassVar[Definition]
-    written: ClassVar[type]
+    definition: ClassVar[CustomDefinition]
+    user_class: ClassVar[type]
     origin: ClassVar[UserFile | None] = None
     made_by: ClassVar[Callable[[type], Any]]
 
     @property
-    def sources(self) -> tuple[str, ...]:
+    def user_code_digests(self) -> tuple[str, ...]:
         """Digest of its functions, for the run's settings; those of the package have a version."""
         return () if is_built_in(type(self)) else (self.definition.digest,)
 
-    def natural(self, scales: Scales) -> Any:
+    def parameters_in_natural_units(self, scales: Scales) -> Any:
         """Parameters in natural units."""
         values = []
         for field in dataclasses.fields(self):
@@ -131,18 +135,18 @@ class CustomSection(Section):
         """Any process can have it so: by the file's text, or by the class as it was written."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         if self.origin is not None:
-            return _definition_from_file, (self.origin, self.definition.key, values)
+            return _unpickle_from_file, (self.origin, self.definition.key, values)
         if self.__module__ != "__main__":
-            return _definition_from_module, (type(self), values)
-        return _definition_from_script, (type(self).made_by, self.written, values)
+            return _unpickle_from_module, (type(self), values)
+        return _unpickle_from_script, (type(self).made_by, self.user_class, values)
 
 
-class CustomEffect(CustomSection, Force, Flow):
+class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
     """Base of the effects that `effect` makes."""
 
     rank = 1
 
-    def law(self, setting: EffectContext) -> CustomLaw:
+    def make_kernel_law(self, context: EffectContext) -> CustomLaw:
         """Law in natural units.
 
         Raises
@@ -150,28 +154,28 @@ class CustomEffect(CustomSection, Force, Flow):
         InputError
             If a function fails, or a force is not the gradient of its energy.
         """
-        p = self.natural(setting.scales)
-        check_functions(self.definition, p, setting)
+        p = self.parameters_in_natural_units(context.scales)
+        check_effect_functions(self.definition, p, context)
         reach = self.definition.functions.get("reach")
         ends = math.inf if reach is None else float(reach(p))
         return CustomLaw(CustomLawKind(self.definition.digest), tuple(p), ends, None)
 
-    def check_compiling(self, setting: EffectContext) -> None:
-        check_compiling(self.definition, self.natural(setting.scales))
+    def check_functions_compile(self, context: EffectContext) -> None:
+        check_functions_compile(self.definition, self.parameters_in_natural_units(context.scales))
 
     @property
-    def is_flow(self) -> bool:
+    def blocks_runge_kutta(self) -> bool:
         return "flow" in self.definition.functions
 
-    def drive_frequency(self, scales: Scales) -> float:
+    def drive_angular_frequency(self, scales: Scales) -> float:
         result = self.definition.functions.get("frequency")
-        return 0.0 if result is None else abs(float(result(self.natural(scales))))
+        return 0.0 if result is None else abs(float(result(self.parameters_in_natural_units(scales))))
 
 
 class CustomWall(CustomSection):
     """Base of the wall laws that `wall_law` makes."""
 
-    def law(self, scales: Scales) -> CustomWallLaw:
+    def make_kernel_law(self, scales: Scales) -> CustomWallLaw:
         """Law in natural units.
 
         Raises
@@ -179,17 +183,17 @@ class CustomWall(CustomSection):
         InputError
             If a function fails, or the force is not minus the slope of its energy.
         """
-        values = self.natural(scales)
+        values = self.parameters_in_natural_units(scales)
         check_wall_functions(self.definition, values)
         return CustomWallLaw(CustomLawKind(self.definition.digest), tuple(values))
 
 
-def effect(written: type) -> Any:
+def effect(user_class: type) -> Any:
     """Make a class an effect that scenes can name; see the head of this file.
 
     Parameters
     ----------
-    written : type
+    user_class : type
         A class with parameters (`quantity`) and static functions. Its name in small letters is what
         a scene calls it: ``LeafSpring`` is ``leaf_spring``.
 
@@ -204,23 +208,23 @@ def effect(written: type) -> Any:
         If the class has no ``force``, ``flow`` or ``pair_force``, lacks the partner that one of these
         needs (an ``energy`` for a force), or a function has other arguments.
     """
-    key, functions = scene_name(written), static_methods_of(dict(vars(written)))
+    key, functions = scene_key_of_class(user_class), static_methods_of(dict(vars(user_class)))
     if not set(functions) & {"force", "flow", "pair_force"}:
         raise InputError(
             f"effect {key!r} does nothing; give it a static method 'force', 'pair_force' or 'flow'"
         )
     needed = [_NEED[name] for name in functions if name in _NEED]
-    meaning = (written.__doc__ or key).strip().splitlines()[0].rstrip(".")
+    meaning = (user_class.__doc__ or key).strip().splitlines()[0].rstrip(".")
     has_energy = "energy" in functions or "pair_energy" in functions
     made = make_section_class(
-        written,
+        user_class,
         CustomEffect,
         FUNCTIONS,
         needed,
         "effect",
         key=key,
         damps="flow" in functions,
-        example=vars(written).get("example", True),
+        example=vars(user_class).get("example", True),
         energy_record=energy_variable(f"{key}_energy", f"energy of: {meaning}") if has_energy else None,
         loss_record=energy_variable(f"{key}_loss", f"lost to: {meaning}") if "flow" in functions else None,
     )
@@ -242,12 +246,12 @@ _NEED = {
 """What a function cannot be without."""
 
 
-def wall_law(written: type) -> Any:
+def wall_law(user_class: type) -> Any:
     """Make a class a law that scenes can name for a wall; see the head of this file.
 
     Parameters
     ----------
-    written : type
+    user_class : type
         Class with static functions ``force``, ``energy`` and ``stiffness`` of the distance.
 
     Returns
@@ -260,12 +264,12 @@ def wall_law(written: type) -> Any:
     InputError
         If the class is no such.
     """
-    made = make_section_class(written, CustomWall, WALL_FUNCTIONS, WALL_FUNCTIONS, "wall law")
+    made = make_section_class(user_class, CustomWall, WALL_FUNCTIONS, WALL_FUNCTIONS, "wall law")
     WALL_LAWS[made.definition.key] = made
     return made
 
 
-def set_source_file(file: UserFile) -> dict[str, type[CustomSection]]:
+def load_user_sections(file: UserFile) -> dict[str, type[CustomSection]]:
     """Effects and wall laws that a file defines, by their names; they know the file then."""
     result = {}
     for content in list(user_definitions(file).values()):
@@ -276,20 +280,20 @@ def set_source_file(file: UserFile) -> dict[str, type[CustomSection]]:
     return result
 
 
-def _definition_from_file(file: UserFile, key: str, values: dict[str, Any]) -> Any:
-    return set_source_file(file)[key](**values)
+def _unpickle_from_file(file: UserFile, key: str, values: dict[str, Any]) -> Any:
+    return load_user_sections(file)[key](**values)
 
 
-def _definition_from_module(made: type, values: dict[str, Any]) -> Any:
+def _unpickle_from_module(made: type, values: dict[str, Any]) -> Any:
     return made(**values)
 
 
-def _definition_from_script(made_by: Callable[[type], Any], written: type, values: dict[str, Any]) -> Any:
-    return made_by(written)(**values)
+def _unpickle_from_script(made_by: Callable[[type], Any], user_class: type, values: dict[str, Any]) -> Any:
+    return made_by(user_class)(**values)
 
 
 def make_section_class(
-    written: type,
+    user_class: type,
     base: type[CustomSection],
     known: Sequence[str],
     needed: Sequence[str],
@@ -301,7 +305,7 @@ def make_section_class(
 
     Parameters
     ----------
-    written : type
+    user_class : type
         As the user wrote it.
     base : type
     known, needed : sequence of str
@@ -316,14 +320,14 @@ def make_section_class(
     InputError
         If the class is no such.
     """
-    key = scene_name(written)
+    key = scene_key_of_class(user_class)
     content = {
-        name: value for name, value in vars(written).items() if name not in ("__dict__", "__weakref__")
+        name: value for name, value in vars(user_class).items() if name not in ("__dict__", "__weakref__")
     }
     functions = static_methods_of(content)
     for name in functions:
         if name not in known:
-            raise InputError(f"{what} {key!r}: {unknown(name, tuple(known), 'function')}")
+            raise InputError(f"{what} {key!r}: {unknown_word_message(name, tuple(known), 'function')}")
     for name in needed:
         if name not in functions:
             raise InputError(f"{what} {key!r} has no {name!r}; give it, as a static method")
@@ -338,7 +342,7 @@ def make_section_class(
         for name, kind in content.get("__annotations__", {}).items()
         if name not in functions and "ClassVar" not in str(kind)
     ]
-    definition = Definition(
+    definition = CustomDefinition(
         what,
         key,
         f"{key}_{functions_digest(functions, fields)}",
@@ -349,7 +353,9 @@ def make_section_class(
     DEFINITIONS[definition.digest] = definition
     for name in functions:
         del content[name]
-    made = type(written.__name__, (base,), content | {"definition": definition, "written": written} | more)
+    made = type(
+        user_class.__name__, (base,), content | {"definition": definition, "user_class": user_class} | more
+    )
     for field in dataclasses.fields(made):
         if field.name in fields and not isinstance(field.metadata.get("kind"), QuantityKind | IntegerKind):
             raise InputError(f"{what} {key!r}: {field.name} must be a number; give quantity(unit)")
@@ -361,9 +367,9 @@ def is_built_in(made: type) -> bool:
     return made.__module__.rpartition(".")[0] == __name__.rpartition(".")[0]
 
 
-def scene_name(written: type) -> str:
+def scene_key_of_class(user_class: type) -> str:
     """Name of a class in scenes: ``LeafSpring`` is ``leaf_spring``."""
-    words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in written.__name__)
+    words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in user_class.__name__)
     return words.lstrip("_")
 
 

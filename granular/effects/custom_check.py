@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba.core.errors import NumbaError
 
-from granular.effects.custom_functions import Definition, Grain, user_code_error
+from granular.effects.custom_functions import CustomDefinition, Grain, user_code_error
 from granular.effects.effect import EffectContext
 from granular.shared.errors import InputError
 from granular.shared.message_text import one_line
@@ -23,12 +23,12 @@ _POINTS, _TIMES = ((0.31, 0.17), (0.52, 0.83), (0.77, 0.44)), (0.0, 0.37, 1.9)
 _DISTANCES = (0.83, 1.21, 1.94)
 
 
-def check_functions(definition: Definition, p: Any, setting: EffectContext) -> None:
+def check_effect_functions(definition: CustomDefinition, p: Any, context: EffectContext) -> None:
     """Raise `InputError` where a function fails, or one is not the derivative of the other."""
     functions = definition.functions
-    width = setting.cell.width / setting.scales.length
-    ends = len(setting.grains.species)
-    mass, moment = setting.grains.mass_ratios(), setting.grains.moment_ratios()
+    width = context.cell.width / context.scales.length
+    ends = len(context.grains.species)
+    mass, moment = context.grains.mass_ratios(), context.grains.moment_ratios()
     grains = [
         Grain(x * width, y * width, float(mass[k % ends]), float(moment[k % ends]))
         for k, (x, y) in enumerate(_POINTS)
@@ -38,26 +38,26 @@ def check_functions(definition: Definition, p: Any, setting: EffectContext) -> N
             _check_force(definition, p, grain, time)
     if "pair_force" in functions:
         for r in _DISTANCES:
-            _check_pair(definition, p, r, grains)
+            _check_pair_force(definition, p, r, grains)
     if "flow" in functions:
         for grain in grains:
             _check_flow(definition, p, grain)
 
 
-def check_wall_functions(definition: Definition, p: Any) -> None:
+def check_wall_functions(definition: CustomDefinition, p: Any) -> None:
     """Raise `InputError` where a law of a wall fails, or its force is not minus its slope."""
     for w in _DISTANCES:
 
         def energy(distance: float) -> float:
-            return float(_call_with_grain(definition, "energy", p, distance))
+            return float(_call_user_function(definition, "energy", p, distance))
 
-        result = _call_with_grain(definition, "force", p, w)
+        result = _call_user_function(definition, "force", p, w)
         _compare_with_derivative(
             definition, "force", result, -_numerical_derivative(energy, w), 1e-6 * abs(energy(w))
         )
 
 
-def check_compiling(definition: Definition, p: Any) -> None:
+def check_functions_compile(definition: CustomDefinition, p: Any) -> None:
     """Raise `InputError` where a function does not compile."""
     grain = Grain(1.5, 1.5, 1.0, 1.0)
     pair = (p, 1.5, grain, grain)
@@ -76,19 +76,19 @@ def check_compiling(definition: Definition, p: Any) -> None:
             kernel(*arguments.get(name, (p, grain, 0.0)))
         except NumbaError as error:
             raise InputError(
-                f"{definition.title}: {name!r} does not compile: {_most_telling_line(error)}; take "
+                f"{definition.title}: {name!r} does not compile: {_main_error_line(error)}; take "
                 "arithmetic, math, and functions that are compiled themselves"
             ) from None
 
 
-def _most_telling_line(error: BaseException) -> str:
+def _main_error_line(error: BaseException) -> str:
     """Line of the compiler's message that tells the most."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
     shown = [line for line in lines if line and not line.startswith(("Failed in", "During", "File"))]
     return one_line(shown[0] if shown else type(error).__name__)
 
 
-def _call_with_grain(definition: Definition, name: str, *arguments: Any, count: int = 1) -> Any:
+def _call_user_function(definition: CustomDefinition, name: str, *arguments: Any, count: int = 1) -> Any:
     try:
         result = definition.functions[name](*arguments)
         values = (result,) if count == 1 else tuple(result)
@@ -109,7 +109,7 @@ def _numerical_derivative(function: Callable[[float], float], at: float) -> floa
 
 
 def _compare_with_derivative(
-    definition: Definition, name: str, result: float, slope: float, size: float
+    definition: CustomDefinition, name: str, result: float, slope: float, size: float
 ) -> None:
     if not (math.isfinite(result) and math.isfinite(slope)):
         return  # a place where it cannot be evaluated says nothing
@@ -120,50 +120,52 @@ def _compare_with_derivative(
         )
 
 
-def _check_force(definition: Definition, p: Any, grain: Grain, time: float) -> None:
+def _check_force(definition: CustomDefinition, p: Any, grain: Grain, time: float) -> None:
     def energy(position: Grain, moment: float) -> float:
-        return float(_call_with_grain(definition, "energy", p, position, moment))
+        return float(_call_user_function(definition, "energy", p, position, moment))
 
-    fx, fy = _call_with_grain(definition, "force", p, grain, time, count=2)
+    fx, fy = _call_user_function(definition, "force", p, grain, time, count=2)
     size = 1e-6 * abs(energy(grain, time))
     across = _numerical_derivative(lambda x: energy(grain._replace(x=x), time), grain.x)
     along = _numerical_derivative(lambda y: energy(grain._replace(y=y), time), grain.y)
     _compare_with_derivative(definition, "force", fx, -across, size + 1e-3 * abs(fy))
     _compare_with_derivative(definition, "force", fy, -along, size + 1e-3 * abs(fx))
     rate = _numerical_derivative(lambda moment: energy(grain, moment), time)
-    power = _call_with_grain(definition, "power", p, grain, time) if "power" in definition.functions else 0.0
+    power = (
+        _call_user_function(definition, "power", p, grain, time) if "power" in definition.functions else 0.0
+    )
     _compare_with_derivative(definition, "power", power, rate, size)
     if "stiffness" in definition.functions:
-        _call_with_grain(definition, "stiffness", p, grain, time)
+        _call_user_function(definition, "stiffness", p, grain, time)
 
 
-def _check_pair(definition: Definition, p: Any, r: float, grains: list[Grain]) -> None:
+def _check_pair_force(definition: CustomDefinition, p: Any, r: float, grains: list[Grain]) -> None:
     for first, second in itertools.combinations_with_replacement(grains, 2):
 
         def energy(distance: float, first: Grain = first, second: Grain = second) -> float:
-            return float(_call_with_grain(definition, "pair_energy", p, distance, first, second))
+            return float(_call_user_function(definition, "pair_energy", p, distance, first, second))
 
-        result = _call_with_grain(definition, "pair_force", p, r, first, second)
+        result = _call_user_function(definition, "pair_force", p, r, first, second)
         _compare_with_derivative(
             definition, "pair_force", result, -_numerical_derivative(energy, r), 1e-6 * abs(energy(r))
         )
-        other = _call_with_grain(definition, "pair_force", p, r, second, first)
+        other = _call_user_function(definition, "pair_force", p, r, second, first)
         if not np.isclose(result, other, rtol=1e-9, atol=0.0, equal_nan=True):
             raise InputError(
                 f"{definition.title}: 'pair_force' gives {result:.6g} and, with the grains "
                 f"exchanged, {other:.6g}; a pair must pull and push equally"
             )
         if "pair_stiffness" in definition.functions:
-            _call_with_grain(definition, "pair_stiffness", p, r, first, second)
+            _call_user_function(definition, "pair_stiffness", p, r, first, second)
 
 
-def _check_flow(definition: Definition, p: Any, grain: Grain) -> None:
+def _check_flow(definition: CustomDefinition, p: Any, grain: Grain) -> None:
     for vx, vy, dt in ((0.3, -0.2, 0.1), (0.0, 0.5, 0.02)):
-        wx, wy = _call_with_grain(definition, "flow", p, grain, vx, vy, dt, count=2)
+        wx, wy = _call_user_function(definition, "flow", p, grain, vx, vy, dt, count=2)
         if wx * wx + wy * wy > (vx * vx + vy * vy) * (1.0 + 1e-12):
             raise InputError(f"{definition.title}: 'flow' makes a grain faster; it may only take energy")
-        twice = _call_with_grain(definition, "flow", p, grain, wx, wy, dt, count=2)
-        total = _call_with_grain(definition, "flow", p, grain, vx, vy, 2.0 * dt, count=2)
+        twice = _call_user_function(definition, "flow", p, grain, wx, wy, dt, count=2)
+        total = _call_user_function(definition, "flow", p, grain, vx, vy, 2.0 * dt, count=2)
         if not np.allclose(twice, total, rtol=1e-9, atol=1e-14):
             raise InputError(
                 f"{definition.title}: 'flow' over two spans is not that over both together; "

@@ -49,7 +49,7 @@ class Grain(NamedTuple):
     moment: float
 
 
-class Definition(NamedTuple):
+class CustomDefinition(NamedTuple):
     """Definition of an own effect, or of an own law of a wall.
 
     Attributes
@@ -80,7 +80,7 @@ class Definition(NamedTuple):
         return f"{self.what} {self.key!r}"
 
 
-DEFINITIONS: dict[str, Definition] = {}
+DEFINITIONS: dict[str, CustomDefinition] = {}
 """By their digests."""
 
 
@@ -96,7 +96,7 @@ class CustomLawType(types.Dummy):  # type: ignore[misc]  # Numba is not typed
 
 
 @typeof_impl.register(CustomLawKind)
-def _typeof(kind: CustomLawKind, context: Any) -> CustomLawType:
+def _numba_type_of_kind(kind: CustomLawKind, context: Any) -> CustomLawType:
     return CustomLawType(kind.name)
 
 
@@ -104,7 +104,7 @@ register_model(CustomLawType)(models.OpaqueModel)
 
 
 @unbox(CustomLawType)
-def _unbox(kind: Any, value: Any, context: Any) -> NativeValue:
+def _unbox_kind(kind: Any, value: Any, context: Any) -> NativeValue:
     return NativeValue(context.context.get_dummy_value())
 
 
@@ -153,6 +153,6 @@ def _iterate_code_constants(code: Any, names: dict[str, Any], seen: set[int]) ->
             yield repr(used.tolist() if isinstance(used, np.ndarray) else used)
 
 
-def user_code_error(definition: Definition, what: str, error: BaseException) -> InputError:
+def user_code_error(definition: CustomDefinition, what: str, error: BaseException) -> InputError:
     """Error of a user's code, in one line."""
     return InputError(f"{definition.title}: {what}: {type(error).__name__}: {one_line(error)}; correct it")

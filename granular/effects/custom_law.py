@@ -11,7 +11,7 @@ from numba.extending import overload
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import OPTIONS
-from granular.effects.custom_functions import DEFINITIONS, Definition, Grain
+from granular.effects.custom_functions import DEFINITIONS, CustomDefinition, Grain
 from granular.kernel_data.constants import Constants, relative_moments
 from granular.kernel_data.state import LOSSES, WORK, Bed, State
 from granular.pairs.cell_list import CellList, cell_list_workspace, find_partners_of_grain, sort_into_cells
@@ -51,7 +51,7 @@ class CustomLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def measure(
+    def measure_energy_and_stiffness(
         law: CustomLaw,
         workspace: CellList | None,
         index: int,
@@ -67,15 +67,17 @@ class CustomLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def flow(
-        law: CustomLaw, workspace: CellList | None, index: int, dt: float, bed: Bed, opening: bool
+    def damp_velocities(
+        law: CustomLaw, workspace: CellList | None, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
         _flow(law.kind, law, LOSSES + index, dt, bed.state, bed.constants)
         return 0
 
     @staticmethod
     @compiled(inline=True)
-    def work(law: CustomLaw, workspace: CellList | None, index: int, dt: float, bed: Bed, time: float) -> int:
+    def record_external_work(
+        law: CustomLaw, workspace: CellList | None, index: int, dt: float, bed: Bed, time: float
+    ) -> int:
         state, constants = bed.state, bed.constants
         _work(law.kind, law, dt, state, constants, time)
         return 0
@@ -90,7 +92,7 @@ def make_grain(state: State, masses: Array | None, moments: Array | None, i: int
 Loop = Callable[..., Any]
 
 
-def dispatch_by_kind(make: Callable[[Definition], Loop]) -> Loop:
+def dispatch_by_kind(make: Callable[[CustomDefinition], Loop]) -> Loop:
     """Kernel ``(kind, *rest)`` that the kind chooses when it is compiled."""
 
     def call(kind: Any, *rest: Any) -> Any:
@@ -112,7 +114,7 @@ if not numba.config.DISABLE_JIT:
     _empty_hook = numba.njit(**OPTIONS)(_empty_hook)
 
 
-def _make_grain_forces(definition: Definition) -> Loop:
+def _make_grain_forces(definition: CustomDefinition) -> Loop:
     force, values_of = definition.kernels.get("force"), definition.parameters
     if force is None:
         return lambda kind, law, state, constants, time: None
@@ -128,7 +130,7 @@ def _make_grain_forces(definition: Definition) -> Loop:
     return add
 
 
-def _make_grain_energy(definition: Definition) -> Loop:
+def _make_grain_energy(definition: CustomDefinition) -> Loop:
     energy, values_of = definition.kernels.get("energy"), definition.parameters
     stiffness: Loop = definition.kernels.get("stiffness", _empty_hook)
     if energy is None:
@@ -148,7 +150,7 @@ def _make_grain_energy(definition: Definition) -> Loop:
     return measure
 
 
-def _make_work(definition: Definition) -> Loop:
+def _make_external_work(definition: CustomDefinition) -> Loop:
     power, values_of = definition.kernels.get("power"), definition.parameters
     if power is None:
         return lambda kind, law, dt, state, constants, time: None
@@ -163,12 +165,12 @@ def _make_work(definition: Definition) -> Loop:
     return work
 
 
-def _make_flow(definition: Definition) -> Loop:
+def _make_flow(definition: CustomDefinition) -> Loop:
     flow, values_of = definition.kernels.get("flow"), definition.parameters
     if flow is None:
         return lambda kind, law, entry, dt, state, constants: None
 
-    def damping_slope(
+    def add_damping_to_slopes(
         kind: Any, law: CustomLaw, entry: int, dt: float, state: State, constants: Constants
     ) -> None:
         p, lost = values_of(*law.values), 0.0
@@ -180,7 +182,7 @@ def _make_flow(definition: Definition) -> Loop:
             lost += 0.5 * grain.mass * ((vx - wx) * (vx + wx) + (vy - wy) * (vy + wy))
         state.ledger[entry] += lost
 
-    return damping_slope
+    return add_damping_to_slopes
 
 
 @compiled
@@ -202,7 +204,7 @@ def _partner_index(cells: CellList | None, i: int, k: int) -> int:
     return i + 1 + k if cells is None else cells.partners[k]
 
 
-def _make_pair_forces(definition: Definition) -> Loop:
+def _make_pair_forces(definition: CustomDefinition) -> Loop:
     force, values_of = definition.kernels.get("pair_force"), definition.parameters
     if force is None:
         return lambda kind, law, cells, state, constants: 0
@@ -229,7 +231,7 @@ def _make_pair_forces(definition: Definition) -> Loop:
     return add
 
 
-def _make_pair_energy(definition: Definition) -> Loop:
+def _make_pair_energy(definition: CustomDefinition) -> Loop:
     energy, values_of = definition.kernels.get("pair_energy"), definition.parameters
     stiffness: Loop = definition.kernels.get("pair_stiffness", _empty_hook)
     if energy is None:
@@ -261,7 +263,7 @@ def _make_pair_energy(definition: Definition) -> Loop:
 
 _grain_forces = dispatch_by_kind(_make_grain_forces)
 _grain_energy = dispatch_by_kind(_make_grain_energy)
-_work = dispatch_by_kind(_make_work)
+_work = dispatch_by_kind(_make_external_work)
 _flow = dispatch_by_kind(_make_flow)
 _pair_forces = dispatch_by_kind(_make_pair_forces)
 _pair_energy = dispatch_by_kind(_make_pair_energy)
@@ -300,7 +302,7 @@ class CustomWallLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def turning_stiffness(law: CustomWallLaw, speed: float) -> float:
+    def turning_point_stiffness(law: CustomWallLaw, speed: float) -> float:
         """Stiffness where a grain of this speed turns, by bisection of the distance."""
         near, far = math.log(NEAREST), math.log(FARTHEST)
         for _ in range(60):
@@ -313,7 +315,7 @@ class CustomWallLaw(NamedTuple):
 
 
 def _make_wall_function(name: str) -> Any:
-    def make(definition: Definition) -> Any:
+    def make(definition: CustomDefinition) -> Any:
         function, values_of = definition.kernels[name], definition.parameters
 
         def call(kind: Any, values: tuple[float, ...], w: float) -> Any:

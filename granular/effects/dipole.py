@@ -8,12 +8,12 @@ Villani 1998, doi:10.1155/1998/79537]. The formula printed as [D, eq. 2.6] has 1
 from __future__ import annotations
 
 from granular.effects.effect import energy_variable
-from granular.effects.force_effect import Force
+from granular.effects.force_effect import ForceEffect
 from granular.pairs.disc_law import Disc
 from granular.schema.apparatus import Grains
 
 
-class Dipole(Force):
+class Dipole(ForceEffect):
     """Dipole repulsion between all grains. It has no parameters: the grains' moments fix it."""
 
     key = "dipole"
@@ -21,7 +21,7 @@ class Dipole(Force):
     energy_record = energy_variable("pair_energy", "energy of the magnetic pairs")
 
 
-def grain_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
+def discs_unless_dipoles(grains: Grains, length: float) -> tuple[Disc, ...]:
     """Return the disc of each species, in units of a length [m]; none of dipoles."""
     return () if grains.magnets == "dipoles" else species_discs(grains, length)
 

@@ -4,13 +4,13 @@ Its velocities after a duration are exact at fixed positions: as a force it woul
 order. What it takes is entered in ``state.ledger[LOSSES + index]``. Hooks of its law, behind
 ``law, workspace, index``:
 
-``flow(..., dt, bed, opening) -> int``
+``damp_velocities(..., dt, bed, opens_step) -> int``
     Velocities after ``dt`` under this effect alone; forward behind the kick that opens a step,
     backward before the one that closes it.
-``kick(..., dt, bed, opening) -> int``
+``kick(..., dt, bed, opens_step) -> int``
     Velocities after ``dt`` under all forces, instead of the plain kick, for what must be solved
     together with them; the last effect that has one gives it, and must take along what others do.
-``damping_slope(..., slopes, dt, bed) -> int``
+``add_damping_to_slopes(..., slopes, dt, bed) -> int``
     The same as a force, for Runge-Kutta methods.
 """
 
@@ -19,10 +19,10 @@ from __future__ import annotations
 from granular.effects.effect import Effect
 from granular.schema.scales import Scales
 
-HOOKS = ("flow", "kick", "damping_slope")
+HOOKS = ("damp_velocities", "kick", "add_damping_to_slopes")
 
 
-class Flow(Effect):
+class DissipativeEffect(Effect):
     """Base of the effects that take energy."""
 
     def decay_rate(self, scales: Scales) -> float:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.effects.dissipative_effect import Flow
+from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import EffectContext, energy_variable
 from granular.kernel_data.compensation import add_to_velocity
 from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
@@ -33,7 +33,7 @@ from granular.schema.scales import Scales
 from granular.schema.sections import quantity
 
 
-class Drag(Flow):
+class Drag(DissipativeEffect):
     """Viscous drag on every grain.
 
     Attributes
@@ -54,21 +54,21 @@ class Drag(Flow):
         """Decay rate c = gamma tau / m of a grain of the first species, in natural units."""
         return self.coefficient * scales.time / scales.mass
 
-    def law(self, setting: EffectContext) -> DragLaw:
+    def make_kernel_law(self, context: EffectContext) -> DragLaw:
         """Law in natural units."""
-        return DragLaw(*self.rates(setting))
+        return DragLaw(*self.grain_decay_rates(context))
 
-    def rates(self, setting: EffectContext) -> tuple[float, Array | None, RateTable | None]:
+    def grain_decay_rates(self, context: EffectContext) -> tuple[float, Array | None, DragRateTable | None]:
         """Return decay rates as the fields ``rate``, ``kind`` and ``rates`` of `DragLaw`."""
-        rate, grains = self.decay_rate(setting.scales), setting.grains
+        rate, grains = self.decay_rate(context.scales), context.grains
         slower = grains.face_area_ratios() / grains.mass_ratios()
         if (slower == 1.0).all():
             return rate, None, None
         distinct, kinds = np.unique(slower, return_inverse=True)
-        return rate, pad_values(kinds[setting.species]), RateTable(rate * distinct)
+        return rate, pad_values(kinds[context.species]), DragRateTable(rate * distinct)
 
 
-class RateTable(NamedTuple):
+class DragRateTable(NamedTuple):
     """Decay rates of grains of several materials or thicknesses.
 
     Attributes
@@ -101,13 +101,13 @@ class DragLaw(NamedTuple):
         Decay rate of the velocity of a grain of the first species [1/tau].
     kind : float64 (m,) or None
         Index of each grain's rate in ``rates``.
-    rates : RateTable or None
+    rates : DragRateTable or None
         None where all grains have the same rate.
     """
 
     rate: float
     kind: Array | None
-    rates: RateTable | None
+    rates: DragRateTable | None
 
     def workspace(self, size: int, count: int) -> DragFlowCache:
         """Buffer of the last flow: steps of equal length share it, and exponentials take long."""
@@ -116,10 +116,12 @@ class DragLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def kick(law: DragLaw, workspace: DragFlowCache, index: int, dt: float, bed: Bed, opening: bool) -> int:
+    def kick(
+        law: DragLaw, workspace: DragFlowCache, index: int, dt: float, bed: Bed, opens_step: bool
+    ) -> int:
         """Force and drag together, exactly."""
         state, constants = bed.state, bed.constants
-        for k in range(drag_rate_count(law.rates)):
+        for k in range(distinct_drag_rate_count(law.rates)):
             _kick_with_drag(
                 state.rounding, workspace.values[k], law, k, dt, state, constants.grains, constants.masses
             )
@@ -128,7 +130,7 @@ class DragLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def damping_slope(
+    def add_damping_to_slopes(
         law: DragLaw, workspace: DragFlowCache, index: int, slopes: Array, dt: float, bed: Bed
     ) -> int:
         """Take the drag off the slopes of the velocities; enter the loss with the weight."""
@@ -159,13 +161,13 @@ def _kick_with_drag(
     masses: Array | None,
 ) -> None:
     if last[0] != dt:
-        rate = drag_rate_at(law.rate, law.rates, k)
+        rate = drag_rate_of_kind(law.rate, law.rates, k)
         last[0] = dt
         last[1], last[2], last[3], last[4], last[5] = drag_flow_coefficients(rate, dt)
         last[6] = math.expm1(-rate * dt)
     decay, gain, a, b, c, loss = last[1], last[2], last[3], last[4], last[5], last[6]
     for i in range(count):
-        if not has_drag_rate(law.kind, i, k):
+        if not is_of_drag_kind(law.kind, i, k):
             continue
         mass = 1.0
         if masses is not None:
@@ -233,19 +235,19 @@ def stopping_time(rate: float, speed: float, brake: float) -> float:
 
 
 @compiled(inline=True)
-def drag_rate_count(rates: RateTable | None) -> int:
+def distinct_drag_rate_count(rates: DragRateTable | None) -> int:
     """Return the number of different rates."""
     return 1 if rates is None else len(rates.values)
 
 
 @compiled(inline=True)
-def drag_rate_at(rate: float, rates: RateTable | None, k: int) -> float:
+def drag_rate_of_kind(rate: float, rates: DragRateTable | None, k: int) -> float:
     """Return the rate of an index, with the fields of `DragLaw`."""
     return rate if rates is None else rates.values[k]
 
 
 @compiled(inline=True)
-def has_drag_rate(kind: Array | None, i: int, k: int) -> bool:
+def is_of_drag_kind(kind: Array | None, i: int, k: int) -> bool:
     """Return whether a grain has the rate of the index ``k``."""
     return True if kind is None else kind[i] == k
 
@@ -254,7 +256,7 @@ def has_drag_rate(kind: Array | None, i: int, k: int) -> bool:
 
 
 @compiled
-def drag_decay_rate(rate: float | None) -> float:
+def drag_rate_or_zero(rate: float | None) -> float:
     """Decay rate; 0 without drag."""
     return 0.0 if rate is None else rate
 

@@ -20,8 +20,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.dipole import grain_discs
-from granular.effects.dissipative_effect import Flow
+from granular.effects.dipole import discs_unless_dipoles
+from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.eddy_mutual import MutualEddyLaw, make_mutual_eddy_law
 from granular.effects.eddy_tensor import Plate, lattice_drag_factor, lone_disc_drag_factor
 from granular.effects.effect import Effect, EffectContext, energy_variable
@@ -39,7 +39,7 @@ SPACING = 1.375
 TENTH = 0.1
 
 
-class Eddy(Flow):
+class Eddy(DissipativeEffect):
     """Drag by eddy currents in one or both plates of the cell.
 
     Attributes
@@ -84,7 +84,9 @@ class Eddy(Flow):
                 "thickness",
             )
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
+    def check_compatibility(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
         """Raise if discs reach into the plate."""
         half = 0.5 * self.thickness if self.plate == "thick" else 0.0
         tallest = 0.5 * float(grains.species_values("thickness").max())
@@ -105,39 +107,39 @@ class Eddy(Flow):
             plain.pop("mutual", None)
         return plain
 
-    def _plate(self, scales: Scales) -> Plate:
+    def _plate_in_natural_units(self, scales: Scales) -> Plate:
         thickness = self.thickness if self.plate == "thick" else 0.0
         return Plate(self.distance / scales.length, thickness / scales.length)
 
-    def counts_neighbours(self, count: int, scales: Scales) -> bool:
+    def includes_mutual_currents(self, count: int, scales: Scales) -> bool:
         """Return whether the currents of other grains are counted among so many."""
         if self.mutual is not None or count < 2:
             return bool(self.mutual) and count > 1
-        return abs(lattice_drag_factor(self._plate(scales), SPACING) - 1.0) > TENTH
+        return abs(lattice_drag_factor(self._plate_in_natural_units(scales), SPACING) - 1.0) > TENTH
 
-    def coefficient(self, scales: Scales) -> float:
+    def dipole_drag_coefficient(self, scales: Scales) -> float:
         """Drag coefficient [kg/s] of a grain of the first species, as a dipole."""
         moment = scales.current * scales.length**2
         sheet = self.plates * self.conductivity * self.thickness
         strength = 3.0 * scales.permeability**2 * sheet * moment**2
         thin = strength / (128.0 * math.pi * self.distance**4)
-        return thin * self._plate(scales).factor()
+        return thin * self._plate_in_natural_units(scales).thickness_drag_factor()
 
     def decay_rate(self, scales: Scales) -> float:
         """Decay rate of a grain of the first species [1/tau]."""
-        return self.coefficient(scales) * scales.time / scales.mass
+        return self.dipole_drag_coefficient(scales) * scales.time / scales.mass
 
-    def law(self, setting: EffectContext) -> EddyLaw | MutualEddyLaw:
+    def make_kernel_law(self, context: EffectContext) -> EddyLaw | MutualEddyLaw:
         """Law in natural units."""
-        plate, grains = self._plate(setting.scales), setting.grains
-        rate = self.decay_rate(setting.scales)
-        discs = grain_discs(grains, setting.scales.length)
-        if self.counts_neighbours(grains.count, setting.scales):
-            return make_mutual_eddy_law(rate / plate.factor(), plate, discs, setting)
+        plate, grains = self._plate_in_natural_units(context.scales), context.grains
+        rate = self.decay_rate(context.scales)
+        discs = discs_unless_dipoles(grains, context.scales.length)
+        if self.includes_mutual_currents(grains.count, context.scales):
+            return make_mutual_eddy_law(rate / plate.thickness_drag_factor(), plate, discs, context)
         if not discs:
             return EddyLaw(rate, None)
         factors = np.array([lone_disc_drag_factor(plate, disc) for disc in discs])
-        return EddyLaw(rate / plate.factor(), pad_values(factors[setting.species]))
+        return EddyLaw(rate / plate.thickness_drag_factor(), pad_values(factors[context.species]))
 
 
 class EddyLaw(NamedTuple):
@@ -156,7 +158,9 @@ class EddyLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def flow(law: EddyLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool) -> int:
+    def damp_velocities(
+        law: EddyLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool
+    ) -> int:
         """Let the velocities decay; enter what is lost."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, relative_moments(constants), 0.0
@@ -173,7 +177,9 @@ class EddyLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def damping_slope(law: EddyLaw, workspace: None, index: int, slopes: Array, dt: float, bed: Bed) -> int:
+    def add_damping_to_slopes(
+        law: EddyLaw, workspace: None, index: int, slopes: Array, dt: float, bed: Bed
+    ) -> int:
         """Add the drag as a force, for Runge-Kutta methods."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, relative_moments(constants), 0.0

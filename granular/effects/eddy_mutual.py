@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.eddy_tensor import FARTHEST, Plate, lone_disc_drag_factor, series
+from granular.effects.eddy_tensor import FARTHEST, Plate, drag_tensor_polynomials, lone_disc_drag_factor
 from granular.effects.effect import EffectContext
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
@@ -40,7 +40,7 @@ PX, PY, INPUT_X, INPUT_Y, OUTPUT_X, OUTPUT_Y, SPEED_X, SPEED_Y, CHARGE = range(9
 from there on the moments of each kind of grain, 0 for those of other kinds."""
 
 
-class EddyTable(NamedTuple):
+class PairDragTable(NamedTuple):
     """The tensor of each pair of kinds of grains.
 
     Attributes
@@ -89,7 +89,7 @@ class MutualEddyLaw(NamedTuple):
         Kinds of grains: 1 of dipoles, of discs one for each species.
     kind : float64 (m,) or None
         That of each grain; None of one kind.
-    table : EddyTable
+    table : PairDragTable
     """
 
     rate: float
@@ -99,7 +99,7 @@ class MutualEddyLaw(NamedTuple):
     stiffest: float
     kinds: int
     kind: Array | None
-    table: EddyTable
+    table: PairDragTable
 
     def workspace(self, size: int, count: int) -> EddyWorkspace:
         """Scratch arrays of the sums."""
@@ -108,8 +108,8 @@ class MutualEddyLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def flow(
-        law: MutualEddyLaw, workspace: EddyWorkspace, index: int, dt: float, bed: Bed, opening: bool
+    def damp_velocities(
+        law: MutualEddyLaw, workspace: EddyWorkspace, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
         """Let the velocities decay; enter what is lost."""
         state, constants = bed.state, bed.constants
@@ -141,7 +141,7 @@ class MutualEddyLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def damping_slope(
+    def add_damping_to_slopes(
         law: MutualEddyLaw, workspace: EddyWorkspace, index: int, slopes: Array, dt: float, bed: Bed
     ) -> int:
         """Add the drag as a force, for Runge-Kutta methods."""
@@ -212,7 +212,7 @@ def _multiply_by_drag_tensor(law: MutualEddyLaw, workspace: EddyWorkspace, count
                     vx,
                     vy,
                     law.square,
-                    _pair_series_terms(series, kind, own),
+                    _pair_polynomial_terms(series, kind, own),
                 )
         spare = law.spare * rows[CHARGE + own, j]
         rows[OUTPUT_X, j] += spare * vx
@@ -225,7 +225,7 @@ def _grain_kind(kinds: Array | None, grain: int) -> int:
 
 
 @compiled(inline=True)
-def _pair_series_terms(series: Array | None, kind: int, other: int) -> Array | None:
+def _pair_polynomial_terms(series: Array | None, kind: int, other: int) -> Array | None:
     return None if series is None else series[kind, other]
 
 
@@ -288,7 +288,7 @@ def _polynomial(c: tuple[float, ...], u: float) -> float:
 
 
 def make_mutual_eddy_law(
-    rate: float, plate: Plate, discs: tuple[Disc, ...], setting: EffectContext
+    rate: float, plate: Plate, discs: tuple[Disc, ...], context: EffectContext
 ) -> MutualEddyLaw:
     """Make the law of a bed.
 
@@ -299,11 +299,11 @@ def make_mutual_eddy_law(
     plate : Plate
     discs : tuple of Disc
         That of each species; empty of dipoles.
-    setting : EffectContext
+    context : EffectContext
     """
-    length = setting.scales.length
+    length = context.scales.length
     square = 4.0 * plate.distance**2
-    periods = setting.cell.periods
+    periods = context.cell.periods
     shifts, reach = np.zeros((1, 2)), math.inf
     if periods is not None:
         sides = np.array(periods) / length
@@ -311,13 +311,15 @@ def make_mutual_eddy_law(
         shifts = np.array([(i * sides[0], j * sides[1]) for i in numbers[0] for j in numbers[1]])
     else:
         reach = (32.0 / 9.0 * USUAL * square**2.5 / LEFT_OUT) ** (1.0 / 3.0)
-        height = setting.grains.count / USUAL / (setting.cell.width / length)
+        height = context.grains.count / USUAL / (context.cell.width / length)
         if height < 2.0 * reach:
             reach = math.inf
-    made = _pair_series(plate, discs)
-    factor = max((lone_disc_drag_factor(plate, disc) for disc in discs), default=plate.factor())
-    moments = setting.grains.moment_ratios()[setting.species] * setting.grains.spread_factors()
-    masses = setting.grains.mass_ratios()[setting.species]
+    made = _pair_polynomials(plate, discs)
+    factor = max(
+        (lone_disc_drag_factor(plate, disc) for disc in discs), default=plate.thickness_drag_factor()
+    )
+    moments = context.grains.moment_ratios()[context.species] * context.grains.spread_factors()
+    masses = context.grains.mass_ratios()[context.species]
     heaviest = float((moments**2 / masses).max())
     return MutualEddyLaw(
         rate=rate,
@@ -326,14 +328,16 @@ def make_mutual_eddy_law(
         spare=0.0 if reach == math.inf else LEFT_OUT * factor,
         stiffest=heaviest * factor * (1.0 + DENSEST * square),
         kinds=max(len(discs), 1),
-        kind=pad_values(setting.species) if discs else None,
-        table=EddyTable(made, shifts),
+        kind=pad_values(context.species) if discs else None,
+        table=PairDragTable(made, shifts),
     )
 
 
-def _pair_series(plate: Plate, discs: tuple[Disc, ...]) -> np.ndarray | None:
+def _pair_polynomials(plate: Plate, discs: tuple[Disc, ...]) -> np.ndarray | None:
     """Coefficients of each pair of kinds (k, k, 2, ORDER); None of dipoles over a thin plate."""
     if discs:
-        return np.array([[series(plate, (disc, other)) for other in discs] for disc in discs])
-    made = series(plate)
+        return np.array(
+            [[drag_tensor_polynomials(plate, (disc, other)) for other in discs] for disc in discs]
+        )
+    made = drag_tensor_polynomials(plate)
     return None if made is None else made[None, None]

@@ -48,7 +48,7 @@ class Plate(NamedTuple):
     distance: float
     thickness: float
 
-    def factor(self) -> float:
+    def thickness_drag_factor(self) -> float:
         """Drag of a lone grain over that along a thin plate."""
         h, half = self.distance, 0.5 * self.thickness
         if half == 0.0:
@@ -56,7 +56,7 @@ class Plate(NamedTuple):
         return h**4 * ((h - half) ** -3 - (h + half) ** -3) / (6.0 * half)
 
 
-def tensor(plate: Plate, r: np.ndarray, discs: tuple[Disc, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
+def drag_tensor(plate: Plate, r: np.ndarray, discs: tuple[Disc, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
     """Compute the tensor over the drag of a lone dipole along a thin plate.
 
     Parameters
@@ -98,11 +98,11 @@ def tensor(plate: Plate, r: np.ndarray, discs: tuple[Disc, ...] = ()) -> tuple[n
 @cache
 def lone_disc_drag_factor(plate: Plate, disc: Disc) -> float:
     """Drag of a lone disc over that of a dipole along a thin plate."""
-    return float(tensor(plate, np.zeros(1), (disc, disc))[0][0])
+    return float(drag_tensor(plate, np.zeros(1), (disc, disc))[0][0])
 
 
 @cache
-def series(plate: Plate, discs: tuple[Disc, ...] = ()) -> np.ndarray | None:
+def drag_tensor_polynomials(plate: Plate, discs: tuple[Disc, ...] = ()) -> np.ndarray | None:
     """Coefficients of P and Q in T = u^(5/2) [P(u) - 5 Q(u) r r^T/s], u = H^2/s = H^2/(r^2 + H^2).
 
     Returns
@@ -118,7 +118,7 @@ def series(plate: Plate, discs: tuple[Disc, ...] = ()) -> np.ndarray | None:
     nodes = np.cos(np.pi * (np.arange(6 * ORDER) + 0.5) / (6 * ORDER))
     u = least + (1.0 - least) * 0.5 * (nodes + 1.0)
     r = np.sqrt(square / u - square)
-    isotropic, radial = tensor(plate, r, discs)
+    isotropic, radial = drag_tensor(plate, r, discs)
     fits = (isotropic / u**2.5, -radial * square / (5.0 * r * r * u**3.5))
     made = np.zeros((2, ORDER))
     for row, values in zip(made, fits, strict=True):
@@ -145,8 +145,8 @@ def lattice_drag_factor(plate: Plate, spacing: float) -> float:
     u = 4.0 * plate.distance**2 / (4.0 * plate.distance**2 + r * r)
     # Averaged over directions, e e^T is one half.
     terms = u**2.5 - 2.5 * u**2.5 * (1.0 - u)
-    made = series(plate)
+    made = drag_tensor_polynomials(plate)
     if made is not None:
         p, q = (np.polynomial.Polynomial(coefficients)(u) for coefficients in made)
         terms = u**2.5 * (p - 2.5 * (1.0 - u) * q)
-    return float(terms.sum()) / plate.factor()
+    return float(terms.sum()) / plate.thickness_drag_factor()

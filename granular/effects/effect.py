@@ -35,7 +35,7 @@ from granular.schema.scales import Scales
 from granular.schema.sections import Section
 
 
-class Record(NamedTuple):
+class RecordedVariable(NamedTuple):
     """A variable of the run that an effect brings.
 
     Attributes
@@ -99,9 +99,9 @@ class Effect(Section):
         other grains: it can act in a periodic cell.
     takes_along : tuple of str or None
         Of an effect with a ``kick``: those of the others with a ``kick`` that are solved with it.
-    energy_record, loss_record : Record or None
+    energy_record, loss_record : RecordedVariable or None
         Records of its energy and its loss; those of the same name are added up.
-    grain_records : tuple of Record
+    grain_records : tuple of RecordedVariable
         Records with a value for each grain.
     example : plain data
         Parameters as a scene may have them, for the reference and for the test of all effects.
@@ -114,53 +114,55 @@ class Effect(Section):
     drifts: ClassVar[bool] = False
     periodic: ClassVar[bool] = False
     takes_along: ClassVar[tuple[str, ...] | None] = None
-    energy_record: ClassVar[Record | None] = None
-    loss_record: ClassVar[Record | None] = None
-    grain_records: ClassVar[tuple[Record, ...]] = ()
+    energy_record: ClassVar[RecordedVariable | None] = None
+    loss_record: ClassVar[RecordedVariable | None] = None
+    grain_records: ClassVar[tuple[RecordedVariable, ...]] = ()
     example: ClassVar[Any] = True
 
     @property
-    def parts(self) -> tuple[Effect, ...]:
+    def component_effects(self) -> tuple[Effect, ...]:
         """The effects that it is made of, each with a law."""
         return (self,)
 
     @property
-    def records(self) -> tuple[Record, ...]:
+    def extra_records(self) -> tuple[RecordedVariable, ...]:
         """Series that the effect records, besides its energy and its loss."""
         return ()
 
     @property
-    def sources(self) -> tuple[str, ...]:
+    def user_code_digests(self) -> tuple[str, ...]:
         """Digests of a user's functions and texts in it, for the run's settings."""
         return ()
 
-    def check_compiling(self, setting: EffectContext) -> None:
+    def check_functions_compile(self, context: EffectContext) -> None:
         """Raise `InputError` if a user's function does not compile."""
 
     @property
-    def is_flow(self) -> bool:
+    def blocks_runge_kutta(self) -> bool:
         """True for a flow that Runge-Kutta methods cannot integrate."""
         return False
 
-    def law(self, setting: EffectContext) -> Any:
+    def make_kernel_law(self, context: EffectContext) -> Any:
         """Law in natural units; None for what is no law of its own."""
         raise NotImplementedError
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
+    def check_compatibility(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
         """Raise `FieldError`, with the path from the scene, unless it fits apparatus and others."""
 
-    def load_weight(self, setting: EffectContext) -> np.ndarray | None:
+    def normal_load_weights(self, context: EffectContext) -> np.ndarray | None:
         """Weights of the grains (m,) in the sums over 1/r^3 that the pass over pairs also makes."""
         return None
 
-    def grain_values(self, law: Any, state: Any) -> dict[str, np.ndarray]:
+    def grain_record_values(self, law: Any, state: Any) -> dict[str, np.ndarray]:
         """Values of its `grain_records` at the present moment, in natural units."""
         return {}
 
-    def drive_frequency(self, scales: Scales) -> float:
+    def drive_angular_frequency(self, scales: Scales) -> float:
         """Angular frequency [1/tau] of a drive, which a step is to resolve."""
         return 0.0
 
 
-def energy_variable(name: str, meaning: str) -> Record:
-    return Record(name, "J", meaning, "energy")
+def energy_variable(name: str, meaning: str) -> RecordedVariable:
+    return RecordedVariable(name, "J", meaning, "energy")

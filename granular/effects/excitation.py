@@ -104,13 +104,13 @@ class Excitation(Section):
         if self.kind in ("sweep", "noise") and not (self.to or 0.0) > (self.frequency or 0.0):
             raise FieldError(f"{self.to:g} Hz must be above {self.frequency:g} Hz", "to")
         if self.kind == "record":
-            self._read_record()
+            self._load_record_as_table()
         if self.kind == "table":
             self._check_table()
         if self.kind == "noise":
-            _table_knots(self)
+            _noise_knot_count(self)
 
-    def _read_record(self) -> None:
+    def _load_record_as_table(self) -> None:
         from granular.readers.file_formats import read_time_series
 
         unit = "N" if self.acceleration is None else "m/s^2"
@@ -148,7 +148,7 @@ class Excitation(Section):
             return 0.5 / (self.duration or 1.0)
         return self.to or self.frequency or 0.0
 
-    def drive(self, scales: Scales) -> Drive:
+    def make_kernel_law(self, scales: Scales) -> ExcitationLaw:
         """Convert to natural units."""
         tau = scales.time
         kind = {"sine": SINE, "sweep": SWEEP, "impulse": IMPULSE}.get(self.kind, TABLE)
@@ -156,10 +156,12 @@ class Excitation(Section):
         start, duration = self.start, math.inf if self.duration is None else self.duration
         times, values, slopes = np.zeros(2), np.zeros(2), np.zeros(2)
         if kind == TABLE:
-            times, values, slopes = _noise_sines(self) if self.kind == "noise" else _spline_table(self)
+            times, values, slopes = (
+                _sum_noise_sines(self) if self.kind == "noise" else _resample_by_spline(self)
+            )
             start, duration = start + times[0], times[-1] - times[0]
             times = times - times[0]
-        return Drive(
+        return ExcitationLaw(
             kind=kind,
             base=self.is_base_motion,
             size=size,
@@ -181,7 +183,7 @@ class Excitation(Section):
         return (self.displacement or 0.0) / scales.length, True
 
 
-class Drive(NamedTuple):
+class ExcitationLaw(NamedTuple):
     """An excitation as the kernels take it.
 
     Attributes
@@ -216,21 +218,21 @@ class Drive(NamedTuple):
 
 
 @compiled
-def evaluate_excitation(drive: Drive, time: float) -> float:
+def evaluate_excitation(drive: ExcitationLaw, time: float) -> float:
     """Force, or the acceleration of the base, at a time since the start of the run [tau]."""
     t = time - drive.start
     return _value_during_excitation(drive, t) if 0.0 <= t <= drive.duration else 0.0
 
 
 @compiled
-def excitation_during_kick(drive: Drive, time: float, dt: float, opening: bool) -> float:
+def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_step: bool) -> float:
     """Excitation for a kick that begins at ``time`` or, where it closes a step, ends there.
 
     Begin and end, where the drive may jump, fall within a kick: it then counts for its part of the
     kick. All of the kick, or nothing, would cost a step the second order.
     """
     t = time - drive.start
-    other = t + dt if opening else t - dt
+    other = t + dt if opens_step else t - dt
     first, last = min(t, other), max(t, other)
     if first >= 0.0 and last <= drive.duration:
         return _value_during_excitation(drive, t)
@@ -241,7 +243,7 @@ def excitation_during_kick(drive: Drive, time: float, dt: float, opening: bool) 
 
 
 @compiled
-def _value_during_excitation(drive: Drive, t: float) -> float:
+def _value_during_excitation(drive: ExcitationLaw, t: float) -> float:
     """Value at a time since its begin [tau]."""
     if drive.kind == TABLE:
         return drive.size * _interpolate_table(drive, t)
@@ -259,7 +261,7 @@ def _value_during_excitation(drive: Drive, t: float) -> float:
 
 
 @compiled
-def _interpolate_table(drive: Drive, t: float) -> float:
+def _interpolate_table(drive: ExcitationLaw, t: float) -> float:
     h = drive.times[1]
     k = min(int(t / h), drive.times.size - 2)
     s = t / h - k
@@ -285,7 +287,7 @@ def _table_point_count(excitation: Excitation) -> int:
     return count
 
 
-def _spline_table(excitation: Excitation) -> Knots:
+def _resample_by_spline(excitation: Excitation) -> Knots:
     """Cubic spline through the table, on times that are equally far from each other."""
     from scipy.interpolate import CubicSpline
 
@@ -294,7 +296,7 @@ def _spline_table(excitation: Excitation) -> Knots:
     return times, spline(times), spline(times, 1)
 
 
-def _table_knots(excitation: Excitation) -> int:
+def _noise_knot_count(excitation: Excitation) -> int:
     assert excitation.to is not None
     assert excitation.duration is not None
     count = math.ceil(excitation.duration * excitation.to * KNOTS_A_PERIOD) + 1
@@ -307,7 +309,7 @@ def _table_knots(excitation: Excitation) -> int:
     return count
 
 
-def _noise_sines(excitation: Excitation) -> Knots:
+def _sum_noise_sines(excitation: Excitation) -> Knots:
     """Sines of one amplitude and random phases, the lines of a period as long as the noise."""
     assert excitation.frequency is not None
     assert excitation.to is not None
@@ -317,7 +319,7 @@ def _noise_sines(excitation: Excitation) -> Knots:
         excitation.frequency + (excitation.to - excitation.frequency) * (np.arange(lines) + 0.5) / lines
     )
     phases = np.random.default_rng(excitation.seed).uniform(0.0, math.tau, lines)
-    times = np.linspace(0.0, excitation.duration, _table_knots(excitation))
+    times = np.linspace(0.0, excitation.duration, _noise_knot_count(excitation))
     size = math.sqrt(2.0 / lines)
     values, slopes = np.zeros(len(times)), np.zeros(len(times))
     for rate, phase in zip(omega, phases, strict=True):

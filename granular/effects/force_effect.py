@@ -4,12 +4,12 @@ Hooks of its law, behind ``law, workspace, index``:
 
 ``add_forces(..., bed, time) -> int``
     Add the forces on the grains; how many grains are where they cannot be.
-``measure(..., bed, time, stiffness, energies) -> int``
+``measure_energy_and_stiffness(..., bed, time, stiffness, energies) -> int``
     Enter the energy at ``energies[index]``; add to ``stiffness`` a bound of each grain's stiffness
     over its mass, which the automatic step follows.
-``work(..., dt, bed, time) -> int``
+``record_external_work(..., dt, bed, time) -> int``
     Enter in ``state.ledger[WORK]`` what a force that depends on time does.
-``collision(..., speed, constants) -> float``
+``squared_collision_frequency(..., speed, constants) -> float``
     Greatest stiffness over mass that a grain of this speed meets.
 """
 
@@ -18,10 +18,10 @@ from __future__ import annotations
 from granular.effects.effect import Effect
 from granular.schema.scales import Scales
 
-HOOKS = ("add_forces", "measure", "work", "collision")
+HOOKS = ("add_forces", "measure_energy_and_stiffness", "record_external_work", "squared_collision_frequency")
 
 
-class Force(Effect):
+class ForceEffect(Effect):
     """Base of the effects that have an energy."""
 
     def downward_acceleration(self, scales: Scales) -> float:

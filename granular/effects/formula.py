@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numba
 
 from granular.compiled.hook_calls import OPTIONS
-from granular.effects.custom_functions import DEFINITIONS, Definition
+from granular.effects.custom_functions import DEFINITIONS, CustomDefinition
 from granular.effects.effect import Effect
-from granular.effects.force_effect import Force
+from granular.effects.force_effect import ForceEffect
 from granular.formulas import parse
 from granular.schema.parameters import SectionWithFormula
 from granular.schema.scales import Scales
@@ -37,7 +37,7 @@ _FORM = "2"
 """In the digest: to be raised with any change of what is derived from a text."""
 
 
-class Formula(SectionWithFormula):
+class EnergyFormula(SectionWithFormula):
     """An energy as a formula.
 
     Attributes
@@ -52,21 +52,21 @@ class Formula(SectionWithFormula):
     energy: str = text_field()
 
     @staticmethod
-    def derived(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """SymPy's expressions of the energy's derivatives, by names of `kernel_functions`."""
+    def derivative_expressions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
+        """SymPy's expressions of the energy's derivatives, by names of `make_kernel_functions`."""
         raise NotImplementedError
 
     @staticmethod
-    def kernel_functions(made: Functions) -> Functions:
+    def make_kernel_functions(compiled: Functions) -> Functions:
         """Functions that kernels call, from compiled ones of all variables and parameters."""
         raise NotImplementedError
 
     @classmethod
-    def names_given(cls, energy: str) -> tuple[str, ...]:
+    def kernel_function_names(cls, energy: str) -> tuple[str, ...]:
         """Names of the functions that there are."""
         raise NotImplementedError
 
-    def natural(self, scales: Scales) -> tuple[float, ...]:
+    def parameters_in_natural_units(self, scales: Scales) -> tuple[float, ...]:
         """Parameters in natural units, in the order of `values`."""
         units = (scales.length, scales.mass, scales.time, scales.current)
         result = []
@@ -78,20 +78,20 @@ class Formula(SectionWithFormula):
         return tuple(result)
 
     @property
-    def definition(self) -> Definition:
+    def definition(self) -> CustomDefinition:
         """Definition by which kernels know the formula."""
         kind: Any = type(self)
-        result: Definition = _make_definition(kind, self.energy, tuple(name for name, _ in self.values))
+        result: CustomDefinition = _make_definition(kind, self.energy, tuple(name for name, _ in self.values))
         DEFINITIONS[result.digest] = result
         return result
 
     @property
-    def sources(self) -> tuple[str, ...]:
+    def user_code_digests(self) -> tuple[str, ...]:
         """Digest of what is derived, for the run's settings."""
         return (self.definition.digest,)
 
 
-class FormulaList(Force):
+class FormulaList(ForceEffect):
     """Base of an effect that a scene gives as a list of tables, or as one table.
 
     Its subclass declares ``fields``, whose sections are effects.
@@ -109,34 +109,36 @@ class FormulaList(Force):
             raise FieldError(error.reason, *error.path[1:]) from None
 
     def to_plain(self) -> Any:
-        return [part.to_plain() for part in self.parts]
+        return [part.to_plain() for part in self.component_effects]
 
     @property
-    def parts(self) -> tuple[Effect, ...]:
+    def component_effects(self) -> tuple[Effect, ...]:
         return self.fields
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
-        for part in self.parts:
-            part.check(grains, cell, piston, others)
+    def check_compatibility(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        for part in self.component_effects:
+            part.check_compatibility(grains, cell, piston, others)
 
 
 @functools.cache
-def _make_definition(kind: type[Formula], energy: str, parameters: tuple[str, ...]) -> Definition:
+def _make_definition(kind: type[EnergyFormula], energy: str, parameters: tuple[str, ...]) -> CustomDefinition:
     key = kind.__name__.lower()
     content = repr((_FORM, key, energy, parameters))
     digest = hashlib.sha256(content.encode()).hexdigest()[:24]
     functions = _DerivedFunctions(kind, energy, parameters)
-    return Definition(
-        "effect", key, f"{key}_{digest}", _given_value_field, functions, _CompiledFunctions(functions)
+    return CustomDefinition(
+        "effect", key, f"{key}_{digest}", _pack_values, functions, _CompiledFunctions(functions)
     )
 
 
-def _given_value_field(*values: float) -> tuple[float, ...]:
+def _pack_values(*values: float) -> tuple[float, ...]:
     return values
 
 
 if not numba.config.DISABLE_JIT:
-    _given_value_field = numba.njit(**OPTIONS)(_given_value_field)
+    _pack_values = numba.njit(**OPTIONS)(_pack_values)
 
 
 class _DerivedFunctions(Mapping[str, Callable[..., Any]]):
@@ -145,9 +147,9 @@ class _DerivedFunctions(Mapping[str, Callable[..., Any]]):
     Where the compiled code is there already none is, and SymPy need not be imported.
     """
 
-    def __init__(self, kind: type[Formula], energy: str, parameters: Sequence[str]) -> None:
+    def __init__(self, kind: type[EnergyFormula], energy: str, parameters: Sequence[str]) -> None:
         self.kind, self.energy, self.parameters = kind, energy, parameters
-        self.known = kind.names_given(energy)
+        self.known = kind.kernel_function_names(energy)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.known)
@@ -158,10 +160,10 @@ class _DerivedFunctions(Mapping[str, Callable[..., Any]]):
     def __getitem__(self, name: str) -> Callable[..., Any]:
         if name not in self.known:
             raise KeyError(name)
-        return self._functions[name]
+        return self._derived_kernel_functions[name]
 
     @functools.cached_property
-    def _functions(self) -> Functions:
+    def _derived_kernel_functions(self) -> Functions:
         import sympy
 
         from granular.formulas.algebra import compile_function, sympy_expression
@@ -171,7 +173,7 @@ class _DerivedFunctions(Mapping[str, Callable[..., Any]]):
             name: sympy.Symbol(f"parameter{index}", real=True) for index, name in enumerate(self.parameters)
         }
         tree = sympy_expression(parse(self.energy), symbols | given)
-        forms = self.kind.derived(tree, symbols)
+        forms = self.kind.derivative_expressions(tree, symbols)
         if forms["force"].has(sympy.DiracDelta):
             raise InputError(f"the energy {quote(self.energy)} jumps; write one without jumps")
         arguments = [*symbols.values(), *given.values()]
@@ -180,7 +182,7 @@ class _DerivedFunctions(Mapping[str, Callable[..., Any]]):
         }
         if not numba.config.DISABLE_JIT:
             made = {name: numba.njit(**OPTIONS)(function) for name, function in made.items()}
-        return self.kind.kernel_functions(made)
+        return self.kind.make_kernel_functions(made)
 
 
 def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:

@@ -18,14 +18,21 @@ import numpy as np
 from granular.effects.custom_functions import CustomLawKind, Grain
 from granular.effects.custom_law import CustomLaw
 from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.force_effect import Force
-from granular.effects.formula import Formula, FormulaList, Functions
+from granular.effects.force_effect import ForceEffect
+from granular.effects.formula import EnergyFormula, FormulaList, Functions
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
 from granular.pairs.direct_sum import pad_values
 from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, FieldKind, SectionListKind, quantity, section_field, unknown
+from granular.schema.sections import (
+    FieldError,
+    FieldKind,
+    SectionListKind,
+    quantity,
+    section_field,
+    unknown_word_message,
+)
 from granular.shared.message_text import quote
 
 
@@ -46,7 +53,7 @@ class _SpeciesFactors(FieldKind):
         return dict(value)
 
 
-class FieldFormula(Formula, Force):
+class FieldFormula(EnergyFormula, ForceEffect):
     """One field.
 
     Attributes
@@ -71,12 +78,12 @@ class FieldFormula(Formula, Force):
     frequency: float = quantity("Hz", default=0.0, least=0.0)
 
     @classmethod
-    def names_given(cls, energy: str) -> tuple[str, ...]:
+    def kernel_function_names(cls, energy: str) -> tuple[str, ...]:
         depends = any(name.text == "t" for name in variable_names(parse(energy)))
         return ("energy", "force", "stiffness", *(("power",) if depends else ()))
 
     @staticmethod
-    def derived(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
+    def derivative_expressions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
         import sympy
 
         x, y, t = (symbols[name] for name in "xyt")
@@ -88,9 +95,9 @@ class FieldFormula(Formula, Force):
         }
 
     @staticmethod
-    def kernel_functions(made: Functions) -> Functions:
+    def make_kernel_functions(compiled: Functions) -> Functions:
         energy_of, force_of, slopes_of, power_of = (
-            made[name] for name in ("energy", "force", "slopes", "power")
+            compiled[name] for name in ("energy", "force", "slopes", "power")
         )
 
         def energy(p: Any, grain: Grain, time: float) -> Any:
@@ -108,27 +115,29 @@ class FieldFormula(Formula, Force):
 
         return {"energy": energy, "force": force, "stiffness": stiffness, "power": power}
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
+    def check_compatibility(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
         known = tuple(specy.name for specy in grains.species)
         for name, _ in self.factor:
             if name not in known:
-                raise FieldError(unknown(name, known, "species"), "effects", "field", "factor")
+                raise FieldError(unknown_word_message(name, known, "species"), "effects", "field", "factor")
 
-    def drive_frequency(self, scales: Scales) -> float:
+    def drive_angular_frequency(self, scales: Scales) -> float:
         return 2.0 * math.pi * self.frequency * scales.time
 
-    def law(self, setting: EffectContext) -> CustomLaw:
+    def make_kernel_law(self, context: EffectContext) -> CustomLaw:
         """Law in natural units."""
         factor = None
         if self.factor:
             numbers = dict(self.factor)
-            value = [numbers.get(specy.name, 1.0) for specy in setting.grains.species]
-            factor = pad_values(np.array(value)[setting.species])
+            value = [numbers.get(specy.name, 1.0) for specy in context.grains.species]
+            factor = pad_values(np.array(value)[context.species])
         kind = CustomLawKind(self.definition.digest)
-        return CustomLaw(kind, self.natural(setting.scales), math.inf, factor)
+        return CustomLaw(kind, self.parameters_in_natural_units(context.scales), math.inf, factor)
 
 
-class Field(FormulaList):
+class ForceFields(FormulaList):
     """Fields of force from their energies; see the head of this file.
 
     Attributes

@@ -12,18 +12,18 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from granular.effects.custom_check import check_functions
+from granular.effects.custom_check import check_effect_functions
 from granular.effects.custom_functions import CustomLawKind, Grain
 from granular.effects.custom_law import CustomLaw
 from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.force_effect import Force
-from granular.effects.formula import Formula, FormulaList, Functions
+from granular.effects.force_effect import ForceEffect
+from granular.effects.formula import EnergyFormula, FormulaList, Functions
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, NONE, Dimension
 from granular.schema.sections import SectionListKind, quantity, section_field
 
 
-class PairFormula(Formula, Force):
+class PairFormula(EnergyFormula, ForceEffect):
     """One pair law.
 
     Attributes
@@ -40,17 +40,17 @@ class PairFormula(Formula, Force):
     reach: float | None = quantity("m", above=0.0, default=None, optional=True)
 
     @classmethod
-    def names_given(cls, energy: str) -> tuple[str, ...]:
+    def kernel_function_names(cls, energy: str) -> tuple[str, ...]:
         return ("pair_energy", "pair_force", "pair_stiffness")
 
     @staticmethod
-    def derived(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
+    def derivative_expressions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
         r = symbols["r"]
         return {"energy": energy, "force": -energy.diff(r), "slope": energy.diff(r, 2)}
 
     @staticmethod
-    def kernel_functions(made: Functions) -> Functions:
-        energy_of, force_of, slope_of = (made[name] for name in ("energy", "force", "slope"))
+    def make_kernel_functions(compiled: Functions) -> Functions:
+        energy_of, force_of, slope_of = (compiled[name] for name in ("energy", "force", "slope"))
 
         def energy(p: Any, r: float, first: Grain, second: Grain) -> Any:
             return energy_of(r, first.moment, second.moment, *p)
@@ -67,16 +67,16 @@ class PairFormula(Formula, Force):
 
         return {"pair_energy": energy, "pair_force": force, "pair_stiffness": stiffness}
 
-    def law(self, setting: EffectContext) -> CustomLaw:
+    def make_kernel_law(self, context: EffectContext) -> CustomLaw:
         """Law in natural units."""
-        definition, values = self.definition, self.natural(setting.scales)
+        definition, values = self.definition, self.parameters_in_natural_units(context.scales)
         if any(name.text in ("q1", "q2") for name in variable_names(parse(self.energy))):
-            check_functions(definition, values, setting)  # that both are treated alike
-        reach = math.inf if self.reach is None else self.reach / setting.scales.length
+            check_effect_functions(definition, values, context)  # that both are treated alike
+        reach = math.inf if self.reach is None else self.reach / context.scales.length
         return CustomLaw(CustomLawKind(definition.digest), values, reach, None)
 
 
-class PairLaw(FormulaList):
+class PairLaws(FormulaList):
     """Forces between grains from their energies; see the head of this file.
 
     Attributes

@@ -26,8 +26,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from granular.effects.dissipative_effect import Flow
-from granular.effects.effect import Effect, EffectContext, Record, energy_variable
+from granular.effects.dissipative_effect import DissipativeEffect
+from granular.effects.effect import Effect, EffectContext, RecordedVariable, energy_variable
 from granular.effects.friction_law import FrictionLaw
 from granular.kernel_data.state import LOSSES, State
 from granular.pairs.direct_sum import pad_values
@@ -37,7 +37,7 @@ from granular.schema.sections import FieldError, choice_field, quantity
 SCHEMES = ("velocity", "regularised")
 
 
-class Friction(Flow):
+class Friction(DissipativeEffect):
     """Dry friction. Coefficients as in [D, Table 4.3].
 
     Attributes
@@ -61,7 +61,7 @@ class Friction(Flow):
     damps = True
     takes_along = ("drag",)
     loss_record = energy_variable("friction_loss", "energy lost to dry friction")
-    grain_records = (Record("normal_load", "N", "normal force on the plates", "force"),)
+    grain_records = (RecordedVariable("normal_load", "N", "normal force on the plates", "force"),)
 
     static: float = quantity("1", default=0.6, least=0.0)
     dynamic: float = quantity("1", default=0.45, least=0.0)
@@ -76,7 +76,7 @@ class Friction(Flow):
                 f"{self.dynamic:g} must be at most the static coefficient, {self.static:g}", "dynamic"
             )
 
-    def factors(self, grains: Grains, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
+    def normal_force_factors(self, grains: Grains, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
         """Per species, A_i and B_j of q_i q_j K_ij = A_i B_j, in units of D.
 
         Raises
@@ -108,33 +108,35 @@ class Friction(Flow):
         own = moments * 0.75 * diameter[0] * arm / (np.cos(lean + tilt) * diagonal)
         return own, moments * np.sin(tilt)
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
-        self.factors(grains, cell)
+    def check_compatibility(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        self.normal_force_factors(grains, cell)
 
-    def law(self, setting: EffectContext) -> FrictionLaw:
+    def make_kernel_law(self, context: EffectContext) -> FrictionLaw:
         """Law in natural units; it takes the drag along."""
-        scales, other = setting.scales, setting.effects.get("drag")
-        rate, kind, rates = (None, None, None) if other is None else other.rates(setting)
-        own, _ = self.factors(setting.grains, setting.cell)
+        scales, other = context.scales, context.effects.get("drag")
+        rate, kind, rates = (None, None, None) if other is None else other.grain_decay_rates(context)
+        own, _ = self.normal_force_factors(context.grains, context.cell)
         threshold = self.threshold / scales.velocity if self.scheme == "regularised" else None
         return FrictionLaw(
             static=self.static,
             dynamic=self.dynamic,
             threshold=threshold,
             load=self.load / scales.force,
-            factor=pad_values(own[setting.species] * setting.grains.spread_factors()),
+            factor=pad_values(own[context.species] * context.grains.spread_factors()),
             rate=rate,
             kind=kind,
             rates=rates,
-            entry=LOSSES + setting.indices["friction"],
-            drag=None if other is None else LOSSES + setting.indices["drag"],
+            entry=LOSSES + context.indices["friction"],
+            drag=None if other is None else LOSSES + context.indices["drag"],
         )
 
-    def load_weight(self, setting: EffectContext) -> np.ndarray:
-        weight = self.factors(setting.grains, setting.cell)[1][setting.species]
-        return pad_values(weight * setting.grains.spread_factors())
+    def normal_load_weights(self, context: EffectContext) -> np.ndarray:
+        weight = self.normal_force_factors(context.grains, context.cell)[1][context.species]
+        return pad_values(weight * context.grains.spread_factors())
 
-    def grain_values(self, law: FrictionLaw, state: State) -> dict[str, np.ndarray]:
+    def grain_record_values(self, law: FrictionLaw, state: State) -> dict[str, np.ndarray]:
         """Return the normal force on the plates [F*]."""
         assert state.load is not None
         return {"normal_load": np.asarray(law.load + law.factor * state.load)}

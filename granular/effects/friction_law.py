@@ -26,7 +26,7 @@ class FrictionLaw(NamedTuple):
         Decay rate of the drag that is solved with it [1/tau]; None without drag.
     kind : float64 (m,) or None
         Index of each grain's rate in ``rates``.
-    rates : RateTable or None
+    rates : DragRateTable or None
         None where all grains have the same rate.
     entry : int
         Index in the ledger of the loss to friction.
@@ -41,32 +41,32 @@ class FrictionLaw(NamedTuple):
     factor: Array
     rate: float | None
     kind: Array | None
-    rates: drag.RateTable | None
+    rates: drag.DragRateTable | None
     entry: int
     drag: int | None
 
     @staticmethod
     @compiled(inline=True)
-    def kick(law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool) -> int:
+    def kick(law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
         """Force, drag and friction; see `granular.effects.friction`."""
-        for k in range(drag.drag_rate_count(law.rates)):
-            rate = drag.drag_rate_at(drag.drag_decay_rate(law.rate), law.rates, k)
-            _kick_by_scheme(law.threshold, law, k, rate, dt, bed, opening)
+        for k in range(drag.distinct_drag_rate_count(law.rates)):
+            rate = drag.drag_rate_of_kind(drag.drag_rate_or_zero(law.rate), law.rates, k)
+            _kick_by_scheme(law.threshold, law, k, rate, dt, bed, opens_step)
         return 0
 
 
-Flow = tuple[float, float, float, float, float]
+DragCoefficients = tuple[float, float, float, float, float]
 """Of `granular.effects.drag.drag_flow_coefficients`."""
 
 
 @compiled
-def normal_force(law: FrictionLaw, load: Array, i: int) -> float:
+def plate_normal_force(law: FrictionLaw, load: Array, i: int) -> float:
     """Return the normal force [F*] on a grain, from its sum over 1/r^3."""
     return law.load + law.factor[i] * load[i]
 
 
 @compiled
-def sliding_factor(speed: float, loss: float) -> float:
+def velocity_factor_after_friction(speed: float, loss: float) -> float:
     """Factor that shortens a velocity which loses ``loss`` of its magnitude; 0 where it stops."""
     return 1.0 - loss / speed if speed > loss else 0.0
 
@@ -88,7 +88,7 @@ def _vector_length(x: float, y: float) -> float:
 
 @compiled(inline=True)
 def _kick_and_drag_grain(
-    entry: int | None, flow: Flow, fraction: float, state: State, i: int, mass: float
+    entry: int | None, flow: DragCoefficients, fraction: float, state: State, i: int, mass: float
 ) -> None:
     """Kick and drag of a grain under a fraction of its force."""
     decay, gain, a, b, c = flow
@@ -102,7 +102,14 @@ def _kick_and_drag_grain(
 
 @compiled
 def _start_sliding_if_forced(
-    law: FrictionLaw, rate: float, dt: float, flow: Flow, state: State, i: int, mass: float, load: float
+    law: FrictionLaw,
+    rate: float,
+    dt: float,
+    flow: DragCoefficients,
+    state: State,
+    i: int,
+    mass: float,
+    load: float,
 ) -> None:
     """Grain at rest: it stays, or starts to slide along the force on it."""
     force = _vector_length(state.fx[i], state.fy[i])
@@ -116,7 +123,7 @@ def _start_sliding_if_forced(
 
 @compiled(inline=True)
 def _kick_fast_grain(
-    flow: Flow, loss: float, vx: float, vy: float, ax: float, ay: float, opening: bool
+    flow: DragCoefficients, loss: float, vx: float, vy: float, ax: float, ay: float, opens_step: bool
 ) -> tuple[float, float, float, float]:
     """Kick and drag, then friction, or in the reverse order in the kick that closes a step.
 
@@ -127,24 +134,31 @@ def _kick_fast_grain(
     """
     decay, gain, a, b, c = flow
     rubbed, left = 0.0, 1.0
-    if not opening:
+    if not opens_step:
         speed = _vector_length(vx, vy)
-        left = sliding_factor(speed, loss)
+        left = velocity_factor_after_friction(speed, loss)
         vx, vy = vx * left, vy * left
         rubbed = 0.5 * speed * speed * (1.0 - left * left)
     dragged = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
     vx, vy = decay * vx + gain * ax, decay * vy + gain * ay
-    if opening:
+    if opens_step:
         speed = _vector_length(vx, vy)
-        left = sliding_factor(speed, loss)
+        left = velocity_factor_after_friction(speed, loss)
         vx, vy = vx * left, vy * left
         rubbed = 0.5 * speed * speed * (1.0 - left * left)
     return vx, vy, dragged, rubbed
 
 
 @compiled
-def _slide_grain(
-    law: FrictionLaw, rate: float, dt: float, flow: Flow, state: State, i: int, mass: float, load: float
+def _kick_creeping_grain(
+    law: FrictionLaw,
+    rate: float,
+    dt: float,
+    flow: DragCoefficients,
+    state: State,
+    i: int,
+    mass: float,
+    load: float,
 ) -> None:
     """Force, drag and friction together, friction against the mean direction of the motion.
 
@@ -191,7 +205,7 @@ def _bring_grain_to_rest(
 
 @compiled
 def _kick_with_friction(
-    law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, masses: Array | None, opening: bool
+    law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, masses: Array | None, opens_step: bool
 ) -> None:
     state, constants = bed.state, bed.constants
     assert state.load is not None
@@ -199,12 +213,12 @@ def _kick_with_friction(
     # Apart from the ledger, where each sum would wait for the one before it.
     dragged, rubbed = 0.0, 0.0
     for i in range(constants.grains):
-        if not drag.has_drag_rate(law.kind, i, k):
+        if not drag.is_of_drag_kind(law.kind, i, k):
             continue
         mass = 1.0
         if masses is not None:
             mass = masses[i]
-        load = normal_force(law, state.load, i)
+        load = plate_normal_force(law, state.load, i)
         vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
         speed = _vector_length(vx, vy)
         against = max(-(vx * fx + vy * fy), 0.0)
@@ -214,7 +228,7 @@ def _kick_with_friction(
             # a grain that is pushed on would be stopped for good by the greater static friction.)
             loss = friction * dt / mass
             state.vx[i], state.vy[i], by_drag, by_friction = _kick_fast_grain(
-                flow, loss, vx, vy, fx / mass, fy / mass, opening
+                flow, loss, vx, vy, fx / mass, fy / mass, opens_step
             )
             dragged += mass * by_drag
             rubbed += mass * by_friction
@@ -223,7 +237,7 @@ def _kick_with_friction(
         elif _grain_sticks(law, dt, speed, state, i, mass, load):
             _stop_grain(law, rate, state, i, mass, load)
         else:
-            _slide_grain(law, rate, dt, flow, state, i, mass, load)
+            _kick_creeping_grain(law, rate, dt, flow, state, i, mass, load)
     drag.record_drag_loss(law.drag, state, dragged)
     state.ledger[law.entry] += rubbed
 
@@ -265,12 +279,12 @@ def _kick_regularised(
     assert state.load is not None
     decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
     for i in range(constants.grains):
-        if not drag.has_drag_rate(law.kind, i, k):
+        if not drag.is_of_drag_kind(law.kind, i, k):
             continue
         mass = 1.0
         if masses is not None:
             mass = masses[i]
-        load = normal_force(law, state.load, i)
+        load = plate_normal_force(law, state.load, i)
         force = _vector_length(state.fx[i], state.fy[i])
         vx, vy = state.vx[i], state.vy[i]
         speed = _vector_length(vx, vy)
@@ -290,10 +304,10 @@ def _kick_regularised(
 
 @compiled
 def _kick_by_scheme(
-    threshold: float | None, law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, opening: bool
+    threshold: float | None, law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, opens_step: bool
 ) -> None:
     constants = bed.constants
     if threshold is None:
-        _kick_with_friction(law, k, rate, dt, bed, constants.masses, opening)
+        _kick_with_friction(law, k, rate, dt, bed, constants.masses, opens_step)
     else:
         _kick_regularised(law, k, rate, dt, bed, constants.masses, threshold)

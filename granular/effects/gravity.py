@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.force_effect import Force
+from granular.effects.force_effect import ForceEffect
 from granular.kernel_data.state import Bed
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
 
 
-class Gravity(Force):
+class Gravity(ForceEffect):
     """Uniform gravity, downwards; towards the piston, where a host carries it below the cell.
 
     Attributes
@@ -30,11 +30,11 @@ class Gravity(Force):
         """G = m g / F*, the acceleration in natural units."""
         return self.acceleration / scales.acceleration
 
-    def law(self, setting: EffectContext) -> GravityLaw:
+    def make_kernel_law(self, context: EffectContext) -> GravityLaw:
         """Law in natural units."""
-        host: Any = setting.effects.get("host")
+        host: Any = context.effects.get("host")
         upside_down = host is not None and host.mount == "piston"
-        pull = self.downward_acceleration(setting.scales)
+        pull = self.downward_acceleration(context.scales)
         return GravityLaw(-pull if upside_down else pull)
 
 
@@ -59,7 +59,7 @@ class GravityLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def measure(
+    def measure_energy_and_stiffness(
         law: GravityLaw, workspace: None, index: int, bed: Bed, time: float, stiffness: Array, energies: Array
     ) -> int:
         """Enter the sum of m g y over the grains [F* D], zero at the bottom."""

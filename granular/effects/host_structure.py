@@ -15,9 +15,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, EffectContext, Record, energy_variable
-from granular.effects.excitation import Drive, Excitation
-from granular.effects.moving_frame_effect import Frame
+from granular.effects.effect import Effect, EffectContext, RecordedVariable, energy_variable
+from granular.effects.excitation import Excitation, ExcitationLaw
+from granular.effects.moving_frame_effect import MovingFrameEffect
 from granular.kernel_data.state import LOSSES, SPEED, Bed, State
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Cell, Grains, Piston
@@ -45,7 +45,7 @@ of the chain on the piston [F*]."""
 _MOUNTS = {"cell": CELL, "piston": PISTON_MOUNT, "base": FIXED}
 
 
-class Body(Section):
+class HostBody(Section):
     """A body of the chain, on a spring and a dashpot that stand on the one before, or the base.
 
     Attributes
@@ -63,7 +63,7 @@ class Body(Section):
     damping: float = quantity("kg/s", default=0.0, least=0.0)
 
 
-class Host(Frame):
+class Host(MovingFrameEffect):
     """Primary structure that carries the damper, and its excitation.
 
     Attributes
@@ -73,7 +73,7 @@ class Host(Frame):
         the piston, the cell stands on it upside down, with the bed between, and is free: heights
         are counted downwards from its end, and ``piston.mass`` adds to the body. ``"base"``: the
         cell stands on the base itself, and the piston is the load that is to be left in peace.
-    bodies : tuple of Body
+    bodies : tuple of HostBody
         From the base upwards; none with ``mount = "base"``.
     cell_mass : float or None
         Mass of the free cell [kg], with ``mount = "piston"``.
@@ -95,13 +95,13 @@ class Host(Frame):
     loss_record = energy_variable("host_loss", "energy lost to the host's dashpots")
 
     mount: str = choice_field("cell", "piston", "base", default="cell")
-    bodies: tuple[Body, ...] = section_list_field(Body)
+    bodies: tuple[HostBody, ...] = section_list_field(HostBody)
     cell_mass: float | None = quantity("kg", above=0.0, default=None, optional=True)
     excitation: Excitation | None = nested_section_field(Excitation, default=None, optional=True)
     excited: int | None = integer_field(default=None, optional=True)
 
     @property
-    def is_flow(self) -> bool:
+    def blocks_runge_kutta(self) -> bool:
         return True
 
     @property
@@ -109,23 +109,25 @@ class Host(Frame):
         return any(body.damping > 0.0 for body in self.bodies)
 
     @property
-    def records(self) -> tuple[Record, ...]:
+    def extra_records(self) -> tuple[RecordedVariable, ...]:
         """Displacement and velocity of the last body; displacements of the others; the drive."""
         result = []
         if self.bodies:
             result += [
-                Record("host_displacement", "m", "displacement of the last body", "length"),
-                Record("host_velocity", "m/s", "velocity of the last body", "velocity"),
+                RecordedVariable("host_displacement", "m", "displacement of the last body", "length"),
+                RecordedVariable("host_velocity", "m/s", "velocity of the last body", "velocity"),
             ]
         result += [
-            Record(f"body_{k}_displacement", "m", f"displacement of body {k}", "length")
+            RecordedVariable(f"body_{k}_displacement", "m", f"displacement of body {k}", "length")
             for k in range(len(self.bodies) - 1)
         ]
         drive = self.excitation
         if drive is not None and drive.is_base_motion:
-            result.append(Record("base_acceleration", "m/s^2", "acceleration of the base", "acceleration"))
+            result.append(
+                RecordedVariable("base_acceleration", "m/s^2", "acceleration of the base", "acceleration")
+            )
         elif drive is not None:
-            result.append(Record("host_force", "N", "force on the host from outside", "force"))
+            result.append(RecordedVariable("host_force", "N", "force on the host from outside", "force"))
         return tuple(result)
 
     def validate(self) -> None:
@@ -140,7 +142,9 @@ class Host(Frame):
         if self.excited is not None and not self.excited < len(self.bodies):
             raise FieldError(f"{self.excited} is no body; there are {len(self.bodies)}", "excited")
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
+    def check_compatibility(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
         if "shaking" in others:
             raise FieldError(
                 "the cell is shaken already; take effects.shaking away, or move the host's base",
@@ -160,7 +164,7 @@ class Host(Frame):
         if self.mount == "piston" and (piston is None or piston.mass is None):
             raise FieldError("must be given: the host carries the piston", "piston", "mass")
 
-    def drive_frequency(self, scales: Scales) -> float:
+    def drive_angular_frequency(self, scales: Scales) -> float:
         """Highest angular frequency of the chain, or of what shakes it [1/tau]."""
         drive = 0.0 if self.excitation is None else self.excitation.highest_frequency()
         masses = [body.mass for body in self.bodies]
@@ -174,13 +178,13 @@ class Host(Frame):
             return None
         return (self.cell_mass + float(grains.masses().sum())) / scales.mass * gravity
 
-    def mass_of_piston(self, mass: float) -> float:
+    def moving_piston_mass(self, mass: float) -> float:
         """Mass of what moves as the piston [kg]."""
         return mass + self.bodies[-1].mass if self.mount == "piston" else mass
 
-    def law(self, setting: EffectContext) -> HostLaw:
+    def make_kernel_law(self, context: EffectContext) -> HostLaw:
         """Law in natural units."""
-        scales, piston = setting.scales, setting.piston
+        scales, piston = context.scales, context.piston
         masses = np.array([body.mass for body in self.bodies]) / scales.mass
         force = scales.force / scales.length
         stiffness = np.array([body.stiffness for body in self.bodies]) / force
@@ -189,34 +193,36 @@ class Host(Frame):
         if self.bodies:
             fraction[len(fraction) - 1 if self.excited is None else self.excited] = 1.0
         own = 0.0 if piston is None or piston.mass is None else piston.mass
-        piston_mass = self.mass_of_piston(own) / scales.mass
+        piston_mass = self.moving_piston_mass(own) / scales.mass
         frame = masses[-1] if self.mount == "cell" else (self.cell_mass or 1.0) / scales.mass
         drive = self.excitation or Excitation(force=0.0, frequency=1.0)
         return HostLaw(
             mount=_MOUNTS[self.mount],
-            chain=Chain(masses, stiffness, damping, fraction),
-            drive=drive.drive(scales),
+            chain=HostChain(masses, stiffness, damping, fraction),
+            drive=drive.make_kernel_law(scales),
             frame_mass=float(frame),
             piston_mass=piston_mass,
-            bed_mass=float(setting.grains.masses().sum()) / scales.mass,
-            reacts=self.damps or self._bed_dissipates(setting),
-            entry=LOSSES + setting.indices[self.key],
+            bed_mass=float(context.grains.masses().sum()) / scales.mass,
+            reacts=self.damps or self._bed_dissipates(context),
+            entry=LOSSES + context.indices[self.key],
             driven=self.excitation is not None,
         )
 
-    def _bed_dissipates(self, setting: EffectContext) -> bool:
+    def _bed_dissipates(self, context: EffectContext) -> bool:
         """Return whether anything in the cell dissipates, and so reacts on the frame."""
-        piston = setting.piston
+        piston = context.piston
         rubs = piston is not None and (piston.drag > 0.0 or piston.friction > 0.0)
-        inside = [effect for effect in setting.effects.values() if effect.key != self.key]
+        inside = [effect for effect in context.effects.values() if effect.key != self.key]
         return rubs or any(_effect_dissipates(effect) for effect in inside)
 
 
 def _effect_dissipates(effect: Effect) -> bool:
-    return any(part.damps or part.dry or part.is_flow for part in (effect, *effect.parts))
+    return any(
+        part.damps or part.dry or part.blocks_runge_kutta for part in (effect, *effect.component_effects)
+    )
 
 
-class Chain(NamedTuple):
+class HostChain(NamedTuple):
     """The bodies, from the base upwards.
 
     Attributes
@@ -266,8 +272,8 @@ class HostLaw(NamedTuple):
     Attributes
     ----------
     mount : int
-    chain : Chain
-    drive : Drive
+    chain : HostChain
+    drive : ExcitationLaw
     frame_mass : float
         Mass that is fixed to the frame while the piston is free [m].
     piston_mass : float
@@ -283,8 +289,8 @@ class HostLaw(NamedTuple):
     """
 
     mount: int
-    chain: Chain
-    drive: Drive
+    chain: HostChain
+    drive: ExcitationLaw
     frame_mass: float
     piston_mass: float
     bed_mass: float
@@ -308,7 +314,7 @@ class HostLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def measure(
+    def measure_energy_and_stiffness(
         law: HostLaw,
         workspace: HostWorkspace,
         index: int,

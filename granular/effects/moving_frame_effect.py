@@ -3,7 +3,7 @@
 A host moves grains and piston by their forces, so the loop itself moves it: `granular.engine.host_motion`.
 Hooks of its law, behind ``law, workspace, index``, next to those of a force that it may have:
 
-``lift(..., time) -> float``
+``upward_acceleration(..., time) -> float``
     Upward acceleration of all that has a mass.
 ``drift(..., dt, bed) -> int``
     Positions after ``dt``, instead of the plain drift, and velocities that change in its middle, as
@@ -15,12 +15,12 @@ from __future__ import annotations
 from granular.effects.effect import Effect
 from granular.schema.scales import Scales
 
-HOOKS = ("lift", "drift")
+HOOKS = ("upward_acceleration", "drift")
 
 
-class Frame(Effect):
+class MovingFrameEffect(Effect):
     """Base of the effects that carry grains and piston together."""
 
-    def greatest_speed(self, scales: Scales) -> float:
+    def greatest_imparted_speed(self, scales: Scales) -> float:
         """Speed [D/tau] that it lends to all grains."""
         return 0.0

@@ -23,7 +23,7 @@ WALL_LAWS: dict[str, type[Section]] = {}
 
 def all_effects() -> Mapping[str, type[Effect]]:
     """Every effect by its name."""
-    return {**_built_in(), **_OWN}
+    return {**_built_in_effects(), **_OWN}
 
 
 def find_effect(name: str) -> type[Effect] | None:
@@ -67,13 +67,13 @@ def register_effect(effect: type[Effect]) -> None:
     InputError
         If a built-in effect has that name.
     """
-    if effect.key in _built_in():
+    if effect.key in _built_in_effects():
         raise InputError(f"an effect {effect.key!r} is there already; give yours another name")
     _OWN[effect.key] = effect
 
 
 @functools.cache
-def _built_in() -> dict[str, type[Effect]]:
+def _built_in_effects() -> dict[str, type[Effect]]:
     package = __name__.rpartition(".")[0]
     result: dict[str, type[Effect]] = {}
     for file in pkgutil.iter_modules([str(Path(__file__).parent)]):

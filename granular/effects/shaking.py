@@ -13,13 +13,13 @@ from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.moving_frame_effect import Frame
+from granular.effects.moving_frame_effect import MovingFrameEffect
 from granular.kernel_data.state import HEIGHT, WORK, Bed
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
 
 
-class Shaking(Frame):
+class Shaking(MovingFrameEffect):
     """Sinusoidal motion of the whole cell.
 
     Attributes
@@ -40,18 +40,18 @@ class Shaking(Frame):
     frequency: float = quantity("Hz", above=0.0)
     angle: float = quantity("1", default=math.pi / 2.0)
 
-    def greatest_speed(self, scales: Scales) -> float:
+    def greatest_imparted_speed(self, scales: Scales) -> float:
         """Greatest speed of the cell [D/tau]."""
         swing = self._acceleration_in_natural_units(scales)
         return math.hypot(swing.x, swing.y) / swing.omega
 
-    def drive_frequency(self, scales: Scales) -> float:
+    def drive_angular_frequency(self, scales: Scales) -> float:
         """Angular frequency of the motion [1/tau]."""
         return self._acceleration_in_natural_units(scales).omega
 
-    def law(self, setting: EffectContext) -> ShakingLaw:
+    def make_kernel_law(self, context: EffectContext) -> ShakingLaw:
         """Apparent acceleration in natural units."""
-        return self._acceleration_in_natural_units(setting.scales)
+        return self._acceleration_in_natural_units(context.scales)
 
     def _acceleration_in_natural_units(self, scales: Scales) -> ShakingLaw:
         omega = 2.0 * math.pi * self.frequency * scales.time
@@ -71,12 +71,12 @@ class ShakingLaw(NamedTuple):
     def add_forces(law: ShakingLaw, workspace: None, index: int, bed: Bed, time: float) -> int:
         """Add the apparent forces."""
         state, constants = bed.state, bed.constants
-        _add_inertia(law, time, constants.grains, constants.masses, state.fx, state.fy)
+        _add_inertial_forces(law, time, constants.grains, constants.masses, state.fx, state.fy)
         return 0
 
     @staticmethod
     @compiled(inline=True)
-    def measure(
+    def measure_energy_and_stiffness(
         law: ShakingLaw, workspace: None, index: int, bed: Bed, time: float, stiffness: Array, energies: Array
     ) -> int:
         """Enter -m A(t) . r of the grains [F* D]."""
@@ -85,10 +85,12 @@ class ShakingLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def work(law: ShakingLaw, workspace: None, index: int, dt: float, bed: Bed, time: float) -> int:
+    def record_external_work(
+        law: ShakingLaw, workspace: None, index: int, dt: float, bed: Bed, time: float
+    ) -> int:
         """Enter the work that the shaking does on grains and piston in ``dt``, at a time."""
         state, constants = bed.state, bed.constants
-        rx, ry = _acceleration_rate(law, time)
+        rx, ry = _apparent_acceleration_rate(law, time)
         mx, my = _mass_moment(constants.grains, constants.masses, state.x, state.y)
         state.ledger[WORK] -= dt * (rx * mx + ry * my)
         if constants.piston_mass < math.inf:
@@ -97,30 +99,30 @@ class ShakingLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def lift(law: ShakingLaw, workspace: None, index: int, time: float) -> float:
+    def upward_acceleration(law: ShakingLaw, workspace: None, index: int, time: float) -> float:
         """Upward part of the apparent acceleration."""
         return law.y * math.sin(law.omega * time)
 
 
 @compiled
-def _acceleration(swing: ShakingLaw, time: float) -> tuple[float, float]:
+def _apparent_acceleration(swing: ShakingLaw, time: float) -> tuple[float, float]:
     """Apparent acceleration at a time [tau]."""
     phase = math.sin(swing.omega * time)
     return swing.x * phase, swing.y * phase
 
 
 @compiled
-def _acceleration_rate(swing: ShakingLaw, time: float) -> tuple[float, float]:
+def _apparent_acceleration_rate(swing: ShakingLaw, time: float) -> tuple[float, float]:
     """Rate of change of the apparent acceleration at a time [tau]."""
     phase = swing.omega * math.cos(swing.omega * time)
     return swing.x * phase, swing.y * phase
 
 
 @compiled(inline=True)
-def _add_inertia(
+def _add_inertial_forces(
     swing: ShakingLaw, time: float, count: int, masses: Array | None, fx: Array, fy: Array
 ) -> None:
-    ax, ay = _acceleration(swing, time)
+    ax, ay = _apparent_acceleration(swing, time)
     for i in range(count):
         mass = 1.0
         if masses is not None:
@@ -132,7 +134,7 @@ def _add_inertia(
 @compiled
 def _inertia_energy(swing: ShakingLaw, time: float, bed: Bed) -> float:
     state, constants = bed.state, bed.constants
-    ax, ay = _acceleration(swing, time)
+    ax, ay = _apparent_acceleration(swing, time)
     mx, my = _mass_moment(constants.grains, constants.masses, state.x, state.y)
     return -(ax * mx + ay * my)
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.effects.wall_side import Side
+from granular.effects.wall_side import WallSide
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
 from granular.pairs.disc_law_tables import disc_law_continued_below_contact, force_slope_at_contact
@@ -143,7 +143,7 @@ class DiscWall(NamedTuple):
         law: DiscWall,
         count: int,
         moments: Array | None,
-        side: Side,
+        side: WallSide,
         force: Array,
         normal: Array,
         tangential: Array,
@@ -174,8 +174,10 @@ class DiscWall(NamedTuple):
 
     @staticmethod
     @compiled
-    def measure(law: DiscWall, count: int, side: Side, slopes: Array, energies: Array) -> None:
-        """As of `granular.effects.wall_side.add_distance_energies`."""
+    def measure_energy_and_stiffness(
+        law: DiscWall, count: int, side: WallSide, slopes: Array, energies: Array
+    ) -> None:
+        """As of `granular.effects.wall_side.add_wall_energies`."""
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
             kind = _grain_species(law.species, i)
@@ -184,7 +186,7 @@ class DiscWall(NamedTuple):
 
     @staticmethod
     @compiled
-    def turning_stiffness(law: DiscWall, speed: float) -> float:
+    def turning_point_stiffness(law: DiscWall, speed: float) -> float:
         """Greatest stiffness up to where a grain of any species turns, between two magnets."""
         squares = law.tables.turning[0]
         return law.tables.turning[1, min(np.searchsorted(squares, speed * speed), squares.size - 1)]
@@ -242,7 +244,7 @@ def disc_wall_tables(discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch
 def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.ndarray:
     """W^2 A_m at those 1/W (PHASES / 2 + 1, n), over that of one dipole at D."""
     shift, w = pair_squared_distance_shift(disc, magnet), 1.0 / v[1:]
-    energy = _pair_energy(disc, magnet)
+    energy = _disc_pair_energy(disc, magnet)
     each_way = int(np.ceil(SUMMED / pitch))
     offsets = pitch * (np.arange(PHASES)[:, None] / PHASES + np.arange(-each_way, each_way + 1))
     sums = np.empty((PHASES, len(v)))
@@ -265,7 +267,7 @@ def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -
     return np.asarray(result)
 
 
-def _pair_energy(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.ndarray]:
+def _disc_pair_energy(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.ndarray]:
     """Energy of two discs over that of dipoles at D, quickly at many distances."""
     from scipy.interpolate import CubicSpline  # its import takes longer than a warm start of dipoles
 

@@ -37,7 +37,7 @@ def stiffness(w: float) -> float:
 
 
 @entry
-def turning_stiffness(speed: float) -> float:
+def turning_point_stiffness(speed: float) -> float:
     """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: U(w) = v^2/2."""
     return STIFFNESS * (speed * speed / (2.0 * ENERGY)) ** 1.8
 
@@ -68,5 +68,5 @@ class ExperimentalWall(NamedTuple):
 
     @staticmethod
     @compiled
-    def turning_stiffness(law: ExperimentalWall, speed: float) -> float:
-        return turning_stiffness(speed)
+    def turning_point_stiffness(law: ExperimentalWall, speed: float) -> float:
+        return turning_point_stiffness(speed)

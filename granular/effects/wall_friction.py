@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_hook
 from granular.effects import drag
-from granular.effects.dissipative_effect import Flow
+from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, Bed
@@ -27,7 +27,7 @@ from granular.schema.sections import FieldError, quantity
 _SIDES = ("left", "right")
 
 
-class WallFriction(Flow):
+class WallFriction(DissipativeEffect):
     """Coulomb friction at the left and the right wall.
 
     Attributes
@@ -45,7 +45,9 @@ class WallFriction(Flow):
 
     coefficient: float = quantity("1", least=0.0)
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
+    def check_compatibility(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
         walls: Any = others.get("walls")
         sides = [] if walls is None else [getattr(walls, side) for side in _SIDES]
         if not any(sides):
@@ -55,11 +57,13 @@ class WallFriction(Flow):
                 "slabs and discs have no law of the distance alone; take 'infinite'", "effects", self.key
             )
 
-    def law(self, setting: EffectContext) -> WallFrictionLaw:
+    def make_kernel_law(self, context: EffectContext) -> WallFrictionLaw:
         """Law in natural units; it takes the drag along."""
-        walls, other = setting.effects["walls"], setting.effects.get("drag")
-        left, right = (None if side is None else side.law_of(setting) for side in (walls.left, walls.right))
-        rate, kind, rates = (None, None, None) if other is None else other.rates(setting)
+        walls, other = context.effects["walls"], context.effects.get("drag")
+        left, right = (
+            None if side is None else side.make_kernel_law(context) for side in (walls.left, walls.right)
+        )
+        rate, kind, rates = (None, None, None) if other is None else other.grain_decay_rates(context)
         return WallFrictionLaw(
             self.coefficient,
             left,
@@ -67,7 +71,7 @@ class WallFriction(Flow):
             rate,
             kind,
             rates,
-            None if other is None else LOSSES + setting.indices["drag"],
+            None if other is None else LOSSES + context.indices["drag"],
         )
 
 
@@ -82,7 +86,7 @@ class WallFrictionLaw(NamedTuple):
         Decay rate of the drag that is solved with it [1/tau].
     kind : float64 (m,) or None
         Index of each grain's rate in ``rates``.
-    rates : RateTable or None
+    rates : DragRateTable or None
         None where all grains have the same rate.
     drag : int or None
         Entry of the ledger for what the drag takes.
@@ -93,21 +97,21 @@ class WallFrictionLaw(NamedTuple):
     right: Any
     rate: float | None
     kind: Array | None
-    rates: drag.RateTable | None
+    rates: drag.DragRateTable | None
     drag: int | None
 
     @staticmethod
     @compiled
-    def kick(law: WallFrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool) -> int:
+    def kick(law: WallFrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
         """Force, drag and friction, together and exactly."""
         state, constants = bed.state, bed.constants
         masses, moments = constants.masses, relative_moments(constants)
         rubbed, dragged = 0.0, 0.0
-        for k in range(drag.drag_rate_count(law.rates)):
-            rate = drag.drag_rate_at(drag.drag_decay_rate(law.rate), law.rates, k)
+        for k in range(drag.distinct_drag_rate_count(law.rates)):
+            rate = drag.drag_rate_of_kind(drag.drag_rate_or_zero(law.rate), law.rates, k)
             decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
             for i in range(constants.grains):
-                if not drag.has_drag_rate(law.kind, i, k):
+                if not drag.is_of_drag_kind(law.kind, i, k):
                     continue
                 mass, x = value_or_one(masses, i), state.x[i]
                 normal = _wall_normal_force(law.left, x) + _wall_normal_force(law.right, constants.width - x)

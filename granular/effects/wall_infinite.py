@@ -30,7 +30,7 @@ def stiffness(w: float) -> float:
 
 
 @entry
-def turning_stiffness(speed: float) -> float:
+def turning_point_stiffness(speed: float) -> float:
     """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: 1/(2 w^2) = v^2/2."""
     square = speed * speed
     return 3.0 * square * square
@@ -56,5 +56,5 @@ class InfiniteWall(NamedTuple):
 
     @staticmethod
     @compiled
-    def turning_stiffness(law: InfiniteWall, speed: float) -> float:
-        return turning_stiffness(speed)
+    def turning_point_stiffness(law: InfiniteWall, speed: float) -> float:
+        return turning_point_stiffness(speed)

@@ -2,9 +2,9 @@
 
 The law of a wall is a named tuple whose class has, as static methods, ``force(law, w)``,
 ``energy(law, w)`` and ``stiffness(law, w)`` of a grain of the first species at the distance w [D],
-and ``turning_stiffness(law, speed)``, the stiffness per mass where a grain of that speed turns;
+and ``turning_point_stiffness(law, speed)``, the stiffness per mass where a grain of that speed turns;
 ``is_behind(law, w)`` where another test than the sign of w is quicker. A law that is more than that
-has ``add_forces``, ``add_tangential_forces`` and ``measure`` instead.
+has ``add_forces``, ``add_tangential_forces`` and ``measure_energy_and_stiffness`` instead.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))
 """Walls in the order in which their forces are entered."""
 
 
-class Side(NamedTuple):
+class WallSide(NamedTuple):
     """A wall's position, and the grains' coordinates as seen from it.
 
     Attributes
@@ -37,27 +37,27 @@ class Side(NamedTuple):
 
 
 @compiled
-def _zero_at_distance(law: Any, w: float) -> float:
+def _zero_function_of_distance(law: Any, w: float) -> float:
     return 0.0
 
 
 @compiled
-def _never_behind(law: Any, w: float) -> bool:
+def _is_at_negative_distance(law: Any, w: float) -> bool:
     return not w > 0.0
 
 
-_is_behind = call_hook("is_behind", "w", _never_behind)
+_is_behind = call_hook("is_behind", "w", _is_at_negative_distance)
 _force, _energy, _stiffness = (
-    call_hook(name, "w", _zero_at_distance) for name in ("force", "energy", "stiffness")
+    call_hook(name, "w", _zero_function_of_distance) for name in ("force", "energy", "stiffness")
 )
 
 
 @compiled(inline=True)
-def add_distance_forces(
+def add_normal_wall_forces(
     law: Any,
     count: int,
     moments: Array | None,
-    side: Side,
+    side: WallSide,
     force: Array,
     normal: Array,
     tangential: Array | None,
@@ -75,7 +75,7 @@ def add_distance_forces(
 
 
 @compiled
-def add_distance_energies(law: Any, count: int, side: Side, stiffness: Array, energies: Array) -> None:
+def add_wall_energies(law: Any, count: int, side: WallSide, stiffness: Array, energies: Array) -> None:
     """Energies at the wall, for grains of moment 1; adds its stiffness over the grain's mass."""
     for i in range(count):
         w = side.sign * (side.position[i] - side.offset)

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from granular.compiled import Array, compiled, entry
 from granular.effects import wall_infinite
-from granular.effects.wall_side import Side
+from granular.effects.wall_side import WallSide
 
 
 @compiled
@@ -100,7 +100,7 @@ class SlabWall(NamedTuple):
         law: SlabWall,
         count: int,
         moments: Array | None,
-        side: Side,
+        side: WallSide,
         force: Array,
         normal: Array,
         tangential: Array,
@@ -135,8 +135,10 @@ class SlabWall(NamedTuple):
 
     @staticmethod
     @compiled
-    def measure(law: SlabWall, count: int, side: Side, slopes: Array, energies: Array) -> None:
-        """As of `granular.effects.wall_side.add_distance_energies`."""
+    def measure_energy_and_stiffness(
+        law: SlabWall, count: int, side: WallSide, slopes: Array, energies: Array
+    ) -> None:
+        """As of `granular.effects.wall_side.add_wall_energies`."""
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
             energies[i] = 0.0
@@ -147,6 +149,6 @@ class SlabWall(NamedTuple):
 
     @staticmethod
     @compiled
-    def turning_stiffness(law: SlabWall, speed: float) -> float:
+    def turning_point_stiffness(law: SlabWall, speed: float) -> float:
         """At its end a slab has half the infinite wall's energy: a grain comes sqrt(2) nearer."""
-        return 4.0 * wall_infinite.turning_stiffness(speed)
+        return 4.0 * wall_infinite.turning_point_stiffness(speed)

@@ -16,8 +16,8 @@ from granular.effects.custom_functions import CustomLawKind
 from granular.effects.custom_law import CustomWallLaw
 from granular.effects.dipole import species_discs
 from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.force_effect import Force
-from granular.effects.formula import Formula, Functions
+from granular.effects.force_effect import ForceEffect
+from granular.effects.formula import EnergyFormula, Functions
 from granular.effects.registry import WALL_LAWS, find_wall_law
 from granular.effects.wall_discs import DiscWall, disc_wall_tables
 from granular.effects.wall_experimental import ExperimentalWall
@@ -35,7 +35,7 @@ from granular.schema.sections import (
     nested_section_field,
     quantity,
     section_field,
-    unknown,
+    unknown_word_message,
 )
 
 LAWS = ("experimental", "infinite", "slab", "discs")
@@ -50,41 +50,41 @@ class WallLawName(FieldKind):
     def parse(self, value: Any, diameter: float | None) -> str:
         known = (*LAWS, FORMULA, *WALL_LAWS)
         if not isinstance(value, str) or value not in known:
-            raise FieldError(unknown(str(value), known, "choice"))
+            raise FieldError(unknown_word_message(str(value), known, "choice"))
         return value
 
 
-class MadeSection(FieldKind):
+class AlreadyParsedSection(FieldKind):
     """A section that is made already."""
 
     def parse(self, value: Any, diameter: float | None) -> Any:
         return value
 
 
-class WallFormula(Formula):
+class WallFormula(EnergyFormula):
     """A law of a wall as a formula of the distance ``w``."""
 
     variables: ClassVar[Mapping[str, Dimension]] = {"w": LENGTH}
 
     @classmethod
-    def names_given(cls, energy: str) -> tuple[str, ...]:
+    def kernel_function_names(cls, energy: str) -> tuple[str, ...]:
         return ("energy", "force", "stiffness")
 
     @staticmethod
-    def derived(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
+    def derivative_expressions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
         w = symbols["w"]
         return {"energy": energy, "force": -energy.diff(w), "stiffness": energy.diff(w, 2)}
 
     @staticmethod
-    def kernel_functions(made: Functions) -> Functions:
+    def make_kernel_functions(compiled: Functions) -> Functions:
         def wrap_law(of: Any) -> Any:
             return lambda p, w: of(w, *p)
 
-        return {name: wrap_law(of) for name, of in made.items()}
+        return {name: wrap_law(of) for name, of in compiled.items()}
 
-    def law(self, scales: Scales) -> CustomWallLaw:
+    def make_kernel_law(self, scales: Scales) -> CustomWallLaw:
         """Law in natural units."""
-        return CustomWallLaw(CustomLawKind(self.definition.digest), self.natural(scales))
+        return CustomWallLaw(CustomLawKind(self.definition.digest), self.parameters_in_natural_units(scales))
 
 
 class Wall(Section):
@@ -115,7 +115,7 @@ class Wall(Section):
     gap_start: float | None = quantity("m", least=0.0, default=None, optional=True)
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
     pitch: float | None = quantity("m", above=0.0, default=None, optional=True)
-    own: Any = section_field(MadeSection(True), default=None)
+    own: Any = section_field(AlreadyParsedSection(True), default=None)
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Wall:
@@ -130,7 +130,7 @@ class Wall(Section):
         if own is not None:
             return cls(law=law, own=own.from_plain(given, diameter))
         if isinstance(law, str) and law not in LAWS:
-            raise FieldError(unknown(law, (*LAWS, FORMULA, *WALL_LAWS), "law of a wall"))
+            raise FieldError(unknown_word_message(law, (*LAWS, FORMULA, *WALL_LAWS), "law of a wall"))
         return super().from_plain(plain, diameter)
 
     def to_plain(self) -> dict[str, Any]:
@@ -154,20 +154,20 @@ class Wall(Section):
         if self.has_gap and not (self.gap_end or 0.0) > (self.gap_start or 0.0):
             raise FieldError(f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end")
 
-    def law_of(self, setting: EffectContext) -> Any:
+    def make_kernel_law(self, context: EffectContext) -> Any:
         """Law in natural units."""
-        scales, width = setting.scales, setting.cell.width
+        scales, width = context.scales, context.cell.width
         if self.own is not None:
-            return self.own.law(scales)
+            return self.own.make_kernel_law(scales)
         if self.law == "experimental":
             return ExperimentalWall()
         if self.law == "infinite":
             return InfiniteWall()
         if self.pitch is not None:
-            discs = species_discs(setting.grains, scales.length)
+            discs = species_discs(context.grains, scales.length)
             tables = disc_wall_tables(discs, discs[0], 1.0, self.pitch / scales.length)
             # Each wall has its own, since grains that leave are taken out of it.
-            return DiscWall(tables, setting.species.copy() if len(discs) > 1 else None)
+            return DiscWall(tables, context.species.copy() if len(discs) > 1 else None)
         ends = [0.0, width if self.length is None else self.length]
         if self.gap_start is not None and self.gap_end is not None:
             ends = [0.0, self.gap_start, self.gap_end, ends[1]]
@@ -175,7 +175,7 @@ class Wall(Section):
         return SlabWall(natural[::2].copy(), natural[1::2].copy(), not self.has_gap)
 
 
-class Walls(Force):
+class Walls(ForceEffect):
     """The four walls; the top is the piston. ``"none"`` leaves a side open."""
 
     key = "walls"
@@ -200,15 +200,17 @@ class Walls(Force):
             if wall.length is not None and not upright:
                 raise FieldError("is the cell's width here; leave it out", side, "length")
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
+    def check_compatibility(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
         """Raise `FieldError` unless slabs fit the cell and the piston's height."""
         try:
-            self._check_size(cell.width, None if piston is None else piston.height)
+            self._check_slab_sizes(cell.width, None if piston is None else piston.height)
             self._check_pitch(grains.species[0].diameter)
         except FieldError as error:
             raise error.with_outer_path("effects", self.key) from None
 
-    def _check_size(self, width: float, height: float | None) -> None:
+    def _check_slab_sizes(self, width: float, height: float | None) -> None:
         bottom = self.bottom
         if bottom is not None and bottom.gap_end is not None and bottom.gap_end > width:
             raise FieldError(
@@ -225,30 +227,32 @@ class Walls(Force):
                 )
 
     def _check_pitch(self, diameter: float) -> None:
-        for side, wall in zip(SIDES, self.sides, strict=True):
+        for side, wall in zip(SIDES, self.walls_in_order, strict=True):
             if wall is not None and wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
                 raise FieldError(
                     f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m", side, "pitch"
                 )
 
     @property
-    def sides(self) -> tuple[Wall | None, ...]:
+    def walls_in_order(self) -> tuple[Wall | None, ...]:
         """Walls in the order of `SIDES`; None where a side is open."""
         return tuple(getattr(self, side) for side in SIDES)
 
     @property
-    def sources(self) -> tuple[str, ...]:
-        own = [wall.own for wall in self.sides if wall is not None and wall.own is not None]
-        return tuple(source for law in own for source in law.sources)
+    def user_code_digests(self) -> tuple[str, ...]:
+        own = [wall.own for wall in self.walls_in_order if wall is not None and wall.own is not None]
+        return tuple(source for law in own for source in law.user_code_digests)
 
     @property
     def has_slab(self) -> bool:
-        return any(wall is not None and wall.law == "slab" for wall in self.sides)
+        return any(wall is not None and wall.law == "slab" for wall in self.walls_in_order)
 
     @property
     def has_gap(self) -> bool:
         return self.bottom is not None and self.bottom.has_gap
 
-    def law(self, setting: EffectContext) -> WallLaws:
-        """Laws in natural units; see `Wall.law_of`."""
-        return WallLaws(*(None if wall is None else wall.law_of(setting) for wall in self.sides))
+    def make_kernel_law(self, context: EffectContext) -> WallLaws:
+        """Laws in natural units; see `Wall.make_kernel_law`."""
+        return WallLaws(
+            *(None if wall is None else wall.make_kernel_law(context) for wall in self.walls_in_order)
+        )

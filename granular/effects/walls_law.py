@@ -18,11 +18,11 @@ from granular.effects.wall_side import (
     LEFT,
     RIGHT,
     TOP,
-    Side,
-    add_distance_energies,
-    add_distance_forces,
+    WallSide,
+    add_normal_wall_forces,
+    add_wall_energies,
 )
-from granular.kernel_data.constants import Constants, divide_by_mass, relative_moments
+from granular.kernel_data.constants import Constants, multiply_by_moment_over_mass, relative_moments
 from granular.kernel_data.state import HEIGHT, Bed
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
@@ -66,7 +66,7 @@ class WallLaws(NamedTuple):
 
     @staticmethod
     @compiled
-    def measure(
+    def measure_energy_and_stiffness(
         law: WallLaws,
         workspace: Array | None,
         index: int,
@@ -77,7 +77,7 @@ class WallLaws(NamedTuple):
     ) -> int:
         """Enter the energy of the grains at the walls."""
         state, constants = bed.state, bed.constants
-        _multiply_by_mass(stiffness, constants.moments, constants.masses, constants.grains)
+        _undo_moment_over_mass(stiffness, constants.moments, constants.masses, constants.grains)
         energies[index] = _measure_walls(
             law,
             constants.grains,
@@ -89,12 +89,14 @@ class WallLaws(NamedTuple):
             stiffness,
             state.scratch,
         )
-        divide_by_mass(stiffness, constants.moments, constants.masses, constants.grains)
+        multiply_by_moment_over_mass(stiffness, constants.moments, constants.masses, constants.grains)
         return 0
 
     @staticmethod
     @compiled
-    def collision(law: WallLaws, workspace: None, index: int, speed: float, constants: Constants) -> float:
+    def squared_collision_frequency(
+        law: WallLaws, workspace: None, index: int, speed: float, constants: Constants
+    ) -> float:
         """Largest stiffness per mass [1/tau^2] that a grain of this speed meets at any wall."""
         ratio = constants.least_ratio
         speed /= math.sqrt(ratio)
@@ -110,14 +112,14 @@ class WallLaws(NamedTuple):
 def add_piston_stiffness(law: Any, bed: Bed, slopes: Array) -> None:
     """Add each grain's stiffness against the piston, a wall of that law, over the mass."""
     state, constants = bed.state, bed.constants
-    side = Side(state.y, state.x, state.piston[HEIGHT], -1.0)
+    side = WallSide(state.y, state.x, state.piston[HEIGHT], -1.0)
     _measure_side(law, constants.grains, relative_moments(constants), side, slopes, state.scratch)
-    divide_by_mass(slopes, constants.moments, constants.masses, constants.grains)
+    multiply_by_moment_over_mass(slopes, constants.moments, constants.masses, constants.grains)
 
 
 @compiled
-def _multiply_by_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
-    """Undo `divide_by_mass`: for terms of the walls that count a grain's moment as 1."""
+def _undo_moment_over_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
+    """Undo `multiply_by_moment_over_mass`: for terms of the walls that count a grain's moment as 1."""
     if moments is not None:
         for i in range(count):
             stiffness[i] *= value_or_one(masses, i) / moments[i]
@@ -130,19 +132,19 @@ def _add_no_tangential_forces(
     """Return the forces along the wall, of a law of the distance alone."""
 
 
-_forces = call_hook("add_forces", "count moments side force normal tangential", add_distance_forces)
+_forces = call_hook("add_forces", "count moments side force normal tangential", add_normal_wall_forces)
 _tangential_forces = call_hook(
     "add_tangential_forces", "count moments along_force tangential", _add_no_tangential_forces
 )
-_energies = call_hook("measure", "count side stiffness energies", add_distance_energies)
+_energies = call_hook("measure_energy_and_stiffness", "count side stiffness energies", add_wall_energies)
 
 
 @compiled
-def _zero_turning_stiffness(law: Any, speed: float) -> float:
+def _zero_turning_point_stiffness(law: Any, speed: float) -> float:
     return 0.0
 
 
-_turning_stiffness_of_law = call_hook("turning_stiffness", "speed", _zero_turning_stiffness)
+_turning_stiffness_of_law = call_hook("turning_point_stiffness", "speed", _zero_turning_point_stiffness)
 
 
 @compiled(inline=True)
@@ -151,7 +153,7 @@ def _add_side_forces(
     which: int,
     count: int,
     moments: Array | None,
-    side: Side,
+    side: WallSide,
     force: Array,
     along_force: Array,
     normal: Array,
@@ -197,8 +199,8 @@ def _add_wall_forces(
     int
         How many times a grain stands on the wrong side of a wall, or is at no number.
     """
-    left, right = Side(x, y, 0.0, 1.0), Side(x, y, width, -1.0)
-    bottom, top = Side(y, x, 0.0, 1.0), Side(y, x, height, -1.0)
+    left, right = WallSide(x, y, 0.0, 1.0), WallSide(x, y, width, -1.0)
+    bottom, top = WallSide(y, x, 0.0, 1.0), WallSide(y, x, height, -1.0)
     return (
         _add_side_forces(laws.left, LEFT, count, moments, left, fx, fy, normal, tangential, wall_forces)
         + _add_side_forces(laws.right, RIGHT, count, moments, right, fx, fy, normal, tangential, wall_forces)
@@ -211,7 +213,7 @@ def _add_wall_forces(
 
 @compiled
 def _measure_side(
-    law: Any, count: int, moments: Array | None, side: Side, stiffness: Array, energies: Array
+    law: Any, count: int, moments: Array | None, side: WallSide, stiffness: Array, energies: Array
 ) -> float:
     if law is None:
         return 0.0
@@ -240,10 +242,10 @@ def _measure_walls(
     ratio for every species.
     """
     return (
-        _measure_side(laws.left, count, moments, Side(x, y, 0.0, 1.0), stiffness, energies)
-        + _measure_side(laws.right, count, moments, Side(x, y, width, -1.0), stiffness, energies)
-        + _measure_side(laws.bottom, count, moments, Side(y, x, 0.0, 1.0), stiffness, energies)
-        + _measure_side(laws.top, count, moments, Side(y, x, height, -1.0), stiffness, energies)
+        _measure_side(laws.left, count, moments, WallSide(x, y, 0.0, 1.0), stiffness, energies)
+        + _measure_side(laws.right, count, moments, WallSide(x, y, width, -1.0), stiffness, energies)
+        + _measure_side(laws.bottom, count, moments, WallSide(y, x, 0.0, 1.0), stiffness, energies)
+        + _measure_side(laws.top, count, moments, WallSide(y, x, height, -1.0), stiffness, energies)
     )
 
 

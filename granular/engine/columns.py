@@ -54,14 +54,14 @@ ENERGIES = len(COLUMNS)
 """Where the energies of the laws begin."""
 
 
-def all_columns(laws: int, own: int = 0) -> tuple[str, ...]:
+def column_names_for_laws(laws: int, own: int = 0) -> tuple[str, ...]:
     """Every column of a record, with that many laws, and as many records of their own."""
     numbers = range(laws)
     known = (*COLUMNS, *map(energy_column, numbers), *map(loss_column, numbers))
-    return (*known, *map(custom_column, range(own)))
+    return (*known, *map(law_record_column, range(own)))
 
 
-def custom_column(index: int) -> str:
+def law_record_column(index: int) -> str:
     """Column of one of the laws' own records."""
     return f"own {index}"
 
@@ -76,12 +76,12 @@ def loss_column(index: int) -> str:
     return f"loss {index}"
 
 
-def record_width(laws: int) -> int:
+def ledger_column_count(laws: int) -> int:
     """Columns of a record, with that many laws: those that the energy ledger reads."""
     return ENERGIES + 2 * laws
 
 
-def total_potentials(rows: np.ndarray) -> np.ndarray:
+def total_potential_energies(rows: np.ndarray) -> np.ndarray:
     """Potential energy of the grains in each record (r,), as a whole."""
     return np.asarray(_potential_energy_columns(rows).sum(axis=1))
 

@@ -27,7 +27,7 @@ begun to move from rest has a large relative error of no consequence."""
 
 
 @dataclasses.dataclass
-class Ledger:
+class EnergyLedger:
     """Memory of the energy ledger from record to record, in natural units.
 
     Attributes
@@ -55,17 +55,17 @@ class Ledger:
     worst: float = 0.0
 
     @property
-    def closure(self) -> float:
+    def worst_relative_residual(self) -> float:
         """Greatest residual over the energy turned over."""
         return self.worst / self.moved if self.moved > 0.0 else 0.0
 
     @classmethod
-    def opened(cls, row: np.ndarray, *, coarse: bool) -> Ledger:
+    def from_first_record(cls, row: np.ndarray, *, coarse: bool) -> EnergyLedger:
         """Ledger that begins with this record; for ``coarse`` see `granular.scene.dry_friction`."""
         rows = row[None]
         return cls(
             start=float(columns.total_energies(rows)[0]),
-            potential=float(columns.total_potentials(rows)[0]),
+            potential=float(columns.total_potential_energies(rows)[0]),
             piston=float(row[columns.PISTON]),
             moved=_LEAST_TURNOVER * float(columns.summed_potential_magnitudes(rows)[0]),
             wrong=WRONG * (COARSE_FACTOR if coarse else 1.0),
@@ -73,7 +73,7 @@ class Ledger:
 
     def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals of the records beyond rounding [F* D], and over the energy turned over."""
-        potential, total = columns.total_potentials(rows), columns.total_energies(rows)
+        potential, total = columns.total_potential_energies(rows), columns.total_energies(rows)
         lost, work = columns.total_losses(rows), rows[:, columns.WORK]
         moved = np.maximum(rows[:, columns.TURNED], self.moved)
         residual = total - self.start + lost - work
@@ -85,7 +85,7 @@ class Ledger:
         relative[~np.isfinite(residual)] = np.inf
         return excess, relative
 
-    def check(self, rows: np.ndarray) -> tuple[int, float] | None:
+    def find_unbalanced_record(self, rows: np.ndarray) -> tuple[int, float] | None:
         """Enter records; the first one that cannot be trusted, if any, and its residual."""
         if not len(rows):
             return None

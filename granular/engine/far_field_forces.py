@@ -177,13 +177,13 @@ def kick_by_far_field(far: FarFieldState | None, dt: float, bed: Bed) -> None:
     """Give the impulse over ``dt`` [tau] by which the far field differs from the held one."""
     state, constants = bed.state, bed.constants
     if far is not None:
-        _kick_by_held_forces(
+        _kick_by_change_since_held(
             state.rounding, far.held_forces, far, dt, state, constants.masses, constants.grains
         )
 
 
 @compiled
-def _kick_by_held_forces(
+def _kick_by_change_since_held(
     rounding: Array | None,
     held: Array | None,
     far: FarFieldState,

@@ -6,7 +6,12 @@ from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
 from granular.compiled.hook_calls import sum_of_hooks
 from granular.engine.far_field_forces import add_far_field, compute_far_field, far_energy, refresh_far_field
-from granular.kernel_data.constants import Constants, divide_by_mass, relative_moments, stiffness_bound
+from granular.kernel_data.constants import (
+    Constants,
+    multiply_by_moment_over_mass,
+    pair_stiffness_bound,
+    relative_moments,
+)
 from granular.kernel_data.state import Bed, Measurement, State
 from granular.pairs.close_disc_corrections import CloseDiscList, add_close_disc_corrections
 from granular.pairs.cut_off_sum import cut_off_sum
@@ -70,7 +75,7 @@ def _close_forces(
 
 
 _add_forces = sum_of_hooks("add_forces", "bed time")
-_measure = sum_of_hooks("measure", "bed time stiffness energies", backward=True)
+_measure = sum_of_hooks("measure_energy_and_stiffness", "bed time stiffness energies", backward=True)
 
 
 @compiled(inline=True)
@@ -91,7 +96,7 @@ def compute_forces(bed: Bed, time: float) -> int:
 
 
 @compiled
-def compute_forces_and_sums(bed: Bed, time: float, measurement: Measurement) -> int:
+def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) -> int:
     """`compute_forces`, with the sums that `potential_energies` needs, in the same pass."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
@@ -132,10 +137,10 @@ def potential_energies(bed: Bed, time: float, measurement: Measurement, energies
     """
     state, constants = bed.state, bed.constants
     stiffness = measurement.stiffness
-    bound = 6.0 * stiffness_bound(constants.acting.discs)
+    bound = 6.0 * pair_stiffness_bound(constants.acting.discs)
     for i in range(constants.grains):
         stiffness[i] *= bound
-    divide_by_mass(stiffness, constants.moments, constants.masses, constants.grains)
+    multiply_by_moment_over_mass(stiffness, constants.moments, constants.masses, constants.grains)
     energies[:] = 0.0
     _measure(constants.acting.laws, state.workspaces, bed, time, stiffness, energies)
     return ENERGY * measurement.extremes[0] + far_energy(state.far_forces)
@@ -154,6 +159,6 @@ def evaluate_forces(
     """
     bed = by_reference(Bed(state, constants))
     measurement = by_reference(measurement)
-    outside = compute_forces_and_sums(bed, 0.0, measurement)
+    outside = compute_and_measure_forces(bed, 0.0, measurement)
     pairs = potential_energies(bed, 0.0, measurement, energies)
     return outside, pairs, kinetic_energy(bed)[0]

@@ -37,7 +37,7 @@ from granular.effects.host_structure import (
     PISTON_MOUNT,
     PULL,
     PUSH,
-    Chain,
+    HostChain,
     HostLaw,
     HostWorkspace,
     bed_momentum,
@@ -60,16 +60,16 @@ def kick_host(
     motion: Motion,
     time: float,
     start: float,
-    opening: bool,
+    opens_step: bool,
 ) -> None:
     """Kick host, grains and piston."""
     state = bed.state
     apart = law.mount == PISTON_MOUNT and motion.free
-    if apart and not opening:
-        _damp_chain(law, workspace, dt, state)
-    _kick_chain(law, workspace, dt, bed, motion, time, start, opening)
-    if apart and opening:
-        _damp_chain(law, workspace, dt, state)
+    if apart and not opens_step:
+        _apply_chain_dashpots(law, workspace, dt, state)
+    _kick_chain(law, workspace, dt, bed, motion, time, start, opens_step)
+    if apart and opens_step:
+        _apply_chain_dashpots(law, workspace, dt, state)
 
 
 @compiled(inline=True)
@@ -84,7 +84,7 @@ def drift_host(law: HostLaw | None, workspace: HostWorkspace | None, dt: float, 
 
 
 @compiled
-def record_host(
+def record_host_motion(
     law: HostLaw | None, workspace: HostWorkspace | None, state: State, time: float, values: Array
 ) -> None:
     """Enter motion and drive, where there is a host."""
@@ -102,7 +102,7 @@ def record_host(
 
 
 @compiled
-def _coupled_momentum(law: HostLaw, workspace: HostWorkspace, grains: float, speed: float) -> float:
+def _total_momentum(law: HostLaw, workspace: HostWorkspace, grains: float, speed: float) -> float:
     """Momentum of the whole over the base; ``grains`` is that of the grains in the frame."""
     last = law.chain.masses.size - 1
     total = grains + law.piston_mass * speed
@@ -114,7 +114,7 @@ def _coupled_momentum(law: HostLaw, workspace: HostWorkspace, grains: float, spe
 
 
 @compiled
-def _driven_velocity(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
+def _excited_body_velocity(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
     """Velocity of what the outer force acts on."""
     last = law.chain.masses.size - 1
     total = 0.0
@@ -134,15 +134,15 @@ def _kick_in_frame(
     motion: Motion,
     time: float,
     start: float,
-    opening: bool,
+    opens_step: bool,
 ) -> None:
     """Kick grains and piston in a frame of the acceleration ``push``."""
     state, constants = bed.state, bed.constants
     workspace.present[PUSH] = push
     for i in range(constants.grains):
         state.fy[i] = workspace.push[i] - value_or_one(constants.masses, i) * push
-    kick_grains(dt, bed, opening)
-    kick_piston(dt, bed, motion, time, start, opening)
+    kick_grains(dt, bed, opens_step)
+    kick_piston(dt, bed, motion, time, start, opens_step)
     for i in range(constants.grains):
         state.fy[i] = workspace.push[i]
 
@@ -183,10 +183,10 @@ def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     motion: Motion,
     time: float,
     start: float,
-    opening: bool,
+    opens_step: bool,
 ) -> None:
     state, constants = bed.state, bed.constants
-    shake = excitation_during_kick(law.drive, start + time, dt, opening)
+    shake = excitation_during_kick(law.drive, start + time, dt, opens_step)
     base = shake if law.drive.base else 0.0
     force = 0.0 if law.drive.base else shake
     free, last = motion.free, law.chain.masses.size - 1
@@ -212,7 +212,10 @@ def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         weight += law.piston_mass
         push = (chain - bed_force) / weight
     grains, speed = bed_momentum(bed), state.piston[SPEED]
-    power, total = (_driven_velocity(law, workspace, state), _coupled_momentum(law, workspace, grains, speed))
+    power, total = (
+        _excited_body_velocity(law, workspace, state),
+        _total_momentum(law, workspace, grains, speed),
+    )
     frame = workspace.persistent[1, max(last, 0)]
     # What the passes but the last one are for is how much of the momentum is taken.
     passes = 3 if law.reacts and law.mount != FIXED else 1
@@ -221,8 +224,8 @@ def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         _store_velocities(workspace, bed)
     before, first = push, 0.0
     for attempt in range(passes):
-        held = _kick_bodies(law.chain, workspace, dt, base, dt * (push - base), dashpots)
-        _kick_in_frame(push, workspace, dt, bed, motion, time, start, opening)
+        held = _solve_body_velocity_changes(law.chain, workspace, dt, base, dt * (push - base), dashpots)
+        _kick_in_frame(push, workspace, dt, bed, motion, time, start, opens_step)
         if attempt == passes - 1:
             break
         gain = dt * (bed_force - law.bed_mass * push) - (bed_momentum(bed) - grains)
@@ -248,13 +251,13 @@ def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         for k in range(last + 1):
             workspace.persistent[1, k] += workspace.changes[k]
         state.ledger[WORK] += dt * outer * 0.5 * (frame + workspace.persistent[1, last])
-    power += _driven_velocity(law, workspace, state)
-    total += _coupled_momentum(law, workspace, bed_momentum(bed), state.piston[SPEED])
+    power += _excited_body_velocity(law, workspace, state)
+    total += _total_momentum(law, workspace, bed_momentum(bed), state.piston[SPEED])
     state.ledger[WORK] += 0.5 * dt * (force * power - base * total)
 
 
 @compiled
-def _damp_chain(law: HostLaw, workspace: HostWorkspace, dt: float, state: State) -> None:
+def _apply_chain_dashpots(law: HostLaw, workspace: HostWorkspace, dt: float, state: State) -> None:
     """Dashpots alone over ``dt``, of a chain that carries the piston of a free cell."""
     chain, count = law.chain, law.chain.masses.size
     half = 0.5 * dt
@@ -300,7 +303,7 @@ def _body_velocity(law: HostLaw, workspace: HostWorkspace, state: State, k: int)
 
 
 @compiled
-def _chain_forces(chain: Chain, workspace: HostWorkspace, force: float) -> float:
+def _chain_forces(chain: HostChain, workspace: HostWorkspace, force: float) -> float:
     """Fill in the force of springs and from outside on each body; that on the last one."""
     count = chain.masses.size
     tension, result = 0.0, 0.0
@@ -316,8 +319,8 @@ def _chain_forces(chain: Chain, workspace: HostWorkspace, force: float) -> float
 
 
 @compiled
-def _kick_bodies(
-    chain: Chain, workspace: HostWorkspace, dt: float, base: float, change: float, dashpots: bool
+def _solve_body_velocity_changes(
+    chain: HostChain, workspace: HostWorkspace, dt: float, base: float, change: float, dashpots: bool
 ) -> float:
     """Fill in what the bodies below the last one gain, where that gains ``change``.
 

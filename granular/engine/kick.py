@@ -26,31 +26,31 @@ def _kick_freely(rounding: Array | None, dt: float, state: State, count: int, ma
 
 
 @compiled(inline=True)
-def _plain_kick(dt: float, bed: Bed, opening: bool) -> int:
+def _plain_kick(dt: float, bed: Bed, opens_step: bool) -> int:
     state, constants = bed.state, bed.constants
     _kick_freely(state.rounding, dt, state, constants.grains, constants.masses)
     return 0
 
 
-_kick = call_last_hook("kick", "dt bed opening", _plain_kick)
-_flow = sum_of_hooks("flow", "dt bed opening")
-_flow_back = sum_of_hooks("flow", "dt bed opening", backward=True)
+_kick = call_last_hook("kick", "dt bed opens_step", _plain_kick)
+_flow = sum_of_hooks("damp_velocities", "dt bed opens_step")
+_flow_back = sum_of_hooks("damp_velocities", "dt bed opens_step", backward=True)
 
 
 @compiled(inline=True)
-def kick_grains(dt: float, bed: Bed, opening: bool) -> None:
+def kick_grains(dt: float, bed: Bed, opens_step: bool) -> None:
     """Change the velocities of the grains by ``dt`` [tau] under the present forces.
 
     Parameters
     ----------
-    opening : bool
+    opens_step : bool
         Whether the kick opens a step: the parts are then taken in one order, else in the other.
     """
     state, constants = bed.state, bed.constants
     laws = constants.acting.laws
-    if opening:
-        _kick(laws, state.workspaces, dt, bed, opening)
-        _flow(laws, state.workspaces, dt, bed, opening)
+    if opens_step:
+        _kick(laws, state.workspaces, dt, bed, opens_step)
+        _flow(laws, state.workspaces, dt, bed, opens_step)
     else:
-        _flow_back(laws, state.workspaces, dt, bed, opening)
-        _kick(laws, state.workspaces, dt, bed, opening)
+        _flow_back(laws, state.workspaces, dt, bed, opens_step)
+        _kick(laws, state.workspaces, dt, bed, opens_step)

@@ -18,10 +18,10 @@ from granular.compiled.by_reference import by_reference
 from granular.effects.wall_side import TOP
 from granular.engine import columns
 from granular.engine.far_field_forces import compute_far_field, kick_by_far_field
-from granular.engine.forces import compute_forces_and_sums, kinetic_energy, potential_energies
-from granular.engine.host_motion import record_host
+from granular.engine.forces import compute_and_measure_forces, kinetic_energy, potential_energies
+from granular.engine.host_motion import record_host_motion
 from granular.engine.piston import piston_energy
-from granular.engine.step import Plan, make_step
+from granular.engine.step import StepPlan, advance_one_step
 from granular.engine.step_size import StepSchedule, steps_in_tick, tick_start_time
 from granular.engine.stiffness import highest_frequency_bound
 from granular.engine.variable_step import advance_step_density
@@ -87,7 +87,7 @@ class StopCriteria(NamedTuple):
 
 
 @compiled
-def record_measurement(time: float, bed: Bed, motion: Motion, measurement: Measurement, row: Array) -> None:
+def fill_record_row(time: float, bed: Bed, motion: Motion, measurement: Measurement, row: Array) -> None:
     """Fill one record after a measuring pass, at a time [tau]."""
     state, constants = bed.state, bed.constants
     kinetic, fastest = kinetic_energy(bed)
@@ -112,7 +112,7 @@ def record_measurement(time: float, bed: Bed, motion: Motion, measurement: Measu
     row[columns.STIFFEST] = highest_frequency_bound(row[columns.FASTEST], bed, motion, measurement)
     row[columns.GRAINS] = constants.grains
     own = row[columns.ENERGIES + 2 * laws :]
-    record_host(constants.acting.host, state.host, state, time, own)
+    record_host_motion(constants.acting.host, state.host, state, time, own)
 
 
 @compiled
@@ -160,7 +160,7 @@ class TickRange(NamedTuple):
 
 @compiled
 def _energy_turnover(watch: StopCriteria, laws: int, row: Array) -> float:
-    """Energy turned over since the start; see `granular.engine.energy_ledger.Ledger`."""
+    """Energy turned over since the start; see `granular.engine.energy_ledger.EnergyLedger`."""
     c = columns
     potential, lost = row[c.PAIR] - watch.potential, row[c.PISTON_LOSS]
     for law in range(laws):
@@ -177,7 +177,7 @@ def _advance_one_tick(
     tick: int,
     window: TickRange,
     schedule: StepSchedule,
-    plan: Plan,
+    plan: StepPlan,
     bed: Bed,
     motion: Motion,
     measurement: Measurement,
@@ -201,7 +201,7 @@ def _advance_one_tick(
         time = state.clock[TIME]
         end = min(end, window.limit)
         if time >= end:
-            return compute_forces_and_sums(bed, window.start + time, measurement)
+            return compute_and_measure_forces(bed, window.start + time, measurement)
     while not last:
         if every is not None and step == span_end:
             duration += 1
@@ -222,7 +222,7 @@ def _advance_one_tick(
             else:
                 state.clock[SHORTEST] = min(state.clock[SHORTEST], h)
                 state.clock[LONGEST] = max(state.clock[LONGEST], h)
-        outside = make_step(plan.tableau, plan, h, time, window.start, bed, motion, measurement, last)
+        outside = advance_one_step(plan.tableau, plan, h, time, window.start, bed, motion, measurement, last)
         if every is not None and step == span_end:
             if not last:
                 outside += compute_far_field(state.far_forces, bed, next_time)
@@ -240,7 +240,7 @@ def _advance_one_tick(
 def advance_ticks(
     window: TickRange,
     schedule: StepSchedule,
-    plan: Plan,
+    plan: StepPlan,
     state: State,
     constants: Constants,
     motion: Motion,
@@ -273,13 +273,13 @@ def advance_ticks(
 
 
 @compiled
-def _check_and_record(
+def _record_without_advancing(
     window: TickRange, bed: Bed, motion: Motion, measurement: Measurement, row: Array
 ) -> int:
     state = bed.state
     time = window.start + state.clock[TIME]
-    outside = compute_forces_and_sums(bed, time, measurement)
-    record_measurement(time, bed, motion, measurement, row)
+    outside = compute_and_measure_forces(bed, time, measurement)
+    fill_record_row(time, bed, motion, measurement, row)
     return OUTSIDE if outside > 0 else RUNNING
 
 
@@ -287,7 +287,7 @@ def _check_and_record(
 def _advance_window(
     window: TickRange,
     schedule: StepSchedule,
-    plan: Plan,
+    plan: StepPlan,
     bed: Bed,
     motion: Motion,
     measurement: Measurement,
@@ -296,7 +296,7 @@ def _advance_window(
 ) -> tuple[int, int, int]:
     state, constants = bed.state, bed.constants
     if window.ticks == 0:
-        return _check_and_record(window, bed, motion, measurement, rows[0]), 0, 0
+        return _record_without_advancing(window, bed, motion, measurement, rows[0]), 0, 0
     saved, laws = 0, state.ledger.size - LOSSES
     for tick in range(window.first, window.first + window.ticks):
         outside = _advance_one_tick(
@@ -306,7 +306,7 @@ def _advance_window(
             return OUTSIDE, tick - window.first, saved
         row = rows[saved]
         done = tick + 1
-        record_measurement(window.start + state.clock[TIME], bed, motion, measurement, row)
+        fill_record_row(window.start + state.clock[TIME], bed, motion, measurement, row)
         watch.seen[STIFFEST] = max(watch.seen[STIFFEST], row[columns.STIFFEST])
         watch.seen[LATEST] = row[columns.STIFFEST]
         turned = _energy_turnover(watch, laws, row)
@@ -328,7 +328,7 @@ def _advance_window(
 
 def record_present_state(
     start: float,
-    plan: Plan,
+    plan: StepPlan,
     state: State,
     constants: Constants,
     motion: Motion,

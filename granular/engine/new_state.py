@@ -25,7 +25,7 @@ def new_state(
     """
     count = len(positions)
     x, y = pad_coordinates(positions)
-    workspaces = tuple(_workspace(law, x.size, count) for law in acting.laws)
+    workspaces = tuple(_law_workspace(law, x.size, count) for law in acting.laws)
     hosts = [workspace for law, workspace in zip(acting.laws, workspaces, strict=True) if law is acting.host]
     vx, vy = np.zeros_like(x), np.zeros_like(x)
     vx[:count], vy[:count] = velocities[:, 0], velocities[:, 1]
@@ -57,7 +57,7 @@ def new_state(
     )
 
 
-def _workspace(law: Any, size: int, count: int) -> Any:
+def _law_workspace(law: Any, size: int, count: int) -> Any:
     return law.workspace(size, count) if hasattr(law, "workspace") else None
 
 

@@ -24,13 +24,13 @@ def constants_per_grain(constants: Constants) -> list[np.ndarray]:
     return [values for values in result if isinstance(values, np.ndarray)]
 
 
-def remove_outflow(state: State, constants: Constants) -> Constants:
+def remove_outflowed_grains(state: State, constants: Constants) -> Constants:
     """Take out the grains below the exit; the constants with the new number of grains."""
     grains = constants.grains
     for i in range(grains - 1, -1, -1):
         if state.y[i] < constants.exit:
             grains -= 1
-            _move_last_to(i, grains, state, constants)
+            _replace_by_last_grain(i, grains, state, constants)
     state.scratch[:] = 0.0
     for workspace in state.workspaces:
         if isinstance(workspace, np.ndarray):
@@ -38,7 +38,7 @@ def remove_outflow(state: State, constants: Constants) -> Constants:
     return constants._replace(grains=grains)
 
 
-def _move_last_to(i: int, last: int, state: State, constants: Constants) -> None:
+def _replace_by_last_grain(i: int, last: int, state: State, constants: Constants) -> None:
     """Swap a grain with the last one, and put padding in the last entry."""
     moving = [state.x, state.y, state.vx, state.vy, state.label, *constants_per_grain(constants)]
     if state.rounding is not None:

@@ -7,7 +7,7 @@ import math
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import sum_of_hooks
 from granular.effects import drag
-from granular.effects.friction_law import sliding_factor
+from granular.effects.friction_law import velocity_factor_after_friction
 from granular.effects.host_structure import PULL, PUSH, HostWorkspace
 from granular.effects.wall_side import TOP
 from granular.kernel_data.compensation import compensated_sum
@@ -24,10 +24,10 @@ from granular.kernel_data.state import (
 )
 from granular.protocol.piston_motion import TABLE, Motion, driven_height_and_velocity, outer_force_on_piston
 
-lift = sum_of_hooks("lift", "time", 0.0)
+upward_acceleration = sum_of_hooks("upward_acceleration", "time", 0.0)
 """Upward acceleration of all that has a mass, at a time [tau]."""
 
-enter_work = sum_of_hooks("work", "dt bed time")
+record_external_work = sum_of_hooks("record_external_work", "dt bed time")
 """Enter the work that forces which depend on time do in ``dt``, at a time [tau]."""
 
 
@@ -61,13 +61,13 @@ def _add_to_piston_height(rounding: Array | None, by: float, state: State) -> No
 
 @compiled(inline=True)
 def _kick_against_resistance(
-    resistance: PistonResistance | None, force: float, dt: float, mass: float, state: State, opening: bool
+    resistance: PistonResistance | None, force: float, dt: float, mass: float, state: State, opens_step: bool
 ) -> None:
     if resistance is None:
         _add_to_piston_speed(state.rounding, dt * force / mass, state)
     elif _stops_within_step(resistance, force, dt, mass, state):
         _slide_with_friction(resistance, force, dt, mass, state)
-    elif opening:
+    elif opens_step:
         _accelerate_with_drag(resistance, force, dt, mass, state)
         _slow_by_friction(resistance, dt, mass, state)
     else:
@@ -132,20 +132,20 @@ def _slow_by_friction(resistance: PistonResistance, dt: float, mass: float, stat
     """Sliding piston loses speed, and stops where it has no more."""
     speed = abs(state.piston[SPEED])
     if speed > 0.0:
-        left = sliding_factor(speed, resistance.force * dt / mass)
+        left = velocity_factor_after_friction(speed, resistance.force * dt / mass)
         state.piston[SPEED] *= left
         state.ledger[PISTON] += 0.5 * mass * speed * speed * (1.0 - left * left)
 
 
 @compiled
-def _prescribed_speed(motion: Motion, time: float, dt: float, opening: bool) -> float:
+def _prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) -> float:
     """Speed on the path [D/tau].
 
     On a table, whose speed jumps from row to row, it is the mean one over the half step that the
     kick stands for.
     """
     if motion.kind == TABLE:
-        before = time if opening else time - dt
+        before = time if opens_step else time - dt
         return (
             driven_height_and_velocity(motion, before + dt)[0] - driven_height_and_velocity(motion, before)[0]
         ) / dt
@@ -153,7 +153,7 @@ def _prescribed_speed(motion: Motion, time: float, dt: float, opening: bool) -> 
 
 
 @compiled(inline=True)
-def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, opening: bool) -> None:
+def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, opens_step: bool) -> None:
     """Change the piston's velocity by ``dt`` [tau]; enter the work done from outside meanwhile.
 
     Work is the conjugate of what depends on time (the path, an outer force, the shaking), so that
@@ -161,17 +161,17 @@ def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, 
     """
     state, constants = bed.state, bed.constants
     if motion.free:
-        swing = lift(constants.acting.laws, state.workspaces, start + time)
+        swing = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force_on_piston(motion, time)
         force = (
             state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
         ) - _inertial_force(state.host, constants)
         before = state.piston[SPEED]
-        _kick_against_resistance(constants.resistance, force, dt, constants.piston_mass, state, opening)
+        _kick_against_resistance(constants.resistance, force, dt, constants.piston_mass, state, opens_step)
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
-        state.ledger[WORK] -= dt * state.wall_forces[TOP] * _prescribed_speed(motion, time, dt, opening)
-    enter_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
+        state.ledger[WORK] -= dt * state.wall_forces[TOP] * _prescribed_speed(motion, time, dt, opens_step)
+    record_external_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 
 @compiled(inline=True)
@@ -194,7 +194,7 @@ def piston_energy(bed: Bed, time: float) -> float:
     state, constants = bed.state, bed.constants
     if not constants.piston_mass < math.inf:
         return 0.0
-    swing = lift(constants.acting.laws, state.workspaces, time)
+    swing = upward_acceleration(constants.acting.laws, state.workspaces, time)
     height, velocity = state.piston[HEIGHT], state.piston[SPEED]
     return (
         0.5 * constants.piston_mass * velocity * velocity

@@ -135,7 +135,7 @@ def too_many_steps_error(what: str, steps: float, limit: float, step: int, time:
 
 
 @contextlib.contextmanager
-def raise_where_not_finite(failure: Callable[[], Exception]) -> Iterator[None]:
+def report_arithmetic_errors_as(failure: Callable[[], Exception]) -> Iterator[None]:
     """Without the compiler, let arithmetic that fails in a kernel be what compiled code reports."""
     try:
         yield

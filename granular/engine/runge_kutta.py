@@ -5,8 +5,8 @@ from __future__ import annotations
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import sum_of_hooks
 from granular.effects.wall_side import TOP
-from granular.engine.forces import compute_forces, compute_forces_and_sums
-from granular.engine.piston import enter_work, lift, piston_energy
+from granular.engine.forces import compute_and_measure_forces, compute_forces
+from granular.engine.piston import piston_energy, record_external_work, upward_acceleration
 from granular.kernel_data.constants import PistonResistance
 from granular.kernel_data.state import (
     HEIGHT,
@@ -24,7 +24,7 @@ from granular.kernel_data.state import (
 )
 from granular.protocol.piston_motion import Motion, driven_height_and_velocity, outer_force_on_piston
 
-_slow = sum_of_hooks("damping_slope", "slopes dt bed")
+_slow = sum_of_hooks("add_damping_to_slopes", "slopes dt bed")
 
 
 @compiled
@@ -54,7 +54,7 @@ def _grain_slopes(slopes: Array, dt: float, bed: Bed) -> None:
 def _piston_slopes(slopes: Array, dt: float, time: float, start: float, bed: Bed, motion: Motion) -> None:
     state, constants = bed.state, bed.constants
     if motion.free:
-        swing = lift(constants.acting.laws, state.workspaces, start + time)
+        swing = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force_on_piston(motion, time)
         rate = _resistance_rate(constants.resistance)
         force = state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
@@ -65,7 +65,7 @@ def _piston_slopes(slopes: Array, dt: float, time: float, start: float, bed: Bed
         state.ledger[PISTON] += dt * constants.piston_mass * rate * speed * speed
     else:
         state.ledger[WORK] -= dt * state.wall_forces[TOP] * driven_height_and_velocity(motion, time)[1]
-    enter_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
+    record_external_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 
 @compiled
@@ -116,7 +116,7 @@ def runge_kutta_step(
     measurement: Measurement,
     measuring: bool,
 ) -> int:
-    """See `granular.engine.step.make_step`; the work and the losses are integrated alike.
+    """See `granular.engine.step.advance_one_step`; the work and the losses are integrated alike.
 
     Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), II.1.
     """
@@ -139,7 +139,7 @@ def runge_kutta_step(
     if not motion.free:
         state.ledger[WORK] += piston_energy(bed, start + end) - before
     if measuring:
-        outside += compute_forces_and_sums(bed, start + end, measurement)
+        outside += compute_and_measure_forces(bed, start + end, measurement)
     else:
         outside += compute_forces(bed, start + end)
     return outside

@@ -9,12 +9,12 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_last_hook
 from granular.effects.host_structure import HostLaw, HostWorkspace
-from granular.engine.forces import compute_forces, compute_forces_and_sums
+from granular.engine.forces import compute_and_measure_forces, compute_forces
 from granular.engine.host_motion import drift_host, kick_host
 from granular.engine.kick import kick_grains
 from granular.engine.piston import drift_piston, kick_piston
 from granular.engine.runge_kutta import runge_kutta_step
-from granular.engine.step_size import Step
+from granular.engine.step_size import StepRequest
 from granular.kernel_data.compensation import compensated_sum
 from granular.kernel_data.state import Bed, Measurement, State, X, Y
 from granular.methods import Method
@@ -22,7 +22,7 @@ from granular.pairs.mesh_far_field import FarFieldSettings
 from granular.protocol.piston_motion import Motion
 
 
-class Plan(NamedTuple):
+class StepPlan(NamedTuple):
     """The tables of a method; see `granular.methods`.
 
     Attributes
@@ -44,12 +44,12 @@ class Plan(NamedTuple):
     far_every: int | None
 
 
-def make_plan(method: Method, step: Step, far: FarFieldSettings | None) -> Plan:
+def make_step_plan(method: Method, step: StepRequest, far: FarFieldSettings | None) -> StepPlan:
     """Tables that the loop takes."""
     tableau = None if method.tableau is None else np.array(method.tableau)
-    fraction = step.fraction if method.variable else None
+    fraction = step.step_times_frequency if method.variable else None
     every = None if far is None else far.every
-    return Plan(np.array(method.kicks), np.array(method.drifts), tableau, fraction, every)
+    return StepPlan(np.array(method.kicks), np.array(method.drifts), tableau, fraction, every)
 
 
 @compiled(inline=True)
@@ -75,13 +75,13 @@ def _kick_bed(
     motion: Motion,
     time: float,
     start: float,
-    opening: bool,
+    opens_step: bool,
 ) -> None:
     if host is not None and workspace is not None:
-        kick_host(host, workspace, dt, bed, motion, time, start, opening)
+        kick_host(host, workspace, dt, bed, motion, time, start, opens_step)
     else:
-        kick_grains(dt, bed, opening)
-        kick_piston(dt, bed, motion, time, start, opening)
+        kick_grains(dt, bed, opens_step)
+        kick_piston(dt, bed, motion, time, start, opens_step)
 
 
 @compiled(inline=True)
@@ -96,9 +96,9 @@ _drift_all = call_last_hook("drift", "dt bed", _drift_freely)
 
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
 @compiled(inline=True)
-def make_step(
+def advance_one_step(
     tableau: Array | None,
-    plan: Plan,
+    plan: StepPlan,
     h: float,
     time: float,
     start: float,
@@ -135,9 +135,9 @@ def make_step(
             parts = 2 if 2 * k == stages else 1
             for part in range(parts):
                 if kicks[k] != 0.0:
-                    opening = 2 * k + part < stages + parts - 1
+                    opens_step = 2 * k + part < stages + parts - 1
                     dt = kicks[k] * h / parts
-                    _kick_bed(constants.acting.host, state.host, dt, bed, motion, stage, start, opening)
+                    _kick_bed(constants.acting.host, state.host, dt, bed, motion, stage, start, opens_step)
             if k < stages:
                 dt = drifts[k] * h
                 stage += dt
@@ -146,7 +146,7 @@ def make_step(
                 drift_host(constants.acting.host, state.host, dt, state)
                 last = k == stages - 1
                 if last and measuring:
-                    outside += compute_forces_and_sums(bed, start + stage, measurement)
+                    outside += compute_and_measure_forces(bed, start + stage, measurement)
                 elif not last or kicks[stages] != 0.0 or kicks[0] != 0.0:
                     outside += compute_forces(bed, start + stage)
     return outside

@@ -52,7 +52,7 @@ def auto_step_text(factor: float) -> str:
 
 
 @dataclasses.dataclass(frozen=True)
-class Step:
+class StepRequest:
     """Requested time step.
 
     Attributes
@@ -77,27 +77,27 @@ class Step:
         return self.seconds is None
 
     @property
-    def stiff(self) -> float:
+    def shortening_threshold(self) -> float:
         """Step times highest frequency at which the loop is to stop and shorten the step."""
-        return SLACK * self.fraction if self.automatic else math.inf
+        return SLACK * self.step_times_frequency if self.automatic else math.inf
 
     @property
-    def fraction(self) -> float:
+    def step_times_frequency(self) -> float:
         """Automatic step times highest frequency."""
         portion = FRACTION * math.sqrt(self.grains / 368.0)
         factor = self.factor * (DRY_FACTOR if self.dry else 1.0)
         return factor * min(max(portion, LEAST_FRACTION), FRACTION)
 
     @property
-    def longest(self) -> float:
+    def greatest_factor(self) -> float:
         """Largest multiple of the automatic step that is allowed."""
         return LONGEST / DRY_FACTOR if self.dry else LONGEST
 
-    def steps_of(self, length: float, frequency: float) -> int:
+    def steps_per_tick(self, length: float, frequency: float) -> int:
         """Automatic steps of a tick of that length [tau], for a highest frequency [1/tau]."""
-        return max(1, math.ceil(length * frequency / self.fraction - 1e-9))
+        return max(1, math.ceil(length * frequency / self.step_times_frequency - 1e-9))
 
-    def schedule(self, record: float, frame: float, frequency: float, tau: float) -> StepSchedule:
+    def divide_stage(self, record: float, frame: float, frequency: float, tau: float) -> StepSchedule:
         """Divide a stage into ticks and steps, for these intervals of records and frames [tau].
 
         A given step stays as it is, and the distances are rounded to whole steps and records; an
@@ -109,9 +109,9 @@ class Step:
             every = -(-steps // LOOK)
             frames = max(1, round(frame / (steps * h)))
             return StepSchedule(steps * h / every, h, every, _limit_count(every * frames), LOOK, steps)
-        every = -(-self.steps_of(record, frequency) // LOOK)
+        every = -(-self.steps_per_tick(record, frequency) // LOOK)
         length = record / every
-        steps = self.steps_of(length, frequency)
+        steps = self.steps_per_tick(length, frequency)
         frames = max(1, round(frame / record))
         return StepSchedule(length, length / steps, every, _limit_count(every * frames), steps, 0)
 

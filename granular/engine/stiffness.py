@@ -19,7 +19,7 @@ from granular.pairs.dipole_law import head_on_frequency_squared
 from granular.pairs.disc_law_tables import DiscLaw
 from granular.protocol.piston_motion import Motion
 
-_collision = greatest_of_hooks("collision", "speed constants")
+_squared_collision_frequency = greatest_of_hooks("squared_collision_frequency", "speed constants")
 
 
 @entry
@@ -41,7 +41,7 @@ def highest_collision_frequency(constants: Constants, speed: float) -> float:
             constants.acting.discs, speed, constants.least_mass, constants.least_moment
         )
     laws = constants.acting.laws
-    return math.sqrt(max(square, _collision(laws, laws, speed, constants)))
+    return math.sqrt(max(square, _squared_collision_frequency(laws, laws, speed, constants)))
 
 
 @compiled(inline=True)
@@ -52,7 +52,7 @@ def _head_on_pair_stiffness(discs: DiscLaw | None, speed: float, mass: float, mo
 
 
 @compiled
-def _total_and_largest(slopes: Array, count: int, masses: Array | None) -> tuple[float, float]:
+def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None) -> tuple[float, float]:
     """Stiffness of all grains [F*/D], and the largest of one grain per mass."""
     total, largest = 0.0, 0.0
     for i in range(count):
@@ -76,6 +76,6 @@ def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement:
         slopes = measurement.against_piston
         slopes[:] = 0.0
         add_piston_stiffness(constants.acting.walls[TOP], bed, slopes)
-        total, largest = _total_and_largest(slopes, constants.grains, constants.masses)
+        total, largest = _total_and_largest_stiffness(slopes, constants.grains, constants.masses)
         highest = max(highest + largest, 2.0 * total / constants.piston_mass)
     return max(math.sqrt(highest), highest_collision_frequency(constants, speed))

@@ -90,17 +90,17 @@ def step_density(
 
 
 @compiled
-def _add_wall_density(here: bool, value: float, away: float) -> float:
+def _position_or_infinity(here: bool, value: float, away: float) -> float:
     return value if here else away
 
 
 @compiled
-def _wall_sides(walls: tuple[Any, ...], width: float, height: float) -> tuple[float, float, float, float]:
+def _wall_positions(walls: tuple[Any, ...], width: float, height: float) -> tuple[float, float, float, float]:
     return (
-        _add_wall_density(walls[LEFT] is not None, 0.0, -math.inf),
-        _add_wall_density(walls[RIGHT] is not None, width, math.inf),
-        _add_wall_density(walls[BOTTOM] is not None, 0.0, -math.inf),
-        _add_wall_density(walls[TOP] is not None, height, math.inf),
+        _position_or_infinity(walls[LEFT] is not None, 0.0, -math.inf),
+        _position_or_infinity(walls[RIGHT] is not None, width, math.inf),
+        _position_or_infinity(walls[BOTTOM] is not None, 0.0, -math.inf),
+        _position_or_infinity(walls[TOP] is not None, height, math.inf),
     )
 
 
@@ -116,7 +116,7 @@ def _bed_step_density(bed: Bed) -> tuple[float, float]:
         relative_moments(constants),
         state.clock[SQUARE],
         state.clock[LEAST],
-        _wall_sides(constants.acting.walls, constants.width, state.piston[HEIGHT]),
+        _wall_positions(constants.acting.walls, constants.width, state.piston[HEIGHT]),
         state.piston[SPEED],
         constants.acting.dipole is not None,
     )

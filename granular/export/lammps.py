@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.effects import wall_experimental, wall_infinite
-from granular.effects.dipole import grain_discs
+from granular.effects.dipole import discs_unless_dipoles
 from granular.export.frames import iterate_frames, open_run
 from granular.export.lammps_script import (
     NEAREST_PAIR,
@@ -190,7 +190,7 @@ def _choose_time_step(deck: LammpsDeck, start: _DeckStart, dt: float | str) -> f
         max(_mode_frequency_under_compression(deck, start), _highest_collision_frequency(deck, start))
         * deck.scales.rate
     )
-    return min(deck.scene.output.scalars, asked.fraction / highest if highest else math.inf)
+    return min(deck.scene.output.scalars, asked.step_times_frequency / highest if highest else math.inf)
 
 
 def _mode_frequency_under_compression(deck: LammpsDeck, start: _DeckStart) -> float:
@@ -212,7 +212,9 @@ def _mode_frequency_under_compression(deck: LammpsDeck, start: _DeckStart) -> fl
             width,
             height * fraction / unit,
             pairs=deck.pair_cutoff is not None,
-            discs=tuple(grain_discs(deck.scene.grains, unit)[k] for k in species) if cylinders else (),
+            discs=tuple(discs_unless_dipoles(deck.scene.grains, unit)[k] for k in species)
+            if cylinders
+            else (),
         )
         for fraction in (1.0, min(fractions))
     )
@@ -230,7 +232,7 @@ def _highest_collision_frequency(deck: LammpsDeck, start: _DeckStart) -> float:
         deck.masses,
         set(deck.wall_laws.values()),
         pairs=deck.pair_cutoff is not None,
-        discs=grain_discs(deck.scene.grains, deck.scales.length),
+        discs=discs_unless_dipoles(deck.scene.grains, deck.scales.length),
     )
 
 
@@ -262,7 +264,7 @@ def _pair_table_lines(deck: LammpsDeck) -> Iterator[str]:
     if deck.pair_cutoff is None:
         return
     nearest = NEAREST_PAIR * math.sqrt(min(deck.charges))
-    discs = grain_discs(deck.scene.grains, deck.scales.length)
+    discs = discs_unless_dipoles(deck.scene.grains, deck.scales.length)
     for first, second in deck.species_pairs():
         charge = deck.charges[first - 1] * deck.charges[second - 1]
         name = pair_table_name(first, second)
@@ -401,7 +403,7 @@ def collision_stiffness_frequency(
     for charge, mass in zip(charges, masses, strict=True):
         ratio = charge / mass
         scaled_speed = speed / math.sqrt(ratio)
-        squares += [ratio * _WALLS[law].turning_stiffness(scaled_speed) for law in laws]
+        squares += [ratio * _WALLS[law].turning_point_stiffness(scaled_speed) for law in laws]
         if pairs and not discs:
             squares.append(dipole_law.head_on_frequency_squared(speed, mass, charge))
         elif pairs:

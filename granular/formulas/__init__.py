@@ -6,21 +6,21 @@ parser, which runs nothing, orders stand-ins for them, and what it gives is take
 SymPy's objects, and `granular.formulas.dimensions` its unit.
 """
 
-from granular.formulas.functions import CONSTANTS, FUNCTIONS, Function
+from granular.formulas.functions import CONSTANTS, FUNCTIONS, FormulaFunction
 from granular.formulas.parser import parse
 from granular.formulas.tokens import MAX_CHARACTERS, FormulaError
-from granular.formulas.tree import Applied, Name, Node, Number, constant_names, variable_names
+from granular.formulas.tree import Name, Node, Number, Operation, constant_names, variable_names
 
 __all__ = [
     "CONSTANTS",
     "FUNCTIONS",
     "MAX_CHARACTERS",
-    "Applied",
     "FormulaError",
-    "Function",
+    "FormulaFunction",
     "Name",
     "Node",
     "Number",
+    "Operation",
     "constant_names",
     "parse",
     "variable_names",

@@ -62,7 +62,7 @@ def check_finite_numbers(expression: sympy.Expr) -> None:
 
 
 @functools.cache
-def _functions() -> dict[str, Callable[..., Any]]:
+def _sympy_functions() -> dict[str, Callable[..., Any]]:
     import sympy
 
     named = {name: getattr(sympy, name) for name in FUNCTIONS if hasattr(sympy, name)}
@@ -130,7 +130,7 @@ def _build_expression(tree: Node, symbols: Mapping[str, sympy.Symbol]) -> Any:
             return sympy.E if tree.text == "e" else sympy.pi
         return sympy.Integer(tree.text) if tree.text.isdecimal() else sympy.Float(tree.text)
     operands = [_build_expression(operand, symbols) for operand in tree.operands]
-    function = _functions().get(tree.head) or sympy.Function(tree.head)
+    function = _sympy_functions().get(tree.head) or sympy.Function(tree.head)
     return function(*operands)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from fractions import Fraction
 
-from granular.formulas import Applied, Name, Node, Number
+from granular.formulas import Name, Node, Number, Operation
 from granular.shared.errors import InputError
 
 Dimension = tuple[Fraction, ...]
@@ -57,7 +57,7 @@ def infer_dimension(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
     return NONE
 
 
-def _dimension_of_equal_terms(tree: Applied, parts: list[Dimension]) -> Dimension:
+def _dimension_of_equal_terms(tree: Operation, parts: list[Dimension]) -> Dimension:
     # A zero has every unit.
     result = [
         part for part, operand in zip(parts, tree.operands, strict=True) if _constant_value(operand) != 0
@@ -71,7 +71,7 @@ def _dimension_of_equal_terms(tree: Applied, parts: list[Dimension]) -> Dimensio
     return result[0] if result else NONE
 
 
-def _dimension_of_power(tree: Applied, parts: list[Dimension]) -> Dimension:
+def _dimension_of_power(tree: Operation, parts: list[Dimension]) -> Dimension:
     base, power = parts
     if power != NONE:
         raise InputError(f"a power in {unit_text(power)}; it must be a number")
@@ -90,7 +90,7 @@ def _constant_value(tree: Node) -> Fraction | None:
             return Fraction(tree.text)
         except ValueError:
             return None
-    if isinstance(tree, Applied):
+    if isinstance(tree, Operation):
         parts = [_constant_value(operand) for operand in tree.operands]
         known = [part for part in parts if part is not None]
         if len(known) == len(parts):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 CONSTANTS = {"pi": math.pi, "π": math.pi, "e": math.e}
 
 
-class Function(NamedTuple):
+class FormulaFunction(NamedTuple):
     """A function that a formula may name: of how many operands, and its value for numbers."""
 
     value: Callable[..., float]
@@ -21,24 +21,24 @@ def _sign(x: float) -> float:
     return float((x > 0.0) - (x < 0.0))
 
 
-FUNCTIONS: Mapping[str, Function] = {
-    "exp": Function(math.exp),
-    "log": Function(math.log),
-    "sqrt": Function(math.sqrt),
-    "sin": Function(math.sin),
-    "cos": Function(math.cos),
-    "tan": Function(math.tan),
-    "asin": Function(math.asin),
-    "acos": Function(math.acos),
-    "atan": Function(math.atan),
-    "sinh": Function(math.sinh),
-    "cosh": Function(math.cosh),
-    "tanh": Function(math.tanh),
-    "abs": Function(abs),
-    "sign": Function(_sign),
-    "heaviside": Function(lambda x: 0.5 + 0.5 * _sign(x)),
-    "max": Function(max, 2, 8),
-    "min": Function(min, 2, 8),
+FUNCTIONS: Mapping[str, FormulaFunction] = {
+    "exp": FormulaFunction(math.exp),
+    "log": FormulaFunction(math.log),
+    "sqrt": FormulaFunction(math.sqrt),
+    "sin": FormulaFunction(math.sin),
+    "cos": FormulaFunction(math.cos),
+    "tan": FormulaFunction(math.tan),
+    "asin": FormulaFunction(math.asin),
+    "acos": FormulaFunction(math.acos),
+    "atan": FormulaFunction(math.atan),
+    "sinh": FormulaFunction(math.sinh),
+    "cosh": FormulaFunction(math.cosh),
+    "tanh": FormulaFunction(math.tanh),
+    "abs": FormulaFunction(abs),
+    "sign": FormulaFunction(_sign),
+    "heaviside": FormulaFunction(lambda x: 0.5 + 0.5 * _sign(x)),
+    "max": FormulaFunction(max, 2, 8),
+    "min": FormulaFunction(min, 2, 8),
 }
 """Functions by name; give `parse` a longer table where there are more."""
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from granular.formulas.functions import CONSTANTS, FUNCTIONS, Function
+from granular.formulas.functions import CONSTANTS, FUNCTIONS, FormulaFunction
 from granular.formulas.tokens import (
     MAX_DEPTH,
     FormulaError,
@@ -20,7 +20,7 @@ from granular.formulas.tokens import (
     syntax_error,
     tokenize,
 )
-from granular.formulas.tree import Applied, Name, Node, Number
+from granular.formulas.tree import Name, Node, Number, Operation
 
 MAX_POWER = 64
 """A height of 1e-3 m to it is 1e-192: with a higher power formulas leave double precision."""
@@ -29,7 +29,9 @@ MAX_TERMS, MAX_SIZE = 300, 5000
 within about a second."""
 
 
-def parse(text: str, functions: Mapping[str, Function] = FUNCTIONS, *, multiplied: bool = True) -> Node:
+def parse(
+    text: str, functions: Mapping[str, FormulaFunction] = FUNCTIONS, *, multiplied: bool = True
+) -> Node:
     """Parse a formula.
 
     Numbers, names (Latin and Greek letters, digits, underscores), the constants ``pi`` and ``e``,
@@ -38,7 +40,7 @@ def parse(text: str, functions: Mapping[str, Function] = FUNCTIONS, *, multiplie
     Parameters
     ----------
     text : str
-    functions : mapping of str to Function
+    functions : mapping of str to FormulaFunction
         Those that the formula may name.
     multiplied : bool
         Whether the formula will be multiplied out, so that one too large for it is refused.
@@ -48,7 +50,7 @@ def parse(text: str, functions: Mapping[str, Function] = FUNCTIONS, *, multiplie
     FormulaError
         If it holds anything else, or is too large to be computed.
     """
-    return _Parser(tokenize(text, functions), functions, multiplied).tree()
+    return _Parser(tokenize(text, functions), functions, multiplied).parse_tree()
 
 
 class _ParsedPart(NamedTuple):
@@ -70,7 +72,9 @@ class _ParsedPart(NamedTuple):
 
 
 class _Parser:
-    def __init__(self, tokens: list[Token], functions: Mapping[str, Function], multiplied: bool) -> None:
+    def __init__(
+        self, tokens: list[Token], functions: Mapping[str, FormulaFunction], multiplied: bool
+    ) -> None:
         self.tokens, self.functions, self.multiplied = tokens, functions, multiplied
         # Each number and name is a stand-in of its own: nothing that was written reaches Python.
         words = {"number": "1", "name": "n"}
@@ -78,14 +82,14 @@ class _Parser:
         self.source = " ".join(pieces)
         self.starts = list(itertools.accumulate((len(piece) + 1 for piece in pieces[:-1]), initial=0))
 
-    def tree(self) -> Node:
+    def parse_tree(self) -> Node:
         try:
             body = ast.parse(self.source, mode="eval").body
         except SyntaxError as error:
             raise self._unreadable_error((error.offset or 1) - 1) from None
         except (ValueError, MemoryError, RecursionError):
             raise nesting_error(self.tokens[0]) from None
-        return self._part(body, 0).tree
+        return self._parse_part(body, 0).tree
 
     def _token_at(self, offset: int) -> Token:
         return self.tokens[max(0, bisect.bisect_right(self.starts, offset) - 1)]
@@ -99,22 +103,22 @@ class _Parser:
         token = self._token_at(offset)
         return syntax_error(token, "what is no formula", "write one, such as k*(z - rest)")
 
-    def _part(self, node: ast.expr, depth: int) -> _ParsedPart:
+    def _parse_part(self, node: ast.expr, depth: int) -> _ParsedPart:
         token = self._token_at(node.col_offset)
         if depth > MAX_DEPTH:
             raise nesting_error(token)
         operands: list[ast.expr]
         match node:
             case ast.Name():
-                return self._name(token)
+                return self._parse_name(token)
             case ast.Constant(value=int()):
                 return _ParsedPart(Number(token[0]), float(token[0]))
             case ast.UnaryOp(op=ast.UAdd()):
-                return self._part(node.operand, depth + 1)
+                return self._parse_part(node.operand, depth + 1)
             case ast.UnaryOp(op=ast.USub()):
                 head, operands = "-", [node.operand]
             case ast.BinOp(op=ast.Add() | ast.Sub()):
-                return self._sum(node, depth, token)
+                return self._parse_sum(node, depth, token)
             case ast.BinOp(op=ast.Mult()):
                 head, operands = "*", [factor for factor, _ in _operands_in_order(node, ast.Mult)]
             case ast.BinOp(op=ast.Div()):
@@ -122,12 +126,14 @@ class _Parser:
             case ast.BinOp(op=ast.Pow()):
                 head, operands = "**", [node.left, node.right]
             case ast.Call(func=ast.Name(), keywords=[]):
-                head, operands = self._function(node, token), node.args
+                head, operands = self._check_function_call(node, token), node.args
             case _:
                 raise self._unreadable_error(node.col_offset)
-        return self._apply(head, [self._part(operand, depth + 1) for operand in operands], token)
+        return self._apply_operation(
+            head, [self._parse_part(operand, depth + 1) for operand in operands], token
+        )
 
-    def _name(self, token: Token) -> _ParsedPart:
+    def _parse_name(self, token: Token) -> _ParsedPart:
         text = token[0]
         if resolve_function_name(text, self.functions) is not None:
             remedy = f"write {text}(...), or take another name"
@@ -137,16 +143,16 @@ class _Parser:
         name = text.rstrip("'")
         return _ParsedPart(Name(name, len(text) - len(name)))
 
-    def _sum(self, node: ast.expr, depth: int, token: Token) -> _ParsedPart:
+    def _parse_sum(self, node: ast.expr, depth: int, token: Token) -> _ParsedPart:
         """All terms of a sum side by side: a long one is not a deep one."""
         terms = []
         for operand, operator in _operands_in_order(node, ast.Add, ast.Sub):
-            term = self._part(operand, depth + 1)
+            term = self._parse_part(operand, depth + 1)
             subtracted = isinstance(operator, ast.Sub)
-            terms.append(self._apply("-", [term], token) if subtracted else term)
-        return self._apply("+", terms, token)
+            terms.append(self._apply_operation("-", [term], token) if subtracted else term)
+        return self._apply_operation("+", terms, token)
 
-    def _function(self, node: ast.Call, token: Token) -> str:
+    def _check_function_call(self, node: ast.Call, token: Token) -> str:
         name = resolve_function_name(token[0], self.functions)
         assert name is not None  # the tokens were checked
         least, most = self.functions[name].least, self.functions[name].most
@@ -156,7 +162,7 @@ class _Parser:
             raise syntax_error(token, what, f"{wanted} are wanted")
         return name
 
-    def _apply(self, head: str, parts: list[_ParsedPart], token: Token) -> _ParsedPart:
+    def _apply_operation(self, head: str, parts: list[_ParsedPart], token: Token) -> _ParsedPart:
         """Operator or a function applied to its operands, if that can be computed."""
         if head == "**" and abs(parts[1].value or 0.0) > MAX_POWER:
             remedy = f"at most {MAX_POWER} is computed: write a lower one"
@@ -172,7 +178,7 @@ class _Parser:
                 f"at most {MAX_TERMS} ({MAX_SIZE}) are taken: write lower powers, or products of fewer sums"
             )
             raise syntax_error(token, what, remedy)
-        return _ParsedPart(Applied(head, tuple(part.tree for part in parts)), value, terms, size)
+        return _ParsedPart(Operation(head, tuple(part.tree for part in parts)), value, terms, size)
 
     def _constant_result(self, head: str, parts: list[_ParsedPart], token: Token) -> float | None:
         """Value of an operation on numbers alone; None of any other."""

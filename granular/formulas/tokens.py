@@ -7,7 +7,7 @@ import re
 import unicodedata
 from collections.abc import Mapping
 
-from granular.formulas.functions import ALIASES, CONSTANTS, Function
+from granular.formulas.functions import ALIASES, CONSTANTS, FormulaFunction
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 
@@ -59,7 +59,7 @@ class FormulaError(InputError):
     """A text is no formula; the message says what is not allowed, where, and what to write."""
 
 
-def tokenize(text: str, functions: Mapping[str, Function]) -> list[Token]:
+def tokenize(text: str, functions: Mapping[str, FormulaFunction]) -> list[Token]:
     """Cut a formula into its tokens.
 
     Raises
@@ -75,7 +75,7 @@ def tokenize(text: str, functions: Mapping[str, Function]) -> list[Token]:
     tokens = list(_TOKEN.finditer(text.translate(_TWINS)))
     for token in tokens:
         if token.lastgroup == "foreign":
-            raise _is_foreign_character(token)
+            raise _foreign_character_error(token)
     if not tokens:
         raise FormulaError("there is no formula; write one, such as k*z")
     if len(tokens) > MAX_TOKENS:
@@ -91,11 +91,11 @@ def tokenize(text: str, functions: Mapping[str, Function]) -> list[Token]:
         if max(depth, signs) > MAX_DEPTH:
             raise nesting_error(token)
     for before, token in itertools.pairwise(tokens):
-        _check_pair(before, token, functions)
+        _check_neighbouring_tokens(before, token, functions)
     return tokens
 
 
-def _check_token(token: Token, functions: Mapping[str, Function]) -> None:
+def _check_token(token: Token, functions: Mapping[str, FormulaFunction]) -> None:
     text = token[0]
     match token.lastgroup:
         case "number":
@@ -116,7 +116,7 @@ def _check_token(token: Token, functions: Mapping[str, Function]) -> None:
                 raise syntax_error(token, what, "take another name")
 
 
-def _check_pair(before: Token, token: Token, functions: Mapping[str, Function]) -> None:
+def _check_neighbouring_tokens(before: Token, token: Token, functions: Mapping[str, FormulaFunction]) -> None:
     """Refuse two operands without an operator, and calls of what is no function."""
     if before.lastgroup == "operator" and before[0] != ")":
         return
@@ -128,7 +128,7 @@ def _check_pair(before: Token, token: Token, functions: Mapping[str, Function]) 
         raise syntax_error(token, "a sign is missing", "write * between two factors")
 
 
-def _is_foreign_character(token: Token) -> FormulaError:
+def _foreign_character_error(token: Token) -> FormulaError:
     character = token[0]
     if character in _INSTEAD:
         remedy = f"write {_INSTEAD[character]}"
@@ -142,7 +142,7 @@ def _is_foreign_character(token: Token) -> FormulaError:
     return syntax_error(token, f"{shown} is none of the characters of a formula", remedy)
 
 
-def resolve_function_name(name: str, functions: Mapping[str, Function]) -> str | None:
+def resolve_function_name(name: str, functions: Mapping[str, FormulaFunction]) -> str | None:
     """Name of the function that a name stands for; None where it stands for none."""
     name = ALIASES.get(name, name)
     return name if name in functions else None

@@ -29,7 +29,7 @@ class Name:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Applied:
+class Operation:
     """Operator or function, applied to its operands.
 
     Attributes
@@ -45,7 +45,7 @@ class Applied:
     operands: tuple[Node, ...]
 
 
-Node = Number | Name | Applied
+Node = Number | Name | Operation
 
 
 def variable_names(*trees: Node) -> tuple[Name, ...]:
@@ -61,7 +61,7 @@ def constant_names(*trees: Node) -> tuple[str, ...]:
 
 def _iterate_leaves(trees: Iterable[Node]) -> Iterator[Name | Number]:
     for tree in trees:
-        if isinstance(tree, Applied):
+        if isinstance(tree, Operation):
             yield from _iterate_leaves(tree.operands)
         else:
             yield tree

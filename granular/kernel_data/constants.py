@@ -133,7 +133,7 @@ def relative_moments(constants: Constants) -> Array | None:
 
 
 @compiled(inline=True)
-def stiffness_bound(discs: DiscLaw | None) -> float:
+def pair_stiffness_bound(discs: DiscLaw | None) -> float:
     """Stiffness of a pair over 3 / rho^5, at most; 1 for dipoles."""
     return 1.0 if discs is None else discs.series[STIFFNESS]
 
@@ -144,7 +144,9 @@ def _values_or_default(values: Array | None, otherwise: Array | None) -> Array |
 
 
 @compiled
-def divide_by_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
+def multiply_by_moment_over_mass(
+    stiffness: Array, moments: Array | None, masses: Array | None, count: int
+) -> None:
     """Make stiffnesses of grains of moment 1 such over the mass; the same if moments are masses."""
     if moments is not None:
         for i in range(count):

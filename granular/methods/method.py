@@ -67,7 +67,7 @@ class Method:
     compensated: bool = False
 
     def __post_init__(self) -> None:
-        _check_words(self)
+        _check_name_and_order(self)
         if self.tableau is None:
             _set_field(self, "kicks", _parse_fractions(self, "kicks", self.kicks))
             _set_field(self, "drifts", _parse_fractions(self, "drifts", self.drifts))
@@ -94,28 +94,30 @@ class Method:
         return (self.source,)
 
     @property
-    def force_calls(self) -> int:
+    def force_evaluations_per_step(self) -> int:
         """Evaluations of all forces a step."""
         if self.tableau is not None:
             return len(self.tableau) - 1
         return sum(1 for kick in self.kicks[1:] if kick) or 1
 
     @property
-    def backward(self) -> bool:
+    def has_backward_parts(self) -> bool:
         """True if a part of the step runs backward in time, where dry friction is undefined."""
         return min((*self.kicks, *self.drifts)) < 0.0
 
     @property
-    def takes_impulses(self) -> bool:
+    def allows_far_field_impulses(self) -> bool:
         """True if it keeps its order with a force that acts in impulses around its steps."""
         return self.kicks == (0.5, 0.5) and not self.variable
 
     @property
-    def takes_dry_friction(self) -> bool:
-        return self.tableau is None and not self.backward and not self.variable
+    def allows_dry_friction(self) -> bool:
+        return self.tableau is None and not self.has_backward_parts and not self.variable
 
     def __str__(self) -> str:
-        calls = f"{self.force_calls} force{'s' * (self.force_calls != 1)} a step"
+        calls = (
+            f"{self.force_evaluations_per_step} force{'s' * (self.force_evaluations_per_step != 1)} a step"
+        )
         return ", ".join([f"order {self.order}", calls, *(["variable steps"] * self.variable), self.source])
 
     def to_plain(self) -> dict[str, Any]:
@@ -157,7 +159,7 @@ def _set_field(method: Method, name: str, value: Any) -> None:
     object.__setattr__(method, name, value)  # the class is frozen
 
 
-def _check_words(method: Method) -> None:
+def _check_name_and_order(method: Method) -> None:
     if not isinstance(method.name, str) or not method.name or not method.name.isprintable():
         raise InputError(f"method name = {quote(method.name)}; give a printable word")
     if not isinstance(method.source, str):

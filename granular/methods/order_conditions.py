@@ -65,7 +65,7 @@ def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> st
     """
     rows, weights = np.array(tableau[:-1]), np.array(tableau[-1])
     for nodes in range(1, order + 1):
-        for tree in _trees(nodes):
+        for tree in _rooted_trees(nodes):
             result = float(weights @ _stage_weights(tree, rows))
             if abs(result - 1.0 / _tree_density(tree)) > TOLERANCE:
                 return (
@@ -99,7 +99,7 @@ def _multiply_by_exponential(result: list[np.ndarray], letter: int, duration: fl
 
 
 @functools.cache
-def _trees(nodes: int) -> tuple[Tree, ...]:
+def _rooted_trees(nodes: int) -> tuple[Tree, ...]:
     """All rooted trees of so many nodes, each once."""
     return tuple(_sets_of_trees(nodes - 1, nodes - 1))
 
@@ -111,7 +111,7 @@ def _sets_of_trees(nodes: int, largest: int) -> Iterator[Tree]:
         return
     for size in range(min(nodes, largest), 0, -1):
         for count in range(nodes // size, 0, -1):
-            for same in itertools.combinations_with_replacement(_trees(size), count):
+            for same in itertools.combinations_with_replacement(_rooted_trees(size), count):
                 for rest in _sets_of_trees(nodes - size * count, size - 1):
                     yield (*same, *rest)
 

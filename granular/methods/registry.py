@@ -8,7 +8,7 @@ from typing import Any
 
 from granular.methods.method import COMPENSATED, Method, method_from_plain
 from granular.methods.tables import METHODS
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from granular.shared.registry import Registry, entry_point_names, load_entry_point
@@ -58,7 +58,7 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
     return method
 
 
-def method_setting(method: Method) -> str | dict[str, Any]:
+def method_as_run_setting(method: Method) -> str | dict[str, Any]:
     """Entry of a method in a run's settings: the name of a built-in one, else its table."""
     return method.name if _is_built_in(method) else method.to_plain()
 
@@ -89,12 +89,12 @@ def method_named(name: str) -> Method:
     """
     word = str(name)
     plain = word.removesuffix(COMPENSATED)
-    method = METHODS.get(plain) or _own.get(plain) or _from_entry_point(plain)
+    method = METHODS.get(plain) or _own.get(plain) or _load_from_entry_point(plain)
     if method is None:
         known = (*METHODS, *_own)
         raise InputError(
-            f"{unknown(word, known, 'method')}; a method of your own comes by --import FILE, or by "
-            f"an installed entry point of the group {GROUP!r}"
+            f"{unknown_word_message(word, known, 'method')}; a method of your own comes by --import FILE, or "
+            f"by an installed entry point of the group {GROUP!r}"
         )
     return method if plain == word else with_compensated_sums(method)
 
@@ -140,7 +140,7 @@ def _is_built_in(method: Method) -> bool:
     return method.name.removesuffix(COMPENSATED) in METHODS
 
 
-def _from_entry_point(name: str) -> Method | None:
+def _load_from_entry_point(name: str) -> Method | None:
     entry_point = load_entry_point(GROUP, name, "method")
     if entry_point is not None and (not isinstance(entry_point, Method) or entry_point.name != name):
         raise InputError(f"method {quote(name)} is no granular.Method of that name")

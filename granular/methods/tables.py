@@ -18,19 +18,19 @@ from granular.methods.method import Method
 from granular.shared.registry import Registry
 
 
-def _ends_with_kicks(name: str, order: int, source: str, *fractions: float) -> Method:
+def _symmetric_kick_first_method(name: str, order: int, source: str, *fractions: float) -> Method:
     """Symmetric method from the first half of its fractions: kick, drift, kick, ..."""
-    total = _mirror(fractions)
+    total = _append_mirror_image(fractions)
     return Method(name, order, source, kicks=total[::2], drifts=total[1::2])
 
 
-def _ends_with_drifts(name: str, order: int, source: str, *fractions: float) -> Method:
+def _symmetric_drift_first_method(name: str, order: int, source: str, *fractions: float) -> Method:
     """Symmetric method from the first half of its fractions: drift, kick, drift, ..."""
-    total = _mirror(fractions)
+    total = _append_mirror_image(fractions)
     return Method(name, order, source, kicks=(0.0, *total[1::2], 0.0), drifts=total[::2])
 
 
-def _mirror(fractions: tuple[float, ...]) -> tuple[float, ...]:
+def _append_mirror_image(fractions: tuple[float, ...]) -> tuple[float, ...]:
     """Fractions and, around the last of them, their mirror image."""
     return (*fractions, *reversed(fractions[:-1]))
 
@@ -48,7 +48,7 @@ def _blanes_moan(name: str, order: int, outer: tuple[float, ...], inner: tuple[f
     kicks = (*outer, 1.0 - 2.0 * math.fsum(outer))
     drifts = (*inner, 0.5 - math.fsum(inner))
     source = "Blanes and Moan 2002, doi:10.1016/S0377-0427(01)00492-7"
-    return Method(name, order, source, kicks=_mirror(kicks), drifts=(*drifts, *reversed(drifts)))
+    return Method(name, order, source, kicks=_append_mirror_image(kicks), drifts=(*drifts, *reversed(drifts)))
 
 
 _CUBE_ROOT = 2.0 ** (1.0 / 3.0)
@@ -62,10 +62,10 @@ _TABLES = (
         kicks=(1.0, 0.0),
         drifts=(1.0,),
     ),
-    _ends_with_kicks(
+    _symmetric_kick_first_method(
         "stormer-verlet", 2, "Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144", 0.5, 1.0
     ),
-    _ends_with_drifts(
+    _symmetric_drift_first_method(
         "position-verlet", 2, "Tuckerman, Berne and Martyna 1992, doi:10.1063/1.463137", 0.5, 1.0
     ),
     Method(
@@ -79,7 +79,7 @@ _TABLES = (
     _compose_verlet_steps(
         "forest-ruth", 4, "Forest and Ruth 1990, doi:10.1016/0167-2789(90)90019-L", 1.0 / (2.0 - _CUBE_ROOT)
     ),
-    _ends_with_drifts(
+    _symmetric_drift_first_method(
         "pefrl",
         4,
         "Omelyan, Mryglod and Folk 2002, doi:10.1016/S0010-4655(02)00451-4",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -293,7 +293,7 @@ def _find_driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
             else "the scene has no stage with a sinusoidal drive; give it an oscillate or a push"
         )
     if name not in driven:
-        raise InputError(unknown(name, tuple(driven), "driven stage"))
+        raise InputError(unknown_word_message(name, tuple(driven), "driven stage"))
     return driven[name]
 
 

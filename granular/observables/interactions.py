@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.effects.dipole import grain_discs
+from granular.effects.dipole import discs_unless_dipoles
 from granular.observables.frame import check_positions, is_present
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
 from granular.shared.errors import InputError
@@ -97,7 +97,7 @@ def iterate_pair_forces(scene: Scene, positions: np.ndarray) -> Iterator[Branche
     points = positions[here] / scales.length
     moments = relative_magnetic_moments(scene)[here]
     contact = _law_in_natural_units(system, "contact")
-    discs, species = grain_discs(scene.grains, scales.length), scene.grains.species_indices()[here]
+    discs, species = discs_unless_dipoles(scene.grains, scales.length), scene.grains.species_indices()[here]
     for start in range(0, len(here), BLOCK):
         some = np.arange(start, min(start + BLOCK, len(here)))
         branch = _nearest_image_branches(points[some, None] - points[None], scene, scales.length)
@@ -263,8 +263,10 @@ def _contact_pair_forces(law: Any, r: np.ndarray, first: np.ndarray, second: np.
     push = np.zeros_like(r)
     overlap = law.radius[first][:, None] + law.radius[second][None] - r
     for i, j in np.argwhere(overlap > 0.0):
-        spring = _callable_kernel(contact.spring_constant)(law, law.radius[first[i]], law.radius[second[j]])
-        push[i, j] = _callable_kernel(contact.force)(spring, overlap[i, j])
+        spring = _callable_kernel(contact.hertz_spring_constant)(
+            law, law.radius[first[i]], law.radius[second[j]]
+        )
+        push[i, j] = _callable_kernel(contact.hertz_force)(spring, overlap[i, j])
     return push
 
 

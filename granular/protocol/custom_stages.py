@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.effects.custom import CustomSection, make_section_class, scene_name, static_methods_of
+from granular.effects.custom import CustomSection, make_section_class, scene_key_of_class, static_methods_of
 from granular.effects.custom_functions import user_code_error
 from granular.protocol import KINDS
 from granular.protocol.stage import SampledStage
@@ -62,12 +62,12 @@ class CustomStage(CustomSection, SampledStage):
         return {"kind": self.definition.key, **super().to_plain()}  # also of a class that was edited
 
 
-def stage(written: type) -> Any:
+def stage(user_class: type) -> Any:
     """Make a class a stage that protocols can name; see the head of this file.
 
     Parameters
     ----------
-    written : type
+    user_class : type
         A class with parameters (`quantity`) and the static function ``height`` or ``force``. Its
         name in small letters is the ``kind`` that a protocol gives.
 
@@ -81,12 +81,12 @@ def stage(written: type) -> Any:
     InputError
         If the class is no such, or its name is that of a built-in stage.
     """
-    key, functions = scene_name(written), static_methods_of(dict(vars(written)))
+    key, functions = scene_key_of_class(user_class), static_methods_of(dict(vars(user_class)))
     if len(set(functions) & set(_FUNCTIONS)) != 1:
         raise InputError(f"stage {key!r} needs one static method, 'height' or 'force'")
     if not issubclass(KINDS.get(key, CustomStage), CustomStage):
         raise InputError(f"stage {key!r} is a built-in one; give the class another name")
-    made: type[CustomStage] = make_section_class(written, CustomStage, _FUNCTIONS, (), "stage")
+    made: type[CustomStage] = make_section_class(user_class, CustomStage, _FUNCTIONS, (), "stage")
     KINDS[key] = made
     return made
 

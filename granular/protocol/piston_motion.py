@@ -168,7 +168,7 @@ def _table_arrays(motion: Motion) -> tuple[Array, Array]:
     return motion.times, motion.heights
 
 
-def drive_frequency(motion: Motion) -> float:
+def drive_angular_frequency(motion: Motion) -> float:
     """Angular frequency that the drive has, or the rate at which it changes [1/tau]."""
     if motion.kind == DESCENT:
         return motion.steepness / motion.total_duration

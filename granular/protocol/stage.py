@@ -44,7 +44,7 @@ class Stage(Section):
         return False
 
     @property
-    def sources(self) -> tuple[str, ...]:
+    def user_code_digests(self) -> tuple[str, ...]:
         """Digests of a user's own functions in it."""
         return ()
 
@@ -196,8 +196,8 @@ class FormulaStage(SectionWithFormula, SampledStage):
 
     def sample_values_and_slopes(self, times: np.ndarray, height: float) -> np.ndarray:
         given = [self.parameter_value_and_dimension(name)[0] for name, _ in self.values]
-        names_given = tuple(name for name, _ in self.values)
-        functions = _value_and_slope_functions(self.formula, tuple(self.variables), names_given)
+        parameter_names = tuple(name for name, _ in self.values)
+        functions = _value_and_slope_functions(self.formula, tuple(self.variables), parameter_names)
         start = [height] if "h0" in self.variables else []
         with np.errstate(all="ignore"):
             values = [np.broadcast_to(of(times, *start, *given), times.shape) for of in functions]

@@ -17,7 +17,7 @@ import numpy as np
 
 from granular.readers.column_headers import HEIGHT, normalize_unit
 from granular.readers.role_units import ANGLE_UNITS, SI, role_unit_size
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.message_text import quote
@@ -98,7 +98,7 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
     """
     for key in given:
         if key not in KEYS:
-            raise RecordError(unknown(str(key), KEYS, "key of a calibration"))
+            raise RecordError(unknown_word_message(str(key), KEYS, "key of a calibration"))
     forms = [key for key in ("scale", "coefficients", "points") if given.get(key) is not None]
     if not forms and "zero" in given:
         raise RecordError(f"zero of {quote(role)} without scale; give both, such as scale = '2.4894 mm/V'")

@@ -28,7 +28,7 @@ from granular.readers.column_headers import (
 from granular.readers.read_options import ANGLE, ROLES, STROKE, ReadOptions
 from granular.readers.role_units import SI
 from granular.readers.sheet import Column, Sheet
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.message_text import quote, sanitize
@@ -146,7 +146,9 @@ def _find_named_column(sheet: Sheet, wanted: str | int) -> Column:
     for column in sheet.columns:
         if column.name.lower() == wanted.strip().lower():
             return column
-    raise RecordError(unknown(wanted, [column.name for column in sheet.columns if column.name], "column"))
+    raise RecordError(
+        unknown_word_message(wanted, [column.name for column in sheet.columns if column.name], "column")
+    )
 
 
 def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.schema.units import si_value
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.files import read_toml, write_text
@@ -170,7 +170,7 @@ class ReadOptions:
             if column not in of_height:
                 if not isinstance(given, Mapping):
                     raise RecordError(
-                        f"calibration: {unknown(str(column), _CALIBRATION, 'key')}; or give a "
+                        f"calibration: {unknown_word_message(str(column), _CALIBRATION, 'key')}; or give a "
                         "table for a column"
                     )
                 result.setdefault(_calibration_key(column), {}).update(given)
@@ -229,7 +229,7 @@ def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
     known = tuple(field.name for field in dataclasses.fields(ReadOptions))
     for key in plain:
         if key not in known:
-            raise RecordError(unknown(str(key), known, "key of a record"))
+            raise RecordError(unknown_word_message(str(key), known, "key of a record"))
     return ReadOptions(**plain)
 
 
@@ -238,7 +238,7 @@ def _check_role(role: str) -> None:
     known = (*ROLES, ANGLE, STROKE)
     misspelt = difflib.get_close_matches(role, known, 1, _MISSPELT)
     if role not in known and (misspelt or not role.isidentifier()):
-        raise RecordError(f"columns: {unknown(role, known, 'column of a record')}")
+        raise RecordError(f"columns: {unknown_word_message(role, known, 'column of a record')}")
 
 
 def _calibration_key(name: object) -> str:

@@ -22,7 +22,7 @@ from granular.readers.column_roles import assign_roles, motion_role
 from granular.readers.read_options import ANGLE, STROKE, ReadOptions
 from granular.readers.role_units import ANGLE_UNITS, role_unit_size, si_unit_of_role
 from granular.readers.sheet import Column, Sheet
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.message_text import quote, sanitize
@@ -191,7 +191,7 @@ def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOpti
         said[HEIGHT] = said.pop(alias)
     for name in said:
         if name not in known:
-            raise RecordError(unknown(name, sorted(known), "column"))
+            raise RecordError(unknown_word_message(name, sorted(known), "column"))
     result = {}
     for role, column in chosen.items():
         unit = said.get(role, said.get(column.name.lower(), column.unit))

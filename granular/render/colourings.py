@@ -16,7 +16,7 @@ from granular.export.frames import BedFrame
 from granular.observables.forces import compressive_forces, grain_pressures, relative_fluctuation
 from granular.observables.voronoi import VoronoiCells, hexagon_regularity
 from granular.scene.scene import Scene
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.plotting import SIDES
 
@@ -156,7 +156,7 @@ def colouring_by_name(name: str) -> Colouring:
         If there is none of that name.
     """
     if name not in COLOURINGS:
-        raise InputError(unknown(name, tuple(COLOURINGS), "colour"))
+        raise InputError(unknown_word_message(name, tuple(COLOURINGS), "colour"))
     return COLOURINGS[name]
 
 

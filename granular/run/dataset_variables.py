@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from granular.effects.effect import Record
+from granular.effects.effect import RecordedVariable
 from granular.effects.wall_side import SIDES
-from granular.engine.columns import all_columns, custom_column, energy_column, loss_column
+from granular.engine.columns import column_names_for_laws, energy_column, law_record_column, loss_column
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 
@@ -101,23 +101,27 @@ def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
     if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
         chosen.append(_PISTON_LOSS)
     chosen += [_WORK] if scene.piston is not None or effects.shaking or effects.host else []
-    own = [record for variable in effects.in_loop_order for record in variable.records]
-    chosen += [_record_variable(record, custom_column(index)) for index, record in enumerate(own)]
+    own = [record for variable in effects.in_loop_order for record in variable.extra_records]
+    chosen += [_record_variable(record, law_record_column(index)) for index, record in enumerate(own)]
     chosen += [_COUNT] if effects.walls and effects.walls.has_gap else []
     chosen += [variable for variable in _STATE if variable.column != "closest" or effects.dipole]
     return tuple(chosen)
 
 
-def _variables_of_summed_records(records: Iterable[tuple[str, Record | None]]) -> list[DatasetVariable]:
+def _variables_of_summed_records(
+    records: Iterable[tuple[str, RecordedVariable | None]],
+) -> list[DatasetVariable]:
     """Variable for each record, of the columns of all effects that share it."""
-    columns: dict[Record, list[str]] = {}
+    columns: dict[RecordedVariable, list[str]] = {}
     for column, record in records:
         if record is not None:
             columns.setdefault(record, []).append(column)
     return [_record_variable(record, " + ".join(names)) for record, names in columns.items()]
 
 
-def _record_variable(record: Record, column: str, dims: tuple[str, ...] = ("time",)) -> DatasetVariable:
+def _record_variable(
+    record: RecordedVariable, column: str, dims: tuple[str, ...] = ("time",)
+) -> DatasetVariable:
     return DatasetVariable(record.name, record.unit, record.meaning, column, record.scale, dims)
 
 
@@ -136,7 +140,7 @@ def all_run_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
 def record_column_names(scene: Scene) -> tuple[str, ...]:
     """Every column of a scene's records."""
     laws = scene.effects.in_loop_order
-    return all_columns(len(laws), sum(len(law.records) for law in laws))
+    return column_names_for_laws(len(laws), sum(len(law.extra_records) for law in laws))
 
 
 def column_in_si(

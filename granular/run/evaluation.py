@@ -10,7 +10,7 @@ from granular.effects.wall_side import SIDES, TOP
 from granular.engine.far_field_forces import force_with_far_field
 from granular.engine.forces import evaluate_forces
 from granular.engine.new_state import new_measurement, new_state
-from granular.engine.run_errors import raise_where_not_finite
+from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.kernel_data.state import State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
@@ -101,7 +101,7 @@ def evaluate(
         METHODS["stormer-verlet"],
     )
     measurement, energies = new_measurement(state), np.zeros(len(constants.acting.laws))
-    with raise_where_not_finite(_misplaced_positions_error), explain_compile_errors(scene):
+    with report_arithmetic_errors_as(_misplaced_positions_error), explain_compile_errors(scene):
         outside, potential, kinetic = evaluate_forces(state, constants, measurement, energies)
     force = np.stack(force_with_far_field(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():
@@ -128,7 +128,7 @@ def _misplaced_positions_error() -> InputError:
 def _normal_loads(state: State, system: SceneInNaturalUnits) -> np.ndarray:
     grains = system.constants.grains
     for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
-        values = effect.grain_values(law, state)
+        values = effect.grain_record_values(law, state)
         if "normal_load" in values:
             return values["normal_load"][:grains]
     return np.zeros(grains)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.engine import columns
-from granular.engine.energy_ledger import Ledger
+from granular.engine.energy_ledger import EnergyLedger
 from granular.engine.far_field_forces import update_held_far_field
 from granular.engine.loop import (
     HIGHEST,
@@ -25,7 +25,7 @@ from granular.engine.loop import (
     TickRange,
     advance_ticks,
 )
-from granular.engine.outflow import remove_outflow
+from granular.engine.outflow import remove_outflowed_grains
 from granular.engine.run_errors import not_at_rest_error, unbalanced_energy_error
 from granular.engine.step_size import REVIEW, StepSchedule
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
@@ -51,7 +51,7 @@ class ProtocolRunner(RunState):
         scales, progress, clock = self.system.scales, self.progress, self.state.clock
         figures: dict[str, Any] = {
             "steps": self.steps,
-            "ledger_residual": 0.0 if self.ledger is None else self.ledger.closure,
+            "ledger_residual": 0.0 if self.ledger is None else self.ledger.worst_relative_residual,
         }
         if self.steps:
             figures["shortest_step"] = float(clock[SHORTEST]) * scales.time
@@ -90,7 +90,9 @@ class ProtocolRunner(RunState):
     def _open_energy_ledger(self) -> None:
         if self.ledger is None:
             row = self.look(ARRANGE)
-            self.ledger = Ledger.opened(row[: self._entered], coarse=has_coarse_friction(self.scene))
+            self.ledger = EnergyLedger.from_first_record(
+                row[: self._entered], coarse=has_coarse_friction(self.scene)
+            )
 
     def _jump_piston(self, by: float) -> None:
         before = self.energy(ARRANGE)
@@ -193,7 +195,7 @@ class ProtocolRunner(RunState):
     def _remove_departed_grains(self) -> None:
         """Take out the grains that have left through the gap, with the energy they carry."""
         before = self.energy(self.remedy_for_long_steps)
-        self.constants = remove_outflow(self.state, self.constants)
+        self.constants = remove_outflowed_grains(self.state, self.constants)
         self.state.ledger[WORK] += self.energy(self.remedy_for_long_steps) - before
 
     def _advance_rest_of_stage(self, left: float) -> None:
@@ -291,7 +293,7 @@ class ProtocolRunner(RunState):
         if not len(rows):
             return
         assert self.ledger is not None
-        wrong = self.ledger.check(rows[:, : self._entered])
+        wrong = self.ledger.find_unbalanced_record(rows[:, : self._entered])
         self.progress.closest = min(self.progress.closest, float(rows[:, columns.CLOSEST].min()))
         self.progress.last = float(rows[-1, columns.TIME])
         good = len(rows) if wrong is None else wrong[0] + 1

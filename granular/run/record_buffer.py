@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from granular.effects.effect import Effect
-from granular.engine.columns import record_width
+from granular.engine.columns import ledger_column_count
 from granular.engine.far_field_forces import force_with_far_field
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
@@ -53,7 +53,7 @@ class RecordBuffer:
             "force": self._field(state, constants.grains, *force_with_far_field(state)),
         }
         for effect, law in zip(self.effects, constants.acting.laws, strict=True):
-            for name, values in effect.grain_values(law, state).items():
+            for name, values in effect.grain_record_values(law, state).items():
                 frame[name] = self._field(state, constants.grains, values)[:, 0]
         self.frames.append(frame)
 
@@ -85,8 +85,8 @@ class RecordBuffer:
 
     def all_records(self) -> tuple[np.ndarray, np.ndarray]:
         """All records (r, columns), and the stage of each (r,)."""
-        own = sum(len(effect.records) for effect in self.effects)
-        empty = np.empty((0, record_width(len(self.effects)) + own))
+        own = sum(len(effect.extra_records) for effect in self.effects)
+        empty = np.empty((0, ledger_column_count(len(self.effects)) + own))
         return (
             np.concatenate([empty, *self.rows]),
             np.concatenate([np.empty(0, dtype=np.int64), *self.stages]),

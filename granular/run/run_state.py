@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from granular.effects.dissipative_effect import Flow
-from granular.effects.moving_frame_effect import Frame
+from granular.effects.dissipative_effect import DissipativeEffect
+from granular.effects.moving_frame_effect import MovingFrameEffect
 from granular.engine import columns
-from granular.engine.energy_ledger import Ledger
+from granular.engine.energy_ledger import EnergyLedger
 from granular.engine.loop import STIFFEST, TURNED, StopCriteria, record_present_state
 from granular.engine.new_state import new_measurement, new_state
 from granular.engine.run_errors import misplaced_grain_error, too_many_steps_error
-from granular.engine.step import make_plan
+from granular.engine.step import make_step_plan
 from granular.engine.step_size import (
     MOST_COUNT,
     MOST_STEPS,
     REVIEW,
-    Step,
+    StepRequest,
     StepSchedule,
     auto_step_text,
     completed_ticks,
@@ -30,7 +30,7 @@ from granular.engine.variable_step import initialise_step_density
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, STEPS, TIME, Measurement, State
 from granular.methods import Method
 from granular.protocol import Stage
-from granular.protocol.piston_motion import Motion, drive_frequency, greatest_piston_speed
+from granular.protocol.piston_motion import Motion, drive_angular_frequency, greatest_piston_speed
 from granular.protocol.stage import TimedStage
 from granular.run.record_buffer import RecordBuffer
 from granular.scene.scene import Scene
@@ -92,11 +92,16 @@ class RunState:
     """State, progress and recorder of a run, and all that follows from them."""
 
     def __init__(
-        self, scene: Scene, system: SceneInNaturalUnits, method: Method, step: Step, t_end: float | None
+        self,
+        scene: Scene,
+        system: SceneInNaturalUnits,
+        method: Method,
+        step: StepRequest,
+        t_end: float | None,
     ) -> None:
         self.scene, self.system, self.step = scene, system, step
         self.t_end = math.inf if t_end is None else t_end / system.scales.time
-        self.plan = make_plan(method, step, system.constants.acting.far)
+        self.plan = make_step_plan(method, step, system.constants.acting.far)
         self.recorder = RecordBuffer(scene.grains.count, system.effects)
         self.progress = RunProgress()
         positions, velocities = scene.initial_positions_and_velocities()
@@ -112,11 +117,11 @@ class RunState:
         self.constants = system.constants
         self.measurement: Measurement = new_measurement(self.state)
         self.band, self.seen = np.zeros(3), np.zeros(3)
-        self.ledger: Ledger | None = None
+        self.ledger: EnergyLedger | None = None
         self.motion = Motion()
-        self._entered = columns.record_width(len(system.effects))
+        self._entered = columns.ledger_column_count(len(system.effects))
         """Columns that the energy ledger reads."""
-        self._columns = self._entered + sum(len(effect.records) for effect in system.effects)
+        self._columns = self._entered + sum(len(effect.extra_records) for effect in system.effects)
         self._row = np.zeros(self._columns)
 
     @property
@@ -212,7 +217,11 @@ class RunState:
         one that resolves all swings has not led the grains astray.
         """
         acting = self.scene.effects.acting
-        own = [effect.key for effect in acting if any(part.sources for part in effect.parts)]
+        own = [
+            effect.key
+            for effect in acting
+            if any(part.user_code_digests for part in effect.component_effects)
+        ]
         if not own or self.progress.schedule is None:
             return self.remedy_for_long_steps
         seen = np.array([self._row[columns.STIFFEST], self.seen[STIFFEST]])
@@ -268,10 +277,12 @@ class RunState:
         height, falling = self.state.piston[HEIGHT], self.state.piston[SPEED]
         speed += greatest_piston_speed(self.motion, self.constants.piston_mass, gravity, height, falling)
         speed += sum(
-            effect.greatest_speed(scales) for effect in self.system.effects if isinstance(effect, Frame)
+            effect.greatest_imparted_speed(scales)
+            for effect in self.system.effects
+            if isinstance(effect, MovingFrameEffect)
         )
         frequency = max(float(row[columns.STIFFEST]), collision_frequency(self.constants, speed))
-        schedule = self.step.schedule(
+        schedule = self.step.divide_stage(
             output.scalars / scales.time,
             output.frames / scales.time,
             self._frequency_to_resolve(frequency),
@@ -288,19 +299,25 @@ class RunState:
     def set_steps_per_tick(self, frequency: float) -> None:
         """Cut the ticks into steps for another frequency; a variable step does so itself."""
         if self.plan.fraction is None:
-            steps = self.step.steps_of(self.schedule.length, self._frequency_to_resolve(frequency))
+            steps = self.step.steps_per_tick(self.schedule.length, self._frequency_to_resolve(frequency))
             self._apply_schedule(self.schedule.with_steps(steps))
 
     def _frequency_to_resolve(self, frequency: float) -> float:
         """Frequency that an automatic step is to resolve, with the drive and the drag."""
         scales, effects = self.system.scales, self.system.effects
-        rate = max((effect.decay_rate(scales) for effect in effects if isinstance(effect, Flow)), default=0.0)
+        rate = max(
+            (effect.decay_rate(scales) for effect in effects if isinstance(effect, DissipativeEffect)),
+            default=0.0,
+        )
         record = self.scene.output.scalars / scales.time
-        slowest = max(frequency, self.step.fraction / record)
-        drives = [drive_frequency(self.motion), *(effect.drive_frequency(scales) for effect in effects)]
+        slowest = max(frequency, self.step.step_times_frequency / record)
+        drives = [
+            drive_angular_frequency(self.motion),
+            *(effect.drive_angular_frequency(scales) for effect in effects),
+        ]
         resolved = max(frequency, *drives, min(rate, DECAY_LIMIT * slowest))
         if self.step.automatic:
-            steps = record * resolved / self.step.fraction
+            steps = record * resolved / self.step.step_times_frequency
             self._refuse_too_many_steps("the time from record to record", steps, MOST_STEPS)
         return resolved
 
@@ -334,7 +351,7 @@ class RunState:
         if isinstance(stage, TimedStage) and rest >= 0.0:
             ticks = stage.window / self.system.scales.time / self.schedule.length
             window = math.ceil(min(ticks, MOST_COUNT))
-        stiff = self.step.stiff if self.plan.fraction is None else math.inf
+        stiff = self.step.shortening_threshold if self.plan.fraction is None else math.inf
         assert self.ledger is not None
         potential, piston = self.ledger.potential, self.ledger.piston
         floor = -math.inf if self.scene.piston is None else 0.0

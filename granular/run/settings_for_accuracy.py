@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from granular.engine.step_size import Step, auto_step_text
+from granular.engine.step_size import StepRequest, auto_step_text
 from granular.methods.registry import method_named
 from granular.run.time_steps import can_run_with_step, parse_time_step
 from granular.run.work_precision import (
@@ -17,7 +17,7 @@ from granular.run.work_precision import (
     most_similar_measured_scene,
 )
 from granular.scene.scene import Scene
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 
@@ -80,7 +80,7 @@ def parse_accuracy(text: str) -> tuple[float, str]:
             "'1e-3 rest height' or '1 % piston force'"
         )
     if match["quantity"] not in names:
-        raise InputError(unknown(match["quantity"], names, "quantity"))
+        raise InputError(unknown_word_message(match["quantity"], names, "quantity"))
     return value * (0.01 if match["percent"] else 1.0), match["quantity"]
 
 
@@ -174,8 +174,8 @@ def step_from_frequency_product(scene: Scene, fraction: float) -> str:
 
     It is rounded down to hundredths.
     """
-    step: Step = parse_time_step("auto", scene)
-    factor = min(fraction / step.fraction, step.longest)
+    step: StepRequest = parse_time_step("auto", scene)
+    factor = min(fraction / step.step_times_frequency, step.greatest_factor)
     if factor < 1.0:
         return f"auto/{math.ceil(100.0 / factor - 1e-6) / 100.0:g}"
     return auto_step_text(math.floor(100.0 * factor + 1e-6) / 100.0)
@@ -207,5 +207,5 @@ def longest_step_hidden_by_scatter(scene: Scene, method: str) -> str:
             if not set(entry.clear).isdisjoint(MOTION):
                 break
             fraction = entry.fraction
-    shortest = parse_time_step("auto", scene).fraction
+    shortest = parse_time_step("auto", scene).step_times_frequency
     return step_from_frequency_product(scene, fraction) if fraction > shortest else "auto"

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.compiled.compile_timer import CompileTimer, measure_compile_time
-from granular.engine.run_errors import raise_where_not_finite
-from granular.engine.step_size import Step
+from granular.engine.run_errors import report_arithmetic_errors_as
+from granular.engine.step_size import StepRequest
 from granular.methods.method import Method
-from granular.methods.registry import method_setting, resolve_method
+from granular.methods.registry import method_as_run_setting, resolve_method
 from granular.run.checkpoint import read_checkpoint, read_verified_files
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.record_buffer import RecordBuffer
@@ -171,7 +171,7 @@ class _SimulationJob:
         with RunProgressBar(progress) as bar:
             try:
                 while not run.at_end and not stop.asked:
-                    with raise_where_not_finite(failure):
+                    with report_arithmetic_errors_as(failure):
                         run.advance()
                     bar.show(run)
                     if time.perf_counter() - self.last_commit > COMMIT_SECONDS:
@@ -179,7 +179,7 @@ class _SimulationJob:
                         self._write_and_commit(complete=False)
                 self.kept = self._snapshot_with_counts()
                 complete = run.at_end
-                with raise_where_not_finite(failure):
+                with report_arithmetic_errors_as(failure):
                     until = run.finish_last_partial_tick() if complete else run.time
             except RunError as error:
                 error.trajectory = self._save_and_load_trajectory(complete=False, until=run.time)
@@ -239,7 +239,7 @@ def _recorded_dataset(scene: Scene, system: SceneInNaturalUnits, recorder: Recor
     )
 
 
-def _warn_of_changed_record_spacing(step: Step, scene: Scene) -> None:
+def _warn_of_changed_record_spacing(step: StepRequest, scene: Scene) -> None:
     if step.seconds is None:
         return
     wanted = scene.output.scalars
@@ -261,7 +261,7 @@ def _run_settings(
     return {
         "scene_digest": scene.digest(),
         "dt": dt,
-        "method": method_setting(method),
+        "method": method_as_run_setting(method),
         "pairs": scene.pair_method,
         **every,
         "versions": versions(),
@@ -271,7 +271,9 @@ def _run_settings(
 
 def custom_code_digests(scene: Scene) -> list[str]:
     """Digests of a user's own functions in a scene, and of what is derived from formulas."""
-    own = [part.sources for part in scene.effects.in_loop_order] + [stage.sources for stage in scene.protocol]
+    own = [part.user_code_digests for part in scene.effects.in_loop_order] + [
+        stage.user_code_digests for stage in scene.protocol
+    ]
     return sorted(digest for sources in own for digest in sources)
 
 

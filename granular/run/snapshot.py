@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.engine.energy_ledger import Ledger
+from granular.engine.energy_ledger import EnergyLedger
 from granular.engine.outflow import constants_per_grain
 from granular.kernel_data.state import PERSISTENT, State
 from granular.pairs.stripes import LISTED, Stripes
@@ -48,7 +48,7 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     run.band[:], run.seen[:] = saved["band"], saved["seen"]
     memory = json.loads(str(saved["memory"]))
     run.progress = RunProgress(**memory["progress"])
-    run.ledger = None if memory["ledger"] is None else Ledger(**memory["ledger"])
+    run.ledger = None if memory["ledger"] is None else EnergyLedger(**memory["ledger"])
     for values in constants_per_grain(run.constants):
         values[:] = values[state.label[: len(values)]]
     run.constants = run.constants._replace(grains=memory["grains"])

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from granular.engine.step_size import MOST_STEPS, Step
+from granular.engine.step_size import MOST_STEPS, StepRequest
 from granular.methods.method import COMPENSATED, Method
 from granular.methods.registry import resolve_method
 from granular.protocol import Hold, Lift, Stage
@@ -25,7 +25,7 @@ LATEST = 1e30
 _AUTOMATIC = re.compile(r"auto(?:([*/])(\d+\.?\d*|\.\d+))?")
 
 
-def parse_time_step(dt: float | str, scene: Scene | None = None) -> Step:
+def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
     """Time step in seconds, or a multiple of the automatic one, of a scene.
 
     Raises
@@ -33,17 +33,21 @@ def parse_time_step(dt: float | str, scene: Scene | None = None) -> Step:
     InputError
         If it is neither.
     """
-    step = Step() if scene is None else Step(grains=scene.grains.count, dry=_allows_longer_steps(scene))
+    step = (
+        StepRequest()
+        if scene is None
+        else StepRequest(grains=scene.grains.count, dry=_allows_longer_steps(scene))
+    )
     if isinstance(dt, str):
         match = _AUTOMATIC.fullmatch(dt)
         if match is None:
             raise InputError(f"dt = {quote(dt)}; give seconds, 'auto', or a multiple such as 'auto/2'")
         factor = float(match[2] or 1.0)
         factor = 1.0 / factor if match[1] == "/" and factor else factor
-        if not 0.0 < factor <= step.longest:
+        if not 0.0 < factor <= step.greatest_factor:
             raise InputError(
                 f"dt = {quote(dt)}; the automatic step may be multiplied by more than 0 and at "
-                f"most {step.longest:g}"
+                f"most {step.greatest_factor:g}"
             )
         return dataclasses.replace(step, factor=factor)
     if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
@@ -92,7 +96,7 @@ def can_run_with_step(scene: Scene, dt: float | str, method: str | Method) -> bo
     return True
 
 
-def check_method_fits_scene(method: Method, step: Step, scene: Scene) -> None:
+def check_method_fits_scene(method: Method, step: StepRequest, scene: Scene) -> None:
     """Refuse a method that a scene, or a time step, cannot be run with.
 
     Raises
@@ -106,18 +110,18 @@ def check_method_fits_scene(method: Method, step: Step, scene: Scene) -> None:
             f"method = {method.name!r} cannot run a scene with {dry[0]}, whose velocities are no "
             f"plain sums; take {method.name.removesuffix(COMPENSATED)!r}"
         )
-    if dry and not method.takes_dry_friction:
+    if dry and not method.allows_dry_friction:
         raise InputError(
             f"method = {method.name!r} cannot run a scene with {dry[0]}, which cannot go backward "
             "in time, nor be part of its steps; take 'stormer-verlet'"
         )
     drifting = [effect.key for effect in scene.effects.in_loop_order if effect.drifts]
-    if drifting and (not method.takes_impulses or method.compensated):
+    if drifting and (not method.allows_far_field_impulses or method.compensated):
         raise InputError(
             f"method = {method.name!r} cannot run a scene with {drifting[0]!r}, which acts within "
             "the drift; take 'stormer-verlet'"
         )
-    flows = [effect.key for effect in scene.effects.in_loop_order if effect.is_flow]
+    flows = [effect.key for effect in scene.effects.in_loop_order if effect.blocks_runge_kutta]
     if method.tableau is not None and flows:
         raise InputError(
             f"method = {method.name!r} cannot run a scene with {flows[0]!r}, which is given as a "
@@ -143,7 +147,7 @@ def check_method_fits_scene(method: Method, step: Step, scene: Scene) -> None:
         )
 
 
-def check_time_step_fits_scene(step: Step, scene: Scene, t_end: float | None = None) -> None:
+def check_time_step_fits_scene(step: StepRequest, scene: Scene, t_end: float | None = None) -> None:
     """Refuse a given time step that is longer than what it is to resolve, or far too short.
 
     Raises

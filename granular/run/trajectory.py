@@ -17,7 +17,7 @@ from granular.protocol import Push, Stage
 from granular.run.piston_record import PistonRecord
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import RecordError
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ class Trajectory:
         for stage in self.stages:
             if stage.name == name:
                 return stage
-        raise RecordError(unknown(name, tuple(stage.name for stage in self.stages), "stage"))
+        raise RecordError(unknown_word_message(name, tuple(stage.name for stage in self.stages), "stage"))
 
     def piston(self, stage: str | None = None) -> PistonRecord:
         """Piston's motion, with what drives it as further columns.

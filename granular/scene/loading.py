@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from granular.scene.scene import Scene
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import SceneError
 from granular.shared.files import read_toml
 from granular.shared.message_text import quote
@@ -68,7 +68,7 @@ def load_scene(source: str | Path) -> Scene:
     elif not _is_file(path):
         if path.suffix:
             raise SceneError(f"there is no scene file {quote(str(source))}; check the path")
-        raise SceneError(unknown(str(source), scene_names(), "scene"))
+        raise SceneError(unknown_word_message(str(source), scene_names(), "scene"))
     plain = read_toml(path, SceneError)
     try:
         return Scene.from_plain(plain)

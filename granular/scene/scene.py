@@ -24,7 +24,7 @@ from granular.schema.sections import (
     nested_section_field,
     section_field,
     text_field,
-    unknown,
+    unknown_word_message,
 )
 from granular.schema.units import si_value
 from granular.shared.citations import module_docstring_of
@@ -81,7 +81,9 @@ class Effects(Section):
     @property
     def in_loop_order(self) -> tuple[Effect, ...]:
         """Effects that act but for the dipole, in the order in which the loop takes them."""
-        parts = [part for effect in self.acting if effect.key != "dipole" for part in effect.parts]
+        parts = [
+            part for effect in self.acting if effect.key != "dipole" for part in effect.component_effects
+        ]
         return tuple(sorted(parts, key=lambda effect: (effect.rank, effect.key)))
 
     @classmethod
@@ -111,7 +113,7 @@ def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str,
     for name in plain:
         effect = find_effect(name)
         if effect is None:
-            raise FieldError(f"{unknown(name, effect_names(), 'effect')} {IMPORT}")
+            raise FieldError(f"{unknown_word_message(name, effect_names(), 'effect')} {IMPORT}")
         known[name] = effect
     result = {}
     for name in sorted(plain):
@@ -162,7 +164,7 @@ class Scene(Section):
     @property
     def literature(self) -> tuple[str, ...]:
         """Texts that name the papers behind its effects; see `granular.cite`."""
-        parts = [part for effect in self.effects.acting for part in (effect, *effect.parts)]
+        parts = [part for effect in self.effects.acting for part in (effect, *effect.component_effects)]
         return tuple(module_docstring_of(type(part)) for part in parts)
 
     def validate(self) -> None:
@@ -170,13 +172,13 @@ class Scene(Section):
         self._check_walls()
         acting = {effect.key: effect for effect in self.effects.acting}
         for effect in acting.values():
-            effect.check(self.grains, self.cell, self.piston, acting)
+            effect.check_compatibility(self.grains, self.cell, self.piston, acting)
         self._check_joint_kicks()
         self._check_periodic()
         if self.output.record is not None:
             names = tuple(stage.name for stage in self.protocol)
             if self.output.record not in names:
-                raise FieldError(unknown(self.output.record, names, "stage"), "output", "record")
+                raise FieldError(unknown_word_message(self.output.record, names, "stage"), "output", "record")
         positions = self.arrangement.positions
         if positions is not None and len(positions) != self.grains.count:
             raise FieldError(
@@ -231,7 +233,7 @@ class Scene(Section):
     @property
     def _has_closed_walls(self) -> bool:
         walls = self.effects.walls
-        return walls is not None and not walls.has_gap and None not in walls.sides
+        return walls is not None and not walls.has_gap and None not in walls.walls_in_order
 
     def _check_pairs(self) -> None:
         if self.grains.magnets == "cylinders" and self.pairs.method == "verlet-list":
@@ -461,7 +463,7 @@ def _set_nested_key(plain: Any, path: list[str], value: Any) -> None:
         if isinstance(plain, list):
             names = [str(item.get("name")) if isinstance(item, dict) else "" for item in plain]
             if key not in names and not (key.isdecimal() and int(key) < len(plain)):
-                raise FieldError(unknown(key, tuple(names), "item"), *path[:depth], key)
+                raise FieldError(unknown_word_message(key, tuple(names), "item"), *path[:depth], key)
             position: Any = names.index(key) if key in names else int(key)
         else:
             position = key

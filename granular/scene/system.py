@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 from numba.core.errors import NumbaError
 
-from granular.effects.dipole import grain_discs
+from granular.effects.dipole import discs_unless_dipoles
 from granular.effects.effect import Effect, EffectContext
-from granular.effects.force_effect import Force
+from granular.effects.force_effect import ForceEffect
 from granular.effects.wall_side import SIDES
 from granular.kernel_data.constants import Constants, EffectLaws, PistonResistance
 from granular.methods import Method
@@ -61,7 +61,9 @@ class SceneInNaturalUnits:
     def downward_acceleration(self) -> float:
         """Downward acceleration that never changes [F*/m]."""
         return sum(
-            effect.downward_acceleration(self.scales) for effect in self.effects if isinstance(effect, Force)
+            effect.downward_acceleration(self.scales)
+            for effect in self.effects
+            if isinstance(effect, ForceEffect)
         )
 
 
@@ -87,7 +89,7 @@ def scene_in_natural_units(
     piston_mass, piston_weight = _piston_mass(
         scene,
         scales,
-        sum(effect.downward_acceleration(scales) for effect in effects if isinstance(effect, Force)),
+        sum(effect.downward_acceleration(scales) for effect in effects if isinstance(effect, ForceEffect)),
     )
     walls = scene.effects.walls
     constants = Constants(
@@ -110,8 +112,8 @@ def scene_in_natural_units(
 
 def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Method | None) -> EffectLaws:
     grains, effects = scene.grains, scene.effects.in_loop_order
-    setting = _effect_context(scene, scales, species)
-    weights = [result for effect in effects if (result := effect.load_weight(setting)) is not None]
+    context = _effect_context(scene, scales, species)
+    weights = [result for effect in effects if (result := effect.normal_load_weights(context)) is not None]
     dipole = scene.effects.dipole
     summed = None if dipole is None else scene.pair_method
     discs = None if dipole is None else _disc_laws(scene, scales, species)
@@ -130,7 +132,7 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
         cut = CutOffSettings(radius, several, None if far is None else True, periods)
     if discs is not None:
         _check_disc_reach(discs, scales, radius, periods)
-    laws = tuple(effect.law(setting) for effect in effects)
+    laws = tuple(effect.make_kernel_law(context) for effect in effects)
     named = {effect.key: law for effect, law in zip(effects, laws, strict=True)}
     return EffectLaws(
         laws=laws,
@@ -150,7 +152,7 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
 
 def _disc_laws(scene: Scene, scales: Scales, species: np.ndarray) -> DiscLaw | None:
     """Law of the grains as discs; None where they are dipoles."""
-    discs = grain_discs(scene.grains, scales.length)
+    discs = discs_unless_dipoles(scene.grains, scales.length)
     return make_disc_law(discs, species, pad_to_vectors(len(species))) if discs else None
 
 
@@ -192,9 +194,9 @@ def explain_compile_errors(scene: Scene) -> Iterator[None]:
     try:
         yield
     except NumbaError:
-        setting = _effect_context(scene, Scales.from_grains(scene.grains), scene.grains.species_indices())
+        context = _effect_context(scene, Scales.from_grains(scene.grains), scene.grains.species_indices())
         for effect in scene.effects.in_loop_order:
-            effect.check_compiling(setting)
+            effect.check_functions_compile(context)
         raise
 
 
@@ -233,7 +235,7 @@ def _far_field_steps_under_friction(scene: Scene, method: Method | None) -> int 
     if wanted is None:
         if scene.pair_method == "direct":
             return None
-        return AHEAD if method is not None and method.takes_impulses else 1
+        return AHEAD if method is not None and method.allows_far_field_impulses else 1
     return wanted
 
 
@@ -241,10 +243,10 @@ def _far_field_interval(scene: Scene, method: Method | None) -> int | None:
     """Return the steps between impulses of the far field; None where every force holds it."""
     wanted = scene.pairs.far_every
     rubs, hosted = scene.effects.friction is not None, scene.effects.host is not None
-    able = method is not None and method.takes_impulses and (rubs or not hosted)
+    able = method is not None and method.allows_far_field_impulses and (rubs or not hosted)
     if wanted is not None and wanted > 1 and method is not None and not able:
         why, other = f"{method.name!r} cannot", " or 'stormer-verlet'"
-        if hosted and method.takes_impulses:
+        if hosted and method.allows_far_field_impulses:
             why, other = "a host moves by the whole force on its cell", ""
         raise InputError(f"pairs.far_every = {wanted}: {why}; leave it away, or take 1{other}")
     if rubs or not able:
@@ -261,7 +263,7 @@ def _piston_mass(scene: Scene, scales: Scales, gravity: float) -> tuple[float, f
     if host is None:
         return mass, mass * gravity
     weight = host.weight_on_piston(scene.grains, scales, gravity)
-    mass = host.mass_of_piston(scene.piston.mass) / scales.mass
+    mass = host.moving_piston_mass(scene.piston.mass) / scales.mass
     return mass, mass * gravity if weight is None else weight
 
 
@@ -269,5 +271,5 @@ def _piston_resistance(scene: Scene, scales: Scales) -> PistonResistance | None:
     piston, host = scene.piston, scene.effects.host
     if piston is None or piston.mass is None or not (piston.drag or piston.friction):
         return None
-    mass = piston.mass if host is None else host.mass_of_piston(piston.mass)
+    mass = piston.mass if host is None else host.moving_piston_mass(piston.mass)
     return PistonResistance(rate=piston.drag * scales.time / mass, force=piston.friction / scales.force)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import Dimension, infer_dimension, unit_text
-from granular.schema.sections import FieldError, FieldKind, Section, section_field, unknown
+from granular.schema.sections import FieldError, FieldKind, Section, section_field, unknown_word_message
 from granular.schema.units import si_value, unit_size
 from granular.shared.errors import InputError, SceneError
 from granular.shared.message_text import quote
@@ -99,7 +99,7 @@ class SectionWithFormula(Section):
         for name in written:
             if name not in self.variables and name not in given:
                 known = (*self.variables, *given)
-                raise InputError(f"{unknown(name, known, 'name')}; or give it: {name} = ...")
+                raise InputError(f"{unknown_word_message(name, known, 'name')}; or give it: {name} = ...")
         for name in given:
             if name in self.variables:
                 raise FieldError("is a variable; give the parameter another name", name)

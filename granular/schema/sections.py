@@ -36,7 +36,7 @@ class FieldError(SceneError):
         return FieldError(self.reason, *outer, *self.path)
 
 
-def unknown(word: str, known: Sequence[str], what: str) -> str:
+def unknown_word_message(word: str, known: Sequence[str], what: str) -> str:
     """Message for an unknown word, with the nearest known one."""
     near = difflib.get_close_matches(word[:_LONGEST], known, 1, cutoff=0.5)
     shown = ", ".join(map(sanitize, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
@@ -155,7 +155,7 @@ class ChoiceKind(FieldKind):
 
     def parse(self, value: Any, diameter: float | None) -> str:
         if not isinstance(value, str) or value not in self.names:
-            raise FieldError(unknown(str(value), self.names, "choice"))
+            raise FieldError(unknown_word_message(str(value), self.names, "choice"))
         return value
 
 
@@ -261,7 +261,7 @@ class SectionListKind(FieldKind):
         if "kind" not in item:
             raise FieldError(f"must be given, one of {', '.join(self.kinds)}", "kind")
         if not isinstance(item["kind"], str) or item["kind"] not in self.kinds:
-            raise FieldError(unknown(str(item["kind"]), tuple(self.kinds), "kind"), "kind")
+            raise FieldError(unknown_word_message(str(item["kind"]), tuple(self.kinds), "kind"), "kind")
         rest = {key: value for key, value in item.items() if key != "kind"}
         return self.kinds[item["kind"]].from_plain(rest, diameter)
 
@@ -428,7 +428,7 @@ class Section:
             raise FieldError(f"{quote(plain)} must be a table with the keys {', '.join(cls.key_names())}")
         for key in plain:
             if key not in cls.key_names():
-                raise FieldError(unknown(key, cls.key_names(), "key"))
+                raise FieldError(unknown_word_message(key, cls.key_names(), "key"))
         self = object.__new__(cls)
         for field in dataclasses.fields(cls):
             has_default = field.default is not dataclasses.MISSING

@@ -8,7 +8,7 @@ import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from granular.methods.registry import method_setting, resolve_method
+from granular.methods.registry import method_as_run_setting, resolve_method
 from granular.run.simulation import custom_code_digests
 from granular.run.time_steps import parse_time_step
 from granular.run.trajectory import Trajectory
@@ -112,7 +112,7 @@ def _make_case(scene: Scene, changes: dict[str, Any], settings: dict[str, Any], 
     settings = settings | own
     parse_time_step(settings["dt"])
     method = resolve_method(settings["method"])
-    settings["method"] = method_setting(method)
+    settings["method"] = method_as_run_setting(method)
     if "method" in own:
         changes = changes | {"method": method.name}
     changed = scene.replace(**{name: changes[name] for name in changes if name not in own})

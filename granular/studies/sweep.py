@@ -32,7 +32,7 @@ from granular.methods import Method
 from granular.run.dataset_variables import scalar_variables
 from granular.scene.loading import load_scene, scene_names
 from granular.scene.scene import Scene
-from granular.schema.sections import IntegerKind, QuantityKind, find_field, unknown
+from granular.schema.sections import IntegerKind, QuantityKind, find_field, unknown_word_message
 from granular.shared.errors import InputError, StoreError
 from granular.shared.files import make_directory, read_toml
 from granular.shared.message_text import sanitize
@@ -426,7 +426,7 @@ def load_study(path: str | Path, own: Mapping[str, Measure] | None = None) -> di
     plain = read_toml(path)
     for key in plain:
         if key not in KEYS:
-            raise InputError(f"{path.name}: {unknown(key, KEYS, 'key')}")
+            raise InputError(f"{path.name}: {unknown_word_message(key, KEYS, 'key')}")
     if "scene" not in plain:
         raise InputError(f"{path.name}: scene must be given, a packaged one or a path")
     for key, kind in (("changes", dict), ("grid", dict), ("cases", list)):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.formulas import FUNCTIONS, FormulaError, Function, parse, variable_names
+from granular.formulas import FUNCTIONS, FormulaError, FormulaFunction, parse, variable_names
 from granular.formulas.algebra import sympy_expression
 from granular.shared.errors import InputError
 
@@ -126,7 +126,7 @@ class ScaledSamples:
         return sympy.Float(self.target_size) * expression.xreplace(symbols)
 
     def parse_expressions(
-        self, texts: Iterable[str], functions: Mapping[str, Function] = MappingProxyType({})
+        self, texts: Iterable[str], functions: Mapping[str, FormulaFunction] = MappingProxyType({})
     ) -> list[sympy.Expr]:
         """Expressions that a search wrote, restored; those that hold a NaN, say, are left out.
 

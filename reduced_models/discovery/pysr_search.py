@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.formulas import Function
+from granular.formulas import FormulaFunction
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.discovery.operon_search import scale_samples
@@ -67,7 +67,7 @@ def _scipy_elliptic_function(index: int) -> Callable[..., Any]:
     return value
 
 
-ELLIPTIC = {name: Function(_scipy_elliptic_function(k), 2, 2) for k, name in enumerate(_SERIES)}
+ELLIPTIC = {name: FormulaFunction(_scipy_elliptic_function(k), 2, 2) for k, name in enumerate(_SERIES)}
 """Jacobi's functions by the names that PySR knows them by."""
 
 

@@ -119,10 +119,10 @@ def lattice_pressure(grains: Grains, density: float) -> float:
 
 def _discs_with_moment_fractions(grains: Grains) -> tuple[tuple[Disc, float], ...]:
     """Discs of each species, and what its moments have of a grain's mean moment."""
-    from granular.effects.dipole import grain_discs
+    from granular.effects.dipole import discs_unless_dipoles
 
     weights = np.array(grains.species_fractions()) * grains.moment_ratios()
-    return tuple(zip(grain_discs(grains, grains.species[0].diameter), weights.tolist(), strict=True))
+    return tuple(zip(discs_unless_dipoles(grains, grains.species[0].diameter), weights.tolist(), strict=True))
 
 
 def _disc_pressure(discs: tuple[tuple[Disc, float], ...], density: float) -> float:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError
 from reduced_models.fitting.fit import fit
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, Bounds
@@ -115,7 +115,7 @@ class LawEstimator:
         """
         for name, value in parameters.items():
             if name not in self.get_params():
-                raise InputError(unknown(name, tuple(self.get_params()), "parameter"))
+                raise InputError(unknown_word_message(name, tuple(self.get_params()), "parameter"))
             setattr(self, name, value)
         return self
 

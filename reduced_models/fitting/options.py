@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.problem import Intervals
@@ -163,7 +163,7 @@ def initial_state(law: Law, initial: object) -> dict[str, float]:
     result = dict.fromkeys(law.hidden, 0.0)
     for name, value in initial.items():
         if name not in names:
-            raise InputError(unknown(str(name), names, "state at the start"))
+            raise InputError(unknown_word_message(str(name), names, "state at the start"))
         if value == "free":
             result.pop(name, None)
         else:
@@ -179,7 +179,7 @@ def check_parameter_names(law: Law, names: Sequence[str]) -> None:
 
 def _check_name(law: Law, name: str) -> None:
     if name not in law.parameters:
-        raise InputError(unknown(str(name), law.parameters, "parameter"))
+        raise InputError(unknown_word_message(str(name), law.parameters, "parameter"))
 
 
 def _number(what: str, value: Any) -> float:

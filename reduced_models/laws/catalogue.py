@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.registry import Registry
 from reduced_models.laws.annealing_bed import ANNEALING_BED
@@ -67,5 +67,5 @@ def law_named(name: str) -> Law:
     "z'' + 2*lam*z' + k*(z - rest) + beta*(z - rest)**3 = 0"
     """
     if name not in LAWS:
-        raise InputError(unknown(str(name), tuple(LAWS), "law"))
+        raise InputError(unknown_word_message(str(name), tuple(LAWS), "law"))
     return LAWS[name]

@@ -177,9 +177,9 @@ def _rename_coordinate(tree: formulas.Node, coordinate: str) -> formulas.Node:
     """Return the formula with z for its coordinate."""
     if isinstance(tree, formulas.Name) and tree.name == coordinate:
         return formulas.Name("z", tree.primes)
-    if isinstance(tree, formulas.Applied):
+    if isinstance(tree, formulas.Operation):
         operands = tuple(_rename_coordinate(operand, coordinate) for operand in tree.operands)
-        return formulas.Applied(tree.head, operands)
+        return formulas.Operation(tree.head, operands)
     return tree
 
 

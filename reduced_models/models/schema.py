@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from granular.formulas import MAX_CHARACTERS
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
 from granular.shared.message_text import quote, sanitize
@@ -142,7 +142,7 @@ def _keyed_table_checker(known: Mapping[str, Check]) -> Check:
             if key not in known:
                 raise InputError(
                     "the data are not those of a reduced model: "
-                    f"{sanitize(where)}: {unknown(str(key), tuple(known), 'key')}"
+                    f"{sanitize(where)}: {unknown_word_message(str(key), tuple(known), 'key')}"
                 )
         for key in known:
             if key not in value:

@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError
 from research.published.calculations import calculated
 from research.published.catalogue import entries
@@ -49,7 +49,7 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
     """
     known = {item.key: item for item in entries()}
     if key not in known:
-        raise InputError(unknown(key, tuple(known), "entry"))
+        raise InputError(unknown_word_message(key, tuple(known), "entry"))
     entry, former = known[key], committed()
     names = series_behind(entry, former)
     chosen = [item for group in full_plan() for item in group.series if item.key in names]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, evaluate, simulate
-from granular.effects.dipole import grain_discs
+from granular.effects.dipole import discs_unless_dipoles
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.disc_law import Disc, disc_energy_and_force
 from granular.pairs.disc_law_tables import disc_law_continued_below_contact
@@ -116,7 +116,7 @@ def test_species_and_scatter_have_the_law(small_bed: Scene) -> None:
     positions = lattice(grains.count, 10, 1.25)
     kind = grains.species_indices()
     moments = grains.moment_ratios()[kind] * grains.spread_factors()
-    shapes = grain_discs(grains, length)
+    shapes = discs_unless_dipoles(grains, length)
     apart = positions[:, None] - positions
     r = np.hypot(*np.moveaxis(apart, 2, 0))
     push = np.zeros_like(r)

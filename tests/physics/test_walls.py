@@ -87,7 +87,7 @@ def test_simple_laws(law: ModuleType, w: float) -> None:
     curve = (law.force(w - h) - law.force(w + h)) / (2.0 * h)
     assert law.stiffness(w) == pytest.approx(curve, rel=1e-6)
     speed = 0.4
-    near = law.turning_stiffness(speed)
+    near = law.turning_point_stiffness(speed)
     distances = np.geomspace(0.2, 20.0, 20000)
     turn = distances[np.argmin([abs(law.energy(one) - 0.5 * speed**2) for one in distances])]
     assert near == pytest.approx(law.stiffness(turn), rel=0.01)
@@ -100,7 +100,7 @@ def test_stiffest_turn_at_a_slab_is_that_at_its_end() -> None:
     energies = [wall_slab.energy(one, 0.0, far) for one in distances]
     turn = distances[np.argmin(np.abs(np.array(energies) - 0.5 * speed**2))]
     slab = wall_slab.SlabWall(np.array([0.0]), np.array([LENGTH]), True)
-    found = entry(wall_slab.SlabWall.turning_stiffness)(slab, speed)
+    found = entry(wall_slab.SlabWall.turning_point_stiffness)(slab, speed)
     assert found == pytest.approx(wall_infinite.stiffness(turn), rel=0.01)
 
 
@@ -161,7 +161,7 @@ def test_forces_of_a_row_of_discs_are_slopes_and_its_stiffness_is_a_bound(w: flo
 def test_stiffest_turn_at_a_row_of_discs_is_between_its_magnets() -> None:
     tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, 1.2)
     speed = np.sqrt(2.0 * wall_discs.energy_and_forces(tables, 0, 0.7, 0.0)[0])
-    found = entry(wall_discs.DiscWall.turning_stiffness)(wall_discs.DiscWall(tables, None), speed)
+    found = entry(wall_discs.DiscWall.turning_point_stiffness)(wall_discs.DiscWall(tables, None), speed)
     known = wall_discs.stiffness(tables, 0, 0.7)
     assert known * 0.999 <= found <= 1.1 * known
 

@@ -14,7 +14,7 @@ import pytest
 from granular import Scene, effect, evaluate, load_scene, quantity, simulate, wall_law
 from granular.effects.registry import all_effects
 from granular.engine.new_state import new_state
-from granular.engine.outflow import constants_per_grain, remove_outflow
+from granular.engine.outflow import constants_per_grain, remove_outflowed_grains
 from granular.methods import METHODS
 from granular.scene.system import scene_in_natural_units
 from granular.user_code import import_user_code
@@ -241,7 +241,7 @@ def test_values_of_grains_follow_one_that_leaves(name: str) -> None:
     state = new_state(positions, 0.0 * positions, 6.0, system.constants.acting, method)
     before = [values.copy() for values in constants_per_grain(system.constants)]
     state.y[2] = -9.0
-    left = remove_outflow(state, system.constants._replace(exit=-5.0))
+    left = remove_outflowed_grains(state, system.constants._replace(exit=-5.0))
     assert left.grains == len(positions) - 1
     present = state.label[: left.grains]
     assert 2 not in present

@@ -70,7 +70,7 @@ def test_drag_in_the_force_sum_has_order_one(monkeypatch: pytest.MonkeyPatch) ->
     scene = bouncing(COEFFICIENT)
     assert scene.effects.drag is not None
     rate = scene.effects.drag.decay_rate(Scales.from_grains(scene.grains))
-    for name in ("compute_forces", "compute_forces_and_sums"):
+    for name in ("compute_forces", "compute_and_measure_forces"):
         compute = getattr(granular.engine.step, name)
         monkeypatch.setattr(granular.engine.step, name, smuggled(compute, rate))
     monkeypatch.setattr(granular.engine.energy_ledger, "WRONG", np.inf)  # it knows nothing of this loss
@@ -109,7 +109,7 @@ def test_a_drive_that_jumps_within_a_step_keeps_order_two(name: str) -> None:
         }
     )
     scales = Scales.from_grains(scene.grains)
-    natural = drive.drive(scales)
+    natural = drive.make_kernel_law(scales)
     size = -scales.acceleration * mass if natural.base else scales.force
 
     def rate(t: float, y: np.ndarray, first: float, last: float) -> list[float]:

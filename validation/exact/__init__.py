@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from granular.schema.sections import unknown
+from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError
 from validation.exact import bounce, closed_forms, driven_piston, scattering
 from validation.exact.problem import ExactProblem, GrainStates
@@ -48,5 +48,5 @@ def exact_problem(name: str) -> ExactProblem:
     'bounce'
     """
     if name not in NAMES:
-        raise InputError(unknown(name, NAMES, "exact problem"))
+        raise InputError(unknown_word_message(name, NAMES, "exact problem"))
     return _PROBLEMS[name]()

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from granular.compiled.kernel_cache import _read_or_claim, _release
+from granular.compiled.kernel_cache import _read_kernel_file_or_claim, _release_claim
 
 ROOT = Path(__file__).parents[3]
 
@@ -105,15 +105,15 @@ def test_two_processes_compile_at_once(workshop: Any) -> None:
 COMPILES = """
 import sys, time
 from pathlib import Path
-from granular.compiled.kernel_cache import _read_or_claim, _release
+from granular.compiled.kernel_cache import _read_kernel_file_or_claim, _release_claim
 from granular.shared.cache_files import write_sealed_file
 path = Path(sys.argv[1])
-assert _read_or_claim(path, "label") is None
+assert _read_kernel_file_or_claim(path, "label") is None
 print("claimed", flush=True)
 time.sleep(0.5)
 if sys.argv[2] == "writes":
     write_sealed_file(path, "label", b"code")
-    _release(path)
+    _release_claim(path)
 """
 
 
@@ -126,8 +126,8 @@ def test_a_form_is_compiled_once(end: str, wanted: bytes | None, tmp_path: Path)
     with subprocess.Popen(words, stdout=subprocess.PIPE, cwd=ROOT) as first:
         assert first.stdout is not None
         assert first.stdout.readline() == b"claimed\n"
-        assert _read_or_claim(path, "label") == wanted
-    _release(path)
+        assert _read_kernel_file_or_claim(path, "label") == wanted
+    _release_claim(path)
 
 
 # Files that may not grow fail to be written as on a full disk.

@@ -204,7 +204,7 @@ def test_the_kink_of_a_formula_compiles(compressed: str) -> None:
     """A spring that acts on one side: a step stands in its force and in its stiffness."""
     law = {"energy": f"a*({compressed})**2/l**2", "a": "2 uJ", "l": "1 D", "reach": "2 D"}
     scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
-    functions = scene.effects.pair_law.parts[0].definition.functions
+    functions = scene.effects.pair_law.component_effects[0].definition.functions
     grain = SimpleNamespace(moment=1.0)
     for r in (0.25, 0.75, 1.0, 1.5):
         within = max(1.0 - r, 0.0)

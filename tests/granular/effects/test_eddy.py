@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.effects.eddy_tensor import Plate, lattice_drag_factor, series, tensor
+from granular.effects.eddy_tensor import Plate, drag_tensor, drag_tensor_polynomials, lattice_drag_factor
 from granular.pairs.disc_law import Disc
 from granular.scene.system import scene_in_natural_units
 from granular.schema.scales import Scales
@@ -73,7 +73,7 @@ def decayed(scene: Scene, dt: float, **options: Any) -> tuple[np.ndarray, np.nda
 
     run = simulate(scene, dt=dt, progress=False, **options)
     scales = Scales.from_grains(scene.grains)
-    rate = scene.effects.eddy.coefficient(scales) / scales.mass
+    rate = scene.effects.eddy.dipole_drag_coefficient(scales) / scales.mass
     positions = run.dataset["position"][0].values / 0.006
     start = run.dataset["velocity"][0].values
     duration = float(run.dataset["time"][-1])
@@ -168,7 +168,7 @@ def test_periodic_lattice_feels_the_sum_over_all_images(motion: str) -> None:
     run = simulate(scene_of(positions, velocities, **{"cell": cell}), dt=2e-5, t_end=1e-3, progress=False)
     before, after = (run.dataset["velocity"][k].values for k in (0, -1))
     scales = Scales.from_grains(run.scene.grains)
-    rate = run.scene.effects.eddy.coefficient(scales) / scales.mass
+    rate = run.scene.effects.eddy.dipole_drag_coefficient(scales) / scales.mass
     measured = -math.log((after * before).sum() / (before * before).sum()) / 1e-3 / rate
     own = 0.0 if motion == "as one body" else wave
     m = np.arange(-60, 61)
@@ -182,15 +182,15 @@ def test_periodic_lattice_feels_the_sum_over_all_images(motion: str) -> None:
 
 def test_thick_plate_and_discs() -> None:
     """Drag of a lone magnet over a dipole's, and the series against the integrals themselves."""
-    assert Plate(4.0 / 6.0, 2.0 / 6.0).factor() == pytest.approx(1.2389, abs=1e-4)
+    assert Plate(4.0 / 6.0, 2.0 / 6.0).thickness_drag_factor() == pytest.approx(1.2389, abs=1e-4)
     disc = Disc(0.5, 0.5)
     for h, factor in ((3, 0.497), (4, 0.651), (6, 0.817), (9, 0.913)):
-        lone, _ = tensor(Plate(h / 6.0, 0.0), np.zeros(1), (disc, disc))
+        lone, _ = drag_tensor(Plate(h / 6.0, 0.0), np.zeros(1), (disc, disc))
         assert lone[0] == pytest.approx(factor, abs=1e-3)
     for plate, discs in ((Plate(4.0 / 6.0, 2.0 / 6.0), ()), (Plate(4.0 / 6.0, 1.0 / 6.0), (disc, disc))):
         r = np.linspace(0.0, 20.0, 41)
-        isotropic, radial = tensor(plate, r, discs)
-        made = series(plate, discs)
+        isotropic, radial = drag_tensor(plate, r, discs)
+        made = drag_tensor_polynomials(plate, discs)
         assert made is not None
         square = 4.0 * plate.distance**2
         u = square / (square + r * r)
@@ -203,10 +203,10 @@ def test_neighbours_count_where_they_take_more_than_a_tenth() -> None:
     positions = np.array([[100.0, 50.0], [101.3, 50.4]])
     scene = scene_of(positions, np.zeros((2, 2)), **{"effects.eddy.mutual": None})
     scales = Scales.from_grains(scene.grains)
-    assert scene.effects.eddy.counts_neighbours(2, scales)
-    assert not scene.effects.eddy.counts_neighbours(1, scales)
+    assert scene.effects.eddy.includes_mutual_currents(2, scales)
+    assert not scene.effects.eddy.includes_mutual_currents(1, scales)
     near = scene.replace(**{"effects.eddy.distance": "1 mm"})
-    assert not near.effects.eddy.counts_neighbours(2, scales)
+    assert not near.effects.eddy.includes_mutual_currents(2, scales)
     assert "mutual" not in scene.to_plain()["effects"]["eddy"]
     with pytest.raises(SceneError, match="must be true or false"):
         scene.replace(**{"effects.eddy.mutual": 1})
@@ -273,14 +273,14 @@ def test_discs_are_braked_as_the_tensor_says(mutual: bool) -> None:
     plate = Plate(4.0 / 6.0, 1.0 / 6.0)
     discs = (Disc(0.5, 0.5), Disc(1.0 / 3.0, 1.0 / 3.0))
     scales, grains = Scales.from_grains(scene.grains), scene.grains
-    rate = scene.effects.eddy.coefficient(scales) / scales.mass / plate.factor()
+    rate = scene.effects.eddy.dipole_drag_coefficient(scales) / scales.mass / plate.thickness_drag_factor()
     away = positions[1] - positions[0]
     r = float(np.hypot(*away))
     blocks = [[np.zeros((2, 2)) for _ in discs] for _ in discs]
     for i, disc in enumerate(discs):
         for j, other in enumerate(discs):
             if i == j or mutual:
-                a, b = tensor(plate, np.array([0.0 if i == j else r]), (disc, other))
+                a, b = drag_tensor(plate, np.array([0.0 if i == j else r]), (disc, other))
                 blocks[i][j] = a[0] * np.eye(2) + b[0] * np.outer(away, away) / r**2
     moments = np.repeat(grains.moment_ratios(), 2)
     masses = np.repeat(grains.mass_ratios(), 2)

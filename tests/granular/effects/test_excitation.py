@@ -21,7 +21,7 @@ SCALES = Scales(length=6e-3, mass=6.6e-4, force=2.4)
 
 def of(at: np.ndarray, **words: Any) -> np.ndarray:
     """The force [N] or acceleration [m/s^2] at times [s]."""
-    drive = Excitation(**words).drive(SCALES)
+    drive = Excitation(**words).make_kernel_law(SCALES)
     size = SCALES.acceleration if drive.base else SCALES.force
     return size * np.array([AT(drive, t / SCALES.time) for t in at])
 

@@ -11,9 +11,9 @@ from granular.scene.scene import Scene
 from granular.scene.system import scene_in_natural_units
 
 KINDS = {
-    force_effect.Force: force_effect.HOOKS,
-    dissipative_effect.Flow: dissipative_effect.HOOKS,
-    moving_frame_effect.Frame: moving_frame_effect.HOOKS,
+    force_effect.ForceEffect: force_effect.HOOKS,
+    dissipative_effect.DissipativeEffect: dissipative_effect.HOOKS,
+    moving_frame_effect.MovingFrameEffect: moving_frame_effect.HOOKS,
 }
 EVERY = {hook for hooks in KINDS.values() for hook in hooks}
 
@@ -44,7 +44,7 @@ def test_laws_have_hooks_of_their_kind_alone(small_damper: Scene) -> None:
     for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
         bases = [base for base in KINDS if isinstance(effect, base)]
         allowed = {hook for base in bases for hook in KINDS[base]}
-        if isinstance(effect, moving_frame_effect.Frame):
+        if isinstance(effect, moving_frame_effect.MovingFrameEffect):
             allowed |= set(force_effect.HOOKS)
         present = hooks_of(law)
         with_hooks += bool(present)

@@ -58,16 +58,16 @@ def test_the_drag_is_that_of_the_receding_image_at_low_speed() -> None:
     w = 2.0 / (MU0 * 59.6e6 * 1e-3)
     v = 1e-3 * w
     lift = 3.0 * MU0 * moment**2 / (32.0 * math.pi * 0.004**4) * (1.0 - w / math.hypot(v, w))
-    assert Eddy.from_plain(PLATE).coefficient(scales) * v == pytest.approx(w / v * lift, rel=1e-5)
-    both = Eddy.from_plain(PLATE | {"plates": 2}).coefficient(scales)
-    assert both == 2.0 * Eddy.from_plain(PLATE).coefficient(scales)
+    assert Eddy.from_plain(PLATE).dipole_drag_coefficient(scales) * v == pytest.approx(w / v * lift, rel=1e-5)
+    both = Eddy.from_plain(PLATE | {"plates": 2}).dipole_drag_coefficient(scales)
+    assert both == 2.0 * Eddy.from_plain(PLATE).dipole_drag_coefficient(scales)
 
 
 def test_eddy_currents_let_a_pulled_grain_reach_its_terminal_speed() -> None:
     """Kick and decay come one after the other: the error falls with the square of the step."""
     scene = alone(**{"effects.eddy": PLATE, "effects.gradient.y": "-0.05 T/m"})
     scales = Scales.from_grains(scene.grains)
-    gamma = scene.effects.eddy.coefficient(scales)
+    gamma = scene.effects.eddy.dipole_drag_coefficient(scales)
     pull = 0.05 * scales.current * scales.length**2
     errors = []
     for dt in (1e-3, 5e-4):

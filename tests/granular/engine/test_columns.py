@@ -21,8 +21,8 @@ def test_walls_fill_columns_in_their_own_order() -> None:
 
 
 def test_energies_and_losses_of_laws_are_in_the_sums() -> None:
-    names = columns.all_columns(2)
-    assert len(names) == columns.record_width(2)
+    names = columns.column_names_for_laws(2)
+    assert len(names) == columns.ledger_column_count(2)
     row = np.zeros((1, len(names)))
     wanted = {"kinetic": 1.0, "pair": 2.0, "piston": 4.0}
     for place, name in enumerate(("kinetic", "pair", "piston")):
@@ -31,6 +31,6 @@ def test_energies_and_losses_of_laws_are_in_the_sums() -> None:
         row[0, names.index(columns.energy_column(law))] = 8.0 * 2**law
         row[0, names.index(columns.loss_column(law))] = 32.0 * 2**law
     row[0, columns.PISTON_LOSS] = 128.0
-    assert columns.total_potentials(row)[0] == wanted["pair"] + 8.0 + 16.0
+    assert columns.total_potential_energies(row)[0] == wanted["pair"] + 8.0 + 16.0
     assert columns.total_energies(row)[0] == sum(wanted.values()) + 8.0 + 16.0
     assert columns.total_losses(row)[0] == 32.0 + 64.0 + 128.0

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, evaluate, load_scene, simulate
-from granular.effects.dipole import grain_discs
+from granular.effects.dipole import discs_unless_dipoles
 from granular.export import to_lammps
 from granular.export.lammps import mode_frequency_bound
 from granular.export.lammps_stages import remaining_stage
@@ -164,7 +164,7 @@ def test_tables_of_discs_are_their_law(unlike: Scene, tmp_path: Path) -> None:
     scene = static(unlike).replace(**{"grains.magnets": "cylinders"})
     to_lammps(scene, tmp_path)
     scales = Scales.from_grains(scene.grains)
-    pair = grain_discs(scene.grains, scales.length)
+    pair = discs_unless_dipoles(scene.grains, scales.length)
     text = (tmp_path / "pairs.table").read_text(encoding="utf-8")
     header, rows = text.split("PAIR_1_2\n")[1].split("PAIR_")[0].split("\n\n")[:2]
     _, r, energy, force = np.loadtxt(rows.splitlines(), unpack=True)

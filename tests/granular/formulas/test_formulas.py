@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular import formulas
-from granular.formulas import Applied, FormulaError, Name, Number, parse
+from granular.formulas import FormulaError, Name, Number, Operation, parse
 from granular.formulas.algebra import compile_function, sympy_expression
 
 
@@ -58,8 +58,8 @@ def test_names_keep_their_order_and_primes() -> None:
     tree = parse("λ*z'' + rest_1*(z' - max(z, lambda)) + z")
     assert [one.text for one in formulas.variable_names(tree)] == ["λ", "z''", "rest_1", "z'", "z", "lambda"]
     assert formulas.constant_names(parse("pi*k + e"), parse("e")) == ("pi", "e")
-    assert parse("-k") == Applied("-", (Name("k"),))
-    assert parse("k*0.10") == Applied("*", (Name("k"), Number("0.10")))
+    assert parse("-k") == Operation("-", (Name("k"),))
+    assert parse("k*0.10") == Operation("*", (Name("k"), Number("0.10")))
 
 
 def test_twins_of_greek_letters_are_one_name() -> None:
@@ -211,8 +211,8 @@ def test_a_refusal_says_what_and_where_and_what_to_write(text: str, words: str) 
 
 
 def test_a_caller_may_know_more_functions() -> None:
-    more = {**formulas.FUNCTIONS, "cube": formulas.Function(lambda x: x**3)}
-    assert parse("cube(z)", more) == Applied("cube", (Name("z"),))
+    more = {**formulas.FUNCTIONS, "cube": formulas.FormulaFunction(lambda x: x**3)}
+    assert parse("cube(z)", more) == Operation("cube", (Name("z"),))
     with pytest.raises(FormulaError, match="'cube' is no function"):
         parse("cube(z)")
 

@@ -12,7 +12,7 @@ import pytest
 from granular.methods import METHODS, Method
 from granular.methods.order_conditions import (
     HIGHEST_ORDER,
-    _trees,
+    _rooted_trees,
     failed_composition_condition,
     failed_order_condition,
 )
@@ -33,9 +33,9 @@ def test_built_in_methods_have_their_order_and_no_higher(name: str) -> None:
 
 def test_as_many_trees_as_there_are() -> None:
     """Sequence A000081 of the On-Line Encyclopedia of Integer Sequences."""
-    counts = [len(_trees(nodes)) for nodes in range(1, HIGHEST_ORDER + 1)]
+    counts = [len(_rooted_trees(nodes)) for nodes in range(1, HIGHEST_ORDER + 1)]
     assert counts == [1, 1, 2, 4, 9, 20, 48, 115, 286, 719]
-    assert len(set(_trees(8))) == 115
+    assert len(set(_rooted_trees(8))) == 115
 
 
 def test_words_are_those_of_matrices() -> None:

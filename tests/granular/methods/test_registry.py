@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from granular.methods import METHODS, Method, method_named, resolve_method
 from granular.methods.method import method_from_plain
-from granular.methods.registry import method_setting, register_methods
+from granular.methods.registry import method_as_run_setting, register_methods
 from granular.shared.errors import InputError
 from granular.user_code import import_user_code
 
@@ -31,16 +31,16 @@ MCLACHLAN = Method(
 @pytest.mark.parametrize("name", [*METHODS, "stormer-verlet+compensated"])
 def test_built_in_methods_are_kept_by_name(name: str) -> None:
     method = method_named(name)
-    assert method_setting(method) == name
+    assert method_as_run_setting(method) == name
     assert resolve_method(method) == resolve_method(name) == method
     assert method_from_plain(json.loads(json.dumps(method.to_plain()))) == method
 
 
 def test_custom_methods_are_kept_by_table() -> None:
-    plain = method_setting(MCLACHLAN)
+    plain = method_as_run_setting(MCLACHLAN)
     assert resolve_method(json.loads(json.dumps(plain))) == MCLACHLAN
     summed = dataclasses.replace(MCLACHLAN, compensated=True)
-    assert resolve_method(json.loads(json.dumps(method_setting(summed)))) == summed
+    assert resolve_method(json.loads(json.dumps(method_as_run_setting(summed)))) == summed
 
 
 @given(st.floats(-2.0, 2.0))

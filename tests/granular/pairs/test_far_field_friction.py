@@ -12,7 +12,7 @@ import pytest
 from granular import Scene, simulate
 from granular.compiled import entry
 from granular.engine.far_field_forces import add_far_field, compute_far_field, refresh_far_field
-from granular.engine.step_size import Step
+from granular.engine.step_size import StepRequest
 from granular.kernel_data.state import Bed
 from granular.methods import method_named
 from granular.pairs.mesh_far_field import AHEAD, STILL, TIME
@@ -54,7 +54,7 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
     method = method_named("stormer-verlet")
     scene = on_mesh(rubbing(small_bed))
     system = scene_in_natural_units(scene, method=method)
-    run = ProtocolRunner(scene, system, method, Step(), None)
+    run = ProtocolRunner(scene, system, method, StepRequest(), None)
     run.begin_stage()
     state, far = run.state, run.state.far_forces
     assert far is not None
@@ -90,7 +90,9 @@ def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) ->
         assert far is not None
         acting = system.constants.acting._replace(far=far._replace(rubbing=rubs))
         constants = system.constants._replace(acting=acting)
-        run = ProtocolRunner(scene, dataclasses.replace(system, constants=constants), method, Step(), None)
+        run = ProtocolRunner(
+            scene, dataclasses.replace(system, constants=constants), method, StepRequest(), None
+        )
         run.begin_stage()
         state = run.state
         assert state.far_forces is not None
@@ -158,7 +160,7 @@ def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> No
     system = scene_in_natural_units(scene, method=method)
 
     def started() -> ProtocolRunner:
-        run = ProtocolRunner(scene, system, method, Step(), None)
+        run = ProtocolRunner(scene, system, method, StepRequest(), None)
         run.begin_stage()
         return run
 

@@ -62,7 +62,7 @@ def test_what_is_chosen_holds_and_is_not_dear(costs: SceneWorkPrecision, quantit
             continue  # shorter than the table's shortest step, or refused
         found = choose_settings_for_accuracy(scene, f"{tolerance} {quantity}")
         chosen += 1
-        fraction = parse_time_step(found.dt, scene).fraction
+        fraction = parse_time_step(found.dt, scene).step_times_frequency
         same = [one for one in costs.entries if one.method == found.method]
         near = min(same, key=lambda one: abs(math.log(one.fraction / fraction)))
         if accurate_points:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from granular import load_scene, load_trajectory
-from granular.engine.step_size import Step
+from granular.engine.step_size import StepRequest
 from granular.methods import METHODS
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.run_progress_bar import RestApproach, remaining_steps, remaining_time_text
@@ -33,7 +33,7 @@ def test_steps_ahead_are_those_of_all_stages() -> None:
     )
     method = METHODS["stormer-verlet"]
     for t_end, count in ((None, 3000), (0.015, 1500), (0.1, 10000)):
-        run = ProtocolRunner(scene, scene_in_natural_units(scene), method, Step(seconds=1e-5), t_end)
+        run = ProtocolRunner(scene, scene_in_natural_units(scene), method, StepRequest(seconds=1e-5), t_end)
         run.advance()
         assert remaining_steps(run) + run.steps == pytest.approx(count)
 
@@ -70,7 +70,7 @@ def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit() -> No
     drag = {"coefficient": "0.02 kg/s"}
     scene = load_scene("single-particle").replace(**{"protocol": [stage], "effects.drag": drag})
     run = ProtocolRunner(
-        scene, scene_in_natural_units(scene), METHODS["stormer-verlet"], Step(seconds=1e-4), None
+        scene, scene_in_natural_units(scene), METHODS["stormer-verlet"], StepRequest(seconds=1e-4), None
     )
     fractions, amplitudes = [], []
     run.advance()

@@ -137,10 +137,10 @@ def test_an_end_within_the_first_step_is_reached(end: float) -> None:
 def test_ticks_of_many_steps_stay_exact() -> None:
     """Where the product of a tick's number and the steps from record to record passes 64 bits."""
     from granular.compiled import entry
-    from granular.engine.step_size import Step, steps_in_tick, tick_start_time
+    from granular.engine.step_size import StepRequest, steps_in_tick, tick_start_time
 
     start, steps = entry(tick_start_time), entry(steps_in_tick)
-    schedule = Step(seconds=1.0).schedule(record=7.7e9, frame=7.7e9, frequency=1.0, tau=1.0)
+    schedule = StepRequest(seconds=1.0).divide_stage(record=7.7e9, frame=7.7e9, frequency=1.0, tau=1.0)
     for tick in (0, 3, 10**9, 10**12):
         exact = tick * schedule.given // schedule.every
         assert start(schedule, tick) == exact * schedule.h

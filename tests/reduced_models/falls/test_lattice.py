@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, damper, simulate
-from granular.effects.dipole import grain_discs
+from granular.effects.dipole import discs_unless_dipoles
 from granular.pairs.disc_law import disc_energy_and_force
 from granular.schema.apparatus import Grains
 from granular.schema.scales import Scales
@@ -37,7 +37,11 @@ def summed_pressure(grains: Grains, spacing: float) -> float:
     i, j = np.mgrid[-40:41, -40:41]
     r = spacing * np.sqrt((i * i + i * j + j * j).astype(float).ravel())
     r = r[(r > 0.0) & (r <= cut * spacing)]
-    known, shares, moments = grain_discs(grains, 0.006), grains.species_fractions(), grains.moment_ratios()
+    known, shares, moments = (
+        discs_unless_dipoles(grains, 0.006),
+        grains.species_fractions(),
+        grains.moment_ratios(),
+    )
     beyond = 3.0 * density(spacing) * 2.0 * math.pi / (cut * spacing)
     total = 0.0
     for k, m in np.ndindex(len(known), len(known)):
