@@ -122,13 +122,13 @@ class MeasuredSwing:
             f"{' and '.join(figure.text_without_error for figure in self.quantities_at(k))}"
         )
 
-    def amplitude_text(self, k: int) -> str:
+    def amplitude_text(self, index: int) -> str:
         """Return an amplitude with its unit."""
-        return format_amplitude(self.amplitudes[k], self.units)
+        return format_amplitude(self.amplitudes[index], self.units)
 
-    def quantities_at(self, k: int) -> tuple[QuantityWithError, QuantityWithError]:
+    def quantities_at(self, index: int) -> tuple[QuantityWithError, QuantityWithError]:
         """Frequency and damping ratio of the record at an amplitude."""
-        return self.figures[2 * k], self.figures[2 * k + 1]
+        return self.figures[2 * index], self.figures[2 * index + 1]
 
     @property
     def summary_text(self) -> str:
@@ -230,11 +230,11 @@ def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | 
 
 
 def quantities_at_amplitudes(
-    record: PistonRecord, like: MeasuredSwing
+    record: PistonRecord, reference: MeasuredSwing
 ) -> tuple[QuantityWithError, ...] | None:
     """Figures of another free record at the amplitudes of one; None where they cannot be read."""
     try:
-        return _frequency_and_damping(free_backbone(record), like.amplitudes, like.units)
+        return _frequency_and_damping(free_backbone(record), reference.amplitudes, reference.units)
     except GranularError:
         return None
 

@@ -73,7 +73,21 @@ class Backbone:
     drive: float | None = None
 
     def interpolate_at(self, amplitude: float) -> BackbonePoint:
-        """Frequency and damping at an amplitude [m], between the nearest rows."""
+        """Frequency and damping at an amplitude, between the nearest rows.
+
+        The frequency is interpolated linearly, and the damping ratio as its product with the amplitude, which
+        dry friction leaves unchanged. Beyond the first and the last row these two values are kept.
+
+        Parameters
+        ----------
+        amplitude : float
+            Amplitude of the swing [m], or [rad] of an angle.
+
+        Returns
+        -------
+        BackbonePoint
+            Frequency [rad/s] and damping ratio there, with their errors.
+        """
 
         def between(row: np.ndarray) -> float:
             return float(np.interp(amplitude, self.amplitude, row))
@@ -86,9 +100,20 @@ class Backbone:
         return BackbonePoint(amplitude, between(self.frequency), ratio, between(self.frequency_error), error)
 
     def amplitudes_to_show(self, scale: float) -> tuple[float, ...]:
-        """Amplitudes to show [m], the greatest first; times ``scale`` they have two digits.
+        """Amplitudes of a table of the curves, the greatest first.
 
-        The last cycles before a motion stops are left out: they are cut short.
+        They are `FRACTIONS` of the greatest amplitude, as far as the curves reach down. The last cycles
+        before a motion stops are left out: they are cut short.
+
+        Parameters
+        ----------
+        scale : float
+            Units in which they are shown per metre (or radian); times this they have two digits.
+
+        Returns
+        -------
+        tuple of float
+            Amplitudes [m], or [rad] of an angle.
         """
         least, greatest = scale * float(self.amplitude[0]), scale * float(self.amplitude[-1])
         rounded = [float(f"{fraction * greatest:.2g}") for fraction in FRACTIONS]
@@ -96,12 +121,25 @@ class Backbone:
 
 
 def free_backbone(record: PistonRecord) -> Backbone:
-    """Curves of a free swing, by how its amplitude falls from extreme to extreme.
+    """Backbone and damping curves of a free swing, from its extremes.
+
+    The frequency comes from the time between extremes and the damping from the fall of the amplitude, with
+    a local polynomial over neighbouring cycles (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003).
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Free swing of n samples, heights in [m] or angles in [rad].
+
+    Returns
+    -------
+    Backbone
+        Amplitude [m], angular frequency [rad/s] and damping ratio, a row a cycle.
 
     Raises
     ------
     RecordError
-        If fewer than five extremes stand out of the noise.
+        If the record has fewer than 20 samples, or fewer than five extremes stand out of the noise.
     """
     cycles = envelope(record)
     count = _count_swinging_cycles(cycles.frequency)
@@ -152,19 +190,28 @@ def _amplitude_loss_per_radian(
 
 
 def driven_backbone(record: PistonRecord, drive: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Backbone:
-    """Curves of a driven swing, by its restoring force cycle by cycle.
+    """Backbone and damping curves of a driven swing, from its restoring force.
+
+    What the acceleration leaves of the drive is fitted in each cycle by a stiffness and a damping (restoring
+    force method, Masri & Caughey 1979, doi:10.1115/1.3424568).
 
     Parameters
     ----------
     record : PistonRecord
+        Driven swing of n samples, heights in [m] or angles in [rad].
     drive : callable
-        From heights (n,) [m] and velocities (n,) [m/s] to the part of the acceleration that the
+        From heights (n,) [m] and velocities (n,) [m/s] to the part (n,) of the acceleration that the
         drive makes [m/s^2].
+
+    Returns
+    -------
+    Backbone
+        Amplitude [m], angular frequency [rad/s] and damping ratio, a row a cycle.
 
     Raises
     ------
     RecordError
-        If the record has too few extremes, or its cycles tell no stiffness.
+        If the record has fewer than 20 samples or too few extremes, or its cycles tell no stiffness.
     """
     smooth = derivatives(record)
     time, height, velocity = smooth.time, smooth.height, smooth.velocity

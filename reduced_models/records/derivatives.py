@@ -85,12 +85,17 @@ def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay
     Parameters
     ----------
     record : PistonRecord
-        Evenly sampled or not.
+        Record of n samples, evenly sampled or not.
     method : str
         ``"savitzky-golay"``: local polynomials of fifth degree (Savitzky & Golay 1964,
         doi:10.1021/ac60214a047; on uneven times the same least squares sample by sample);
         ``"smoothing-spline"``: a cubic smoothing spline (Reinsch 1967, doi:10.1007/BF02162161);
         ``"finite-differences"``: central differences, no smoothing.
+
+    Returns
+    -------
+    Derivatives
+        Height [m], velocity [m/s] and acceleration [m/s^2], (n,) each, and their noise.
 
     Raises
     ------
@@ -170,7 +175,18 @@ def _choose_local_polynomials(time: np.ndarray, height: np.ndarray, sigma: float
 
 
 def is_evenly_sampled(time: np.ndarray) -> bool:
-    """Return whether times are evenly spaced, to a thousandth of a step."""
+    """Return whether times are evenly spaced, to a thousandth of a step.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times, which increase [s].
+
+    Returns
+    -------
+    bool
+        True where the steps differ by less than a thousandth of their mean.
+    """
     steps = np.diff(time)
     return bool(np.ptp(steps) < 1e-3 * steps.mean())
 
@@ -256,10 +272,26 @@ def _central_differences(height: np.ndarray, time: np.ndarray) -> np.ndarray:
 def fit_local_cubics(
     time: np.ndarray, height: np.ndarray, period: float, nodes: np.ndarray | int
 ) -> np.ndarray:
-    """Height, velocity, acceleration and time (4, n) of a motion, by a cubic about each time.
+    """Height, velocity and acceleration at some times, by a least-squares cubic about each of them.
 
-    ``nodes`` are the times, or how many, over all of the samples. Times without enough samples
-    about them are left out; where hardly any has enough, the motion is that of the samples.
+    A window reaches 0.12 periods to either side. Times without enough samples about them are left out; where
+    hardly any has enough, the derivatives are central differences at the samples.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times of the samples, which increase [s].
+    height : float64 (n,)
+        Heights at these times [m], or another coordinate in its unit.
+    period : float
+        Period of the swing [s].
+    nodes : float64 (k,) or int
+        Times [s] of the cubics, or how many of them, evenly over all of the samples.
+
+    Returns
+    -------
+    float64 (4, m)
+        Height [m], velocity [m/s], acceleration [m/s^2] and time [s] of m times.
     """
     half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
     if isinstance(nodes, int):

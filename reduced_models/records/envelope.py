@@ -42,7 +42,18 @@ class PeakDamping:
     noise: float
 
     def contradicts(self, ratio: float) -> bool:
-        """Return whether a ratio is below half of the least or above twice the greatest one."""
+        """Return whether a damping ratio is far from those of the peaks.
+
+        Parameters
+        ----------
+        ratio : float
+            Damping ratio of a law, without unit.
+
+        Returns
+        -------
+        bool
+            True below half of the least or above twice the greatest one, by more than the noise.
+        """
         low = min(0.5 * self.low, 2.0 * self.low) - self.noise
         high = max(0.5 * self.high, 2.0 * self.high) + self.noise
         return not low <= ratio <= high
@@ -75,7 +86,7 @@ class Envelope:
 
     @property
     def peak_damping(self) -> PeakDamping:
-        """Damping ratios by how the peaks fall, of the whole record and of its two halves."""
+        """Damping ratios, without unit, by how the peaks fall, of the whole record and of its two halves."""
         half = len(self.amplitude) // 2
         # From one row to the next passes half a period.
         phase, size = math.pi * np.arange(len(self.amplitude)), np.log(self.amplitude)
@@ -86,7 +97,7 @@ class Envelope:
 
     @property
     def damping_ratio(self) -> np.ndarray:
-        """Damping over frequency (n,), the fraction of critical damping where that is small."""
+        """Damping ratio of each cycle, float64 (n,), without unit: decay rate over angular frequency."""
         return self.damping / self.frequency
 
 
@@ -147,7 +158,25 @@ def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-gola
 
 
 def find_alternating_extremes(smooth: Derivatives) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the times and heights of alternating extremes, and the noise of their times."""
+    """Crests and troughs of a smoothed motion, in turn, placed between the samples by its derivatives.
+
+    An extreme counts where it stands out by five standard deviations of the noise; its time is a step of
+    Newton's method for a velocity of zero.
+
+    Parameters
+    ----------
+    smooth : Derivatives
+        Height, velocity and acceleration at n times, with their noise.
+
+    Returns
+    -------
+    time : float64 (k,)
+        Times of the extremes [s].
+    height : float64 (k,)
+        Heights there [m], or angles [rad].
+    noise : float64 (k,)
+        Standard deviations of the times [s].
+    """
     from scipy.signal import find_peaks
 
     time, height = smooth.time, smooth.height

@@ -79,7 +79,7 @@ class FirstGuesses:
 
     @property
     def log_frequency_spread(self) -> float:
-        """Half-width of the logarithm of the starting frequencies."""
+        """Half-width of the natural logarithm of the starting frequencies, without unit."""
         return _SPREAD_IF_POOR if self.is_poor else _SPREAD
 
     @property
@@ -152,8 +152,23 @@ class FirstGuesses:
         return np.asarray(self.decay * np.exp(random.uniform(-1.5, 1.5, count)))
 
 
-def crossings(time: np.ndarray, swing: np.ndarray, threshold: float) -> np.ndarray:
-    """Return times at which a swing passes zero, counted once it has gone beyond the threshold."""
+def zero_crossing_times(time: np.ndarray, swing: np.ndarray, threshold: float) -> np.ndarray:
+    """Return the times at which a swing passes zero, counted once it has gone beyond a threshold.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times of the samples [s].
+    swing : float64 (n,)
+        Displacement from the level of rest [m], or [rad].
+    threshold : float
+        Displacement that a swing must exceed, in its unit.
+
+    Returns
+    -------
+    float64 (k,)
+        Times [s], by a straight line between the samples on both sides.
+    """
     beyond = np.flatnonzero(np.abs(swing) > threshold)
     if len(beyond) < 2:
         return np.empty(0)
@@ -211,7 +226,7 @@ def first_guesses(time: np.ndarray, height: np.ndarray) -> FirstGuesses:
     if amplitude <= max(1e-12 * abs(rest), SMALLEST):
         raise RecordError(f"the height stays at {rest:g} m; a motion is needed to identify a law")
     threshold = min(max(0.01 * amplitude, 4.0 * noise_level(height, time)), 0.5 * amplitude)
-    passages = crossings(time, swing, threshold)
+    passages = zero_crossing_times(time, swing, threshold)
     half = _half_period(passages, float(time[-1]))
     frequency = math.pi / half
     start, speed = _initial_motion(time, height, half)
@@ -236,7 +251,23 @@ def _alternative_frequencies(
 
 
 def spectral_peak_frequency(time: np.ndarray, swing: np.ndarray) -> float:
-    """Angular frequency [rad/s] of the strongest line of a swing, under a Hann window."""
+    """Angular frequency of the strongest line of a swing.
+
+    The line is the greatest of the discrete Fourier transform under a Hann window, padded fourfold with
+    zeros.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times of the samples, which increase [s].
+    swing : float64 (n,)
+        Displacement [m], or in another unit.
+
+    Returns
+    -------
+    float
+        Angular frequency [rad/s], of one whole swing in the record at least.
+    """
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, swing)
     spectrum = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count))
@@ -248,7 +279,20 @@ def noise_level(height: np.ndarray, time: np.ndarray) -> float:
     """Return the standard deviation of white noise on a smooth record, from its third differences.
 
     The differences are divided ones, which a smooth motion leaves small also where the samples are
-    irregular, and each is scaled to the standard deviation of the noise.
+    irregular, and each is scaled to the standard deviation of the noise. Their median over 0.6745, the
+    median of a normal distribution's absolute values, is not led by outliers.
+
+    Parameters
+    ----------
+    height : float64 (n,)
+        Record in any unit.
+    time : float64 (n,)
+        Times of its samples, which increase [s].
+
+    Returns
+    -------
+    float
+        Standard deviation, in the unit of the record; 0 for fewer than four samples.
     """
     if len(height) < 4:
         return 0.0

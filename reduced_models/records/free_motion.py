@@ -16,7 +16,7 @@ import numpy as np
 from granular.readers.read_options import ALL
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
-from reduced_models.records.first_guesses import LEAST_SAMPLES, crossings, noise_level
+from reduced_models.records.first_guesses import LEAST_SAMPLES, noise_level, zero_crossing_times
 from reduced_models.records.release import cut_at_release, has_active_input
 from reduced_models.records.sensor_artefacts import clipped_sample_mask, cut_noise_tail, drop_lost_samples
 
@@ -207,14 +207,14 @@ def _swing_about_rest(record: PistonRecord) -> np.ndarray:
     """Displacement (n,) from the level of the record's end passed most often: part of it may be held."""
     levels = [np.median(record.height[-max(1, len(record) // part) :]) for part in _ENDS]
     swings = [np.asarray(record.height - level) for level in levels]
-    counts = [len(crossings(record.time, swing, _SMALL * np.abs(swing).max())) for swing in swings]
+    counts = [len(zero_crossing_times(record.time, swing, _SMALL * np.abs(swing).max())) for swing in swings]
     return swings[int(np.argmax(counts))]
 
 
 def _half_period_and_restarts(time: np.ndarray, swing: np.ndarray) -> tuple[float | None, list[int]]:
     """Time from one passage through rest to the next, and samples of a motion after a pause."""
     largest, noise = float(np.abs(swing).max()), noise_level(swing, time)
-    passages = crossings(time, swing, _SMALL * largest)
+    passages = zero_crossing_times(time, swing, _SMALL * largest)
     if len(passages) < _LEAST_PASSAGES or noise > _NOISIEST * largest:
         return None, []
     half = float(np.median(np.diff(passages)))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.records.first_guesses import crossings, noise_level
+from reduced_models.records.first_guesses import noise_level, zero_crossing_times
 
 _LEAST_SWING, _NOISES = 0.01, 4.0
 """Amplitude that a swing must have, over the greatest one, and in noise levels."""
@@ -47,7 +47,7 @@ def find_whole_swings(time: np.ndarray, height: np.ndarray, moving: int) -> tupl
     swing = height[:moving] - height[-len(height) // 3 :].mean()
     largest = float(np.abs(swing).max())
     least = max(_LEAST_SWING * largest, _NOISES * noise_level(height, time))
-    passages = crossings(time[:moving], swing, min(least, 0.5 * largest))
+    passages = zero_crossing_times(time[:moving], swing, min(least, 0.5 * largest))
     passages = passages[::2] if len(passages) > 2 * _FEWEST_SWINGS else passages
     passages = passages[:: max(1, -(-len(passages) // _MOST_BLOCKS))]
     edges = np.searchsorted(time[:moving], passages)
@@ -102,7 +102,7 @@ class SwingError(NamedTuple):
 
 
 def error_on_swings(
-    missed: np.ndarray, displacement: np.ndarray, swings: Sequence[slice], scale: float
+    residuals: np.ndarray, displacement: np.ndarray, swings: Sequence[slice], rms_swing: float
 ) -> SwingError:
     """Return the test error of a law, with its standard error.
 
@@ -113,20 +113,27 @@ def error_on_swings(
 
     Parameters
     ----------
-    missed, displacement : float64 (n,)
-        What the law misses, and the distance from the level of rest [m].
+    residuals : float64 (n,)
+        Recorded heights minus those of the law [m], or [rad] of an angle.
+    displacement : float64 (n,)
+        Distance from the level of rest, in the same unit.
     swings : sequence of slice
         Samples of the test swings.
-    scale : float
-        Rms swing of the record [m].
+    rms_swing : float
+        Root mean square of the displacement of the record, in the same unit.
+
+    Returns
+    -------
+    SwingError
+        Errors of the law and of a piston at rest, over the rms swing, without unit.
     """
     counts = np.array([swing.stop - swing.start for swing in swings])
-    lost = np.array([float((missed[swing] ** 2).sum()) for swing in swings])
+    lost = np.array([float((residuals[swing] ** 2).sum()) for swing in swings])
     at_stake = np.array([float((displacement[swing] ** 2).sum()) for swing in swings])
     total, several = float(counts.sum()), len(swings)
-    value, at_rest = (math.sqrt(squares.sum() / total) / scale for squares in (lost, at_stake))
+    value, at_rest = (math.sqrt(squares.sum() / total) / rms_swing for squares in (lost, at_stake))
     if several < 2 or not 0.0 < value < math.inf or not at_rest > 0.0:
         return SwingError(value, at_rest, None)
     left = [lost - size * lost.sum() / size.sum() for size in (at_stake, counts)]
     spread = math.sqrt(several / (several - 1) * min(float(part @ part) for part in left)) / total
-    return SwingError(value, at_rest, spread / (2.0 * value * scale**2))
+    return SwingError(value, at_rest, spread / (2.0 * value * rms_swing**2))

@@ -43,12 +43,24 @@ class StepGrid(NamedTuple):
 
     @property
     def finer(self) -> StepGrid:
-        """Twice as many steps of half the length."""
+        """Grid of twice as many steps of half the length, over the same time."""
         return StepGrid(0.5 * self.step, 2 * self.steps)
 
 
 def input_column(record: PistonRecord, name: str) -> np.ndarray:
-    """Column (n,) of a record that an input names.
+    """Column of a record that an input of a law names.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Record of n samples.
+    name : str
+        ``"force"``, the name of a further column, or ``"t"``, the time since the record's start.
+
+    Returns
+    -------
+    float64 (n,)
+        Values of the column in SI units; of the time in [s].
 
     Raises
     ------
@@ -68,40 +80,102 @@ def input_column(record: PistonRecord, name: str) -> np.ndarray:
 
 
 def column_names(record: PistonRecord) -> tuple[str, ...]:
-    """Names of the columns of a record that a law can have as inputs."""
+    """Names of the columns of a record that a law can have as inputs.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Record with or without a force and further columns.
+
+    Returns
+    -------
+    tuple of str
+        ``"force"`` where it is known, and the names of the further columns.
+    """
     return (*(["force"] if record.force is not None else []), *record.extra)
 
 
 def has_inputs_besides_time(names: Sequence[str]) -> bool:
-    """Return whether there are inputs other than the time, which is known between samples too."""
+    """Return whether there are inputs other than the time, which is known between samples too.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the inputs of a law.
+
+    Returns
+    -------
+    bool
+        True where any of them is not ``"t"``.
+    """
     return any(name != TIME for name in names)
 
 
 def inputs_on_grid(
-    record: PistonRecord, names: tuple[str, ...], grid: StepGrid, how: Interpolation = "spline"
+    record: PistonRecord, names: tuple[str, ...], grid: StepGrid, interpolation: Interpolation = "spline"
 ) -> np.ndarray:
-    """Return inputs (steps + 1, stages, inputs) of a record that starts at time 0, on a grid."""
+    """Interpolate the inputs of a law at the stages of the Runge-Kutta steps of a grid.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Record that starts at time 0.
+    names : tuple of str
+        Columns that are the inputs.
+    grid : StepGrid
+        Steps of the solution.
+    interpolation : str
+        Interpolation between the samples, one of `INTERPOLATIONS`.
+
+    Returns
+    -------
+    float64 (steps + 1, stages, inputs)
+        Values in the columns' units, at the times `STAGE_TIMES` within each step.
+
+    Raises
+    ------
+    RecordError
+        If the record has no column of a name.
+    """
     nodes = grid.step * (np.arange(grid.steps + 1)[:, None] + np.array(STAGE_TIMES))
     columns = [input_column(record, name) for name in names]
-    if how == "previous" and columns:
+    if interpolation == "previous" and columns:
         # All of a step lies in the interval of its middle.
         middle = grid.step * (np.arange(grid.steps + 1) + 0.5)
-        held = interpolate_inputs(record.time, columns, middle, how)
+        held = interpolate_inputs(record.time, columns, middle, interpolation)
         result = np.repeat(held[:, None], len(STAGE_TIMES), axis=1)
         for index in (k for k, name in enumerate(names) if name == TIME):
             result[:, :, index] = nodes
         return result
-    return interpolate_inputs(record.time, columns, nodes, how)
+    return interpolate_inputs(record.time, columns, nodes, interpolation)
 
 
 def interpolate_inputs(
-    time: np.ndarray, columns: list[np.ndarray], times: np.ndarray, how: Interpolation = "spline"
+    time: np.ndarray, columns: list[np.ndarray], times: np.ndarray, interpolation: Interpolation = "spline"
 ) -> np.ndarray:
-    """Columns that are known at ``time`` (n,), at other ``times`` (...): (..., columns)."""
+    """Values of columns at other times than those of their samples.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times of the samples, which increase [s].
+    columns : list of float64 (n,)
+        Values there, each column in its unit.
+    times : float64 of any shape
+        Wanted times [s]; those outside the samples are moved to the nearest sample.
+    interpolation : str
+        ``"spline"``, ``"linear"``, ``"previous"`` or ``"band-limited"``: sinc functions under a Kaiser
+        window (Kaiser 1974), where the samples are even and enough, and a spline where they are not.
+
+    Returns
+    -------
+    float64 (shape of ``times``, columns)
+        Interpolated values, each in its column's unit.
+    """
     if not columns:
         return np.zeros((*times.shape, 0))
     inside = np.clip(times, time[0], time[-1])
-    return np.stack([_interpolate_column(time, column, inside, how) for column in columns], axis=-1)
+    return np.stack([_interpolate_column(time, column, inside, interpolation) for column in columns], axis=-1)
 
 
 class PiecewiseCubics(NamedTuple):
@@ -119,36 +193,51 @@ class PiecewiseCubics(NamedTuple):
 
 
 def piecewise_cubics(
-    time: np.ndarray, columns: list[np.ndarray], how: Interpolation = "spline"
+    time: np.ndarray, columns: list[np.ndarray], interpolation: Interpolation = "spline"
 ) -> PiecewiseCubics:
-    """Columns (n,) between their samples; a band-limited one by a spline of finer samples."""
+    """Columns as cubics between their samples; a band-limited one by a spline of finer samples.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times of the samples, which increase [s].
+    columns : list of float64 (n,)
+        Values there, each column in its unit.
+    interpolation : str
+        Interpolation between the samples, one of `INTERPOLATIONS`.
+
+    Returns
+    -------
+    PiecewiseCubics
+        Lengths of the intervals [s] and coefficients of the cubics, in the columns' units over powers of [s].
+    """
     from scipy.interpolate import CubicSpline
 
     length = np.diff(time)
-    if how == "band-limited":
+    if interpolation == "band-limited":
         fraction = np.arange(_FINER) / _FINER
         fine = np.append((time[:-1, None] + length[:, None] * fraction).ravel(), time[-1])
-        columns = [_interpolate_column(time, column, fine, how) for column in columns]
+        columns = [_interpolate_column(time, column, fine, interpolation) for column in columns]
         time, length = fine, np.diff(fine)
     cubics = np.zeros((len(length), 4, len(columns)))
     for k, values in enumerate(columns):
         cubics[:, 0, k] = values[:-1]
-        if how == "linear":
+        if interpolation == "linear":
             cubics[:, 1, k] = np.diff(values) / length
-        elif how != "previous":
+        elif interpolation != "previous":
             cubics[:, :, k] = CubicSpline(time, values).c[::-1].T
     return PiecewiseCubics(length, cubics)
 
 
 def _interpolate_column(
-    time: np.ndarray, values: np.ndarray, times: np.ndarray, how: Interpolation
+    time: np.ndarray, values: np.ndarray, times: np.ndarray, interpolation: Interpolation
 ) -> np.ndarray:
-    if how == "linear":
+    if interpolation == "linear":
         return np.interp(times, time, values)
-    if how == "previous":
+    if interpolation == "previous":
         index = np.searchsorted(time, times, side="right") - 1
         return np.asarray(values[np.clip(index, 0, len(time) - 1)])
-    if how == "band-limited" and is_evenly_sampled(time) and len(time) > _TAPS:
+    if interpolation == "band-limited" and is_evenly_sampled(time) and len(time) > _TAPS:
         return _interpolate_band_limited(time, values, times)
     from scipy.interpolate import CubicSpline
 

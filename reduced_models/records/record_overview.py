@@ -60,7 +60,13 @@ class RecordOverview:
     useful: float
 
     def to_plain(self) -> dict[str, Any]:
-        """Figures as plain data."""
+        """Return what was understood of the file, and the figures, as plain data.
+
+        Returns
+        -------
+        dict of str to any
+            Names and units of the columns, notes, and figures in SI units.
+        """
         record = self.record
         return {
             "form": self.meaning.form,
@@ -112,8 +118,14 @@ def look(path: str | Path, options: ReadOptions | None = None) -> RecordOverview
     Parameters
     ----------
     path : str or Path
+        File of a record, or a TOML description of one.
     options : ReadOptions, optional
         Facts about the file that are not to be guessed.
+
+    Returns
+    -------
+    RecordOverview
+        Motion in SI units, the role of each column, and figures of the sampling and the noise.
 
     Raises
     ------
@@ -171,7 +183,18 @@ def _motion_in_characters(record: PistonRecord) -> list[str]:
 
 
 def plot_overview(overview: RecordOverview) -> Figure:
-    """Motion over time, with where it is above its noise."""
+    """Draw the motion over time, and from where on it is within its noise.
+
+    Parameters
+    ----------
+    overview : RecordOverview
+        Record with its figures.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Coordinate [m] (or [rad]) over time [s].
+    """
     from granular.shared.plotting import COLOURS, GREY, figure
 
     with figure(width=7.0, height=3.0) as (drawing, axes):

@@ -104,32 +104,32 @@ class Sensor:
 
     @property
     def derivative_order(self) -> int:
-        """Order of the derivative of the coordinate that is measured."""
+        """Order of the time derivative of the coordinate that is measured: 0, 1 or 2."""
         return _DERIVATIVES[self.quantity]
 
     @property
     def derivative_sign(self) -> float:
-        """Sign of that derivative in the quantity."""
+        """Sign, 1 or -1, with which that derivative enters the quantity; -1 for a force on the base."""
         return -1.0 if self.quantity == "base_force" else 1.0
 
     @property
     def corner_frequency(self) -> float | None:
-        """Corner frequency of its filter [Hz]."""
+        """Corner frequency of the sensor's low or high pass [Hz]; None without a filter."""
         return self.low_pass or self.high_pass
 
     @property
     def filter_order(self) -> int:
-        """Order of its filter; 0 for none."""
+        """Order of the sensor's filter, 1 or 2; 0 for none."""
         return 0 if self.corner_frequency is None else 1 if self.damping_ratio is None else 2
 
     @property
     def nominal_gain(self) -> float:
-        """Gain to start from, or to count by where the record tells none."""
+        """Gain to start from, signal over quantity: as given, the middle of its bounds, or 1 if free."""
         return _nominal(self.gain, 1.0)
 
     @property
     def nominal_offset(self) -> float:
-        """Offset to start from."""
+        """Offset to start from, in the signal's unit: as given, the middle of its bounds, or 0 if free."""
         return _nominal(self.offset, 0.0)
 
     def signal(self, columns: Columns) -> np.ndarray:
@@ -173,6 +173,12 @@ class Sensor:
         -------
         float64 (n,)
             Heights [m].
+
+        Raises
+        ------
+        RecordError
+            If the record has neither heights nor the sensor's signal, or lacks the motion of the base that an
+            absolute sensor needs.
         """
         if "height" in columns:
             height = columns["height"]
@@ -200,19 +206,27 @@ class Sensor:
         return result if mine is None else result | {"height": mine}
 
     def deviations_with_open_gain(self, columns: Columns, deviations: Columns) -> dict[str, np.ndarray]:
-        """Deviations with those of gains that are spread evenly between the gain's bounds.
+        """Deviations of a calibration, with that of a gain known between two bounds.
+
+        The gain is taken as spread evenly between its bounds, which has the standard deviation of their
+        distance over the square root of 12.
 
         Parameters
         ----------
         columns : mapping of str to float64 (n,)
             Columns of the record, in SI units.
         deviations : mapping of str to float64 (k, n)
-            What a calibration leaves open, by column.
+            Changes of each column by a standard deviation of each number of the calibration, in its unit.
 
         Returns
         -------
-        dict of str to float64 (k, n)
-            Deviations by column.
+        dict of str to float64 (k or k + 1, n)
+            The same, with one more row for the signal's column where the gain has bounds.
+
+        Raises
+        ------
+        RecordError
+            If the record has no column of the signal.
         """
         result = dict(deviations)
         if isinstance(self.gain, tuple):
@@ -255,7 +269,20 @@ class Sensor:
 
 
 def sensor_report_lines(sensor: Sensor | None, untold: Iterable[str]) -> list[str]:
-    """Lines that say what was measured, and what that does not tell of a law."""
+    """Lines of a model's text that say what was measured, and what that does not tell of a law.
+
+    Parameters
+    ----------
+    sensor : Sensor or None
+        Sensor of the record; None for heights.
+    untold : iterable of str
+        Names of parameters, ``"level"`` and ``"size"`` that the signal leaves undetermined.
+
+    Returns
+    -------
+    list of str
+        Up to two lines; none for heights.
+    """
     if sensor is None:
         return []
     words = {"level": "the level of rest", "size": "the size of the motion"}
@@ -264,15 +291,23 @@ def sensor_report_lines(sensor: Sensor | None, untold: Iterable[str]) -> list[st
 
 
 def parse_sensor(text: str) -> Sensor:
-    """Sensor that a line says: a quantity, and settings behind it.
+    """Sensor that a line of text describes: a quantity, and settings behind it.
 
-    ``"velocity gain=free high_pass=4.5 damping_ratio=0.6"``; ``gain=26:32`` lies between two
-    numbers, ``absolute`` stands alone, and ``column=geo`` names the column.
+    Parameters
+    ----------
+    text : str
+        Such as ``"velocity gain=free high_pass=4.5 damping_ratio=0.6"``, in SI units; ``gain=26:32`` lies
+        between two numbers, ``absolute`` stands alone, and ``column=geo`` names the column.
+
+    Returns
+    -------
+    Sensor
+        Sensor with these settings.
 
     Raises
     ------
     InputError
-        If it is something else.
+        If a setting is unknown, has no number, or is out of its range.
     """
     quantity, *items = text.split()[:_MOST_ITEMS] or [""]
     given: dict[str, Any] = {}
@@ -289,6 +324,16 @@ def parse_sensor(text: str) -> Sensor:
 
 def resolve_sensor(measured: str | Sensor) -> Sensor | None:
     """Sensor by its quantity; None where the height is compared as it is.
+
+    Parameters
+    ----------
+    measured : str or Sensor
+        Name of the measured quantity, or the sensor itself.
+
+    Returns
+    -------
+    Sensor or None
+        None for a height of gain 1 and offset 0 without a filter.
 
     Raises
     ------
