@@ -60,11 +60,41 @@ class Parser(argparse.ArgumentParser):
     parsers: dict[str, Parser]
 
     def error(self, message: str) -> NoReturn:
+        """Raise a usage error as one line.
+
+        Parameters
+        ----------
+        message : str
+            What is wrong with the arguments.
+
+        Raises
+        ------
+        InputError
+            Always, with the message and how to get help.
+        """
         raise InputError(f"{message}; see {self.prog} --help")
 
 
 def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | None = None) -> int:
-    """Run a command; its exit code."""
+    """Run a command, and print errors and warnings as one line each.
+
+    Parameters
+    ----------
+    command : function of a sequence of str
+        Takes the arguments of the command line.
+    arguments : sequence of str, optional
+        Arguments; those of the process if not given.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or 2 for bad input, 1 for a failed run, 130 after Ctrl-C, 143 after SIGTERM.
+
+    Raises
+    ------
+    Exception
+        An error that is none of the package's, as it was raised.
+    """
     warnings.showwarning = _show_warning
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -138,12 +168,38 @@ Option = Callable[[argparse._ActionsContainer], object]
 
 
 def option(*names: str, **settings: Any) -> Option:
-    """Option or an argument, by the arguments of `argparse.ArgumentParser.add_argument`."""
+    """Declare an option or an argument of a command.
+
+    Parameters
+    ----------
+    *names : str
+        Names, as of `argparse.ArgumentParser.add_argument`.
+    **settings : any
+        Its keyword arguments.
+
+    Returns
+    -------
+    Option
+        Function that adds it to a parser.
+    """
     return lambda parser: parser.add_argument(*names, **settings)
 
 
 def option_group(*options: Option, title: str | None = None) -> Option:
-    """Several options as one; with a title they stand under it in the help."""
+    """Join several options to one; with a title they stand under it in the help.
+
+    Parameters
+    ----------
+    *options : Option
+        Options to join.
+    title : str, optional
+        Title in the help.
+
+    Returns
+    -------
+    Option
+        Function that adds all of them to a parser.
+    """
 
     def add(parser: argparse._ActionsContainer) -> None:
         target = parser if title is None else parser.add_argument_group(title)
@@ -177,7 +233,22 @@ class Command(NamedTuple):
 def command(
     name: str, summary: str, *options: Option, examples: str
 ) -> Callable[[Callable[[Any], None]], Command]:
-    """Make the function below it a command; see `Command`."""
+    """Make the function below it a command of a program.
+
+    Parameters
+    ----------
+    name, summary : str
+        Name on the command line, and summary in a line.
+    *options : Option
+        Options and arguments.
+    examples : str
+        End of its help; ``%(prog)s`` in it is what the user types up to its options.
+
+    Returns
+    -------
+    function
+        Decorator that turns a function of the parsed options into a `Command`.
+    """
     return lambda carry_out: Command(name, summary, options, examples, carry_out)
 
 
@@ -199,7 +270,18 @@ class Program(NamedTuple):
     commands: tuple[Command, ...]
 
     def parser(self, name: str | None = None) -> Parser:
-        """Grammar of the command line."""
+        """Make the parser of the command line, with a subparser for each command.
+
+        Parameters
+        ----------
+        name : str, optional
+            Name that the program is run under; its own if not given.
+
+        Returns
+        -------
+        Parser
+            Parser with the attributes ``commands`` and ``parsers``.
+        """
         raw = argparse.RawDescriptionHelpFormatter
         top = Parser(
             prog=name or self.name, description=self.description, epilog=self.examples, formatter_class=raw
@@ -222,7 +304,20 @@ class Program(NamedTuple):
         return top
 
     def main(self, arguments: Sequence[str], name: str | None = None) -> None:
-        """Run one command."""
+        """Parse arguments, and carry out the command that they name.
+
+        Parameters
+        ----------
+        arguments : sequence of str
+            Arguments of the command line.
+        name : str, optional
+            Name that the program is run under; its own if not given.
+
+        Raises
+        ------
+        InputError
+            If an argument is not known, or the command refuses its options.
+        """
         parser = self.parser(name)
         options, rest = parser.parse_known_args(arguments)
         if rest:
@@ -242,7 +337,20 @@ def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentPars
 
 
 def pick_options(options: Any, *names: str) -> dict[str, Any]:
-    """Return options as keyword arguments of a function that calls them the same."""
+    """Pick options as keyword arguments of a function that calls them the same.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Parsed options.
+    *names : str
+        Names of those to pick.
+
+    Returns
+    -------
+    dict of str to any
+        Their values by name.
+    """
     return {name: getattr(options, name) for name in names}
 
 
@@ -252,6 +360,7 @@ def require_options(options: Any, **arguments: str) -> None:
     Parameters
     ----------
     options : argparse.Namespace
+        Parsed options.
     **arguments : str
         Each option as written on the command line, by its name.
 
@@ -273,7 +382,9 @@ def refuse_options(options: Any, form: str, *names: str, **written: str) -> None
     Parameters
     ----------
     options : argparse.Namespace
+        Parsed options.
     form : str
+        The form, in words for the message.
     *names : str
         Options that are written as they are named.
     **written : str
@@ -290,7 +401,13 @@ def refuse_options(options: Any, form: str, *names: str, **written: str) -> None
 
 
 def add_version_option(parser: argparse.ArgumentParser) -> None:
-    """Toolkit's version, on request."""
+    """Add ``--version``, which prints the toolkit's version and exits.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser that it is added to.
+    """
     parser.add_argument(
         "--version",
         action="version",
@@ -303,6 +420,15 @@ def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
     """Print a result: one JSON object, or a text for people, with long notes in several lines.
 
     JSON has neither infinities nor NaN: they are printed as null.
+
+    Parameters
+    ----------
+    result : dict of str to any
+        Result as plain data.
+    text : str
+        The same for people.
+    as_json : bool
+        Whether to print JSON.
     """
     if as_json:
         print(json.dumps(replace_non_finite_by_none(result), allow_nan=False))

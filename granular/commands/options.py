@@ -59,7 +59,17 @@ OUTPUT = option_group(
 
 
 def scene_from_options(options: Any) -> Scene:
-    """Return the scene that a command was given, changed, after the user's own code.
+    """Load the scene that a command was given, with its changes, after the user's own code.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Parsed options, with ``scene``, ``changes`` and perhaps ``user_files``.
+
+    Returns
+    -------
+    Scene
+        Scene with the changes.
 
     Raises
     ------
@@ -74,7 +84,17 @@ def scene_from_options(options: Any) -> Scene:
 
 
 def parse_changes(items: Sequence[str]) -> dict[str, Any]:
-    """Return the changes to a scene from ``KEY=VALUE`` texts.
+    """Parse the changes to a scene from ``KEY=VALUE`` texts.
+
+    Parameters
+    ----------
+    items : sequence of str
+        Texts, such as ``"piston.mass=6.5"``; a value is TOML, or else a text.
+
+    Returns
+    -------
+    dict of str to any
+        Value of each dotted key.
 
     Raises
     ------
@@ -94,7 +114,19 @@ def parse_changes(items: Sequence[str]) -> dict[str, Any]:
 
 
 def quantity_reader(unit: str) -> Callable[[str], float]:
-    """Reader of an option: a number in that SI unit, or a quantity with a unit of its own."""
+    """Make the reader of an option that holds a quantity.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit of a plain number, such as ``"s"``.
+
+    Returns
+    -------
+    function of str
+        Reads a number in that unit, or a quantity with a unit of its own, to a float in SI; raises
+        `argparse.ArgumentTypeError` for any other text.
+    """
 
     def read(text: str) -> float:
         from granular.schema.units import si_value
@@ -109,6 +141,16 @@ def quantity_reader(unit: str) -> Callable[[str], float]:
 
 def parse_time_step(text: str) -> float | str:
     """Read a time step of the command line: seconds, a quantity, or a multiple of "auto".
+
+    Parameters
+    ----------
+    text : str
+        Such as ``"1e-4"``, ``"0.1 ms"`` or ``"auto/2"``.
+
+    Returns
+    -------
+    float or str
+        Time step [s], or the text that begins with "auto".
 
     Raises
     ------

@@ -50,7 +50,20 @@ examples:
   %(prog)s damper -o runs/damper --resume     # goes on after Ctrl-C""",
 )
 def run(options: Any) -> None:
-    """Run a scene."""
+    """Run a scene, and print its outcome.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Parsed options of ``granular run``.
+
+    Raises
+    ------
+    InputError
+        If the scene or an option is not possible.
+    RunError
+        If the simulation fails.
+    """
     from granular.run.simulation import simulate
 
     done = simulate(
@@ -102,7 +115,20 @@ study.toml:
   "piston.mass" = "9 kg" """,
 )
 def sweep(options: Any) -> None:
-    """Run a study."""
+    """Run a study, a scene under many changes, and write its table and report.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Parsed options of ``granular sweep``.
+
+    Raises
+    ------
+    InputError
+        If the study or an option is not possible.
+    GranularError
+        If cases could not be computed.
+    """
     from granular.studies.executors import cluster_executor
     from granular.studies.study_page import study_page
     from granular.studies.sweep import load_study

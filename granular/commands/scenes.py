@@ -33,7 +33,18 @@ examples:
   %(prog)s --warm-up damper my-bed.toml --set effects.friction=true""",
 )
 def scenes(options: Any) -> None:
-    """List the packaged scenes or the methods, or compile what scenes need."""
+    """List the packaged scenes or the methods, or compile what scenes need.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Parsed options of ``granular scenes``.
+
+    Raises
+    ------
+    InputError
+        If a scene or an option is not possible, or there is no folder for compiled code.
+    """
     from granular.user_code import import_user_code
 
     import_user_code(options.user_files)
@@ -113,7 +124,18 @@ def _warm_up(options: Any) -> None:
     examples="example:\n  %(prog)s damper --set piston.mass=6.5",
 )
 def show(options: Any) -> None:
-    """Tell what a scene holds."""
+    """Print the values of a scene in SI and in natural units.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Parsed options of ``granular show``.
+
+    Raises
+    ------
+    InputError
+        If the scene or a change is none.
+    """
     from granular.run.summary import derived_scene_values, scene_text
 
     scene = scene_from_options(options)
@@ -132,7 +154,18 @@ examples:
   %(prog)s --of study -o study.schema.json""",
 )
 def schema(options: Any) -> None:
-    """Print a schema, or write it to a file."""
+    """Print the JSON schema of scene or study files, or write it to a file.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Parsed options of ``granular schema``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
     from granular.scene.json_schema import scene_schema, study_schema
     from granular.shared.files import write_text
 

@@ -60,7 +60,21 @@ class Calibration(NamedTuple):
     inside: tuple[float, float] = (-math.inf, math.inf)
 
     def apply(self, raw: np.ndarray, unit: str | None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the values (n,) of a column in that unit, and their deviations (m, n).
+        """Convert the numbers of a sensor's column to SI.
+
+        Parameters
+        ----------
+        raw : float64 (n,)
+            Numbers of the column.
+        unit : str or None
+            Unit of the column; None where none is named.
+
+        Returns
+        -------
+        values : float64 (n,)
+            Heights [m], angles [rad] or what the calibration gives, in SI.
+        deviations : float64 (m, n)
+            Their independent deviations of one standard uncertainty each, in the same unit.
 
         Raises
         ------

@@ -130,24 +130,58 @@ _BEHIND = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
 
 
 def normalize_unit(unit: str) -> str:
-    """Return the unit as `granular.schema.units` writes it, where it is known; else as it is."""
+    """Spell a unit as `granular.schema.units` does, where it is known.
+
+    Parameters
+    ----------
+    unit : str
+        Unit as it stands in a file, also in brackets.
+
+    Returns
+    -------
+    str
+        The unit, such as ``"mm"`` for ``"[millimetres]"``; an unknown one without its brackets.
+    """
     bare = unit.strip().strip("[](){}").strip().rstrip(".").replace("²", "^2")
     bare = bare.lower() if bare in _CAPITALS else bare
     return UNITS.get(bare, UNITS.get(bare.lower(), bare))
 
 
 def is_unit(text: str) -> bool:
-    """Return True for a cell that is a unit and nothing else, also in brackets."""
+    """Tell a cell that is a known unit and nothing else, also in brackets.
+
+    Parameters
+    ----------
+    text : str
+        Text of the cell.
+
+    Returns
+    -------
+    bool
+        True for a unit.
+    """
     return normalize_unit(text) in KNOWN
 
 
 def parse_header(cell: str) -> tuple[str, str | None]:
-    """Name and unit of a column from its header.
+    """Split a column's header into its name and its unit.
 
     ``height [mm]``, ``height (mm)``; and, where the name is one of `SYNONYMS` and the unit is
     known, ``height/mm``, ``height_mm``, ``height mm`` and ``height, mm`` too; ``height in mm``; the
     quotient of ISO 80000 and DIN 461, ``s / mm``, by any name. TeX, ``$t_{1}$``, is a name. A
     header that is a unit of time alone, such as ``ms`` or ``in s``, is the time in it.
+
+    Parameters
+    ----------
+    cell : str
+        Text of the header.
+
+    Returns
+    -------
+    name : str
+        Name of the column; may be empty.
+    unit : str or None
+        Unit as it is written; None without one.
     """
     cell = cell.strip()
     if "$" in cell and len(cell) <= _LONGEST:
@@ -192,7 +226,18 @@ def _find_unit_brackets(cell: str) -> re.Match[str] | None:
 
 
 def normalize_column_name(name: str) -> str:
-    """Name in lower case, without remarks in brackets and a run's number, and its words alone."""
+    """Reduce a column's name to its words in lower case, without remarks in brackets and a run's number.
+
+    Parameters
+    ----------
+    name : str
+        Name as it stands in a file.
+
+    Returns
+    -------
+    str
+        Words with single spaces between them; of an input of CASSY Lab, such as ``sA1``, its quantity.
+    """
     words = re.sub(r"[\W_]+", " ", _GROUP.sub(" ", name.lower())).split()
     phrase = _RUN.sub("", " ".join(words))
     match = _INPUT.fullmatch(phrase)
@@ -200,6 +245,17 @@ def normalize_column_name(name: str) -> str:
 
 
 def guess_column_role(name: str) -> str | None:
-    """Role of a column of that name, by its synonyms."""
+    """Guess the role of a column by its name, from `SYNONYMS`.
+
+    Parameters
+    ----------
+    name : str
+        Name as it stands in a file.
+
+    Returns
+    -------
+    str or None
+        Role, such as ``"height"``; None where the name is no synonym of any.
+    """
     words = normalize_column_name(name)
     return next((role for role, known in SYNONYMS.items() if words in known), None)

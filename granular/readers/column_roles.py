@@ -48,9 +48,29 @@ _UNEVEN = 0.01
 def assign_roles(
     sheet: Sheet, options: ReadOptions, notes: list[str]
 ) -> tuple[dict[str, Column], dict[str, Calibration]]:
-    """Return the column of each role: as the user says, by its name, or the only one that fits.
+    """Assign each role to a column: as the user says, by its name, or to the only one that fits.
 
-    With them the calibrations, by roles too.
+    Parameters
+    ----------
+    sheet : Sheet
+        Columns of a file.
+    options : ReadOptions
+        What the user says of them.
+    notes : list of str
+        Notes on what was guessed are appended to it.
+
+    Returns
+    -------
+    chosen : dict of str to Column
+        Column of each role: a time and a coordinate (or its derivative), and others that are there.
+    calibrations : dict of str to Calibration
+        Calibration of each role that has one.
+
+    Raises
+    ------
+    RecordError
+        If a column that is named is not there, no column can be the time or the coordinate, several may
+        be, or a calibration is none.
     """
     chosen = {role: _find_named_column(sheet, column) for role, column in options.columns.items()}
     for alias in [name for name in (ANGLE, STROKE) if name in chosen]:
@@ -71,7 +91,18 @@ def assign_roles(
 
 
 def motion_role(chosen: Mapping[str, object]) -> str:
-    """Role of the column that tells the motion: the coordinate, or else its derivative."""
+    """Role of the column that tells the motion: the coordinate, or else its derivative.
+
+    Parameters
+    ----------
+    chosen : mapping of str to any
+        By roles, such as the columns of `assign_roles`.
+
+    Returns
+    -------
+    str
+        ``"height"``, ``"velocity"`` or ``"acceleration"``, the first that is there.
+    """
     return next(role for role in (HEIGHT, VELOCITY, ACCELERATION) if role in chosen)
 
 
@@ -123,7 +154,17 @@ def _choose_by_unit(sheet: Sheet, chosen: dict[str, Column], unit: str) -> None:
 
 
 def find_time_column(sheet: Sheet) -> Column:
-    """Column of times.
+    """Find the column of times of a sheet, by its name or its values.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        Columns of a file.
+
+    Returns
+    -------
+    Column
+        Times, in the column's own unit.
 
     Raises
     ------
@@ -284,7 +325,20 @@ def _is_acceleration(column: Column) -> bool:
 
 
 def has_same_dimension(unit: str, wanted: str) -> bool:
-    """Return True for a unit with the dimension of another."""
+    """Compare the physical dimensions of two units.
+
+    Parameters
+    ----------
+    unit : str
+        Unit in any spelling.
+    wanted : str
+        Unit in the spelling of `granular.schema.units`.
+
+    Returns
+    -------
+    bool
+        True if they have the same dimension; False also for an unknown unit.
+    """
     try:
         return unit_size(normalize_unit(unit))[1] == unit_size(wanted)[1]
     except SceneError:

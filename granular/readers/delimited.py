@@ -40,17 +40,23 @@ _HEADER = 4
 
 
 def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: int = 2) -> Sheet:
-    """Read the table in a text.
+    """Read the table in a text: CSV and its kin, with preambles, unit rows and decimal commas.
 
     Parameters
     ----------
     text : str
+        Text of a file.
     decimal : str or None
         Decimal sign; detected if not given.
     skip : int
         Lines at the head of the text that precede the table.
     least : int
         Columns of numbers that a table has at least: 1 where the times are not in the file.
+
+    Returns
+    -------
+    Sheet
+        Columns of numbers with their names and units, NaN where a sample is lost.
 
     Raises
     ------

@@ -64,15 +64,21 @@ class FileFormat(NamedTuple):
 def interpret_record_file(
     path: Path, options: ReadOptions, form: FileFormat | None = None
 ) -> SheetInterpretation:
-    """Columns of a file, or of the file that a description names, with their meaning, in SI.
+    """Read the columns of a file, or of the file that a description names, with their meaning, in SI.
 
     Parameters
     ----------
     path : Path
+        File of a record, or a description (see `granular.readers.read_options`).
     options : ReadOptions
-        Goes before what a description says.
+        Instructions, which go before what a description says.
     form : FileFormat, optional
-        Without, by the ending of the file's name.
+        Format; by the ending of the file's name if not given.
+
+    Returns
+    -------
+    SheetInterpretation
+        Columns in SI, and how they came about.
 
     Raises
     ------
@@ -119,7 +125,21 @@ def _interpret_file(path: Path, options: ReadOptions, form: FileFormat | None) -
 
 
 def read_sheet(path: Path, options: ReadOptions, form: FileFormat | None = None) -> Sheet:
-    """Sheet of a file; its name's ending tells a format that is no text.
+    """Read the columns of a file; its name's ending tells a format that is no text.
+
+    Parameters
+    ----------
+    path : Path
+        File of a record.
+    options : ReadOptions
+        Instructions on reading it.
+    form : FileFormat, optional
+        Format; by the ending of the file's name if not given.
+
+    Returns
+    -------
+    Sheet
+        Columns as they are in the file, in their own units.
 
     Raises
     ------
@@ -155,7 +175,19 @@ def _read_bytes(path: Path, most: int) -> bytes:
 
 
 def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
-    """Sheet of a file of text, in any of the encodings that instruments write.
+    """Read the table of a text file, in any of the encodings that instruments write.
+
+    Parameters
+    ----------
+    content : bytes
+        Content of the file.
+    options : ReadOptions
+        Instructions on reading it.
+
+    Returns
+    -------
+    Sheet
+        Columns as they are in the file, in their own units.
 
     Raises
     ------
@@ -224,17 +256,21 @@ BINARY = {
 
 
 def read_time_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
-    """Read times [s] and numbers of a file in the form of a laboratory record.
+    """Read times and numbers of a file in the form of a laboratory record.
 
     Parameters
     ----------
     path : Path
+        File with a column of times and one other.
     unit : str
-        That the numbers are converted to, where the file says another one of its kind.
+        Unit that the numbers are converted to, where the file says another one of its kind.
 
     Returns
     -------
-    times, numbers : float64 (n,)
+    times : float64 (n,)
+        Times [s].
+    numbers : float64 (n,)
+        Numbers, in that unit.
 
     Raises
     ------

@@ -19,15 +19,38 @@ _END = "***End_of_Header***"
 
 
 def is_labview(text: str) -> bool:
-    """Return True for the text of a LabVIEW measurement."""
+    """Tell the text of a LabVIEW measurement file (.lvm) by its first words.
+
+    Parameters
+    ----------
+    text : str
+        Text of a file.
+
+    Returns
+    -------
+    bool
+        True for such a text.
+    """
     return text.lstrip().startswith("LabVIEW Measurement")
 
 
 def read_labview(text: str, options: ReadOptions) -> Sheet:
     """Read the first segment of a LabVIEW measurement file (.lvm).
 
-    Without a column of times (``X_Columns No``) these follow from ``X0`` and ``Delta_X``.
-    National Instruments, Specification for the LabVIEW Measurement File (.lvm), 2020.
+    Without a column of times (``X_Columns No``) these follow from ``X0`` and ``Delta_X``
+    (National Instruments, Specification for the LabVIEW Measurement File (.lvm), 2020).
+
+    Parameters
+    ----------
+    text : str
+        Text of the file.
+    options : ReadOptions
+        ``decimal`` is heeded.
+
+    Returns
+    -------
+    Sheet
+        Times [s] and channels, in their own units.
 
     Raises
     ------
@@ -110,9 +133,21 @@ def _header_number(head: dict[str, list[str]], name: str, decimal: str) -> float
 
 
 def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
-    """Read a group of a TDMS file: the first with samples, or that which ``sheet`` names.
+    """Read a group of a TDMS file of LabVIEW: the first with samples, or that which ``sheet`` names.
 
     Times are a channel of that name, or follow from the channels' ``wf_increment``.
+
+    Parameters
+    ----------
+    content : bytes
+        Content of the file.
+    options : ReadOptions
+        ``sheet`` names a group.
+
+    Returns
+    -------
+    Sheet
+        Times and channels, in their own units.
 
     Raises
     ------
@@ -152,14 +187,35 @@ _HEAD = re.compile(r"X(,[^,\r\n]+)+,Start,Increment,?\s*[\r\n]+Sequence,")
 
 
 def is_rigol(text: str) -> bool:
-    """Return True for the text of such a waveform."""
+    """Tell the text of a waveform that a Rigol oscilloscope saved, by its first lines.
+
+    Parameters
+    ----------
+    text : str
+        Text of a file.
+
+    Returns
+    -------
+    bool
+        True for such a text.
+    """
     return _HEAD.match(text) is not None
 
 
 def read_rigol(text: str) -> Sheet:
-    """Read the channels of a waveform; sample n is at ``Start`` + n ``Increment``.
+    """Read the channels of a Rigol oscilloscope's waveform; sample n is at ``Start`` + n ``Increment``.
 
     The layout is that of files of the DS1000Z, DS2000 and DS4000.
+
+    Parameters
+    ----------
+    text : str
+        Text of the file.
+
+    Returns
+    -------
+    Sheet
+        Times [s] and channels, in their own units.
 
     Raises
     ------

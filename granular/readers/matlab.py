@@ -32,8 +32,14 @@ def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
     Parameters
     ----------
     content : bytes
+        Content of the file.
     options : ReadOptions
         ``sheet`` names a structure, or a matrix, whose columns are taken.
+
+    Returns
+    -------
+    Sheet
+        Columns, in the units of their names.
 
     Raises
     ------

@@ -20,7 +20,19 @@ _MAX_NUMBERS = 50_000_000
 
 
 def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
-    """Read the columns of a Parquet file.
+    """Read the columns of a Parquet file, with units in their names or in the fields' metadata.
+
+    Parameters
+    ----------
+    content : bytes
+        Content of the file.
+    _options : ReadOptions
+        Not used: all is said in the file.
+
+    Returns
+    -------
+    Sheet
+        Columns of numbers; those of another type hold none.
 
     Raises
     ------
@@ -66,7 +78,16 @@ def _check_table_size(rows: int, columns: int) -> None:
 
 
 def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> None:
-    """Write columns (n,) to a Parquet file, units in the metadata of the fields.
+    """Write columns to a Parquet file, with units in the metadata of the fields.
+
+    Parameters
+    ----------
+    path : Path
+        File to write; one of that name is replaced.
+    columns : mapping of str to float64 (n,)
+        Columns by their names.
+    units : mapping of str to str
+        Unit of each column that has one.
 
     Raises
     ------

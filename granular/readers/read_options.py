@@ -134,7 +134,23 @@ class ReadOptions:
             object.__setattr__(self, "between", _parse_time_range(self.between))
 
     def merge(self, more: ReadOptions) -> ReadOptions:
-        """Return these options, overridden by those that are given in another."""
+        """Combine these options with others, which go before them.
+
+        Parameters
+        ----------
+        more : ReadOptions
+            Options that override these where they are given.
+
+        Returns
+        -------
+        ReadOptions
+            Both together.
+
+        Raises
+        ------
+        RecordError
+            If they do not fit each other.
+        """
         plain, over = self.to_plain(), more.to_plain()
         both = {key: {**plain.get(key, {}), **over.get(key, {})} for key in ("columns", "units")}
         calibrations = self.calibrations()
@@ -148,7 +164,12 @@ class ReadOptions:
         return options_from_plain({**plain, **over, **both, "calibration": calibrations})
 
     def calibrations(self) -> dict[str, dict[str, Any]]:
-        """Return what is said of the calibration of each column, by its role or name.
+        """Collect what is said of the calibration of each column, by its role or name.
+
+        Returns
+        -------
+        dict of str to dict
+            Keys such as ``scale`` and ``zero`` with their values, by the column.
 
         Raises
         ------
@@ -179,7 +200,19 @@ class ReadOptions:
         return result
 
     def select_table(self, tables: Mapping[str, T], kind: str) -> Mapping[str, T]:
-        """Table of a file that ``sheet`` names; all where it names none.
+        """Select the table of a file that ``sheet`` names; all where it names none.
+
+        Parameters
+        ----------
+        tables : mapping of str to any
+            Tables by their names.
+        kind : str
+            Word for such a table in the message, such as ``"sheet"``.
+
+        Returns
+        -------
+        mapping of str to any
+            The one that is named, or all.
 
         Raises
         ------
@@ -194,7 +227,13 @@ class ReadOptions:
         return {self.sheet: tables[self.sheet]}
 
     def to_plain(self) -> dict[str, Any]:
-        """Instructions as plain data."""
+        """Convert the options to plain data, without those that are not given.
+
+        Returns
+        -------
+        dict of str to any
+            Numbers, texts, lists and dictionaries, which `options_from_plain` reads.
+        """
         calibrations = self.calibrations()
         of_height = calibrations.get("height", {})
         if list(calibrations) == ["height"] and set(of_height) <= {"scale", "zero"}:
@@ -220,6 +259,16 @@ class ReadOptions:
 
 def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
     """Make options of the plain data of `ReadOptions.to_plain`.
+
+    Parameters
+    ----------
+    plain : mapping of str to any
+        Plain data, as of a description without its ``file``.
+
+    Returns
+    -------
+    ReadOptions
+        Options.
 
     Raises
     ------
@@ -271,14 +320,42 @@ def _parse_time_range(times: Any) -> tuple[float, float]:
 
 
 def is_record_description(path: Path) -> bool:
-    """Return True for a file that describes a record; a scene has no key ``file``."""
+    """Tell a TOML file that describes a record; a scene has no key ``file``.
+
+    Parameters
+    ----------
+    path : Path
+        File of any kind, or no file.
+
+    Returns
+    -------
+    bool
+        True for a description.
+
+    Raises
+    ------
+    InputError
+        If it ends in .toml and is no TOML.
+    """
     if path.suffix != ".toml" or not path.is_file() or path.stat().st_size > _MAX_BYTES:
         return False
     return FILE in read_toml(path)
 
 
 def read_record_description(path: Path) -> tuple[Path, ReadOptions]:
-    """Return the file that a description names, and the options to read it with.
+    """Read the description of a record: the file that it names, and the options to read it with.
+
+    Parameters
+    ----------
+    path : Path
+        Description, a TOML file.
+
+    Returns
+    -------
+    file : Path
+        File of the record.
+    options : ReadOptions
+        Options to read it with.
 
     Raises
     ------
@@ -309,7 +386,28 @@ def _map_point_files(options: ReadOptions, change: Callable[[str], str]) -> Read
 
 @contextlib.contextmanager
 def name_description_in_errors(path: Path, file: Path) -> Iterator[None]:
-    """Context in which the file that a description names is read; the module says of errors."""
+    """Give the context in which the file that a description names is read.
+
+    Of a file that does not lie below its description, errors do not show what is in it; see the module's
+    text.
+
+    Parameters
+    ----------
+    path : Path
+        Description.
+    file : Path
+        File that it names.
+
+    Yields
+    ------
+    None
+        The file is read meanwhile.
+
+    Raises
+    ------
+    RecordError
+        If reading raised one.
+    """
     try:
         yield
     except RecordError:
@@ -329,7 +427,16 @@ def _is_in_other_folder(path: Path, file: Path) -> bool:
 
 
 def write_record_description(path: Path, file: Path, options: ReadOptions) -> None:
-    """Write a description, with the path from it to the file.
+    """Write a description of a record, with the path from it to the file.
+
+    Parameters
+    ----------
+    path : Path
+        Description to write; one of that name is replaced.
+    file : Path
+        File of the record.
+    options : ReadOptions
+        Options to read it with.
 
     Raises
     ------

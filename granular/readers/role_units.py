@@ -44,7 +44,20 @@ _SPECIAL = {
 
 
 def si_unit_of_role(role: str, *, angle: bool = False) -> str:
-    """Return the SI unit of a role's column; empty for an input, which may have any."""
+    """SI unit that a role's column is converted to.
+
+    Parameters
+    ----------
+    role : str
+        Role, such as ``"height"``, or the name of an input.
+    angle : bool
+        Whether the coordinate is an angle.
+
+    Returns
+    -------
+    str
+        Unit, such as ``"m/s"`` or ``"rad/s"``; empty for an input, which may have any.
+    """
     return _ANGULAR.get(role, SI.get(role, "")) if angle else SI.get(role, "")
 
 

@@ -67,7 +67,18 @@ class Sheet:
     notes: list[str] = dataclasses.field(default_factory=list)
 
     def describe_row(self, row: int) -> str:
-        """Return a row in words, with its line in the file."""
+        """Name a row in words, with its line in the file.
+
+        Parameters
+        ----------
+        row : int
+            Index of the row, from 0.
+
+        Returns
+        -------
+        str
+            Words such as ``"sample 3 (line 12)"``.
+        """
         if self.lines is None:
             return f"sample {row}"
         return f"sample {row} (line {int(self.lines[row])})"
@@ -83,6 +94,11 @@ def report_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iter
         What the file should be.
     package, extra : str
         The library, where an installation may lack it, and the extra that brings it.
+
+    Yields
+    ------
+    None
+        The library reads the file meanwhile.
 
     Raises
     ------
@@ -109,10 +125,20 @@ def sheet_from_table(table: Any) -> Sheet:
     The index of a DataFrame that has a name, and coordinates, are columns too; units stand in the
     names, or in an xarray variable's attributes.
 
+    Parameters
+    ----------
+    table : DataFrame, Series, DataArray, Dataset or mapping of str to array (n,)
+        Table in memory.
+
+    Returns
+    -------
+    Sheet
+        Columns of numbers with their names and units.
+
     Raises
     ------
     RecordError
-        If it is no such table.
+        If it is no such table, or its columns differ in length.
     """
     if hasattr(table, "to_frame") and not hasattr(table, "columns") and hasattr(table, "iloc"):
         table = table.to_frame(table.name or "height")  # a Series

@@ -85,7 +85,19 @@ class SheetInterpretation:
 
 
 def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
-    """Interpretation of a sheet, from the user's words and else from its names and units.
+    """Interpret the columns of a sheet: their roles, their units, and their values in SI.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        Columns as they are in a file.
+    options : ReadOptions
+        What the user says of them; what is not said follows from names and units.
+
+    Returns
+    -------
+    SheetInterpretation
+        Columns in SI, and how they came about.
 
     Raises
     ------
@@ -331,7 +343,21 @@ def _unit_size_in_role(role: str, unit: str | None, angle: bool) -> float:
 
 
 def require_numeric_values(sheet: Sheet, role: str, column: Column) -> np.ndarray:
-    """Numbers of a column, NaN where a sample is lost.
+    """Return the numbers of a column, and refuse one that holds anything else.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        Sheet of the column, for the message.
+    role : str
+        Role or name of the column, for the message.
+    column : Column
+        Column of a file.
+
+    Returns
+    -------
+    float64 (n,)
+        Numbers in the column's unit, NaN where a sample is lost.
 
     Raises
     ------
@@ -409,9 +435,21 @@ def _ticks_are_regular(steps: np.ndarray, counts: np.ndarray) -> bool:
 
 
 def spread_rounded_times(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
-    """Return the times that a clock has rounded to its tick, spread evenly between its ticks.
+    """Spread times that a clock has rounded to its tick evenly between its ticks.
 
     Equal neighbours are samples of one tick: each run of them is spread up to the next tick.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times [s].
+    notes : list of str
+        A note is appended where times were spread.
+
+    Returns
+    -------
+    float64 (n,)
+        Times [s]; the same where they are not rounded so.
     """
     steps = np.diff(time)
     same = steps == 0.0

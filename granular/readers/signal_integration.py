@@ -13,8 +13,27 @@ _SLOW = 0.2  # of the strongest frequency: what is slower is taken out
 _PADDING = 0.5  # periods of the slowest that stays, laid on each end
 
 
-def integrate_without_drift(time: np.ndarray, values: np.ndarray, times: int) -> np.ndarray:
-    """Return a signal (n,) integrated so many times over its times (n,) [s], about zero."""
+def integrate_without_drift(time: np.ndarray, values: np.ndarray, repeats: int) -> np.ndarray:
+    """Integrate a measured signal in time, once or twice, with its slow drift taken out.
+
+    The trapezoidal rule, and after each integration a Butterworth high-pass of second order that runs in
+    both directions (Oppenheim and Schafer, Discrete-Time Signal Processing, 1989); its corner lies at
+    0.2 of the signal's strongest frequency.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times [s], increasing.
+    values : float64 (n,)
+        Signal, in any unit u.
+    repeats : int
+        Number of integrations.
+
+    Returns
+    -------
+    float64 (n,)
+        Integral about zero, in u s or u s^2.
+    """
     from scipy.integrate import cumulative_trapezoid
     from scipy.signal import butter, sosfiltfilt
 
@@ -28,7 +47,7 @@ def integrate_without_drift(time: np.ndarray, values: np.ndarray, times: int) ->
     corner = _SLOW * peak / count  # in samples' frequency
     slow = butter(2, 2.0 * corner, "highpass", output="sos")
     padding = min(count - 1, round(_PADDING / corner))
-    for _ in range(times):
+    for _ in range(repeats):
         result = step * cumulative_trapezoid(result, initial=0.0)
         result = sosfiltfilt(slow, result, padlen=padding)
     return np.asarray(np.interp(time, even, result))

@@ -43,7 +43,22 @@ class Dialect(NamedTuple):
 
 
 def detect_dialect(lines: Sequence[NumberedLine], decimal: str | None, least: int = 2) -> Dialect | None:
-    """Return the dialect in which most lines are rows of at least so many numbers, or None."""
+    """Detect the dialect in which most lines are rows of numbers.
+
+    Parameters
+    ----------
+    lines : sequence of NumberedLine
+        Lines of a file, without comments.
+    decimal : str or None
+        Decimal sign; both are tried if not given.
+    least : int
+        Least count of numbers in a row.
+
+    Returns
+    -------
+    Dialect or None
+        Separator, decimal sign and columns; None where no line is such a row.
+    """
     sample = [lines[k].text for k in _indices_to_inspect(lines)]
     best: tuple[tuple[int, float, int], Dialect] | None = None
     for separator in SEPARATORS:
@@ -101,10 +116,24 @@ _COMMA = re.compile(r"(\d),(\d+)", re.ASCII)
 
 
 def has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal: str | None) -> bool | None:
-    """Return True if every second comma is a decimal one, None if that is uncertain.
+    """Tell rows in which every second comma is a decimal one.
 
     No integer begins with a zero, as decimals may; and decimals are as many in each line, or
     end with none.
+
+    Parameters
+    ----------
+    lines : sequence of NumberedLine
+        Rows of the table.
+    dialect : Dialect
+        Dialect in which commas separate.
+    decimal : str or None
+        Decimal sign, if it is known.
+
+    Returns
+    -------
+    bool or None
+        None if that is uncertain.
     """
     rows = [lines[k].text.strip().split(",") for k in _indices_to_inspect(lines)]
     pairs = [_WITH_COMMA.fullmatch(",".join(row[k : k + 2])) for row in rows for k in range(0, len(row), 2)]
@@ -126,7 +155,18 @@ def _is_zero_padded(digits: str) -> bool:
 
 
 def replace_decimal_commas(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
-    """Replace the first comma of each line, and every second one after it, by a point."""
+    """Replace the first comma of each line, and every second one after it, by a point.
+
+    Parameters
+    ----------
+    lines : sequence of NumberedLine
+        Rows of a table with decimal commas.
+
+    Returns
+    -------
+    list of NumberedLine
+        The rows with decimal points.
+    """
     return [NumberedLine(line.number, _COMMA.sub(r"\1.\2", line.text)) for line in lines]
 
 
@@ -135,7 +175,20 @@ def _is_number_with_point(cell: str) -> bool:
 
 
 def split_fields(line: str, separator: str) -> list[str]:
-    """Split a line into its fields."""
+    """Split a line into its fields, without the spaces around them.
+
+    Parameters
+    ----------
+    line : str
+        Text of a line; quotes may enclose a field.
+    separator : str
+        Separator; between spaces any white space separates.
+
+    Returns
+    -------
+    list of str
+        Fields.
+    """
     if separator == " ":
         return line.split()
     return [cell.strip() for cell in _split_quoted(line, separator) or line.split(separator)]
@@ -155,19 +208,58 @@ _WORD = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]")
 
 
 def split_header(line: str, separator: str) -> list[str]:
-    """Split a header into its fields; between spaces, a unit in brackets belongs to its name."""
+    """Split a header into its fields; between spaces, a unit in brackets belongs to its name.
+
+    Parameters
+    ----------
+    line : str
+        Text of the header.
+    separator : str
+        Separator.
+
+    Returns
+    -------
+    list of str
+        Names with their units.
+    """
     return _WORD.findall(line) if separator == " " else split_fields(line, separator)
 
 
 def is_table_row(fields: Sequence[str], dialect: Dialect) -> bool:
-    """Return True for a line of the table: as many fields, of which some are numbers."""
+    """Tell a line of the table: as many fields, of which some are numbers.
+
+    Parameters
+    ----------
+    fields : sequence of str
+        Fields of a line.
+    dialect : Dialect
+        Dialect of the table.
+
+    Returns
+    -------
+    bool
+        True for a row.
+    """
     if not dialect.width <= len(trim_fields(fields, dialect.width)) <= dialect.width:
         return False
     return any(is_number(fields[k], dialect.decimal) for k in dialect.numeric)
 
 
 def trim_fields(fields: Sequence[str], width: int) -> Sequence[str]:
-    """Return the fields without empty ones beyond the width."""
+    """Drop the empty fields beyond the width of a table.
+
+    Parameters
+    ----------
+    fields : sequence of str
+        Fields of a line.
+    width : int
+        Number of columns.
+
+    Returns
+    -------
+    sequence of str
+        Fields up to the last that is not empty, or up to the width.
+    """
     end = len(fields)
     while end > width and not fields[end - 1]:
         end -= 1

@@ -56,6 +56,11 @@ _PARTS = {
 def refuse_old_workbook(content: bytes) -> None:
     """Refuse a workbook in the form of Excel 97 to 2003.
 
+    Parameters
+    ----------
+    content : bytes
+        Content of a file.
+
     Raises
     ------
     RecordError
@@ -69,6 +74,18 @@ def refuse_old_workbook(content: bytes) -> None:
 
 def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
     """Read a sheet of a workbook: the first that holds a table, or that which is named.
+
+    Parameters
+    ----------
+    content : bytes
+        Content of a file of Excel or LibreOffice.
+    options : ReadOptions
+        ``sheet``, ``skip`` and ``rate`` are heeded.
+
+    Returns
+    -------
+    Sheet
+        Columns as they are in the file, in their own units.
 
     Raises
     ------
@@ -138,6 +155,11 @@ def _too_large_error(what: str) -> RecordError:
 def check_archive_sizes(archive: ZipFile) -> None:
     """Refuse an archive whose parts of XML hold too much, before any of them is read.
 
+    Parameters
+    ----------
+    archive : ZipFile
+        Workbook.
+
     Raises
     ------
     RecordError
@@ -179,7 +201,19 @@ def _check_element_count(name: str, part: IO[bytes], elements: Iterator[int], mo
 
 
 def expand_rows(rows: Rows, most: int = MAX_CELLS) -> list[Sequence[Any]]:
-    """Return the rows up to the last that holds something; repeated ones are repeated.
+    """List the rows up to the last that holds something, with repeated ones repeated.
+
+    Parameters
+    ----------
+    rows : iterable of (int, sequence)
+        Number of repeats, and the cells of each row.
+    most : int
+        Greatest number of cells of the rectangle that holds all.
+
+    Returns
+    -------
+    list of sequence
+        Cells of each row, without empty ones at its end.
 
     Raises
     ------
@@ -208,7 +242,20 @@ def expand_rows(rows: Rows, most: int = MAX_CELLS) -> list[Sequence[Any]]:
 
 
 def iterate_excel_sheets(file: IO[bytes]) -> Iterator[tuple[str, Rows]]:
-    """Names and rows of the sheets of a file in Office Open XML."""
+    """Yield the sheets of a workbook in Office Open XML (.xlsx).
+
+    Parameters
+    ----------
+    file : binary file
+        Workbook.
+
+    Yields
+    ------
+    name : str
+        Name of the sheet.
+    rows : iterable of (int, tuple)
+        Number of repeats (1), and the cells of each row.
+    """
     import openpyxl
 
     with warnings.catch_warnings():
@@ -230,7 +277,20 @@ _DURATION = re.compile(r"PT(\d+)H(\d+)M(\d+(?:[.,]\d+)?)S", re.ASCII)
 
 
 def iterate_libre_office_sheets(archive: ZipFile) -> Iterator[tuple[str, Rows]]:
-    """Names and rows of the sheets of an OpenDocument spreadsheet."""
+    """Yield the sheets of an OpenDocument spreadsheet (.ods).
+
+    Parameters
+    ----------
+    archive : ZipFile
+        Workbook.
+
+    Yields
+    ------
+    name : str
+        Name of the sheet.
+    rows : iterable of (int, sequence)
+        Number of repeats, and the cells of each row.
+    """
     with archive.open("content.xml") as part:
         events = iterparse(part, ("start", "end"))
         for event, element in events:

@@ -148,7 +148,17 @@ interior if it lies in the box of the outermost centres [D, 4.2.4].
 
 
 def colouring_by_name(name: str) -> Colouring:
-    """Colouring by its name.
+    """Find a colouring by its name.
+
+    Parameters
+    ----------
+    name : str
+        One of `COLOURINGS`, such as ``"species"``.
+
+    Returns
+    -------
+    Colouring
+        Label, values and colours.
 
     Raises
     ------
@@ -161,7 +171,20 @@ def colouring_by_name(name: str) -> Colouring:
 
 
 def colour_classes(name: str, scene: Scene) -> dict[str, str]:
-    """Names and colours of the classes of a colouring; none for a continuous one."""
+    """Names and colours of the classes of a colouring.
+
+    Parameters
+    ----------
+    name : str
+        One of `COLOURINGS`.
+    scene : Scene
+        Scene whose species are shown.
+
+    Returns
+    -------
+    dict of str to str
+        Colour of each class (hexadecimal), by its name; empty for a continuous colouring.
+    """
     if name == "sides":
         return SIDES
     if name != "species":

@@ -119,7 +119,19 @@ def movie(
 
 
 def stage_frame_indices(run: Trajectory, stage: str | None) -> list[int]:
-    """Return the indices of the frames of a stage, or of the whole run.
+    """Select the indices of the frames of a stage, or of the whole run.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+    stage : str or None
+        Name of the stage; None for the whole run.
+
+    Returns
+    -------
+    list of int
+        Indices, increasing.
 
     Raises
     ------
@@ -214,7 +226,22 @@ FARTHEST = 0.25
 
 
 def movie_picture_times(times: np.ndarray, speed: float, fps: float) -> np.ndarray:
-    """Return the times [s] of the pictures of a movie over frames (m,) at such times [s]."""
+    """Space the times of a movie's pictures evenly over the run.
+
+    Parameters
+    ----------
+    times : float64 (m,)
+        Times of the frames [s], increasing.
+    speed : float
+        Seconds of the run in a second of the movie.
+    fps : float
+        Pictures a second [1/s].
+
+    Returns
+    -------
+    float64 (n,)
+        Times [s], from the first frame's on and up to the last one's.
+    """
     start, length = float(times[0]), float(times[-1] - times[0])
     return start + speed / fps * np.arange(int(length * fps / speed * (1.0 + 1e-12)) + 1)
 
@@ -222,11 +249,27 @@ def movie_picture_times(times: np.ndarray, speed: float, fps: float) -> np.ndarr
 def interpolate_bed(
     run: Trajectory, numbers: Sequence[int], times: np.ndarray, bar: str | None = None
 ) -> Iterator[BedFrame]:
-    """Bed at increasing times [s] (n,) within some frames of a run.
+    """Yield the bed at given times between the frames of a run.
 
-    Grains go between two frames on the cubic paths that have their positions and velocities there,
-    forces and velocities change evenly; a grain that is not in both frames is left out. The piston
-    is where it was recorded. With ``bar``, a progress bar of that name is shown.
+    Grains go between two frames on the cubic (Hermite) paths that have their positions and velocities
+    there; forces and velocities change evenly; a grain that is not in both frames is left out. The piston
+    is where it was recorded.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+    numbers : sequence of int
+        Indices of the frames, increasing.
+    times : float64 (n,)
+        Times [s], increasing, within those frames.
+    bar : str, optional
+        Title of a progress bar, which is shown if this is given.
+
+    Yields
+    ------
+    BedFrame
+        The bed at each time, in SI.
 
     Warns
     -----

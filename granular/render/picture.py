@@ -31,7 +31,18 @@ LEFT, RIGHT, BOTTOM, TOP = 0.65, 1.75, 0.55, 0.4
 
 
 def wall_thickness_mm(scene: Scene) -> float:
-    """Thickness of the drawn walls and piston [mm]."""
+    """Thickness of the drawn walls and piston, a fraction of the cell's width.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the picture.
+
+    Returns
+    -------
+    float
+        Thickness [mm].
+    """
     return 0.018 * 1e3 * scene.cell.width
 
 
@@ -42,10 +53,27 @@ CURVE = 1.5
 def new_figure_to_scale(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
-    """Figure with axes in mm, to scale, that hold the bed up to ``top`` [m], and axes next to it.
+    """Make a figure with axes in mm, to scale, that hold the bed, and axes next to them.
 
-    ``below`` is left free under the bed, which is at most ``widest`` wide [inch]. The figure's
-    width and height are even numbers of pixels at 120 an inch, as movies want them.
+    The figure's width and height are even numbers of pixels at 120 an inch, as movies want them.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the picture.
+    top : float
+        Height that the axes hold [m].
+    below : float
+        Space that is left free under the bed [inch].
+    widest : float
+        Greatest width of the bed [inch].
+
+    Returns
+    -------
+    figure : Figure
+        New figure.
+    bed, side : Axes
+        Axes of the bed [mm], and axes to its right for a legend or a colour bar.
     """
     from matplotlib.figure import Figure
 
@@ -72,19 +100,36 @@ def new_figure_to_scale(
 
 
 def axes_below_bed(figure: Figure, bed: Axes) -> Axes:
-    """Axes in the space that a page has left free below the bed."""
+    """Add axes in the space that a figure has left free below the bed.
+
+    Parameters
+    ----------
+    figure : Figure
+        Figure of `new_figure_to_scale`.
+    bed : Axes
+        Axes of the bed.
+
+    Returns
+    -------
+    Axes
+        New axes, as wide as the bed.
+    """
     position = bed.get_position()
     tall = figure.get_figheight()
     return figure.add_axes((position.x0, BOTTOM / tall, position.width, (CURVE - 0.55) / tall))
 
 
 def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
-    """Walls as solid slabs outside of the cell; a side without a wall as a dotted line.
+    """Draw walls as solid slabs outside of the cell, and a side without a wall as a dotted line.
 
     Parameters
     ----------
+    axes : Axes
+        Axes of the bed [mm].
+    scene : Scene
+        Scene of the picture.
     top : float
-        Up to where the sides are drawn [m].
+        Height up to which the sides are drawn [m].
     """
     from matplotlib.patches import Rectangle
 
@@ -139,7 +184,13 @@ class PistonHeightCurve:
         axes.tick_params(length=2.5, width=0.6, color=INK)
 
     def show_until(self, time: float) -> None:
-        """Bring it up to date."""
+        """Mark the part of the curve up to a time, and the piston's height there.
+
+        Parameters
+        ----------
+        time : float
+            Time in the run [s].
+        """
         past = self._time <= time
         self._past.set_data(self._time[past], self._height[past])
         if past.any():
@@ -270,7 +321,13 @@ class BedPicture:
         bar.outline.set_linewidth(0.6)
 
     def show_frame(self, frame: BedFrame) -> None:
-        """Bring the picture up to date."""
+        """Bring the picture up to date with a frame: grains, cells, piston and title.
+
+        Parameters
+        ----------
+        frame : BedFrame
+            The bed at one instant, in SI.
+        """
         from matplotlib.colors import to_rgba
 
         self._grains.set_offsets(1e3 * frame.position)
@@ -298,7 +355,13 @@ class BedPicture:
             self._curve.show_until(frame.time)
 
     def pixels(self) -> np.ndarray:
-        """Picture as bytes (height, width, 3)."""
+        """Draw the picture to pixels.
+
+        Returns
+        -------
+        uint8 (height, width, 3)
+            Red, green and blue of each pixel, from 0 to 255.
+        """
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         canvas: Any = FigureCanvasAgg(self.figure)
@@ -335,13 +398,48 @@ class BedPicture:
 
 
 def colouring_input(run: Trajectory, with_cells: bool, frame: BedFrame) -> ColouringInput:
-    """Frame as the colourings see it."""
+    """Collect what colourings compute their values from.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Run of the frame.
+    with_cells : bool
+        Whether Voronoi cells are made.
+    frame : BedFrame
+        The bed at one instant, in SI.
+
+    Returns
+    -------
+    ColouringInput
+        Frame, scene, species (k,) and Voronoi cells.
+    """
     cells = voronoi_cells(frame.position) if with_cells else None
     return ColouringInput(frame, run.scene, run.scene.grains.species_indices()[frame.grains], cells)
 
 
 def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> tuple[float, float]:
-    """Return the ends of the colours over some frames; (0, 1) where nothing has a value."""
+    """Choose the ends of a continuous colour scale: fixed ones, or percentiles of the values in frames.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Run of the frames.
+    colour : str
+        Name of the colouring.
+    frames : iterable of BedFrame
+        Frames that are shown.
+
+    Returns
+    -------
+    lowest, highest : float
+        Ends in the colouring's unit; 0 and 1 where nothing has a value, or the colours are classes.
+
+    Raises
+    ------
+    InputError
+        If there is no such colouring.
+    """
     used = colouring_by_name(colour)
     if not used.map:
         return 0.0, 1.0
@@ -355,7 +453,20 @@ def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> t
 
 
 def highest_point_of_bed(run: Trajectory, frames: Iterable[BedFrame]) -> float:
-    """Height that holds piston and grains in all the frames [m]; that of a periodic cell."""
+    """Height that holds the piston and the grains in all frames; that of a periodic cell.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Run of the frames.
+    frames : iterable of BedFrame
+        Frames that are shown.
+
+    Returns
+    -------
+    float
+        Height [m].
+    """
     if run.scene.cell.height is not None:
         return run.scene.cell.height
     radius = run.scene.grains.diameters().max(initial=0.0) / 2.0

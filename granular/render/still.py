@@ -61,7 +61,21 @@ def still(
 
 
 def frame_index(run: Trajectory, frame: int = -1, time: float | None = None) -> int:
-    """Index of a frame by its number (negative: from the end), or nearest to a time [s].
+    """Find the index of a frame by its number, or by the time next to it.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+    frame : int
+        Number of the frame; negative ones count from the end.
+    time : float, optional
+        Time [s]; the frame nearest to it is taken, whatever ``frame`` is.
+
+    Returns
+    -------
+    int
+        Index from 0.
 
     Raises
     ------
@@ -91,9 +105,9 @@ def save_picture(figure: Figure, path: str | Path, *, overwrite: bool = False) -
     figure : Figure
         Picture, as `still` makes it.
     path : str or Path
-        File to read or write.
+        File to write.
     overwrite : bool
-        Replace a file that is there.
+        Whether a file that is there may be replaced.
 
     Returns
     -------
