@@ -23,7 +23,7 @@ IMPORTS = (
     "from granular import load_scene",
     "from granular import simulate",
     "from reduced_models import fit",
-    "from validation.console_script import run",
+    "from validation.console_script import dispatch_command",
 )
 """Statements, each timed in processes of its own; the first is Python's own start."""
 

@@ -78,7 +78,7 @@ examples:
   %(prog)s mine.toml bed -o out/mine
   %(prog)s --full -o out/validation      # goes on where it was stopped""",
 )
-def report(options: Any) -> None:
+def measure_report(options: Any) -> None:
     """Measure all sections, the overview alone, or scenes of the user's own."""
     from granular.scene.loading import load_scene
     from validation.overview import OVERVIEW, overview_section_for
@@ -157,7 +157,7 @@ mine.py:
   z = 0.1931833275037836
   method = Method("mclachlan-2", 2, kicks=(0, 0.5, 0.5, 0), drifts=(z, 1 - 2*z, z))""",
 )
-def method(options: Any) -> None:
+def measure_own_methods(options: Any) -> None:
     """Measure methods of the user's own."""
     from granular.user_code import import_user_code
     from validation.custom_method import method_report
@@ -187,7 +187,7 @@ def method(options: Any) -> None:
     OUTPUT,
     examples="example:\n  %(prog)s damper 'rest height' 0.01",
 )
-def cheapest(options: Any) -> None:
+def print_recommendation(options: Any) -> None:
     """Recommend how to run a scene."""
     from validation.recommendation import recommend_settings
 
@@ -213,7 +213,7 @@ how far to trust it, and what accuracy costs:
   %(prog)s report
   %(prog)s cheapest damper "rest height" 0.01""",
     (
-        report,
+        measure_report,
         _section_command(
             "convergence",
             "orders of convergence against exact solutions",
@@ -223,8 +223,8 @@ how far to trust it, and what accuracy costs:
         _section_command("energy", "energy over long runs, tested for trends"),
         _section_command("work-precision", "error against wall time"),
         _section_command("stability", "the catalogue of hard cases"),
-        method,
-        cheapest,
+        measure_own_methods,
+        print_recommendation,
     ),
 )
 parser, main = PROGRAM.parser, PROGRAM.main

@@ -56,10 +56,10 @@ _SHELLS = ("bash", "zsh", "fish")
 
 def main() -> int:
     """Run the command line; its exit code."""
-    return launch(run)
+    return launch(dispatch_command)
 
 
-def run(arguments: Sequence[str]) -> None:
+def dispatch_command(arguments: Sequence[str]) -> None:
     """Hand the command to the package that has it.
 
     Raises
@@ -67,7 +67,7 @@ def run(arguments: Sequence[str]) -> None:
     InputError
         If no package has it; the nearest name is given.
     """
-    programs = _programs()
+    programs = _load_programs()
     if not arguments:
         print(_first_commands(programs))
         return
@@ -90,7 +90,7 @@ def run(arguments: Sequence[str]) -> None:
     programs[homes[command]].main(arguments, PROG)
 
 
-def _programs() -> dict[str, Program]:
+def _load_programs() -> dict[str, Program]:
     modules = {name: importlib.import_module(f"{name}.__main__") for name in _PACKAGES}
     return {name: module.PROGRAM for name, module in modules.items()} | {PROG: OWN}
 
@@ -141,7 +141,7 @@ def _list_all_commands(programs: dict[str, Program]) -> str:
     OUTPUT,
     examples="examples:\n  %(prog)s\n  %(prog)s damper blanes-moan-4 van-der-pol-like > used.bib",
 )
-def cite(options: Any) -> None:
+def print_citations(options: Any) -> None:
     """Print BibTeX entries."""
     from granular.shared.citations import cite as bibtex
 
@@ -180,7 +180,7 @@ examples:
   eval "$(%(prog)s bash)"                                        # in ~/.bashrc
   %(prog)s fish > ~/.config/fish/completions/granular-damper.fish""",
 )
-def completion(options: Any) -> None:
+def print_completion_script(options: Any) -> None:
     """Print a completion script."""
     try:
         import shtab
@@ -189,12 +189,12 @@ def completion(options: Any) -> None:
     top = Parser(prog=PROG)
     add_version_option(top)
     parsers = top.add_subparsers(metavar="COMMAND")
-    for program in _programs().values():
+    for program in _load_programs().values():
         for entry in program.commands:
             parser = parsers.add_parser(entry.name, help=entry.summary)
             option_group(*entry.options)(parser)
     print(shtab.complete(top, shell=options.shell))
 
 
-OWN = Program(PROG, "About the toolkit.", "", (cite, completion))
+OWN = Program(PROG, "About the toolkit.", "", (print_citations, print_completion_script))
 """Commands of no package."""

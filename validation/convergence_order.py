@@ -34,7 +34,7 @@ from validation.convergence_result import (
     FittedSlope,
     convergence_table,
     convergence_verdict,
-    show_convergence,
+    show_convergence_section,
 )
 from validation.exact import NAMES, bounce, exact_problem
 from validation.exact.problem import ExactProblem, GrainStates
@@ -336,5 +336,5 @@ CONVERGENCE = Section(
     ConvergenceResult.from_plain,
     lambda results: [("Orders of convergence.", convergence_table(results))],
     convergence_verdict,
-    show_convergence,
+    show_convergence_section,
 )

@@ -205,7 +205,7 @@ OUTSIDE_REACH = 1e-12
 """Distance from the exact place that an outside reference must reach [m]."""
 
 
-def show_convergence(page: HtmlPage, results: Sequence[ConvergenceResult]) -> None:
+def show_convergence_section(page: HtmlPage, results: Sequence[ConvergenceResult]) -> None:
     """Show slopes, and a plot for each problem."""
     page.add_paragraph(
         "Error at the end against the exact solution (closed forms, or quadrature of the energy "

@@ -93,27 +93,27 @@ def method_report(
     names = [method.name if isinstance(method, Method) else method_named(method).name for method in methods]
     every = tuple(dict.fromkeys((*names, *BESIDE)))
     sections = (
-        CONVERGENCE._replace(tasks=lambda full: list(_convergence_of_methods(every, full))),
-        ENERGY._replace(tasks=lambda _: list(_energy_of_methods((*every, CONTROL)))),
-        WORK_PRECISION._replace(tasks=lambda _: [_cost_of_methods(every, scene, quantities, until)]),
+        CONVERGENCE._replace(tasks=lambda full: list(_convergence_tasks(every, full))),
+        ENERGY._replace(tasks=lambda _: list(_energy_tasks((*every, CONTROL)))),
+        WORK_PRECISION._replace(tasks=lambda _: [_work_precision_task(every, scene, quantities, until)]),
     )
     return report(directory, sections, progress=progress)
 
 
-def _convergence_of_methods(names: Sequence[str], full: bool) -> Iterator[Task]:
+def _convergence_tasks(names: Sequence[str], full: bool) -> Iterator[Task]:
     for problem in NAMES:
         for name in names:
             if method_suits_problem(exact_problem(problem), name):
-                yield convergence_task(method_name_to_plot(name), problem, full, **_table(name))
+                yield convergence_task(method_name_to_plot(name), problem, full, **_method_table_key(name))
 
 
-def _energy_of_methods(names: Sequence[str]) -> Iterator[Task]:
+def _energy_tasks(names: Sequence[str]) -> Iterator[Task]:
     for name in names:
         if not method_named(name).variable:
-            yield energy_task(wall_oscillation_run(name, PERIODS), **_table(name))
+            yield energy_task(wall_oscillation_run(name, PERIODS), **_method_table_key(name))
 
 
-def _cost_of_methods(
+def _work_precision_task(
     names: Sequence[str], scene: Scene | None, quantities: Sequence[str] | None, until: float | None
 ) -> Task:
     if scene is None:
@@ -122,13 +122,13 @@ def _cost_of_methods(
     settings = candidate_settings(scene, names)
     if not settings:
         raise InputError(f"none of {', '.join(names)} can run {scene.name!r}; give another scene")
-    tables = {name: table for name in names for table in _table(name).values()}
+    tables = {name: table for name in names for table in _method_table_key(name).values()}
     return work_precision_task(
         scene, tuple(quantities or ("energy",)), settings, {"until": until}, tables=tables
     )
 
 
-def _table(name: str) -> dict[str, Any]:
+def _method_table_key(name: str) -> dict[str, Any]:
     """Key that tells a user's own method from another one of the name."""
     setting = method_as_run_setting(method_named(name))
     return {} if isinstance(setting, str) else {"table": setting}

@@ -373,13 +373,13 @@ def show_depaula_section(page: HtmlPage, experiments: Sequence[DepaulaStepTest])
             )
 
 
-def _verdict(experiments: Sequence[DepaulaStepTest]) -> tuple[str, bool]:
+def _depaula_verdict(experiments: Sequence[DepaulaStepTest]) -> tuple[str, bool]:
     slopes = [experiment.error_slope(COMPENSATED) for experiment in experiments]
     words = f"de Paula's test has the slope {', '.join(f'{slope:.4f}' for slope in slopes)}"
     return words, all(abs(slope - 2.0) <= 0.01 for slope in slopes)
 
 
-def _tasks(full: bool) -> list[Task]:
+def _depaula_tasks(full: bool) -> list[Task]:
     label = "seven steps" if full else "four steps"
     return [Task(label, {"full": full}, lambda: run_depaula_experiment(full=full).to_plain())]
 
@@ -387,10 +387,10 @@ def _tasks(full: bool) -> list[Task]:
 DEPAULA = Section(
     "depaula",
     "De Paula's test of its method",
-    _tasks,
+    _depaula_tasks,
     DepaulaStepTest.from_plain,
     lambda experiments: [("De Paula's test.", experiment.table()) for experiment in experiments],
-    _verdict,
+    _depaula_verdict,
     show_depaula_section,
-    behind=False,
+    tables_at_end=False,
 )

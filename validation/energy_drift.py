@@ -356,7 +356,7 @@ def _turning_point_limits(axes: Axes, study: EnergyStudy) -> None:
     axes.axvline(top, color=GREY, linewidth=0.8)
 
 
-def _verdict(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
+def _energy_verdict(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
     right = sum(map(trend_is_as_expected, studies))
     words = f"{right} of {len(studies)} energy runs are of their kind (no trend, or a control's)"
     return words, right == len(studies)
@@ -381,7 +381,7 @@ ENERGY = Section(
     lambda full: [energy_task(run) for run in report_energy_runs(full=full)],
     EnergyStudy.from_plain,
     lambda studies: [("Energy over long runs.", energy_table(studies))],
-    _verdict,
+    _energy_verdict,
     show_energy_section,
-    behind=False,
+    tables_at_end=False,
 )

@@ -130,7 +130,7 @@ def _run_case(case: HardCase, method: str, dt: float | str, until: float) -> tup
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_outcomes(page: HtmlPage, outcomes: Sequence[HardCaseOutcome]) -> None:
+def show_outcomes_section(page: HtmlPage, outcomes: Sequence[HardCaseOutcome]) -> None:
     """Show the outcome of every hard case."""
     page.add_paragraph(outcome_summary(outcomes))
     for outcome in outcomes:
@@ -166,15 +166,15 @@ def outcome_matrix(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
     first: dict[str, HardCaseOutcome] = {}
     for outcome in outcomes:
         new = first.setdefault(outcome.case, outcome) is outcome
-        column = own if new else _table_column(outcome)
+        column = own if new else _settings_column(outcome)
         columns[column] = None
-        rows.setdefault(outcome.case, {})[column] = _how_it_ended(outcome)
+        rows.setdefault(outcome.case, {})[column] = _ending_text(outcome)
     return text_table(
         ("case", "error of what [unit]", "accurate up to", *columns),
         [
             (
                 case,
-                _split_unit(first[case].measured),
+                _with_unit(first[case].measured),
                 f"{first[case].limit:.0e}",
                 *(row.get(column, "") for column in columns),
             )
@@ -183,15 +183,15 @@ def outcome_matrix(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
     )
 
 
-def _split_unit(words: str) -> str:
+def _with_unit(words: str) -> str:
     return words if words.endswith("]") or not words else f"{words} [1]"
 
 
-def _table_column(outcome: HardCaseOutcome) -> str:
+def _settings_column(outcome: HardCaseOutcome) -> str:
     return f"with {outcome.method}" if outcome.dt == "auto" else f"dt = {outcome.dt}"
 
 
-def _how_it_ended(outcome: HardCaseOutcome) -> str:
+def _ending_text(outcome: HardCaseOutcome) -> str:
     wrong = "" if outcome.allowed else " (!)"
     if outcome.kind == STOPPED:
         return f"stopped: {outcome.said.split(':', 1)[0]}{wrong}"
@@ -267,11 +267,11 @@ def _vary_settings(case: HardCase, times: float) -> HardCase:
     )
 
 
-def _verdict(outcomes: Sequence[HardCaseOutcome]) -> tuple[str, bool]:
+def _outcome_verdict(outcomes: Sequence[HardCaseOutcome]) -> tuple[str, bool]:
     return outcome_summary(outcomes).rstrip("."), all(outcome.allowed for outcome in outcomes)
 
 
-def _tables(outcomes: Sequence[HardCaseOutcome]) -> list[tuple[str, TextTable]]:
+def _outcome_tables(outcomes: Sequence[HardCaseOutcome]) -> list[tuple[str, TextTable]]:
     return [
         ("Hard cases.", outcome_table(outcomes)),
         (
@@ -282,5 +282,11 @@ def _tables(outcomes: Sequence[HardCaseOutcome]) -> list[tuple[str, TextTable]]:
 
 
 STABILITY = Section(
-    "stability", "Hard cases", stability_tasks, HardCaseOutcome.from_plain, _tables, _verdict, show_outcomes
+    "stability",
+    "Hard cases",
+    stability_tasks,
+    HardCaseOutcome.from_plain,
+    _outcome_tables,
+    _outcome_verdict,
+    show_outcomes_section,
 )

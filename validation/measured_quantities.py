@@ -29,7 +29,7 @@ class MeasuredQuantity:
         Whether its error is relative to its value; otherwise it is taken as it is.
     exact : float or None
         The value it should have, where that is known; an error itself should be 0.
-    of_start : bool
+    differs_by_start : bool
         Whether each random start has a value of its own, as places do: then the scatter of the
         values says nothing.
     """
@@ -39,7 +39,7 @@ class MeasuredQuantity:
     measure: Callable[[Trajectory], float | np.ndarray]
     relative: bool = True
     exact: float | None = None
-    of_start: bool = False
+    differs_by_start: bool = False
 
     def error(self, value: float | np.ndarray, reference: float | np.ndarray) -> float:
         """Greatest error against a reference."""
@@ -47,15 +47,15 @@ class MeasuredQuantity:
         return missed / float(np.abs(reference).max()) if self.relative else missed
 
 
-def _energy(run: Trajectory) -> float:
+def _ledger_residual(run: Trajectory) -> float:
     return float(run.settings()["ledger_residual"])
 
 
-def _positions(run: Trajectory) -> np.ndarray:
+def _final_positions(run: Trajectory) -> np.ndarray:
     return np.asarray(run.dataset["position"].values[-1]) / Scales.from_grains(run.scene.grains).length
 
 
-def _rest_height(run: Trajectory) -> float:
+def _height_at_rest(run: Trajectory) -> float:
     for stage in run.stages:
         if stage.reason == "rest":
             return stage.height
@@ -108,13 +108,13 @@ def _damping_ratio(run: Trajectory) -> float:
     return swing_period_and_damping(run.piston())[1]
 
 
-def _piston_force(run: Trajectory) -> float:
+def _mean_final_force(run: Trajectory) -> float:
     """Mean over the last tenth of the records: a bed's force fluctuates."""
     force = run.dataset["piston_force"].values
     return float(force[-max(1, len(force) // 10) :].mean())
 
 
-def _mean_distance(run: Trajectory) -> float:
+def _final_pair_distance(run: Trajectory) -> float:
     from granular.observables import mean_pair_distance
 
     return float(mean_pair_distance(run.dataset["position"].values[-1]))
@@ -123,13 +123,13 @@ def _mean_distance(run: Trajectory) -> float:
 QUANTITIES = {
     quantity.name: quantity
     for quantity in (
-        MeasuredQuantity("energy", "1", _energy, relative=False, exact=0.0, of_start=True),
-        MeasuredQuantity("positions", "D", _positions, relative=False, of_start=True),
-        MeasuredQuantity("rest height", "m", _rest_height),
+        MeasuredQuantity("energy", "1", _ledger_residual, relative=False, exact=0.0, differs_by_start=True),
+        MeasuredQuantity("positions", "D", _final_positions, relative=False, differs_by_start=True),
+        MeasuredQuantity("rest height", "m", _height_at_rest),
         MeasuredQuantity("period", "s", _period),
         MeasuredQuantity("damping ratio", "1", _damping_ratio),
-        MeasuredQuantity("piston force", "N", _piston_force),
-        MeasuredQuantity("mean distance", "m", _mean_distance),
+        MeasuredQuantity("piston force", "N", _mean_final_force),
+        MeasuredQuantity("mean distance", "m", _final_pair_distance),
     )
 }
 

@@ -177,7 +177,7 @@ def _check_with_fresh_start(
     runs: dict[str, Any] = {}
     result = []
     for quantity, item, study in zip(quantities, truth, studies, strict=True):
-        if quantity.of_start and quantity.exact is None:
+        if quantity.differs_by_start and quantity.exact is None:
             continue
         for words, level in LEVELS.items():
             best = study.cheapest_point(level)
@@ -220,19 +220,19 @@ def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) ->
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_overview(page: HtmlPage, results: Sequence[Plain]) -> None:
+def show_overview_section(page: HtmlPage, results: Sequence[Plain]) -> None:
     """Show the answers for each scene, and the row of the hard cases."""
     for result in results:
         if "studies" in result:
             _show_accuracy(page, result)
         elif "effects" in result:
             _show_effects(page, result["effects"])
-    if outcomes := _outcomes(results):
+    if outcomes := _outcomes_of_results(results):
         page.add_section("Hard cases at a glance")
         add_table_to_page(page, outcome_count_table(outcomes))
 
 
-def _outcomes(results: Sequence[Plain]) -> list[HardCaseOutcome]:
+def _outcomes_of_results(results: Sequence[Plain]) -> list[HardCaseOutcome]:
     return [HardCaseOutcome.from_plain(row) for result in results for row in result.get("outcomes", ())]
 
 
@@ -340,7 +340,7 @@ def effect_cost_table(plain: Mapping[str, Any]) -> TextTable:
     """Row an effect: one price, or what it adds first and what it saves last."""
     rows = []
     for effect in plain["effects"]:
-        first, last = _price_text(effect, "first"), _price_text(effect, "last")
+        first, last = _effect_cost_text(effect, "first"), _effect_cost_text(effect, "last")
         both = effect["first"] is not None and effect["last"] is not None
         shown = "yes" if both and first_and_last_costs_agree(effect) else "no"
         rows.append((effect["effect"], first, last, shown))
@@ -353,7 +353,7 @@ def effect_cost_table(plain: Mapping[str, Any]) -> TextTable:
     return text_table(header, rows)
 
 
-def _price_text(mapping: Mapping[str, Any], which: str) -> str:
+def _effect_cost_text(mapping: Mapping[str, Any], which: str) -> str:
     value, doubt = mapping[which], mapping[f"{which}_doubt"]
     return "cannot be run" if value is None else f"{value:.3g} ± {doubt:.1g}"
 
@@ -376,7 +376,7 @@ def outcome_count_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
     return text_table(header, [row])
 
 
-def _tables(results: Sequence[Plain]) -> list[tuple[str, TextTable]]:
+def _overview_tables(results: Sequence[Plain]) -> list[tuple[str, TextTable]]:
     tables = []
     for result in results:
         if "studies" in result:
@@ -385,14 +385,14 @@ def _tables(results: Sequence[Plain]) -> list[tuple[str, TextTable]]:
         elif "effects" in result:
             plain = result["effects"]
             tables.append((f"{plain['scene']}: what its effects cost", effect_cost_table(plain)))
-    if outcomes := _outcomes(results):
+    if outcomes := _outcomes_of_results(results):
         tables.append(("Hard cases", outcome_count_table(outcomes)))
     return tables
 
 
-def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+def _overview_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
     fresh = [row for outcome in results for row in outcome.get("fresh", ())]
-    hard = _outcomes(results)
+    hard = _outcomes_of_results(results)
     missed = [
         f"{row['quantity']} of {row['scene']} to {row['level']} by {row['setting']}"
         for row in fresh
@@ -411,9 +411,11 @@ def overview_section_for(scenes: Sequence[Scene]) -> Section:
     return OVERVIEW._replace(tasks=lambda full: overview_tasks(scenes, full, hard=True))
 
 
-def _packaged_scenes(full: bool) -> list[Task]:
+def _packaged_overview_tasks(full: bool) -> list[Task]:
     """Return the packaged damper, and the compression with dry friction."""
     return overview_tasks([load_scene("damper"), compression_scene()], full, hard=False)
 
 
-OVERVIEW = Section("overview", "", _packaged_scenes, dict, _tables, _verdict, show_overview)
+OVERVIEW = Section(
+    "overview", "", _packaged_overview_tasks, dict, _overview_tables, _overview_verdict, show_overview_section
+)

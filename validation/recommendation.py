@@ -183,7 +183,7 @@ def recommend_settings(
 
 def quantity_is_scattered(quantity: MeasuredQuantity, starts: int) -> bool:
     """Tell if a mean over random starts is measured."""
-    return quantity.exact is None and not quantity.of_start and starts > 1
+    return quantity.exact is None and not quantity.differs_by_start and starts > 1
 
 
 def _study_by_halving(
@@ -205,7 +205,7 @@ def _study_by_halving(
             scenes, quantity, settings, SolverSettings(REFERENCE, dt), tolerance, until, progress
         )
         own = [point for point in study.points if point.setting.method == REFERENCE]
-        if _is_settled(own, study.floor, tolerance, 1):
+        if _finest_points_suffice(own, study.floor, tolerance, 1):
             break
     if study is None:
         raise InputError(
@@ -234,7 +234,7 @@ def _measure_until_decided(
             own: list[WorkPrecisionPoint] = []
             for setting in (setting for setting in settings if setting.family == family):
                 best = advise_setting(tried + own, truth.floor, tolerance)
-                if _is_settled(own, truth.floor, tolerance) or _next_step_too_dear(own, best):
+                if _finest_points_suffice(own, truth.floor, tolerance) or _next_step_too_dear(own, best):
                     break
                 if not own and _family_too_dear(setting, tried, best):
                     break
@@ -245,7 +245,9 @@ def _measure_until_decided(
     return make_work_precision(scenes[0], quantity, until, tried, truth)
 
 
-def _is_settled(points: Sequence[WorkPrecisionPoint], floor: float, tolerance: float, count: int = 2) -> bool:
+def _finest_points_suffice(
+    points: Sequence[WorkPrecisionPoint], floor: float, tolerance: float, count: int = 2
+) -> bool:
     """Tell if the finest points of a family are good enough."""
     last = points[-count:]
     if tolerance < FLOORS * floor:

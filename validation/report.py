@@ -92,10 +92,10 @@ def report_page(results: Results, *, full: bool) -> HtmlPage:
     below = {section: section_entries for section, section_entries in read.items() if section is not OVERVIEW}
     for section, section_entries in below.items():
         _add_section(shown, section, section_entries, results)
-    if any(section.behind for section in below):
+    if any(section.tables_at_end for section in below):
         shown.add_section("All measurements")
     for section, section_entries in below.items():
-        if section.behind and section_entries:
+        if section.tables_at_end and section_entries:
             for title, table in section.tables(section_entries):
                 shown.add_paragraph(title)
                 add_table_to_page(shown, table)
@@ -109,7 +109,7 @@ def report_page(results: Results, *, full: bool) -> HtmlPage:
 
 def _read_results(name: str, results: Sequence[Plain]) -> list[Any]:
     """Results that did not fail."""
-    return [SECTIONS[name].read(result) for result in results if FAILED not in result]
+    return [SECTIONS[name].parse_result(result) for result in results if FAILED not in result]
 
 
 def _add_section(page: HtmlPage, section: Section, items: Sequence[Any], results: Results) -> None:
@@ -118,14 +118,14 @@ def _add_section(page: HtmlPage, section: Section, items: Sequence[Any], results
         page.add_section(section.title)
     if items:
         section.show(page, items)
-    if items and not section.behind:
+    if items and not section.tables_at_end:
         for _, table in section.tables(items):
             add_table_to_page(page, table)
-    for line in _failures(results[section.name]):
+    for line in _failure_lines(results[section.name]):
         page.add_warning(line)
 
 
-def _failures(results: Sequence[Plain]) -> list[str]:
+def _failure_lines(results: Sequence[Plain]) -> list[str]:
     return [f"{result['label']} failed: {result[FAILED]}" for result in results if FAILED in result]
 
 
@@ -134,7 +134,7 @@ def summarise_verdicts(results: Results) -> dict[str, Any]:
     verdicts, held = {}, {}
     for name, result in results.items():
         verdicts[name], right = SECTIONS[name].verdict(_read_results(name, result))
-        failed = len(_failures(result))
+        failed = len(_failure_lines(result))
         if failed:
             verdicts[name] += f" ({failed} could not be measured)"
         held[name] = right and not failed
@@ -151,4 +151,4 @@ def section_text(name: str, results: Sequence[Plain]) -> str:
     """Return the tables of a section for the console, and what failed."""
     tables = SECTIONS[name].tables(_read_results(name, results))
     texts = [f"{title}\n{table.text()}\n" for title, table in tables]
-    return "\n".join([*texts, *_failures(results)])
+    return "\n".join([*texts, *_failure_lines(results)])

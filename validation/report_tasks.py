@@ -57,14 +57,14 @@ def _from_plain(kind: Any, value: Any) -> Any:
     if isinstance(value, list):
         first = get_args(kind)[0]
         return tuple(_from_plain(first, entry) for entry in value)
-    records = [entry for entry in (kind, *get_args(kind)) if _is_record(entry)]
+    records = [entry for entry in (kind, *get_args(kind)) if _is_record_type(entry)]
     if isinstance(value, Mapping) and records:
         hints = get_type_hints(records[0])
         return records[0](**{name: _from_plain(hints[name], entry) for name, entry in value.items()})
     return value
 
 
-def _is_record(kind: Any) -> bool:
+def _is_record_type(kind: Any) -> bool:
     """Tell if a type is a dataclass or a named tuple."""
     return dataclasses.is_dataclass(kind) or hasattr(kind, "_fields")
 
@@ -96,7 +96,7 @@ class Section(NamedTuple):
         Its heading; none for a section that writes headings of its own.
     tasks : callable
         Its tasks; the argument is whether all of the full ones are wanted.
-    read : callable
+    parse_result : callable
         A result as `tables`, `verdict` and `show` take it.
     tables : callable
         Tables of the results, by what is said of them: for the console, and for the page.
@@ -104,18 +104,18 @@ class Section(NamedTuple):
         Words on the results, and whether they hold.
     show : callable
         Adds texts, tables and figures to a page.
-    behind : bool
+    tables_at_end : bool
         Whether the tables stand at the end of the page, where few will read them.
     """
 
     name: str
     title: str
     tasks: Callable[[bool], Sequence[Task]]
-    read: Callable[[Plain], Any]
+    parse_result: Callable[[Plain], Any]
     tables: Callable[[Sequence[Any]], Sequence[tuple[str, TextTable]]]
     verdict: Callable[[Sequence[Any]], tuple[str, bool]]
     show: Callable[[HtmlPage, Sequence[Any]], None]
-    behind: bool = True
+    tables_at_end: bool = True
 
 
 KEY_LENGTH = 24
@@ -146,7 +146,7 @@ def run_tasks(
     """
     results = []
     saved = None if directory is None else ResultCache(directory / "pieces")
-    for task in _run_in_turn(name, tasks, progress):
+    for task in _iterate_with_progress(name, tasks, progress):
         key = _task_key(name, task)
         result: Plain | None = None if saved is None else saved.read(key)
         if result is None:
@@ -160,7 +160,7 @@ def run_tasks(
     return results
 
 
-def _run_in_turn(name: str, tasks: Sequence[Task], progress: bool) -> Iterator[Task]:
+def _iterate_with_progress(name: str, tasks: Sequence[Task], progress: bool) -> Iterator[Task]:
     from granular.shared.progress_bars import progress_bar
 
     with progress_bar(

@@ -145,8 +145,8 @@ def _fit_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing:
     return EnergyTrend(
         rate=slope,
         interval=(slope - margin, slope + margin),
-        p_stationary=_probability(slope, error, count - 2),
-        p_walk=_probability(walk, walk_error, count - 2),
+        p_stationary=_two_sided_p_value(slope, error, count - 2),
+        p_walk=_two_sided_p_value(walk, walk_error, count - 2),
         swing=swing,
         duration=duration,
     )
@@ -163,7 +163,7 @@ def _variance_inflation(rest: np.ndarray) -> float:
     return (1.0 + correlation) / (1.0 - correlation)
 
 
-def _probability(value: float, error: float, freedom: int) -> float:
+def _two_sided_p_value(value: float, error: float, freedom: int) -> float:
     from scipy import stats
 
     if error == 0.0:

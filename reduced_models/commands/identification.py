@@ -199,7 +199,7 @@ def fit(options: Any) -> None:
 
     if options.laws:
         text = f"{LAWS!r}\n\nof the force on a prescribed stroke (--measured force):\n{FORCE_LAWS!r}"
-        print_result({**LAWS.descriptions(), "force": FORCE_LAWS.words()}, text, options.json)
+        print_result({**LAWS.descriptions(), "force": FORCE_LAWS.descriptions()}, text, options.json)
         return
     require_options(options, sources="SOURCE")
     laws = (FORCE_LAWS.get(options.law), LAWS.get(options.law))

@@ -72,7 +72,7 @@ class FallSummary(NamedTuple):
     simulated: FallSummary | None = None
 
     @property
-    def excess(self) -> float:
+    def loss_over_affine(self) -> float:
         """Energy lost, over that of grains that follow the piston affinely."""
         return 1.0 + self.excess_loss / self.affine_loss
 
@@ -131,7 +131,7 @@ def predict_fall(
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        values = predict_bed_parameters(scene, refuse=False)
+        values = predict_bed_parameters(scene, refuse_outside_range=False)
     for warning in caught:
         warnings.warn(warning.message, stacklevel=2)
     outside = any(warning.category is OutsideRangeWarning for warning in caught)

@@ -53,7 +53,7 @@ class PressedLattice(NamedTuple):
     power: float
 
     @property
-    def shear(self) -> float:
+    def relative_shear_modulus(self) -> float:
         """Shear modulus over that of dipoles, both over the pressure.
 
         Pairs that repel along their line have B = 2 mu + 2 p in an isotropic lattice, whatever

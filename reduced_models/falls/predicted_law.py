@@ -141,11 +141,11 @@ def predict(scene: Scene) -> PredictedLaw:
     piston = scene.piston
     friction = 0.0 if piston is None else piston.friction
     if piston is not None and piston.mass is not None and friction:
-        values = predict_bed_parameters(scene.replace(**{"piston.friction": 0.0}), refuse=False)
+        values = predict_bed_parameters(scene.replace(**{"piston.friction": 0.0}), refuse_outside_range=False)
         values["friction"] = friction / accelerated_mass(scene, values)
         # A piston that sticks has no small swing.
         return PredictedLaw(values, (piston.height, 0.0), None, {"from": f"the scene {scene.name}"}, RUBBING)
-    values = predict_bed_parameters(scene, refuse=False)
+    values = predict_bed_parameters(scene, refuse_outside_range=False)
     assert piston is not None
     swing = small_swing(LAW, [values[name] for name in LAW.parameters], values["rest"])
     at_rest = None
@@ -163,15 +163,15 @@ def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
     return WEIGHT * piston.mass * gravity.acceleration / values["weight"]
 
 
-def predict_bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, float]:
+def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -> dict[str, float]:
     """Parameters of ``elastoplastic-bed`` for a scene.
 
     Raises
     ------
     InputError
-        If the scene has no heavy piston over magnets that drag alone damps; and with ``refuse`` if
-        it has too few grains for what was measured, or more drag over the piston's mass than was
-        compared with falls, where there is a warning without.
+        If the scene has no heavy piston over magnets that drag alone damps, or its piston presses discs
+        together at rest; and with ``refuse_outside_range`` if it has too few grains for what was measured,
+        walls of discs, or more drag over the piston's mass than was compared with falls.
     """
     piston, grains = scene.piston, scene.grains
     present = {name for name in _SHAPED if getattr(scene.effects, name) is not None}
@@ -199,11 +199,11 @@ def predict_bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, fl
     rest = (BULK + WALLS / math.sqrt(grains.count)) ** (POWER / lattice.power) * packed
     resistance = grains.count * float(np.array(grains.species_fractions()) @ grains.face_area_ratios()) * drag
     inertia = float(grains.masses().sum()) / 3.0
-    modulus = MODULUS * lattice.shear
+    modulus = MODULUS * lattice.relative_shear_modulus
     swing = _SmallSwing(weight, rest, gravity, lattice.power, modulus)
     late = _lateness_number(resistance, swing)
     outside = _outside_range_text(scene, late)
-    if outside and refuse:
+    if outside and refuse_outside_range:
         raise InputError(f"{outside}, or fit the law to a fall instead")
     if outside:
         words = f"{outside}; what the law says there was compared with nothing: simulate the scene"

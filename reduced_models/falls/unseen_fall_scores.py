@@ -46,11 +46,11 @@ class DropScore:
     failure: str = ""
 
     @property
-    def median(self) -> float:
+    def median_error(self) -> float:
         return float(np.median(self.errors)) if self.errors else math.inf
 
     @property
-    def greatest(self) -> float:
+    def greatest_error(self) -> float:
         return max(self.errors, default=math.inf)
 
 
@@ -96,7 +96,7 @@ class DropScores:
             if row.model is None:
                 rows.append((row.name, "", *("" for _ in self.labels), "not fitted"))
                 continue
-            errors = (format_percent_of_drop(value) for value in (*row.errors, row.median))
+            errors = (format_percent_of_drop(value) for value in (*row.errors, row.median_error))
             numbers = len(row.model.parameters) + (2 if row.model.map.fitted else 0)
             rows.append((row.name, str(numbers), *errors))
         return rows
@@ -109,19 +109,19 @@ class DropScores:
     def verdict(self) -> str:
         """The law that predicts unseen falls best, and the others."""
         best, *others = [row for row in self.rows if row.model is not None]
-        if math.isinf(best.median):
+        if math.isinf(best.median_error):
             return "No law that was fitted to one fall follows the others."
         words = (
             f"Falls that no law has seen are predicted best by {best.name}, fitted to one fall: to "
-            f"{format_percent_of_drop(best.median)} of the drop at the median and "
-            f"{format_percent_of_drop(best.greatest)} at worst"
+            f"{format_percent_of_drop(best.median_error)} of the drop at the median and "
+            f"{format_percent_of_drop(best.greatest_error)} at worst"
         )
         if self.scatter:
             words += f", where another random start alone changes {format_percent_of_drop(max(self.scatter))}"
         if others:
             said = (
-                f"{row.name} {format_percent_of_drop(row.median)}"
-                if math.isfinite(row.median)
+                f"{row.name} {format_percent_of_drop(row.median_error)}"
+                if math.isfinite(row.median_error)
                 else f"{row.name} diverges"
                 for row in others
             )
@@ -265,7 +265,7 @@ def score_fitted_laws(
     ]
     if all(row.model is None for row in rows):
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
-    rows.sort(key=lambda row: (row.model is None, row.median))
+    rows.sort(key=lambda row: (row.model is None, row.median_error))
     drop = float(record.height[0]) - level
     alike = [fall for fall in unseen.values() if abs(fall.height[0] - record.height[0]) <= SAME * drop]
     scatter = tuple(_rms_difference(fall, record.time, record.height) / drop for fall in alike)

@@ -191,13 +191,16 @@ def swing_sensitivities(scene: Scene) -> dict[str, tuple[float, float]]:
         for name in key.split("."):
             owner = getattr(owner, name)
         assert isinstance(owner, float)
-        high, low = (_small_swing(still.replace(**{key: owner * (1.0 + step)})) for step in (CHANGE, -CHANGE))
+        high, low = (
+            _swing_frequency_and_damping(still.replace(**{key: owner * (1.0 + step)}))
+            for step in (CHANGE, -CHANGE)
+        )
         changes = [math.log(h / other) / (2.0 * CHANGE) for h, other in zip(high, low, strict=True)]
         result[words] = (changes[0], changes[1])
     return result
 
 
-def _small_swing(scene: Scene) -> tuple[float, float]:
+def _swing_frequency_and_damping(scene: Scene) -> tuple[float, float]:
     """Undamped frequency [Hz] and damping ratio of the small swing, by the law."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OutsideRangeWarning)  # the sheet has its notes

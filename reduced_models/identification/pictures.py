@@ -229,7 +229,7 @@ def add_falls_section(page: HtmlPage, falls: DropScores) -> None:
     time = far.time - far.time[0]
     with figure(height=4.4, size=READABLE) as (drawing, axes):
         axes.plot(*downsample(time, 1e3 * far.height), color=GREY, linewidth=3.0, label="simulated")
-        sound = [row for row in falls.rows if row.model is not None and np.isfinite(row.median)]
+        sound = [row for row in falls.rows if row.model is not None and np.isfinite(row.median_error)]
         for k, row in enumerate(sound[:_MOST_FALL_LINES]):
             assert row.model is not None
             motion = row.model.simulate(far.time, z0=float(far.height[0]), v0=0.0)

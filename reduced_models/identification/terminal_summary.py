@@ -142,7 +142,9 @@ def _shorten_table_line(line: str) -> str:
 def _fall_errors_text(falls: DropScores) -> str:
     """Errors of the laws that predict unseen falls best."""
     errors = [
-        f"{row.name} {format_percent_of_drop(row.median)}" for row in falls.rows if row.model is not None
+        f"{row.name} {format_percent_of_drop(row.median_error)}"
+        for row in falls.rows
+        if row.model is not None
     ]
     return f"other falls, errors in % of the drop (median): {', '.join(errors[:2])}"
 

@@ -133,7 +133,7 @@ class CoupledSystem(NamedTuple):
             drag=drag * float(faces.sum()) / 3.0 + piston.drag,
             gravity=0.0 if gravity is None else gravity.acceleration,
             rest=parameters["rest"],
-            modulus=MODULUS * lattice.shear,
+            modulus=MODULUS * lattice.relative_shear_modulus,
             power=lattice.power,
         )
 

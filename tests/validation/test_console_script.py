@@ -13,13 +13,13 @@ import pytest
 
 from granular import __version__
 from granular.commands.console import launch
-from validation.console_script import run
+from validation.console_script import dispatch_command
 
 ROOT = Path(__file__).parents[2]
 
 
 def test_a_command_reaches_its_package(capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(run, ["show", "bed", "--json"]) == 0
+    assert launch(dispatch_command, ["show", "bed", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["scene"]["grains"]["count"] == 368
 
 
@@ -31,7 +31,7 @@ def test_help_of_a_command_is_what_one_types(
     command: str, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as stopped:
-        launch(run, [command, "--help"])
+        launch(dispatch_command, [command, "--help"])
     assert stopped.value.code == 0
     text = capsys.readouterr().out
     assert words in text
@@ -45,7 +45,7 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     import validation.__main__
 
     with pytest.raises(SystemExit):
-        launch(run, ["--help"])
+        launch(dispatch_command, ["--help"])
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     shown = {words[0] for words in lines if words}
     for module in (granular.__main__, reduced_models.__main__, validation.__main__):
@@ -78,7 +78,7 @@ def test_no_two_packages_have_a_command_of_the_same_name() -> None:
     ],
 )
 def test_bad_input_is_one_line(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(run, line.split()) == 2
+    assert launch(dispatch_command, line.split()) == 2
     out, error = capsys.readouterr()
     assert out == ""
     assert error.count("\n") == 1
@@ -110,7 +110,7 @@ def test_the_installed_command_prints_the_version() -> None:
 
 
 def test_eight_commands_are_shown_where_none_is_given(capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(run, []) == 0
+    assert launch(dispatch_command, []) == 0
     out = capsys.readouterr().out
     shown = [line.split()[0] for line in out.splitlines() if line.startswith("  ")]
     assert shown == ["identify", "look", "fit", "design", "run", "render", "sweep", "response"]
@@ -120,7 +120,7 @@ def test_the_validation_s_commands_are_called_by_both_names(capsys: pytest.Captu
     texts = []
     for words in (["energy", "--help"], ["validate", "energy", "--help"]):
         with pytest.raises(SystemExit):
-            launch(run, words)
+            launch(dispatch_command, words)
         texts.append(capsys.readouterr().out.replace("granular-damper validate", "granular-damper"))
     assert texts[0].split() == texts[1].split()
 
@@ -130,7 +130,7 @@ def test_papers_are_cited_by_name_and_path(tmp_path: Path, capsys: pytest.Captur
 
     simulate(load_scene("single-particle"), 1e-4, 1e-3, out=tmp_path / "run", progress=False)
     scene = load_scene("bed").save(tmp_path / "mine.toml") or tmp_path / "mine.toml"
-    assert launch(run, ["cite", "yoshida-6", "duffing", str(tmp_path / "run"), str(scene)]) == 0
+    assert launch(dispatch_command, ["cite", "yoshida-6", "duffing", str(tmp_path / "run"), str(scene)]) == 0
     out = capsys.readouterr().out
     assert "yoshida1990" in out
     assert out.count("@") >= 4
@@ -138,7 +138,7 @@ def test_papers_are_cited_by_name_and_path(tmp_path: Path, capsys: pytest.Captur
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_every_command_and_option_is_completed(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(run, ["completion", shell]) == 0
+    assert launch(dispatch_command, ["completion", shell]) == 0
     out = capsys.readouterr().out
     assert "export-model" in out
     assert "test-fraction" in out

@@ -22,7 +22,7 @@ from validation.exact.bounce import (
 )
 from validation.exact.closed_forms import sliding_stopping_time
 from validation.exact.problem import natural_units
-from validation.exact.quadrature import position_after_upper_turning, speed
+from validation.exact.quadrature import position_after_upper_turning, speed_from_energy
 
 Force = Callable[[float, np.ndarray, np.ndarray, ExactProblem, Scales], np.ndarray]
 
@@ -117,7 +117,7 @@ def test_quadrature_agrees_with_a_taylor_series_to_25_digits() -> None:
         place, velocity = series(time)
         exact = position_after_upper_turning(one.potential, one.low, one.high, time)
         assert abs(place - exact) < mpmath.mpf(10) ** -25
-        assert abs(abs(velocity) - speed(one.potential, one.potential(one.high), exact)) < 1e-25
+        assert abs(abs(velocity) - speed_from_energy(one.potential, one.potential(one.high), exact)) < 1e-25
 
 
 def test_bounce_returns_after_its_period() -> None:

@@ -19,7 +19,7 @@ from validation.overview import (
     effect_cost_table,
     overview_tasks,
     plan_runs,
-    show_overview,
+    show_overview_section,
     suitable_quantities,
 )
 from validation.report import report_page, section_text, summarise_verdicts
@@ -89,7 +89,7 @@ def test_prices_that_differ_by_more_than_a_fifth_both_stand(first: float, last: 
     assert shown.rows[0][3] == ("yes" if alike else "no")
     assert shown.rows[1][1] == "cannot be run"
     drawn = HtmlPage("page")
-    show_overview(drawn, [{"effects": plain}])
+    show_overview_section(drawn, [{"effects": plain}])
     assert "direct 3 microseconds" in drawn.to_html()
 
 

@@ -55,7 +55,12 @@ def work_precision_tasks(full: bool) -> list[Task]:
     many = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
     few = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES[:3:2]]
     wanted: list[tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict[str, Any]]] = [
-        (grain, saved, [*candidate_settings(grain), *many], {"until": 1.0, "references": _exact_grain()}),
+        (
+            grain,
+            saved,
+            [*candidate_settings(grain), *many],
+            {"until": 1.0, "references": _exact_grain_references()},
+        ),
         (bed, saved, [*candidate_settings(bed), *few], {"until": 0.02}),
         (squeezed, ("piston force", "mean distance"), candidate_settings(squeezed), {"seeds": 4}),
     ]
@@ -68,7 +73,7 @@ def work_precision_tasks(full: bool) -> list[Task]:
             "references": [SolverSettings("stormer-verlet", "auto/8")] * len(quantities),
         }
         wanted.append((load_scene("damper"), quantities, damper, options))
-        wanted.append(_pair_sums())
+        wanted.append(_pair_sum_study())
     return [work_precision_task(*quantity) for quantity in wanted]
 
 
@@ -100,7 +105,7 @@ SUMS: tuple[dict[str, Any], ...] = (
 """Ways of summing pairs, and the radii of de Paula's list about its own 11.26 D [D, 5.2]."""
 
 
-def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict[str, Any]]:
+def _pair_sum_study() -> tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict[str, Any]]:
     """Piston's force on 1472 grains as they settle, by method of summing pairs."""
     scene = disturbed_lattice(1472).replace(name="1472 grains, by sum over pairs")
     settings = [SolverSettings("stormer-verlet", "auto", sums) for sums in SUMS]
@@ -108,7 +113,7 @@ def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict
     return scene, ("piston force",), settings, {"until": 0.3, "references": [exact], "repeats": 1}
 
 
-def _exact_grain() -> list[Any]:
+def _exact_grain_references() -> list[Any]:
     """Lone grain's exact energy error and position [D] after 1 s."""
     problem = exact_problem("bounce")
     return [0.0, problem.exact(1.0).positions / Scales.from_grains(problem.scene.grains).length]
@@ -124,7 +129,7 @@ def _measure_studies(
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_studies(page: HtmlPage, results: Sequence[Studies]) -> None:
+def show_work_precision_section(page: HtmlPage, results: Sequence[Studies]) -> None:
     """Show a picture and a table a quantity, and which setting to take."""
     studies = join_studies(results)
     page.add_paragraph(
@@ -206,5 +211,5 @@ WORK_PRECISION = Section(
     studies_from_plain,
     _study_tables,
     _studies_verdict,
-    show_studies,
+    show_work_precision_section,
 )

@@ -234,7 +234,7 @@ def measure_points(
     """Point for each quantity, from the same runs."""
     try:
         _compile_setting(scenes[0], setting)
-        runs, seconds = zip(*(_time_calls(scene, setting, until, repeats) for scene in scenes), strict=True)
+        runs, seconds = zip(*(_run_and_time(scene, setting, until, repeats) for scene in scenes), strict=True)
     except GranularError as stop:
         return [_failed_point(setting, stop)] * len(quantities)
     steps = round(float(np.mean([run.settings()["steps"] for run in runs])))
@@ -260,7 +260,7 @@ def deviation_over_starts(
     setting corrects. Of a quantity that each start has a value of its own of, the greatest error,
     and the standard deviation of the errors.
     """
-    if quantity.of_start or len(values) == 1:
+    if quantity.differs_by_start or len(values) == 1:
         errors = [quantity.error(*pair) for pair in zip(values, references, strict=True)]
         return max(errors), float(np.std(errors, ddof=1)) if len(errors) > 1 else 0.0
     off = np.array([np.ravel(a) - np.ravel(b) for a, b in zip(values, references, strict=True)])
@@ -273,7 +273,7 @@ def deviation_over_starts(
 
 def _scatter_over_starts(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
     """Return the standard deviation of a quantity over starts, as an error."""
-    if len(values) < 2 or quantity.of_start:
+    if len(values) < 2 or quantity.differs_by_start:
         return 0.0
     series = np.array([np.asarray(value) for value in values])
     spread = float(series.std(axis=0, ddof=1).max())
@@ -282,7 +282,7 @@ def _scatter_over_starts(quantity: MeasuredQuantity, values: Sequence[Value]) ->
     return spread / float(np.abs(series.mean(axis=0)).max())
 
 
-def _time_calls(
+def _run_and_time(
     scene: Scene, setting: SolverSettings, until: float | None, repeats: int
 ) -> tuple[Trajectory, float]:
     """Run, and the least time of its repeats [s]."""

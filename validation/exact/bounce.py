@@ -37,7 +37,12 @@ from validation.exact.problem import (
     grain_start_state,
     natural_units,
 )
-from validation.exact.quadrature import Potential, period, position_after_upper_turning, speed
+from validation.exact.quadrature import (
+    Potential,
+    oscillation_period,
+    position_after_upper_turning,
+    speed_from_energy,
+)
 
 __all__ = ["harmonic_period", "oscillation_problem"]
 
@@ -119,7 +124,7 @@ def bounce_period(scene: Scene) -> Number:
 
     with workdps(DIGITS):
         well_ = potential_well(scene)
-        return period(well_.potential, well_.low, well_.high) * well_.time
+        return oscillation_period(well_.potential, well_.low, well_.high) * well_.time
 
 
 def exact_bounce(scene: Scene, time: float) -> GrainStates:
@@ -130,8 +135,8 @@ def exact_bounce(scene: Scene, time: float) -> GrainStates:
         well_ = potential_well(scene)
         late = mpf(time) / well_.time
         position = position_after_upper_turning(well_.potential, well_.low, well_.high, late)
-        magnitude = speed(well_.potential, well_.potential(well_.high), position)
-        half = period(well_.potential, well_.low, well_.high) / 2
+        magnitude = speed_from_energy(well_.potential, well_.potential(well_.high), position)
+        half = oscillation_period(well_.potential, well_.low, well_.high) / 2
         upwards = int(floor(late / half)) % 2 == 1
         velocity = magnitude if upwards else -magnitude
         return GrainStates(

@@ -93,7 +93,7 @@ def time_integrand_between_turnings(potential: Potential, turning: Number, other
     return integrand
 
 
-def period(potential: Potential, low: Number, high: Number) -> Number:
+def oscillation_period(potential: Potential, low: Number, high: Number) -> Number:
     """Period of the motion between two turning points."""
     from mpmath import pi
 
@@ -106,7 +106,7 @@ def position_after_upper_turning(potential: Potential, low: Number, high: Number
     """Place at a time after the upper turning point."""
     from mpmath import floor, pi, sin
 
-    total = period(potential, low, high)
+    total = oscillation_period(potential, low, high)
     late = abs(time - total * floor(time / total + 0.5))
     early = total / 2 - late
     # Counted from the nearer turn, where the energies cancel least.
@@ -118,7 +118,7 @@ def position_after_upper_turning(potential: Potential, low: Number, high: Number
     return turning + (other - turning) * sin(phi / 2) ** 2
 
 
-def speed(potential: Potential, energy: Number, position: Number) -> Number:
+def speed_from_energy(potential: Potential, energy: Number, position: Number) -> Number:
     """Magnitude of the velocity."""
     from mpmath import sqrt
 

@@ -62,9 +62,11 @@ class Orbit(NamedTuple):
     time_to_closest: Number
 
 
-def scattering_problem(speed: float = SPEED, aside: float = ASIDE, time: float = TIME) -> ExactProblem:
-    """Two grains that come from left and right at a speed [m/s] each, ``aside`` [D] off centre."""
-    across, along = aside / 2.0, APART / 2.0
+def scattering_problem(
+    speed: float = SPEED, impact_parameter: float = ASIDE, time: float = TIME
+) -> ExactProblem:
+    """Two grains that come from left and right at a speed [m/s] each, ``impact_parameter`` [D] off centre."""
+    across, along = impact_parameter / 2.0, APART / 2.0
     arrangement = {
         "positions": [
             [f"{30 - along!r} D", f"{30 - across!r} D"],

@@ -201,7 +201,7 @@ def _overdamped_grain(ratio: float) -> Scene:
     return scene.replace(**{"output.scalars": 1e-3, "output.frames": 0.1})
 
 
-def _hardly_swinging(drag: float) -> Scene:
+def _nearly_overdamped_damper(drag: float) -> Scene:
     """Small damper, released above its place of rest."""
     return cut_to_few_grains("damper", **{"effects.drag.coefficient": drag})
 
@@ -213,7 +213,7 @@ def damping_cases() -> tuple[HardCase, ...]:
         HardCase(
             f"damping ratio near 1: drag of {drag:g} kg/s",
             "a piston that just swings, or just does not",
-            partial(_hardly_swinging, drag),
+            partial(_nearly_overdamped_damper, drag),
             0.2,
             3.0,
         )
@@ -285,7 +285,7 @@ def distance_from_verlet_swing(fraction: float, step: float) -> Callable[[Trajec
     return measure
 
 
-def _recorded_rarely() -> Scene:
+def _bouncing_grain_with_few_records() -> Scene:
     return load_scene("single-particle").replace(**{"output.scalars": 0.01, "output.frames": 1.0})
 
 
@@ -323,7 +323,7 @@ def step_cases() -> tuple[HardCase, ...]:
         HardCase(
             "many steps",
             "1e6 steps of the bouncing grain; 1e8 in the full catalogue",
-            _recorded_rarely,
+            _bouncing_grain_with_few_records,
             1.0,
             100.0,
             limit=1e-6,
