@@ -52,7 +52,18 @@ class ClosePairs(NamedTuple):
 
 
 def cell_list_workspace(count: int) -> CellList:
-    """Arrays for that many grains; up to four cells a grain."""
+    """Allocate a cell list for that many grains, with up to four cells a grain.
+
+    Parameters
+    ----------
+    count : int
+        Number of grains, n.
+
+    Returns
+    -------
+    CellList
+        Arrays of n grains and 4 n + 64 cells, all zero.
+    """
     size = max(count, 1)
     return CellList(
         partners=np.zeros(size, dtype=np.int64),
@@ -64,7 +75,22 @@ def cell_list_workspace(count: int) -> CellList:
 
 
 def close_pairs_workspace(count: int, capacity: int, kind: type = np.int64) -> ClosePairs:
-    """Workspace for so many pairs of that many grains, or for all of them if these are less."""
+    """Allocate arrays for close pairs, and the cell list that finds them.
+
+    Parameters
+    ----------
+    count : int
+        Number of grains, n.
+    capacity : int
+        Number of pairs that there is room for; fewer where all n (n - 1)/2 pairs are fewer.
+    kind : type
+        Integer type of the grains' indices.
+
+    Returns
+    -------
+    ClosePairs
+        Empty list of pairs, and a cell list for n grains.
+    """
     capacity = max(1, min(count * (count - 1) // 2, capacity))
     return ClosePairs(
         first=np.zeros(capacity, dtype=kind),
@@ -96,7 +122,26 @@ def _grid_that_covers(
 
 @compiled
 def sort_into_cells(cells: CellList, x: Array, y: Array, count: int, reach: float) -> bool:
-    """Sort grains into cells at least ``reach`` [D] wide; False where a position is no number."""
+    """Sort grains into square cells at least ``reach`` wide, by counting.
+
+    Source: M. P. Allen and D. J. Tildesley, Computer Simulation of Liquids (1987), section 5.3.2.
+
+    Parameters
+    ----------
+    cells : CellList
+        Overwritten: cell of each grain, order of the grains and beginnings of the cells.
+    x, y : float64 (m,)
+        Positions [D], of which the first ``count`` are grains.
+    count : int
+        Number of grains.
+    reach : float
+        Least width of a cell [D].
+
+    Returns
+    -------
+    bool
+        False where a position is not a finite number.
+    """
     if count == 0:
         return True
     left, low, size, columns, rows = _grid_that_covers(x, y, count, reach, cells.begins.size - 2)
@@ -138,9 +183,25 @@ def _find_partners_in_cell(
 
 @compiled
 def find_partners_of_grain(cells: CellList, x: Array, y: Array, i: int, reach: float) -> int:
-    """Fill ``cells.partners`` with those of a grain; how many.
+    """Fill ``cells.partners`` with the grains closer to one grain than ``reach``, and count them.
 
     Each pair is met once, with one of its two grains; the positions fix the order.
+
+    Parameters
+    ----------
+    cells : CellList
+        Grains sorted by `sort_into_cells` with the same positions and reach; ``partners`` is overwritten.
+    x, y : float64 (m,)
+        Positions [D].
+    i : int
+        Index of the grain.
+    reach : float
+        Distance below which two grains are partners [D].
+
+    Returns
+    -------
+    int
+        Number of partners.
     """
     columns, rows = cells.shape[0], cells.shape[1]
     column, row = cells.cell[i] % columns, cells.cell[i] // columns
@@ -157,9 +218,22 @@ def find_partners_of_grain(cells: CellList, x: Array, y: Array, i: int, reach: f
 def find_close_pairs(
     pairs: ClosePairs, x: Array, y: Array, count: int, reach: float, radius: Array | None
 ) -> None:
-    """Fill ``pairs`` with those closer than ``reach`` [D]; the positions fix their order.
+    """Fill ``pairs`` with all pairs closer than ``reach``; the positions fix their order.
 
     Where each grain has a ``radius`` [D], with those that overlap alone.
+
+    Parameters
+    ----------
+    pairs : ClosePairs
+        Overwritten; ``filled`` is -1 where there is no room for all, or a position is not a number.
+    x, y : float64 (m,)
+        Positions [D].
+    count : int
+        Number of grains.
+    reach : float
+        Distance below which two grains are a pair [D].
+    radius : float64 (m,) or None
+        Radius of each grain [D]: pairs that do not overlap are left out then.
     """
     pairs.filled[0] = 0
     if not sort_into_cells(pairs.cells, x, y, count, reach):

@@ -72,7 +72,22 @@ class CloseDiscList(NamedTuple):
 
 
 def close_disc_list_workspace(size: int, reach: float, periods: tuple[float, float] | None) -> CloseDiscList:
-    """Workspace for that many grains (padded) and that reach of the tables [D]."""
+    """Allocate the list of close pairs of discs.
+
+    Parameters
+    ----------
+    size : int
+        Padded number of grains, m.
+    reach : float
+        Distance at which the longest table of `granular.pairs.disc_law_tables` ends [D].
+    periods : (float, float) or None
+        Width and height of a periodic cell [D].
+
+    Returns
+    -------
+    CloseDiscList
+        Empty list, with room for 24 pairs a grain at a reach of 2 D.
+    """
     capacity = size * math.ceil(_PARTNERS * max(1.0, (reach / 2.0) ** 2))
     capacity = min(capacity, max(1, size * (size - 1) // 2))
     return CloseDiscList(
@@ -301,7 +316,25 @@ def _tabulated_energy(tables: CloseDiscTables, row: int, u: float) -> float:
 
 @compiled
 def head_on_disc_frequency_squared(discs: DiscLaw, speed: float, mass: float, moment: float) -> float:
-    """`granular.pairs.dipole_law.head_on_frequency_squared` of discs; the stiffest species counts."""
+    """Square of the angular frequency at the closest approach of two discs that meet head-on.
+
+    As `granular.pairs.dipole_law.head_on_frequency_squared`, from a table of speeds; the stiffest species
+    counts.
+
+    Parameters
+    ----------
+    discs : DiscLaw
+        Law and tables of the discs.
+    speed : float
+        Speed of each of both grains [D/tau].
+    mass, moment : float
+        Mass and magnetic moment of a grain, over those of the first species.
+
+    Returns
+    -------
+    float
+        Squared angular frequency [1/tau^2].
+    """
     strength = moment * (moment / mass)
     squares = discs.collision[SQUARES]
     square = speed * speed / strength
@@ -322,7 +355,23 @@ def _pair_displacement(periods: Array | None, x: Array, y: Array, i: int, j: int
 def closest_distance_over_contact(
     discs: DiscLaw, close: CloseDiscList, x: np.ndarray, y: np.ndarray
 ) -> tuple[float, int]:
-    """Least distance of two discs over that at which they touch, and the first of them."""
+    """Find the least distance of two discs over that at which they touch.
+
+    Parameters
+    ----------
+    discs : DiscLaw
+        Law and tables of the discs.
+    close : CloseDiscList
+        List of close pairs at these positions.
+    x, y : float64 (m,)
+        Positions [D].
+
+    Returns
+    -------
+    tuple of float and int
+        Least ratio of distance and contact distance, and the index of the first grain of that pair; infinity
+        and -1 without a pair.
+    """
     i, j = close.first[: close.filled[0]], close.second[: close.filled[0]]
     if not len(i):
         return math.inf, -1
@@ -409,12 +458,23 @@ def _add_energy_load_stiffness_if_wanted(
 
 @compiled
 def add_close_disc_corrections(discs: DiscLaw, close: CloseDiscList, grains: int, arrays: GrainArrays) -> int:
-    """Add to all sums what close pairs have beyond the law of all pairs.
+    """Add to all sums what close pairs of discs have beyond the law that serves all pairs.
+
+    Parameters
+    ----------
+    discs : DiscLaw
+        Law and tables of the discs.
+    close : CloseDiscList
+        List of close pairs, made anew where a grain has moved far enough.
+    grains : int
+        Number of grains.
+    arrays : GrainArrays
+        Positions [D], and the sums that are added to: forces [F*] and those that are not None.
 
     Returns
     -------
     int
-        Pairs nearer than `CLOSEST` of the distance of contact; 1 where there are too many pairs.
+        Number of pairs nearer than `CLOSEST` of the distance of contact; 1 where the list overflows.
     """
     if grains == 0:
         return 0

@@ -154,15 +154,30 @@ def sum_row_ranges(
     smooth: Any,
     shifts: Any,
 ) -> Any:
-    """Rows first .. stop - 1, two at a time, each with the partners within ``radius``.
+    """Sum the pairs of rows of grains with their listed ranges of partners (Numba intrinsic).
 
-    What is summed goes to the row ``part`` of fx, fy, stiffness, extremes and load.
-    The first row's partners begin with the second row; seven more grains behind that one are met
-    without being listed. ``runs`` is int64 (rows / 2, `RANGES`, 2): where each run starts and stops;
-    in a periodic cell it has `IMAGES` times as many, and ``shifts``, float64 of that shape, or
-    None, the shift of the images of each run's partners. Up to seven entries behind a
-    run are met, too. ``smooth`` is None where pairs just end at the radius, anything else where the
-    far part of their law (`granular.pairs.dipole_law`) is taken off.
+    Rows are taken two at a time, and partners eight at a time, masked at the radius. The first row's partners
+    begin with the second row; seven more grains behind that one are met without being listed, and so are up
+    to seven entries behind a range.
+
+    Parameters
+    ----------
+    arrays : GrainArrays
+        Grains in stripes [D]; fx, fy, stiffness, extremes and load have a row for each part. All sums lack
+        the factors of `granular.pairs.grain_arrays.unscaled_sum_factor`.
+    runs : int64 (rows / 2, RANGES, 2)
+        Start and stop of each range of partners; `IMAGES` times as many ranges in a periodic cell.
+    part : int
+        Row of the sums that is added to.
+    first, stop : int
+        Range of the rows of grains.
+    radius : float
+        Cut-off radius [D].
+    smooth : bool or None
+        None where pairs just end at the radius, anything else where the far part of their law
+        (`granular.pairs.dipole_law`) is taken off.
+    shifts : float64 (rows / 2, RANGES * IMAGES, 2) or None
+        Displacement of the images of each range's partners in a periodic cell [D].
     """
     signature = types.void(arrays, runs, types.intp, types.intp, types.intp, types.float64, smooth, shifts)
 

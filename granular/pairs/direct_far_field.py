@@ -41,7 +41,20 @@ class DirectFarFieldWorkspace(NamedTuple):
 
 
 def direct_far_field_workspace(size: int, *, loaded: bool) -> DirectFarFieldWorkspace:
-    """Workspace for that many grains (padded)."""
+    """Allocate the arrays of a far field that is the sum over all pairs less that over near pairs.
+
+    Parameters
+    ----------
+    size : int
+        Padded number of grains, m.
+    loaded : bool
+        True where friction needs the far part of the normal loads.
+
+    Returns
+    -------
+    DirectFarFieldWorkspace
+        Arrays, all zero.
+    """
     return DirectFarFieldWorkspace(
         near=np.zeros((2, size)),
         extremes=np.zeros((2, 2)),
@@ -72,15 +85,19 @@ def compute_direct_far_field(
     Parameters
     ----------
     workspace : DirectFarFieldWorkspace
+        Arrays of both sums, overwritten.
     stripes : Stripes
         Stripes of the near part.
     radius : float
         Distance at which the near part ends [D].
     threaded : bool or None
+        None runs on one thread, anything else on Numba's threads.
     grains : int
+        Number of grains.
     arrays : GrainArrays
-        Without stiffness and extremes.
+        Positions [D]; forces [F*] and load are overwritten. Without stiffness and extremes.
     energy : float64 (1,)
+        Overwritten by the far part of the energy [F* D].
     """
     if not positions_are_finite(arrays.x, arrays.y, grains):
         set_forces_to_nan(arrays, grains)

@@ -121,9 +121,18 @@ def _emit_pairs_within_block(
 
 @intrinsic
 def sum_rows_with_partners(typing: Any, arrays: Any, first: Any, start: Any, stop: Any, nearest: Any) -> Any:
-    """Sum the pairs of the eight grains from ``first`` on with the partners start .. stop - 1.
+    """Sum the pairs of eight grains with the partners start .. stop - 1 (Numba intrinsic).
 
-    ``nearest`` as in `granular.pairs.direct_sum.direct_sum`.
+    Parameters
+    ----------
+    arrays : GrainArrays
+        Positions [D], and the sums that are added to, without the factors of `granular.pairs.grain_arrays`.
+    first : int
+        Index of the first of the eight grains.
+    start, stop : int
+        Range of the partners, both multiples of `WIDTH`.
+    nearest : float64 (3,) or None
+        Width, height and cut-off radius of a periodic cell [D].
     """
     signature = types.void(arrays, types.intp, types.intp, types.intp, nearest)
 
@@ -144,7 +153,17 @@ def sum_rows_with_partners(typing: Any, arrays: Any, first: Any, start: Any, sto
 
 @intrinsic
 def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, nearest: Any) -> Any:
-    """Sum the pairs of the eight grains from ``first`` on among themselves."""
+    """Sum the pairs of eight successive grains among themselves (Numba intrinsic).
+
+    Parameters
+    ----------
+    arrays : GrainArrays
+        Positions [D], and the sums that are added to, without the factors of `granular.pairs.grain_arrays`.
+    first : int
+        Index of the first of the eight grains.
+    nearest : float64 (3,) or None
+        Width, height and cut-off radius of a periodic cell [D].
+    """
     signature = types.void(arrays, types.intp, nearest)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -159,7 +178,20 @@ def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, nearest: Any) -
 
 @intrinsic
 def emit_sum_of_array(typing: Any, values: Any, stop: Any) -> Any:
-    """Sum of the first ``stop`` values (a multiple of the width), lane by lane, then as a tree."""
+    """Sum the first ``stop`` entries of an array, lane by lane and then as a tree (Numba intrinsic).
+
+    Parameters
+    ----------
+    values : float64 (m,)
+        Array, in any unit.
+    stop : int
+        Number of entries, a multiple of `WIDTH`.
+
+    Returns
+    -------
+    float
+        Their sum, in the same unit; its bits depend on the values and on ``stop`` alone.
+    """
     signature = types.float64(values, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -50,18 +50,53 @@ class Disc(NamedTuple):
 
 
 def squared_distance_shift(disc: Disc) -> float:
-    """Part of a disc in b = r^2 - rho^2, for discs whose mid-planes are level."""
+    """Contribution of a disc to b = r^2 - rho^2, with level mid-planes: (3/4) (R^2 - h^2/3).
+
+    Parameters
+    ----------
+    disc : Disc
+        Radius R and height h, in one unit of length.
+
+    Returns
+    -------
+    float
+        Part of b, in the square of that unit.
+    """
     return 0.75 * (disc.radius**2 - disc.height**2 / 3.0)
 
 
 def pair_squared_distance_shift(first: Disc, second: Disc, *, mid_planes_level: bool = True) -> float:
-    """Return b of a pair, with the mid-planes level or both discs on one plate."""
+    """Shift b of the squared distance at which two dipoles repel as two discs do far away.
+
+    Parameters
+    ----------
+    first, second : Disc
+        The two discs, in one unit of length.
+    mid_planes_level : bool
+        True where the mid-planes are level; else both discs lie on the lower plate.
+
+    Returns
+    -------
+    float
+        b, in the square of that unit.
+    """
     apart = 0.0 if mid_planes_level else first.height - second.height
     return squared_distance_shift(first) + squared_distance_shift(second) - 0.75 * apart**2
 
 
 def contact_distance(first: Disc, second: Disc) -> float:
-    """Distance of the axes at which both discs touch."""
+    """Distance of the axes at which two discs touch: the sum of their radii.
+
+    Parameters
+    ----------
+    first, second : Disc
+        The two discs, in one unit of length.
+
+    Returns
+    -------
+    float
+        Distance, in that unit.
+    """
     return first.radius + second.radius
 
 
@@ -95,9 +130,21 @@ def disc_energy_and_force(
 def contact_force_singularity(
     first: Disc, second: Disc, *, mid_planes_level: bool = True
 ) -> tuple[float, float]:
-    """Factor and height z of the force's singular part, factor Re (x + iz)^(3/2).
+    """Singular part of the force at contact: factor and height z of factor Re (x + iz)^(3/2).
 
     In the units of `disc_energy_and_force`. The nearest faces alone: others are smooth at contact.
+
+    Parameters
+    ----------
+    first, second : Disc
+        The two discs, in one unit of length.
+    mid_planes_level : bool
+        True where the mid-planes are level; else both discs lie on the lower plate.
+
+    Returns
+    -------
+    tuple of float
+        Factor, in the force unit of `disc_energy_and_force` over length^(3/2), and z, in the unit of length.
     """
     z = min(
         height for height, _ in _face_pair_heights_and_signs(first, second, mid_planes_level=mid_planes_level)

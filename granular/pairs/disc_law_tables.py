@@ -160,10 +160,21 @@ def make_disc_law(discs: Sequence[Disc], species: np.ndarray, size: int) -> Disc
     Parameters
     ----------
     discs : sequence of Disc
+        Discs of each species, in units of the first one's diameter.
     species : int (n,)
         Species of each grain.
     size : int
-        Padded number of grains.
+        Padded number of grains, m.
+
+    Returns
+    -------
+    DiscLaw
+        Law of all pairs, and the tables of the close ones, in natural units.
+
+    Raises
+    ------
+    InputError
+        If discs are so high that their law differs from that of dipoles beyond the longest table.
     """
     made, alike, own = (
         _make_disc_law_of_species(tuple(discs)),
@@ -329,14 +340,40 @@ def _force_over_distance_difference(u: Samples, discs: tuple[Disc, Disc], c: flo
 
 
 def disc_over_dipole_stiffness(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
-    """Stiffness of two discs over that of dipoles, by which the time step of a deck is chosen."""
+    """Stiffness of two discs over that of dipoles at the same distance.
+
+    Parameters
+    ----------
+    r : float64 (n,)
+        Distances [D].
+    discs : tuple of two Disc
+        The two discs, in units of D.
+
+    Returns
+    -------
+    float64 (n,)
+        Ratio of abs(dF/dr) of the discs and 12/r^5 of dipoles, without unit.
+    """
     grid = contact_distance(*discs) * np.geomspace(CLOSEST, _BEYOND, 300)
     slopes = np.gradient(disc_law_continued_below_contact(grid, discs)[1], grid)
     return np.asarray(np.interp(r, grid, np.abs(slopes) * grid**5 / 12.0))
 
 
 def disc_law_continued_below_contact(r: Samples, discs: tuple[Disc, Disc]) -> tuple[Samples, Samples]:
-    """`disc_energy_and_force`, which below contact goes on with the value and slope of the force."""
+    """Energy and force of two discs; below contact the force goes on as a straight line with its slope there.
+
+    Parameters
+    ----------
+    r : float64 (n,)
+        Distances of the axes, in the unit of the discs.
+    discs : tuple of two Disc
+        The two discs.
+
+    Returns
+    -------
+    tuple of float64 (n,)
+        Energy and repulsion in the units of `granular.pairs.disc_law.disc_energy_and_force`.
+    """
     contact = contact_distance(*discs)
     energy, force = disc_energy_and_force(np.maximum(r, contact), *discs)
     below, slope = np.minimum(r - contact, 0.0), force_slope_at_contact(*discs)
@@ -344,7 +381,18 @@ def disc_law_continued_below_contact(r: Samples, discs: tuple[Disc, Disc]) -> tu
 
 
 def force_slope_at_contact(first: Disc, second: Disc) -> float:
-    """dF/dr at contact, in the units of `disc_energy_and_force`."""
+    """Slope dF/dr of the repulsion of two discs where they touch.
+
+    Parameters
+    ----------
+    first, second : Disc
+        The two discs, in one unit of length.
+
+    Returns
+    -------
+    float
+        Slope, in the force unit of `granular.pairs.disc_law.disc_energy_and_force` over length.
+    """
     contact = contact_distance(first, second)
     factor, z = contact_force_singularity(first, second)
     step = 1e-4 * contact

@@ -53,7 +53,20 @@ class GrainArrays(NamedTuple):
 
 @compiled(inline=True)
 def replace_energy_and_closest(arrays: GrainArrays, extremes: Array) -> GrainArrays:
-    """Return the same arrays with others for the extremes."""
+    """Copy the arrays, with another array for the energy and the closest pair.
+
+    Parameters
+    ----------
+    arrays : GrainArrays
+        Arrays of a sum over pairs.
+    extremes : float64 (2,) or (parts, 2)
+        Array that stands for ``extremes``.
+
+    Returns
+    -------
+    GrainArrays
+        The same arrays otherwise, not copied.
+    """
     return GrainArrays(
         arrays.x,
         arrays.y,
@@ -74,14 +87,26 @@ def replace_energy_and_closest(arrays: GrainArrays, extremes: Array) -> GrainArr
 
 @compiled(inline=True)
 def clear_array_if_given(values: Array | None) -> None:
-    """Set an array, if there is one, to zero."""
+    """Set an array to zero, if there is one.
+
+    Parameters
+    ----------
+    values : float64 (m,) or None
+        Array that is overwritten.
+    """
     if values is not None:
         values[:] = 0.0
 
 
 @compiled(inline=True)
 def clear_sums(arrays: GrainArrays) -> None:
-    """Set all that a sum fills to zero."""
+    """Set all sums that are computed to zero.
+
+    Parameters
+    ----------
+    arrays : GrainArrays
+        Forces, stiffness, extremes and load are overwritten, where they are not None.
+    """
     clear_array_if_given(arrays.fx)
     clear_array_if_given(arrays.fy)
     clear_array_if_given(arrays.stiffness)
@@ -91,7 +116,15 @@ def clear_sums(arrays: GrainArrays) -> None:
 
 @compiled(inline=True)
 def scale_array_if_given(values: Array | None, factor: float) -> None:
-    """Multiply an array, if there is one."""
+    """Multiply an array by a factor, if there is one.
+
+    Parameters
+    ----------
+    values : float64 (m,) or None
+        Array that is overwritten.
+    factor : float
+        Factor, without unit.
+    """
     if values is not None:
         for i in range(values.size):
             values[i] *= factor
@@ -99,32 +132,85 @@ def scale_array_if_given(values: Array | None, factor: float) -> None:
 
 @compiled(inline=True)
 def value_or_one(values: Array | None, i: int) -> float:
-    """Value of one grain; 1 where all grains are alike."""
+    """Value of one grain, or 1 where all grains are alike.
+
+    Parameters
+    ----------
+    values : float64 (m,) or None
+        A property of each grain over that of the first species.
+    i : int
+        Index of the grain.
+
+    Returns
+    -------
+    float
+        Its value, without unit.
+    """
     return 1.0 if values is None else values[i]
 
 
 @compiled(inline=True)
 def unscaled_sum_factor(series: Array | None) -> float:
-    """Return the factor that sums lack before they are scaled."""
+    """Factor that vectorised sums of energies, stiffnesses and loads still lack.
+
+    Parameters
+    ----------
+    series : float64 (6,) or None
+        Law of discs; None for dipoles.
+
+    Returns
+    -------
+    float
+        Factor, without unit: `SCALE` or `DISC_SCALE` of `granular.pairs.simd`.
+    """
     return SCALE if series is None else DISC_SCALE
 
 
 @compiled(inline=True)
 def unscaled_force_factor(series: Array | None) -> float:
-    """Return the factor that sums of forces lack, besides `granular.pairs.dipole_law.STRENGTH`."""
+    """Factor that vectorised sums of forces still lack, besides `granular.pairs.dipole_law.STRENGTH`.
+
+    Parameters
+    ----------
+    series : float64 (6,) or None
+        Law of discs; None for dipoles.
+
+    Returns
+    -------
+    float
+        Factor, without unit.
+    """
     return SCALE if series is None else series[FORCE_SCALE]
 
 
 @compiled(inline=True)
 def add_to_entry_if_given(values: Array | None, i: int, amount: float) -> None:
-    """Add an amount to one grain's entry, if there is such an array."""
+    """Add an amount to one grain's entry, if there is such an array.
+
+    Parameters
+    ----------
+    values : float64 (m,) or None
+        Array that is added to.
+    i : int
+        Index of the grain.
+    amount : float
+        Amount, in the unit of the array.
+    """
     if values is not None:
         values[i] += amount
 
 
 @compiled(inline=True)
 def set_forces_to_nan(arrays: GrainArrays, grains: int) -> None:
-    """Make the forces no numbers, for positions that are none or lists that overflow."""
+    """Set the forces to NaN, for positions that are not finite or lists that overflow.
+
+    Parameters
+    ----------
+    arrays : GrainArrays
+        Forces of the first ``grains`` entries are overwritten.
+    grains : int
+        Number of grains.
+    """
     arrays.fx[:grains] = np.nan
     arrays.fy[:grains] = np.nan
 

@@ -135,7 +135,22 @@ class FarFieldState(NamedTuple):
 
 
 def far_field_state(field: FarFieldSettings, size: int, *, loaded: bool) -> FarFieldState:
-    """Workspace for that many grains (padded)."""
+    """Allocate the far field of a scene, with the mesh or the direct sum that computes it.
+
+    Parameters
+    ----------
+    field : FarFieldSettings
+        Radius, size of the mesh and steps between evaluations.
+    size : int
+        Padded number of grains, m.
+    loaded : bool
+        True where friction needs the far part of the normal loads.
+
+    Returns
+    -------
+    FarFieldState
+        Arrays of zero forces [F*].
+    """
     mesh, spacing = None, field.radius / SPACINGS
     if field.size is not None and field.periodic:
         mesh = periodic_mesh_workspace(*field.size, field.radius, spacing, field.fifth)
@@ -280,20 +295,27 @@ def compute_mesh_far_field(
     arrays: GrainArrays,
     order: Array,
 ) -> int:
-    """Compute force, energy and, where grains rub, load of the far part; 1 on too small a mesh.
+    """Compute force, energy and, where grains rub, load of the far part by the mesh.
 
     Parameters
     ----------
     mesh : MultilevelMesh
+        Mesh, whose sources and potential are overwritten.
     far : FarFieldState
+        Energy [F* D] and positions of the evaluation [D] are overwritten.
     threaded : bool or None
         None runs the parts one after another, anything else on Numba's threads.
     grains : int
+        Number of grains.
     arrays : GrainArrays
-        Without stiffness and extremes.
+        Positions [D]; forces [F*] and load are overwritten. Without stiffness and extremes.
     order : int64 (m,)
-        The grains in the order in which they are taken; quickest where neighbours follow each
-        other.
+        Grains in the order in which they are taken; quickest where neighbours follow each other.
+
+    Returns
+    -------
+    int
+        1 where the mesh is too small for the grains, else 0.
     """
     if grains == 0:
         return 0
@@ -327,7 +349,24 @@ def compute_mesh_far_field(
 
 @compiled
 def any_grain_moved(met: Array, x: Array, y: Array, grains: int, still: float) -> bool:
-    """Return whether a grain has moved so far since the last forces that these have changed."""
+    """Test whether a grain has moved so far since the last evaluation that the far field has changed.
+
+    Parameters
+    ----------
+    met : float64 (2, m)
+        Positions of the last evaluation [D].
+    x, y : float64 (m,)
+        Present positions [D].
+    grains : int
+        Number of grains.
+    still : float
+        Distance that counts as unmoved [D].
+
+    Returns
+    -------
+    bool
+        True where one has moved farther, or a position is not a number.
+    """
     moved = 0
     for i in range(grains):
         dx, dy = x[i] - met[0, i], y[i] - met[1, i]
@@ -337,7 +376,17 @@ def any_grain_moved(met: Array, x: Array, y: Array, grains: int, still: float) -
 
 @compiled(inline=True)
 def store_positions(met: Array | None, x: Array, y: Array, grains: int) -> None:
-    """Remember the positions of this evaluation."""
+    """Store the positions of this evaluation, where they are kept.
+
+    Parameters
+    ----------
+    met : float64 (2, m) or None
+        Overwritten by the positions [D].
+    x, y : float64 (m,)
+        Positions [D].
+    grains : int
+        Number of grains.
+    """
     if met is not None:
         for i in range(grains):
             met[0, i] = x[i]

@@ -160,7 +160,17 @@ def _convolve_threaded(mesh: MultilevelMesh) -> None:
 
 @compiled
 def compute_mesh_potential(mesh: MultilevelMesh, threaded: bool | None) -> None:
-    """Find the potential on the finest level of the sources there."""
+    """Compute the potential on the finest level of a mesh from the sources there.
+
+    Multilevel summation: Hardy et al. 2015, doi:10.1021/ct5009075; see `granular.pairs.multilevel_mesh`.
+
+    Parameters
+    ----------
+    mesh : MultilevelMesh
+        Sources and potentials [1/D^3] of all levels; those above the finest are overwritten.
+    threaded : bool or None
+        None runs on one thread, anything else on Numba's threads.
+    """
     _compute_potential(mesh.points_per_length, mesh, threaded)
 
 

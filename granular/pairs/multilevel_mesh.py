@@ -83,7 +83,22 @@ def _pad_groups(table: Samples, groups: int) -> Samples:
 
 
 def mesh_level_count(extent: float, radius: float, spacing: float) -> int:
-    """Levels until the rest's table covers a bed of that extent [D]."""
+    """Count the levels until the table of the coarsest one covers the whole bed.
+
+    Parameters
+    ----------
+    extent : float
+        Greater side of the bed [D].
+    radius : float
+        Split radius [D].
+    spacing : float
+        Spacing of the finest level [D].
+
+    Returns
+    -------
+    int
+        Number of levels, at least 1.
+    """
     reach = _reach_in_points(radius, spacing)
     return 1 + max(0, math.ceil(math.log2(extent / (spacing * reach))))
 
@@ -134,9 +149,28 @@ def _factor_into_products(table: Samples) -> SeparableTable:
 
 @functools.cache
 def mesh_tables(radius: float, spacing: float, levels: int, fifth: float = 0.0) -> MeshTables:
-    """Tables of the bands and of the rest, for a split radius and a finest spacing [D].
+    """Tables of the multilevel summation: one band for each level, and the rest on the coarsest one.
 
     ``fifth`` is the factor of r^-5 in the far part.
+
+    Sources: Brandt and Lubrecht 1990, doi:10.1016/0021-9991(90)90002-I; Hardy et al. 2016,
+    doi:10.1063/1.4943868.
+
+    Parameters
+    ----------
+    radius : float
+        Split radius [D].
+    spacing : float
+        Spacing of the finest level [D].
+    levels : int
+        Number of levels.
+    fifth : float
+        Factor of r^-5 beside r^-3 in the far part [D^2].
+
+    Returns
+    -------
+    MeshTables
+        Tables [1/D^3] at the scale of the finest level.
     """
     reach = _reach_in_points(radius, spacing)
     most = reach + _EDGES
@@ -155,12 +189,38 @@ def mesh_tables(radius: float, spacing: float, levels: int, fifth: float = 0.0) 
 
 
 def inverse_fifth_factor_by_level(fifth: float, levels: int) -> list[float]:
-    """Factor of r^-5 at each level, in units of its spacing; one of dipoles, as all are alike."""
+    """Factor of r^-5 at each level, in units of the level's spacing.
+
+    Parameters
+    ----------
+    fifth : float
+        Factor at the finest level [D^2]; 0 for dipoles.
+    levels : int
+        Number of levels.
+
+    Returns
+    -------
+    list of float
+        One factor a level, each 1/4 of the one before [D^2]; a single 0 for dipoles, as all levels are alike.
+    """
     return [0.25**level * fifth for level in range(levels if fifth else 1)]
 
 
 def repeat_for_levels(bands: list[SeparableTable], levels: int) -> list[SeparableTable]:
-    """Tables of all levels, where there is one for them."""
+    """Repeat a single table for all levels; a table for each level stays as it is.
+
+    Parameters
+    ----------
+    bands : list of SeparableTable
+        One table, or one for each level.
+    levels : int
+        Number of levels.
+
+    Returns
+    -------
+    list of SeparableTable
+        One table for each level.
+    """
     return bands if len(bands) == levels else bands * levels
 
 
@@ -226,7 +286,26 @@ class MultilevelMesh(NamedTuple):
 def multilevel_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, grains: int, fifth: float = 0.0
 ) -> MultilevelMesh:
-    """Workspace for that many grains in a cell of that size [D]; ``fifth`` as of `mesh_tables`."""
+    """Allocate a mesh of several levels for grains in a closed cell.
+
+    Parameters
+    ----------
+    width, height : float
+        Size of the cell [D].
+    radius : float
+        Split radius [D].
+    spacing : float
+        Spacing of the finest level [D].
+    grains : int
+        Padded number of grains; from `PARTED_FROM` on they are spread in parts.
+    fifth : float
+        Factor of r^-5 beside r^-3 in the far part [D^2].
+
+    Returns
+    -------
+    MultilevelMesh
+        Tables, and arrays of zeros.
+    """
     levels = mesh_level_count(max(width, height), radius, spacing)
     tables = mesh_tables(radius, spacing, levels, fifth)
     bands = tables.stack_band_tables()
@@ -262,7 +341,22 @@ def multilevel_mesh_workspace(
 
 @compiled
 def fit_windows_to_grains(mesh: MultilevelMesh, x: Array, y: Array, grains: int) -> bool:
-    """Lay each level's window about the grains; False where the mesh is too small."""
+    """Fit the window of each level to the grains.
+
+    Parameters
+    ----------
+    mesh : MultilevelMesh
+        Mesh whose ``windows`` are overwritten.
+    x, y : float64 (m,)
+        Positions [D].
+    grains : int
+        Number of grains, at least 1.
+
+    Returns
+    -------
+    bool
+        False where the mesh is too small for them.
+    """
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(grains):
         left, right = min(left, x[i]), max(right, x[i])

@@ -91,15 +91,59 @@ class GrainVectors(NamedTuple):
 
 
 def computed_sums(values: PairSums) -> list[Any]:
+    """List the sums that are computed, in the order of the fields, without those that are None.
+
+    Parameters
+    ----------
+    values : PairSums
+        A vector, a pointer or None for each sum.
+
+    Returns
+    -------
+    list
+        Those that are not None.
+    """
     return [value for value in values if value is not None]
 
 
 def load_eight_grains(code: VectorBuilder, arrays: GrainArrayPointers, j: ir.Value) -> GrainVectors:
+    """Emit the loading of eight successive grains, one in each lane.
+
+    Parameters
+    ----------
+    code : VectorBuilder
+        Builder of the instructions.
+    arrays : GrainArrayPointers
+        Pointers to the grains' arrays.
+    j : llvmlite Value
+        Index of the first grain.
+
+    Returns
+    -------
+    GrainVectors
+        Positions [D] and properties, <8 x double> each.
+    """
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
     return GrainVectors(*(None if pointer is None else code.load_vector(pointer, j) for pointer in pointers))
 
 
 def broadcast_grain(code: VectorBuilder, arrays: GrainArrayPointers, i: ir.Value) -> GrainVectors:
+    """Emit the loading of one grain into all eight lanes.
+
+    Parameters
+    ----------
+    code : VectorBuilder
+        Builder of the instructions.
+    arrays : GrainArrayPointers
+        Pointers to the grains' arrays.
+    i : llvmlite Value
+        Index of the grain.
+
+    Returns
+    -------
+    GrainVectors
+        Position [D] and properties, <8 x double> each.
+    """
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
     return GrainVectors(
         *(
@@ -136,9 +180,27 @@ def make_cut_off_vectors(
     smooth: FarPartCoefficients | None,
     far: ir.Value | None,
 ) -> CutOffVectors:
-    """Return the cut-off from its square and r^-3 there over the scale.
+    """Emit the cut-off of pairs as vectors of eight equal lanes.
 
     ``far`` is the factor of r^-5 in the far part of discs; None for dipoles.
+
+    Parameters
+    ----------
+    code : VectorBuilder
+        Builder of the instructions.
+    square : llvmlite Value
+        Squared cut-off radius [D^2], a double.
+    rest : llvmlite Value
+        r^-3 at the cut-off over the scale of the sums [1/D^3], a double.
+    smooth : FarPartCoefficients or None
+        Far part that is taken off; None where pairs just end.
+    far : llvmlite Value or None
+        Factor of r^-5 in the far part of discs [D^2]; None for dipoles.
+
+    Returns
+    -------
+    CutOffVectors
+        Cut-off in every lane.
     """
     b = code.builder
     cut = CutOffVectors(code.broadcast_scalar(square), code.broadcast_scalar(rest), smooth)
@@ -164,7 +226,22 @@ class PeriodicCellVectors(NamedTuple):
     def nearest_image_displacement(
         self, code: VectorBuilder, dx: ir.Value, dy: ir.Value
     ) -> tuple[ir.Value, ir.Value]:
-        """Displacement to the nearest image."""
+        """Emit the displacement to the nearest image in a periodic cell (minimum image convention).
+
+        Source: M. P. Allen and D. J. Tildesley, Computer Simulation of Liquids (1987), section 1.5.
+
+        Parameters
+        ----------
+        code : VectorBuilder
+            Builder of the instructions.
+        dx, dy : llvmlite Value
+            Displacements [D], <8 x double>.
+
+        Returns
+        -------
+        tuple of llvmlite Value
+            Displacements to the nearest images [D], <8 x double>; those of padding grains unchanged along x.
+        """
         b, result = code.builder, []
         for displacement, side, per in ((dx, self.width, self.per_width), (dy, self.height, self.per_height)):
             turns = code.round_to_integers(b.fmul(displacement, per))
@@ -183,12 +260,22 @@ class EnergyAndClosestPair:
         self.closest = pointer and code.new_variable(broadcast_constant(0.0))
 
     def include_pairs(self, s: ir.Value, energy: ir.Value) -> None:
+        """Emit the addition of eight pairs to the energy, and their comparison with the closest pair.
+
+        Parameters
+        ----------
+        s : llvmlite Value
+            Inverse fifth power of the distances over the scale [1/D^5], <8 x double>.
+        energy : llvmlite Value
+            Energies over the scale [F* D], <8 x double>.
+        """
         if self.pointer is not None:
             code, b = self.code, self.code.builder
             code.add_to_variable(self.energy, energy)
             b.store(code.elementwise_maximum(s, b.load(self.closest)), self.closest)
 
     def store_results(self) -> None:
+        """Emit the addition of the energy to its array entry, and the storing of the closest pair's r^-5."""
         if self.pointer is not None:
             code, b = self.code, self.code.builder
             first, second = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
@@ -261,9 +348,34 @@ def pair_contributions(
     images: PeriodicCellVectors | None = None,
     series: DiscLawVectors | None = None,
 ) -> tuple[PairSums, PairSums]:
-    """Contributions of the pairs to the sums of the first grains, and to those of the second ones.
+    """Emit the contributions of eight pairs to the sums of both grains; see the head of this file.
 
     Only in the lanes that are given, or in all.
+
+    Parameters
+    ----------
+    code : VectorBuilder
+        Builder of the instructions.
+    first, second : GrainVectors
+        Grains of the pairs, <8 x double> each [D].
+    wanted : PairSums
+        Sums that are computed: those that are not None.
+    extremes : EnergyAndClosestPair
+        Energy and closest pair so far, which are updated.
+    lanes : list of bool (8,), optional
+        Lanes whose pairs count; all if not given.
+    cut : CutOffVectors, optional
+        Cut-off of the pairs.
+    images : PeriodicCellVectors, optional
+        Periodic cell, for the nearest images.
+    series : DiscLawVectors, optional
+        Law of discs; dipoles if not given.
+
+    Returns
+    -------
+    tuple of two PairSums
+        Contributions to the first grains and to the second ones, <8 x double> each, without the factors of
+        `granular.pairs.grain_arrays`.
     """
     b = code.builder
     zero = broadcast_constant(0.0)
@@ -335,4 +447,18 @@ def _inverse_cube_in_energy(
 
 
 def add_vectors(code: VectorBuilder, totals: list[Any], values: list[Any]) -> list[Any]:
+    """Emit the sums of vectors, one by one.
+
+    Parameters
+    ----------
+    code : VectorBuilder
+        Builder of the instructions.
+    totals, values : list of llvmlite Value
+        Vectors of one length each, in any unit.
+
+    Returns
+    -------
+    list of llvmlite Value
+        Their sums.
+    """
     return [code.builder.fadd(total, more) for total, more in zip(totals, values, strict=True)]

@@ -65,7 +65,20 @@ change forces by less than 1e-7, where 1e-6 is asked for. Digits as in
 
 
 def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tuple[int, int]]:
-    """Points along both sides [D], level by level, no farther apart than ``spacing`` at first."""
+    """Count the mesh points along both sides of a periodic cell, level by level from the finest.
+
+    Parameters
+    ----------
+    width, height : float
+        Size of the cell [D].
+    spacing : float
+        Greatest distance of neighbouring points on the finest level [D].
+
+    Returns
+    -------
+    list of (int, int)
+        Points along the width and the height; half as many on each next level.
+    """
     wanted = [math.ceil(side / spacing) for side in (width, height)]
     levels = 1 + max(0, math.floor(math.log2(min(wanted) / FEWEST)))
     across, up = (max(FEWEST, math.ceil(quantity / 2 ** (levels - 1))) for quantity in wanted)
@@ -75,7 +88,26 @@ def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tu
 def sum_far_part_over_images(
     dx: Samples, dy: Samples, width: float, height: float, radius: float, fifth: float = 0.0
 ) -> Samples:
-    """Sum of the far part of r^-3 + ``fifth`` r^-5, split at a radius, over a point's images."""
+    """Sum the far part of r^-3 + ``fifth`` r^-5 over all periodic images of a point, by Ewald's method.
+
+    Source: the head of this file; Ewald 1921, doi:10.1002/andp.19213690304.
+
+    Parameters
+    ----------
+    dx, dy : float64 (...)
+        Displacements from a point to another one [D]; they broadcast.
+    width, height : float
+        Size of the cell [D].
+    radius : float
+        Split radius [D].
+    fifth : float
+        Factor of r^-5 [D^2].
+
+    Returns
+    -------
+    float64 (...)
+        Sum over the images [1/D^3].
+    """
     from scipy.special import erfc, gammainc, gammaincc
 
     sharp = _SHARPNESS / math.sqrt(width * height)
@@ -180,9 +212,25 @@ def _coarsest_level_table(
 def periodic_mesh_tables(
     width: float, height: float, radius: float, spacing: float, fifth: float = 0.0
 ) -> MeshTables:
-    """Tables of the bands and of the rest, for a periodic cell and a split radius [D].
+    """Tables of the multilevel summation on a mesh that goes round a periodic cell.
 
     ``fifth`` is the factor of r^-5 in the far part.
+
+    Parameters
+    ----------
+    width, height : float
+        Size of the cell [D].
+    radius : float
+        Split radius [D].
+    spacing : float
+        Greatest distance of neighbouring points on the finest level [D].
+    fifth : float
+        Factor of r^-5 beside r^-3 in the far part [D^2].
+
+    Returns
+    -------
+    MeshTables
+        Tables [1/D^3]: a band for each level, and the rest summed over all images.
     """
     points = periodic_mesh_points(width, height, spacing)
     fine, coarse = points[0], points[-1]
@@ -206,13 +254,36 @@ FRACTIONS = (0.75, 0.5, 0.125)
 
 @compiled(inline=True)
 def index_of_first_mesh_point(mesh: MultilevelMesh, level: int) -> int:
-    """Place of a level's first point."""
+    """Index of a level's first point in the arrays of a periodic mesh, behind the copied line and the margin.
+
+    Parameters
+    ----------
+    mesh : MultilevelMesh
+        Periodic mesh.
+    level : int
+        Level, 0 for the finest.
+
+    Returns
+    -------
+    int
+        Index in ``source`` and ``potential``.
+    """
     return mesh.begins[level] + mesh.margin + BELOW * mesh.strides[level]
 
 
 @compiled
 def copy_periodic_margin(mesh: MultilevelMesh, values: Array, level: int) -> None:
-    """Copy what lies on the one side of a level to the other one."""
+    """Copy the points on each side of a level to the margin beyond the opposite side.
+
+    Parameters
+    ----------
+    mesh : MultilevelMesh
+        Periodic mesh.
+    values : float64 (p,)
+        ``source`` or ``potential``, whose margins are overwritten.
+    level : int
+        Level, 0 for the finest.
+    """
     across, up = mesh.windows[level, ACROSS], mesh.windows[level, UP]
     stride, margin, first = mesh.strides[level], mesh.margin, index_of_first_mesh_point(mesh, level)
     for line in range(up):
@@ -253,7 +324,23 @@ def spread_on_periodic_mesh(
     order: Array,
     grains: int,
 ) -> None:
-    """Put amounts (ones where there are none) on the finest level; ``fineness`` [1/D]."""
+    """Spread amounts of the grains by cubic B-splines on the finest level of a periodic mesh.
+
+    Parameters
+    ----------
+    mesh : MultilevelMesh
+        Periodic mesh whose finest sources are overwritten.
+    fineness : float64 (2,)
+        Points a length along both axes [1/D].
+    x, y : float64 (m,)
+        Positions [D].
+    amounts : float64 (m,) or None
+        Amount of each grain over that of the first species; ones where None.
+    order : int64 (m,)
+        Grains in the order in which they are taken.
+    grains : int
+        Number of grains.
+    """
     mesh.source[: mesh.begins[1]] = 0.0
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
     corner = index_of_first_mesh_point(mesh, 0) - 1 - stride
@@ -272,7 +359,22 @@ def spread_on_periodic_mesh(
 def interpolate_on_periodic_mesh(
     mesh: MultilevelMesh, fineness: Array, x: float, y: float
 ) -> tuple[float, float, float]:
-    """Potential at a point, and its derivatives."""
+    """Interpolate the potential of a periodic mesh and its derivatives at a point by cubic B-splines.
+
+    Parameters
+    ----------
+    mesh : MultilevelMesh
+        Periodic mesh with the potential on its finest level.
+    fineness : float64 (2,)
+        Points a length along both axes [1/D].
+    x, y : float
+        Position [D].
+
+    Returns
+    -------
+    tuple of float
+        Potential [1/D^3], and its derivatives along x and y [1/D^4].
+    """
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
     u, v = x * fineness[0], y * fineness[1]
     column, line = math.floor(u), math.floor(v)
@@ -283,7 +385,15 @@ def interpolate_on_periodic_mesh(
 
 @compiled
 def restrict_periodic_sources(mesh: MultilevelMesh, level: int) -> None:
-    """Return the sources of a level from those of the finer one before it."""
+    """Restrict the sources of the next finer level to a level, by the refinement of cubic B-splines.
+
+    Parameters
+    ----------
+    mesh : MultilevelMesh
+        Periodic mesh whose sources of that level are overwritten.
+    level : int
+        Coarser level, at least 1.
+    """
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
     total, half, rest = FRACTIONS
     lines, start, stride = (
@@ -311,7 +421,15 @@ def restrict_periodic_sources(mesh: MultilevelMesh, level: int) -> None:
 
 @compiled
 def prolong_periodic_potential(mesh: MultilevelMesh, level: int) -> None:
-    """Add the potential of a level to that of the finer one before it."""
+    """Prolong the potential of a level to the next finer one, where it is added.
+
+    Parameters
+    ----------
+    mesh : MultilevelMesh
+        Periodic mesh whose potential [1/D^3] of the finer level is added to.
+    level : int
+        Coarser level, at least 1.
+    """
     row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
     total, half, rest = FRACTIONS
     copy_periodic_margin(mesh, potential, level)
@@ -336,7 +454,24 @@ def prolong_periodic_potential(mesh: MultilevelMesh, level: int) -> None:
 def periodic_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, fifth: float = 0.0
 ) -> MultilevelMesh:
-    """Workspace for a mesh round a periodic cell of that size, for a split radius [D]."""
+    """Allocate a mesh that goes round a periodic cell.
+
+    Parameters
+    ----------
+    width, height : float
+        Size of the cell [D].
+    radius : float
+        Split radius [D].
+    spacing : float
+        Greatest distance of neighbouring points on the finest level [D].
+    fifth : float
+        Factor of r^-5 beside r^-3 in the far part [D^2].
+
+    Returns
+    -------
+    MultilevelMesh
+        Tables, and arrays of zeros.
+    """
     tables = periodic_mesh_tables(width, height, radius, spacing, fifth)
     bands = tables.stack_band_tables()
     points = periodic_mesh_points(width, height, spacing)

@@ -118,7 +118,26 @@ def stripes_workspace(
     shifted: bool = False,
     periods: tuple[float, float] | None = None,
 ) -> Stripes:
-    """Workspace for that many grains (padded); linear in it. ``periods`` as of `CutOffSettings`."""
+    """Allocate stripes for the pairs within a cut-off radius; memory is linear in the number of grains.
+
+    Parameters
+    ----------
+    size : int
+        Padded number of grains, m.
+    moments : bool
+        True where the grains' moments differ.
+    loaded : bool
+        True where friction needs normal loads.
+    shifted : bool
+        True where grains are unlike discs.
+    periods : (float, float), optional
+        Width and height of a periodic cell [D].
+
+    Returns
+    -------
+    Stripes
+        Arrays, all zero.
+    """
     around = periods is not None
     runs = RANGES * IMAGES if around else RANGES
     most = _most_stripes(size)
@@ -159,7 +178,22 @@ no distance."""
 
 @compiled
 def sort_into_stripes(stripes: Stripes, grains: int, reach: float) -> int:
-    """Sort the grains into stripes by the positions in ``built``; return the number of stripes."""
+    """Sort the grains into horizontal stripes, and by x within each.
+
+    Parameters
+    ----------
+    stripes : Stripes
+        Positions in ``built`` [D]; order and places of the grains are overwritten.
+    grains : int
+        Number of grains, at least 1.
+    reach : float
+        Cut-off radius and skin [D]; two stripes are at least as high.
+
+    Returns
+    -------
+    int
+        Number of stripes.
+    """
     y = stripes.built[1]
     low, high = y[0], y[0]
     for i in range(grains):
@@ -208,7 +242,22 @@ def _sort_into_equal_stripes(
 
 @compiled
 def sort_into_periodic_stripes(stripes: Stripes, grains: int, reach: float) -> int:
-    """`sort_into_stripes` in a periodic cell: the images within it, in stripes of one height."""
+    """Sort the grains' images within a periodic cell into stripes of one height, and by x within each.
+
+    Parameters
+    ----------
+    stripes : Stripes
+        Positions in ``built`` [D]; order, places and ``cell_offsets`` are overwritten.
+    grains : int
+        Number of grains.
+    reach : float
+        Cut-off radius and skin [D].
+
+    Returns
+    -------
+    int
+        Number of stripes.
+    """
     periods, homes = stripes.periods, stripes.cell_offsets
     assert periods is not None
     assert homes is not None

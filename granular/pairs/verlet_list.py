@@ -61,7 +61,20 @@ class VerletList(NamedTuple):
 
 
 def verlet_list_workspace(size: int, radius: float) -> VerletList:
-    """Workspace for the pairs of that many grains (padded) within a radius [D]."""
+    """Allocate de Paula's list of pairs.
+
+    Parameters
+    ----------
+    size : int
+        Padded number of grains, m.
+    radius : float
+        Radius of the list [D].
+
+    Returns
+    -------
+    VerletList
+        Empty list, with room for four pairs a grain and D^2 of the squared radius.
+    """
     capacity = size * int(min(size, _MOST_PARTNERS * max(radius, 2.0) ** 2))
     return VerletList(close_pairs_workspace(size, capacity, np.int32), np.zeros((2, size)), np.zeros(3))
 
@@ -87,9 +100,22 @@ def _refresh_verlet_list(
 
 @compiled
 def verlet_list_sum(listed: VerletList, listing: VerletSettings, grains: int, arrays: GrainArrays) -> None:
-    """Fill the sums over the listed pairs; as `granular.pairs.cut_off_sum.cut_off_sum`.
+    """Compute forces and sums over the listed pairs; list them anew where a grain has moved by the skin.
 
     Forces are no numbers where there are more pairs than the list holds.
+
+    Sources: [D, Algorithm 5.1]; Verlet 1967, doi:10.1103/PhysRev.159.98.
+
+    Parameters
+    ----------
+    listed : VerletList
+        List, overwritten where it is made anew.
+    listing : VerletSettings
+        Radius and skin [D].
+    grains : int
+        Number of grains.
+    arrays : GrainArrays
+        Positions [D]; forces [F*] and the sums that are not None are overwritten.
     """
     _refresh_verlet_list(listed, listing, arrays.x, arrays.y, grains)
     clear_sums(arrays)
