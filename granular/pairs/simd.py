@@ -307,10 +307,8 @@ class VectorBuilder:
 
         Parameters
         ----------
-        pointer : llvmlite Value
-            Pointer to a double.
-        index : llvmlite Value
-            Index of the first one behind the pointer.
+        pointer, index : llvmlite Value
+            Pointer to a double, and the index of the first one behind it.
 
         Returns
         -------
@@ -324,12 +322,8 @@ class VectorBuilder:
 
         Parameters
         ----------
-        vector : llvmlite Value
-            Vector <8 x double>.
-        pointer : llvmlite Value
-            Pointer to a double.
-        index : llvmlite Value
-            Index of the first one behind the pointer.
+        vector, pointer, index : llvmlite Value
+            Vector <8 x double>, pointer to a double, and index of the first one behind it.
         """
         self.builder.store(vector, self._vector_pointer(pointer, index), align=8)
 
@@ -338,10 +332,8 @@ class VectorBuilder:
 
         Parameters
         ----------
-        pointer : llvmlite Value
-            Pointer to a number.
-        index : llvmlite Value
-            Its index behind the pointer.
+        pointer, index : llvmlite Value
+            Pointer to a number, and the index behind it.
 
         Returns
         -------
@@ -355,12 +347,8 @@ class VectorBuilder:
 
         Parameters
         ----------
-        value : llvmlite Value
-            The number.
-        pointer : llvmlite Value
-            Pointer to a number.
-        index : llvmlite Value
-            Its index behind the pointer.
+        value, pointer, index : llvmlite Value
+            Number, pointer to one, and the index behind it.
         """
         self.builder.store(value, self.builder.gep(pointer, [index]))
 
@@ -369,12 +357,8 @@ class VectorBuilder:
 
         Parameters
         ----------
-        value : llvmlite Value
-            The double.
-        pointer : llvmlite Value
-            Pointer to a double.
-        index : llvmlite Value
-            Its index behind the pointer.
+        value, pointer, index : llvmlite Value
+            Double, pointer to one, and the index behind it.
         """
         total = self.builder.fadd(self.load_scalar(pointer, index), value)
         self.store_scalar(total, pointer, index)
@@ -446,12 +430,8 @@ class VectorBuilder:
 
         Parameters
         ----------
-        vector : llvmlite Value
-            Vector of doubles.
-        pointer : llvmlite Value
-            Pointer to a double.
-        index : llvmlite Value
-            Index of the first one behind the pointer.
+        vector, pointer, index : llvmlite Value
+            Vector of doubles, pointer to a double, and index of the first one behind it.
         """
         position = self.builder.bitcast(self.builder.gep(pointer, [index]), vector.type.as_pointer())
         total = self.builder.fadd(self.builder.load(position, align=8), vector)
@@ -510,10 +490,8 @@ class VectorBuilder:
 
         Parameters
         ----------
-        variable : llvmlite Value
-            Pointer of `new_variable`.
-        value : llvmlite Value
-            Value of the variable's type.
+        variable, value : llvmlite Value
+            Pointer of `new_variable`, and a value of the variable's type.
         """
         self.builder.store(self.builder.fadd(self.builder.load(variable), value), variable)
 
