@@ -61,7 +61,7 @@ class CandidateLaws(NamedTuple):
 
     @property
     def exclusion_texts(self) -> tuple[str, ...]:
-        """Those that cannot win, in words."""
+        """Sentences, one a law that is not fitted, with its misfit over the least one."""
         least, fitted = max(self.screening.least_misfit, 1.0), {law.name for law in self.laws}
         return tuple(
             f"{name} was not fitted: {self._exclusion_reason(misfit / least)}; "
@@ -80,10 +80,22 @@ class CandidateLaws(NamedTuple):
 def choose_candidate_laws(record: PistonRecord, drive: str | None = None) -> CandidateLaws:
     """Laws that can win on a record, driven by one of its columns where that is named.
 
+    Parameters
+    ----------
+    record : PistonRecord
+        Motion of n samples.
+    drive : str, optional
+        Column that drives the motion; all of `CANDIDATES` are kept then.
+
+    Returns
+    -------
+    CandidateLaws
+        Laws to fit, and the misfits by which others were left out.
+
     Raises
     ------
     InputError
-        If the record has no such column.
+        If the record has no such column, or it cannot drive a law.
     """
     laws = tuple(LAWS[name] for name in CANDIDATES)
     if drive is not None:
@@ -96,10 +108,24 @@ def choose_candidate_laws(record: PistonRecord, drive: str | None = None) -> Can
 def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
     """Law of the package with a column of a record, times a gain that is fitted, added to z''.
 
+    Parameters
+    ----------
+    law : Law
+        Law of the package without inputs.
+    record : PistonRecord
+        Record of n samples that has the column.
+    drive : str
+        Name of the column: ``"force"`` or that of a further one.
+
+    Returns
+    -------
+    Law
+        Law with one more parameter, the gain, in units of z'' over those of the column.
+
     Raises
     ------
     InputError
-        If the record has no such column, or it does not change.
+        If the record has no such column, its name cannot stand in an equation, or it is zero everywhere.
     """
     there = column_names(record)
     if drive not in there:
@@ -135,7 +161,18 @@ def _can_name_input(column: str, law: Law) -> bool:
 
 
 def drive_option_text(column: str) -> str:
-    """Options of the command line by which a column drives all laws."""
+    """Options of the command line by which a column drives all laws.
+
+    Parameters
+    ----------
+    column : str
+        Name of the column, as in the record.
+
+    Returns
+    -------
+    str
+        Such as ``--input force``; with the column renamed where its name cannot stand in an equation.
+    """
     if all(_can_name_input(column, LAWS[name]) for name in CANDIDATES):
         return f"--input {column}"
     if {",", "="} & set(column):
@@ -144,7 +181,20 @@ def drive_option_text(column: str) -> str:
 
 
 def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]:
-    """Columns that change in the course of the record, and that no law names."""
+    """Columns that change in the course of the record, and that no law names.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Record with or without a force and further columns.
+    laws : sequence of Law
+        Laws that were fitted.
+
+    Returns
+    -------
+    tuple of str
+        Names of the columns.
+    """
     named = {name for law in laws for name in law.inputs}
     return tuple(
         name
@@ -186,16 +236,27 @@ class LawScreening:
 
     @property
     def least_misfit(self) -> float:
-        """Least misfit of the laws; infinite where none could be looked at."""
+        """Least misfit of the laws, in noise levels, without unit; infinite where none was screened."""
         return min(self.misfits.values(), default=math.inf)
 
     def is_hopeless(self, name: str) -> bool:
-        """Return true for a law that cannot win."""
+        """Return whether a law cannot win.
+
+        Parameters
+        ----------
+        name : str
+            Name of a law.
+
+        Returns
+        -------
+        bool
+            True where its misfit is more than `HOPELESS` times the least one; False if it was not screened.
+        """
         return self.misfits.get(name, 0.0) > HOPELESS * max(self.least_misfit, 1.0)
 
     @property
     def other_terms_fit_better(self) -> bool:
-        """True where other terms explain the record clearly better than any of the laws."""
+        """True where all terms of a discovery's library fit the record clearly better than any law."""
         return max(self.library_misfit, 1.0) < CLEARLY_LESS * self.least_misfit and math.isfinite(
             self.least_misfit
         )
@@ -205,10 +266,21 @@ def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawSc
     """Fit laws without hidden states and inputs to the weak form; of others it says nothing.
 
     The equation of motion is integrated against smooth bumps, which leaves sums over the samples
-    (see `reduced_models.discovery.weak_form`), and a law's parameters are fitted to these
+    (Messenger & Bortz 2021, doi:10.1137/20M1343166), and a law's parameters are fitted to these
     integrals: a second, where a fit through the differential equation takes ten.
 
-    A record that is too short for it, or too noisy, is said nothing of as well.
+    Parameters
+    ----------
+    record : PistonRecord
+        Motion of n samples.
+    laws : sequence of Law
+        Laws to compare.
+
+    Returns
+    -------
+    LawScreening
+        Rms residual of each law in standard deviations of the integrals' noise, without unit; none of a
+        record that is too short or too noisy.
     """
     try:
         guess = first_guesses(record.time, record.height)

@@ -64,12 +64,18 @@ class ComparisonRow:
 
     @property
     def divergence_count(self) -> int:
-        """Held-out stretches and records over which the law diverges."""
+        """Number of test swings of a record, and of held-out records, over which the law diverges."""
         errors = (*self.stretches, *(record.relative for record in self.records))
         return sum(math.isinf(error) for error in errors)
 
     def to_plain(self) -> dict[str, Any]:
-        """ComparisonRow as plain data."""
+        """Return errors, criteria and parameters of the law as plain data.
+
+        Returns
+        -------
+        dict of str to any
+            Errors in rms swings, without unit, and the parameters of each model in their own units.
+        """
         return {
             "law": self.name,
             "parameters": self.parameters,
@@ -189,7 +195,7 @@ class Comparison:
 
     @property
     def table(self) -> str:
-        """The table for people, without the verdict."""
+        """Text of the table, aligned in columns, without the verdict."""
         rows = [self.header, *self.cells()]
         sound = [row for row in rows if row[-1]]
         widths = [max(len(row[k]) for row in sound) for k in range(len(self.header))]
@@ -304,14 +310,38 @@ def largest_tied_error(rows: Sequence[ComparisonRow], noise: float) -> float:
     """Return the greatest test error that is as good as the least one.
 
     That is one standard error more (Breiman et al. 1984, Classification and Regression Trees, ch.
-    3.4; Hastie et al. 2009, The Elements of Statistical Learning, ch. 7.10).
+    3.4; Hastie et al. 2009, The Elements of Statistical Learning, ch. 7.10), 5 % more, or 1.25 times the
+    noise, whichever is greatest.
+
+    Parameters
+    ----------
+    rows : sequence of ComparisonRow
+        Laws that were fitted, one at least.
+    noise : float
+        White noise of the records, in rms swings, without unit.
+
+    Returns
+    -------
+    float
+        Test error in rms swings, without unit.
     """
     least = min(rows, key=lambda row: row.error)
     return max((1.0 + TIE) * least.error, least.error + least.standard_error, NOISE_TIE * noise)
 
 
 def best_error_text(best: ComparisonRow) -> str:
-    """Return the error of the first law of a record in a sentence."""
+    """Return the error of the first law of a record in a sentence.
+
+    Parameters
+    ----------
+    best : ComparisonRow
+        Row of the law that is first.
+
+    Returns
+    -------
+    str
+        Its test error in per cent of the rms swing.
+    """
     if math.isinf(best.error):
         return "No law predicts what it has not seen."
     return (
@@ -321,12 +351,36 @@ def best_error_text(best: ComparisonRow) -> str:
 
 
 def root_mean_square(errors: Sequence[float]) -> float:
-    """Root mean square."""
+    """Root mean square of some errors.
+
+    Parameters
+    ----------
+    errors : sequence of float
+        Errors in one unit, one at least.
+
+    Returns
+    -------
+    float
+        In the same unit; infinite where an error is.
+    """
     return math.sqrt(sum(error**2 for error in errors) / len(errors))
 
 
 def format_percent(fraction: float, standard_error: float = 0.0) -> str:
-    """Error as people read it, with its standard error where there is one."""
+    """Error in per cent as text, with its standard error where there is one.
+
+    Parameters
+    ----------
+    fraction : float
+        Error as a fraction, without unit; infinite for a law that diverges.
+    standard_error : float
+        Standard error of the fraction; 0 if it is unknown.
+
+    Returns
+    -------
+    str
+        Three digits and a per cent sign, or ``"diverges"``.
+    """
     if math.isinf(fraction):
         return "diverges"
     spread = f" ± {format_number(100.0 * standard_error, 2)}" if standard_error else ""

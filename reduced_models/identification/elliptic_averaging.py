@@ -28,9 +28,22 @@ _MOST_LOST = 0.5
 
 
 def solve_elliptic_motion(model: ReducedModel, duration: float) -> EllipticMotion | None:
-    """Elliptic motion that a Duffing law starts with in a record of so many seconds.
+    """Elliptic motion with which a fitted Duffing law starts.
 
-    None where it is a cosine, or drag takes too much of the amplitude for one function.
+    Jacobi's functions solve the law without drag (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch. 3).
+
+    Parameters
+    ----------
+    model : ReducedModel
+        Fitted Duffing law.
+    duration : float
+        Duration of its record [s].
+
+    Returns
+    -------
+    EllipticMotion or None
+        None where it is a cosine (m below 0.01) or no bounded motion, or where drag takes more than half
+        of the amplitude in the record.
     """
     if _lost_amplitude_fraction(model, duration) > _MOST_LOST:
         return None
@@ -40,7 +53,22 @@ def solve_elliptic_motion(model: ReducedModel, duration: float) -> EllipticMotio
 
 
 def elliptic_motion_text(motion: EllipticMotion, model: ReducedModel, duration: float) -> str:
-    """Return that a fitted Duffing law and an elliptic function are one motion."""
+    """Sentence that a fitted Duffing law and an elliptic function are one motion.
+
+    Parameters
+    ----------
+    motion : EllipticMotion
+        Motion with which the law starts.
+    model : ReducedModel
+        Fitted Duffing law.
+    duration : float
+        Duration of its record [s].
+
+    Returns
+    -------
+    str
+        Formula of the motion, and the fraction of the amplitude that drag takes from 1 % on.
+    """
     lost = _lost_amplitude_fraction(model, duration)
     start = "" if lost < 0.01 else f" at the start (drag takes {100 * lost:.2g} % of the swing)"
     return (
@@ -82,7 +110,7 @@ class EllipticAveraging(NamedTuple):
 
     @property
     def text(self) -> str:
-        """All of it in a line."""
+        """Line with amplitude and frequency [Hz] of first and last cycle, by averaging and by solution."""
         head = f"amplitude of {self.law} by elliptic averaging: "
         if not self.critical < 1.0:
             return (
@@ -99,7 +127,24 @@ class EllipticAveraging(NamedTuple):
 
 
 def average_elliptically(model: ReducedModel, time: np.ndarray) -> EllipticAveraging | None:
-    """Elliptic averaging of a fitted law; None where none is known, or too few cycles are seen."""
+    """Amplitude and frequency of a fitted law by elliptic averaging, next to those of its own solution.
+
+    The method of Krylov and Bogoliubov with elliptic functions (Barkham & Soudack 1969,
+    doi:10.1080/00207176908905886).
+
+    Parameters
+    ----------
+    model : ReducedModel
+        Fitted law.
+    time : float64 (n,)
+        Times of its record [s].
+
+    Returns
+    -------
+    EllipticAveraging or None
+        None where no averaging of the law is known, it has inputs or diverges, or too few cycles about the
+        level of rest are seen.
+    """
     make = OSCILLATORS.get(model.law.name)
     if make is None or model.law.inputs:
         return None

@@ -402,9 +402,25 @@ def suggest_next_steps(
     run: Trajectory | None,
     discovery: str | None,
 ) -> tuple[str, ...]:
-    """Words on what to try, the most promising first; nothing where the best law is good.
+    """Sentences on what to try, the most promising first; nothing where the best law is good.
 
-    ``discovery`` is the method that was tried already, if any.
+    Parameters
+    ----------
+    comparison : Comparison
+        Laws compared, the best first.
+    models : sequence of ReducedModel
+        Fitted laws.
+    record : PistonRecord
+        Record that they were fitted to.
+    run : Trajectory or None
+        Run that the record is of.
+    discovery : str or None
+        Method of discovery that was tried already.
+
+    Returns
+    -------
+    tuple of str
+        Advice; empty where the test error is below 5 % of the rms swing or three times the noise.
     """
     best = comparison.rows[0]
     if best.error < max(POOR, _NOISE_TIMES * comparison.noise):

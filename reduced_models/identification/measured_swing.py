@@ -66,7 +66,7 @@ class MeasuredSwing:
 
     @property
     def headline_indices(self) -> tuple[int, ...]:
-        """Places of the amplitudes that the headline names: about half of the greatest, and a tenth."""
+        """Indices of the amplitudes that the headline names: about half of the greatest, and a tenth."""
         wanted = [fraction * self.amplitudes[0] for fraction in _NAMED]
         nearest = [int(np.argmin(np.abs(np.log(np.array(self.amplitudes) / size)))) for size in wanted]
         return tuple(dict.fromkeys(nearest))
@@ -104,7 +104,7 @@ class MeasuredSwing:
 
     @property
     def agreement_text(self) -> str:
-        """Agreement or contradiction in a sentence."""
+        """Sentence that says whether the law agrees with the record, and by how much not."""
         if self.law is None:
             return f"the law, {self.law_name}, contradicts the record: by it nothing swings"
         if self.law_agrees:
@@ -123,11 +123,33 @@ class MeasuredSwing:
         )
 
     def amplitude_text(self, index: int) -> str:
-        """Return an amplitude with its unit."""
+        """Return an amplitude that is shown, with its unit.
+
+        Parameters
+        ----------
+        index : int
+            Index into ``amplitudes``.
+
+        Returns
+        -------
+        str
+            Two digits, in mm or degrees.
+        """
         return format_amplitude(self.amplitudes[index], self.units)
 
     def quantities_at(self, index: int) -> tuple[QuantityWithError, QuantityWithError]:
-        """Frequency and damping ratio of the record at an amplitude."""
+        """Frequency and damping ratio of the record at an amplitude that is shown.
+
+        Parameters
+        ----------
+        index : int
+            Index into ``amplitudes``.
+
+        Returns
+        -------
+        tuple of QuantityWithError
+            Frequency [Hz] and damping ratio [%].
+        """
         return self.figures[2 * index], self.figures[2 * index + 1]
 
     @property
@@ -144,7 +166,13 @@ class MeasuredSwing:
         return own + words if self.law_agrees else f"{words} {own}"
 
     def to_plain(self) -> dict[str, Any]:
-        """Return method, agreement, and figures by amplitude as plain data."""
+        """Return method, agreement, and figures by amplitude as plain data.
+
+        Returns
+        -------
+        dict of str to any
+            Texts, and the figures in their units by name.
+        """
         return {
             "method": self.record.method,
             "agreement": self.agreement_text,
@@ -153,7 +181,13 @@ class MeasuredSwing:
         }
 
     def add_section_to(self, page: HtmlPage) -> None:
-        """Add picture and table to a report."""
+        """Add picture and table of frequency and damping against amplitude to a report.
+
+        Parameters
+        ----------
+        page : HtmlPage
+            Report to which the section is added.
+        """
         page.add_section("Frequency and damping of the record itself")
         words = _HOW[self.record.method]
         page.add_paragraph(f"{words} {self.agreement_text[:1].upper()}{self.agreement_text[1:]}.")
@@ -206,14 +240,41 @@ def _round_up_bound(value: float) -> float:
 
 
 def format_amplitude(size: float, units: EngineeringUnits) -> str:
-    """Amplitude [m] with its unit."""
+    """Amplitude with its unit, in two digits.
+
+    Parameters
+    ----------
+    size : float
+        Amplitude [m], or [rad] of an angle.
+    units : EngineeringUnits
+        Units in which it is shown.
+
+    Returns
+    -------
+    str
+        Such as ``"1.2 mm"``.
+    """
     return f"{units.scale * size:.2g} {units.length}"
 
 
 def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | None:
     """Frequency and damping of a record against amplitude, next to those of a law's motion there.
 
-    None where too few cycles of the record stand out of its noise.
+    Of a free swing they are those of its envelope (Londono, Neild & Cooper 2015,
+    doi:10.1016/j.jsv.2015.02.003), of a driven one those of its restoring force (Masri & Caughey 1979,
+    doi:10.1115/1.3424568).
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Motion of n samples.
+    model : ReducedModel
+        Law that was fitted to it; its inputs tell what drives the motion.
+
+    Returns
+    -------
+    MeasuredSwing or None
+        None where too few cycles of the record stand out of its noise.
     """
     units = engineering_units(record.angle, None)
     own = _backbone_of_motion(record, record, model)
@@ -232,7 +293,20 @@ def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | 
 def quantities_at_amplitudes(
     record: PistonRecord, reference: MeasuredSwing
 ) -> tuple[QuantityWithError, ...] | None:
-    """Figures of another free record at the amplitudes of one; None where they cannot be read."""
+    """Frequency and damping of another free record at the amplitudes of one.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Free swing of n samples.
+    reference : MeasuredSwing
+        Swing that has the amplitudes and units.
+
+    Returns
+    -------
+    tuple of QuantityWithError or None
+        Frequency [Hz] and damping ratio [%] at each amplitude; None where they cannot be read.
+    """
     try:
         return _frequency_and_damping(free_backbone(record), reference.amplitudes, reference.units)
     except GranularError:

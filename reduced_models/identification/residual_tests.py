@@ -59,7 +59,7 @@ class ResidualTests:
 
     @property
     def verdict(self) -> str:
-        """In plain words."""
+        """Words on the residuals: rounding, noise, or a wrong law, and what of the release was left out."""
         if not self.transient:
             return self._verdict_without_transient
         slight = self.structured and self.after < SLIGHT
@@ -80,7 +80,13 @@ class ResidualTests:
         return "not white: the law is wrong, or the noise is coloured"
 
     def to_plain(self) -> dict[str, Any]:
-        """Figures and verdict as plain data."""
+        """Return figures and verdict as plain data.
+
+        Returns
+        -------
+        dict of str to any
+            The attributes by their names, and the verdict.
+        """
         return {**dataclasses.asdict(self), "verdict": self.verdict}
 
 
@@ -88,6 +94,10 @@ def residual_tests(
     model: ReducedModel, time: np.ndarray, height: np.ndarray, followed: np.ndarray
 ) -> ResidualTests:
     """Test the residuals of a model on the record that it was fitted to.
+
+    Whiteness and signs are the tests of Ljung and Box (1978, doi:10.1093/biomet/65.2.297) and of Wald and
+    Wolfowitz (1940, doi:10.1214/aoms/1177731909); lines at the swing's frequency are sought in the power
+    spectrum under a Hann window.
 
     Parameters
     ----------

@@ -122,7 +122,18 @@ class Identification:
         return average_elliptically(self.best, self.record.time)
 
     def figure(self, name: str) -> QuantityWithError | None:
-        """Figure of a name, such as ``natural frequency``; None where the law has none."""
+        """Figure of the law's swing by its name.
+
+        Parameters
+        ----------
+        name : str
+            Such as ``"natural frequency"``, ``"damping ratio"`` or ``"stiffness"``.
+
+        Returns
+        -------
+        QuantityWithError or None
+            Value in its unit, with the parts of its error; None where the law has none.
+        """
         return next((figure for figure in self.figures if figure.name == name), None)
 
     @property
@@ -182,7 +193,13 @@ class Identification:
         return [*words, *self._falls_verdict]
 
     def to_plain(self) -> dict[str, Any]:
-        """Figures, verdict and models as plain data."""
+        """Return figures, verdict and models as plain data.
+
+        Returns
+        -------
+        dict of str to any
+            Numbers in SI units but for figures, which name theirs; texts and lists.
+        """
         return {
             "verdict": self.verdict,
             "best": self.best.law.name,
@@ -229,7 +246,13 @@ class Identification:
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
     def page(self) -> HtmlPage:
-        """Report: the answer in an engineer's words, the record, then the rest."""
+        """Make the report: the answer in an engineer's words, the record, then the rest.
+
+        Returns
+        -------
+        HtmlPage
+            Page with tables and pictures; ``save`` writes it.
+        """
         name = "a record" if self.run is None else f"scene {self.run.scene.name!r}"
         first, *others = self._answer_paragraphs
         page = HtmlPage(f"The equation of {name}", first)
@@ -271,6 +294,16 @@ class Identification:
         """Write report.html, model.json and equations.txt (the best), models/ and record.csv.
 
         Where laws were judged on falls, the best one as fall.json, and its fall as fall.csv.
+
+        Parameters
+        ----------
+        out : str or Path
+            Directory to write to, made where it is not there yet.
+
+        Raises
+        ------
+        StoreError
+            If a file cannot be written.
         """
         out = Path(out)
         make_directory(out / "models")
@@ -295,7 +328,18 @@ def _error_parts_text(figure: QuantityWithError) -> str:
 
 
 def higher_lift_verdict(table: Comparison) -> str:
-    """Return the law that predicts the last held-out record best, and by how much."""
+    """Return the law that predicts the last held-out record best, and by how much.
+
+    Parameters
+    ----------
+    table : Comparison
+        Laws that were judged on a lift three times as high.
+
+    Returns
+    -------
+    str
+        Sentence with the errors in per cent of the rms swing.
+    """
     (best, name), *others = table.ranking_on_last_record()
     if math.isinf(best.relative):
         return "No law follows a lift three times as high, which none has seen."
@@ -315,7 +359,20 @@ def higher_lift_verdict(table: Comparison) -> str:
 
 
 def checked_work_precision_text(run: Trajectory, rest: QuantityWithError | None) -> str:
-    """Price of a run whose level of rest was checked; without a check, `work_precision_text`."""
+    """Time and error of a run whose level of rest was checked; without a check, `work_precision_text`.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Run with its settings.
+    rest : QuantityWithError or None
+        Level of rest with the parts of its error.
+
+    Returns
+    -------
+    str
+        Seconds of the run, relative error of the rest height by its step, and scatter by its start.
+    """
     if rest is None or "step" not in rest.parts or not rest.value > 0.0:
         # Fits alone need nothing of the simulation.
         from granular.run.work_precision import work_precision_text

@@ -136,7 +136,19 @@ class SceneChecks:
     def finish(self, run: Trajectory, falls: bool, progress: bool) -> CheckOutcomes:
         """Run what depends on the scene's own run, fit laws of its fall meanwhile, wait for all.
 
-        Falls, if asked for, are run where the scene begins with one.
+        Parameters
+        ----------
+        run : Trajectory
+            The scene's own run.
+        falls : bool
+            Run falls from other heights where the scene begins with one, and judge laws on them.
+        progress : bool
+            Show what is being done.
+
+        Returns
+        -------
+        CheckOutcomes
+            Records of the further runs, and what failed.
         """
         step = choose_step_check(run)
         other = self._start_runs([step.check])
@@ -180,7 +192,23 @@ class SceneChecks:
 
 
 def piston_record_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Piston's record of a run, and of its first stage where that is free, as columns."""
+    """Piston's record of a run, and of its first stage where that is a free motion, as columns.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Run of a scene with a piston.
+
+    Returns
+    -------
+    dict of str to dict
+        Lists of numbers in SI units (times [s], heights [m]) by column, of `RECORD` and of `FALL`.
+
+    Raises
+    ------
+    RecordError
+        If the run has no record of the piston.
+    """
     from granular.protocol.free_piston_stages import Free
 
     motions = {RECORD: run.piston()}
@@ -232,8 +260,31 @@ def add_check_errors(
 ) -> tuple[tuple[QuantityWithError, ...], MeasuredSwing | None, list[CheckFailure]]:
     """Return figures and own swing with errors of step and start, as far as there are runs.
 
-    The records of the runs are fitted by the law and map of the figures' model, over the duration
-    of its record [s]. What failed comes last.
+    The records of the runs are fitted by the law and map of the figures' model, over the same duration.
+
+    Parameters
+    ----------
+    figures : sequence of QuantityWithError
+        Figures of the law's swing, each in its unit.
+    own : MeasuredSwing or None
+        Frequency and damping of the record itself.
+    model : ReducedModel
+        Law that the figures come from.
+    mass : float or None
+        Mass of what moves [kg], where it is known.
+    duration : float
+        Duration of the record [s].
+    runs : CheckOutcomes
+        Records of the further runs.
+
+    Returns
+    -------
+    figures : tuple of QuantityWithError
+        The same figures, with the parts ``step`` and ``start`` of their errors.
+    own : MeasuredSwing or None
+        Likewise.
+    failed : list of CheckFailure
+        Fits that failed.
     """
     runs_by_name = [(runs.step_check.check.what, runs.step), *runs.starts]
     fits = [
@@ -289,11 +340,22 @@ def _quantities_of_further_run(
 
 
 def choose_step_check(run: Trajectory) -> TimeStepCheck:
-    """Scene of a run with twice its time step, or half of it where twice is too coarse.
+    """Check of a run by twice its time step, or half of it where twice is too coarse.
 
     A method of order p is off by 1/(2^p - 1) of what twice the step changes; all of the change is
     taken for the error, which it bounds also where a bed that packs otherwise follows no order.
-    Half the step changes 1 - 2^-p of the error.
+    Half the step changes 1 - 2^-p of the error (Richardson extrapolation; Hairer, Norsett & Wanner 1993,
+    Solving Ordinary Differential Equations I, sec. II.4).
+
+    Parameters
+    ----------
+    run : Trajectory
+        Run with its settings.
+
+    Returns
+    -------
+    TimeStepCheck
+        Step of the other run [s], and the error of the run's own step over what the other one changes.
     """
     from granular.run.settings_for_accuracy import RESOLVED
     from granular.run.time_steps import can_run_with_step, double_time_step, halve_time_step
@@ -308,7 +370,18 @@ def choose_step_check(run: Trajectory) -> TimeStepCheck:
 
 
 def random_start_checks(scene: Scene) -> list[RunCheck]:
-    """Scene from other random starts, all else alike."""
+    """Give the checks of a scene from other random starts, all else alike.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with the seed of its arrangement.
+
+    Returns
+    -------
+    list of RunCheck
+        One a seed, `CHECK_SEEDS` of them.
+    """
     first = scene.arrangement.seed + 1
     return [
         RunCheck(f"random start {seed}", {"arrangement.seed": seed})
@@ -317,7 +390,18 @@ def random_start_checks(scene: Scene) -> list[RunCheck]:
 
 
 def higher_lift_check(scene: Scene) -> RunCheck | None:
-    """Scene with a lift three times as high; None where not just one stage lifts."""
+    """Check of a scene with a lift three times as high.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with its protocol.
+
+    Returns
+    -------
+    RunCheck or None
+        Change of the lift's height [m]; None where not just one stage lifts.
+    """
     from granular.protocol.driven_piston_stages import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
@@ -327,7 +411,18 @@ def higher_lift_check(scene: Scene) -> RunCheck | None:
 
 
 def end_time_of_open_run(run: Trajectory) -> float | None:
-    """End of a run whose last stage has no end of its own."""
+    """End of a run whose last stage has no end of its own.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Complete run.
+
+    Returns
+    -------
+    float or None
+        Time of the last sample [s]; None where the last stage has a duration of its own.
+    """
     height = 1.0 if run.scene.piston is None else run.scene.piston.height
     if run.scene.protocol[-1].total_duration(height) is not None:
         return None
@@ -335,7 +430,18 @@ def end_time_of_open_run(run: Trajectory) -> float | None:
 
 
 def first_fall(run: Trajectory) -> PistonRecord | None:
-    """Fall with which a run begins; None where it begins otherwise."""
+    """Record of the fall with which a run begins.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Complete run.
+
+    Returns
+    -------
+    PistonRecord or None
+        Up to ten periods of the small swing; None where the run begins otherwise, or falls too little.
+    """
     from granular.protocol.free_piston_stages import Free
 
     scene = run.scene
@@ -363,7 +469,20 @@ def _height_after_fall(run: Trajectory) -> float:
 
 
 def other_drop_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
-    """Run the fall alone, from other heights that the grains fit under."""
+    """Give the checks by the fall alone, from other heights that the grains fit under.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Run that begins with a fall.
+    fall : PistonRecord
+        That fall, times in [s] and heights in [m].
+
+    Returns
+    -------
+    list of RunCheck
+        One a height, of `DROPS` times the scene's drop.
+    """
     scene = run.scene
     assert scene.piston is not None
     first = scene.protocol[0]
