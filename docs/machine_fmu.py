@@ -64,7 +64,7 @@ def main(words: list[str]) -> None:
         path = Path(folder) / "bed.fmu"
         export_bed(scene, path)
         for frequency, own in zip(frequencies, law, strict=True):
-            fmu = swing(path, CoupledSystem.of(scene), frequency)
+            fmu = swing(path, CoupledSystem.from_host_scene(scene), frequency)
             print(f"{frequency:g} Hz: {1e3 * fmu:.3f} mm with the FMU, {1e3 * own:.3f} mm by the law")
 
 

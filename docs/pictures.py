@@ -36,8 +36,8 @@ from granular.shared.plotting import COLOURS, GREY, figure, line_style
 from reduced_models import damper_maps, fit, predict, predict_fall
 from reduced_models.designs.page import plot_maps
 from reduced_models.falls.predicted_law import lattice_at_rest
-from reduced_models.machines import design_for, predicted_response
-from reduced_models.machines.response import CoupledSystem, SmallSwing, solve_response
+from reduced_models.machines import design_damper_for_host, predicted_response
+from reduced_models.machines.response import CoupledSystem, LinearSwing, solve_host_response
 from research.published.judging import judged
 from research.published.results import committed
 from validation import convergence, exact_problem
@@ -414,7 +414,7 @@ def draw_maps() -> None:
 
 def write_sliders() -> None:
     """The maps under sliders: a page that needs no Python."""
-    damper_maps().view().save(IMAGES / "sliders.html")
+    damper_maps().interactive_page().save(IMAGES / "sliders.html")
 
 
 def write_whole_falls() -> None:
@@ -526,8 +526,8 @@ def write_machine_law() -> None:
         for seed in (1, 2, 3)
     ]
     numbers = fit(damper_run().piston(), "linear").parameters
-    fitted = SmallSwing(numbers["omega"], numbers["lam"])
-    law = CoupledSystem.of(scene)
+    fitted = LinearSwing(numbers["omega"], numbers["lam"])
+    law = CoupledSystem.from_host_scene(scene)
     rows = [
         "| force | swing of the piston | simulated, three starts | law | its small swing "
         "| linear law of a fitted swing |",
@@ -540,7 +540,7 @@ def write_machine_law() -> None:
         swing = np.mean([one.stroke.values[k] for one, k in zip(ones, places, strict=True)])
         mean = float(np.mean(peaks))
         said = [
-            solve_response(law, frequencies, force).peak,
+            solve_host_response(law, frequencies, force).peak,
             float(np.abs(law.linear_response(frequencies, force)).max()),
             float(np.abs(law.linear_response(frequencies, force, fitted)).max()),
         ]
@@ -555,7 +555,7 @@ def write_machine_design() -> None:
     host = load_scene("machine").effects.host
     assert host is not None
     assert host.excitation is not None
-    found = design_for(host, host.excitation, limit=7.75)
+    found = design_damper_for_host(host, host.excitation, limit=7.75)
     response = frequency_response(
         found.scene,
         np.geomspace(2.6, 3.8, 13).tolist(),

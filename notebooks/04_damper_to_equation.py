@@ -138,7 +138,7 @@ damping_ratio = models["polynomial-spring"].at_rest.damping_ratio
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
 for name, style in (("van-der-pol-like", "-"), ("polynomial-spring", "--")):
-    left_over = record.height - models[name].follow(record).height
+    left_over = record.height - models[name].simulate_record(record).height
     axes.plot(record.time - record.time[0], 1e6 * left_over, style, label=name)
 axes.set(xlabel="time since the release [s]", ylabel="height less model [µm]", xlim=(0, 2))
 axes.legend()
@@ -209,7 +209,7 @@ plt.show()
 # %%
 fall = run.piston("drop").between(0.0, 5.0)
 best = by_name["polynomial-spring"].models[-1]  # with the heights of the higher lift
-print(best.outside(fall))
+print(best.outside_range_text(fall))
 fall_errors = {row.name: roll_out(row.models[0], fall).relative for row in table.rows}
 for name, error in fall_errors.items():
     print(f"{name:18} {100 * error:7.1f} %")

@@ -148,7 +148,7 @@ print(about_rest)
 # `fit` sees in the record itself is printed beside it.
 
 # %%
-left_over = record.height - about_rest.follow(record).height
+left_over = record.height - about_rest.simulate_record(record).height
 figure, axes = plt.subplots(figsize=(7, 2.8), layout="constrained")
 axes.plot(record.time, 1e6 * left_over, ".", markersize=2)
 axes.set(xlabel="time [s]", ylabel="height less model [µm]")
@@ -230,7 +230,7 @@ axes.plot(ahead, 1e3 * predicted.height, "--", label="predicted")
 axes.set(xlabel="time [s]", ylabel="height [mm]")
 axes.legend()
 plt.show()
-print(corrected.outside(predicted))
+print(corrected.outside_range_text(predicted))
 print(f"greatest error of the prediction: {1e6 * prediction_error:.0f} µm")
 
 # %% [markdown]

@@ -26,7 +26,7 @@ import warnings
 
 from granular import InputError, simulate
 from granular.render import still
-from reduced_models import Candidate, DesignTarget, damper_maps, design, fit, propose_design
+from reduced_models import DamperCandidate, DesignTarget, damper_maps, design, fit, propose_design
 from reduced_models.designs.page import plot_maps
 
 QUICK = True  # False: 368 grains for the first design, the published number
@@ -57,7 +57,7 @@ plot_maps(maps, 0.5)
 # it works in a browser, without a kernel and without further packages.)
 
 # %%
-maps.view()
+maps.interactive_page()
 
 # %% [markdown]
 # ## What the maps say of one damper
@@ -66,7 +66,7 @@ maps.view()
 # of its motion, z'' + 2 lam z' + k1 (z - h) + k2 (z - h)² + k3 (z - h)³ = 0.
 
 # %%
-published = maps.predict(Candidate(mass=7.5, grains=368, drag=0.1))
+published = maps.predict(DamperCandidate(mass=7.5, grains=368, drag=0.1))
 print(f"rests at {published.rest_height / 0.006:.2f} D")
 print(f"{published.frequency:.3f} Hz, damping ratio {published.damping_ratio:.4f}")
 print(f"lam = {published.lam:.3g} 1/s, k1 = {published.k1:.4g} 1/s², k2 = {published.k2:.3g} 1/(m s²)")

@@ -1,9 +1,9 @@
 from .calibration.calibrate import calibrate
-from .designs.damper import Candidate
+from .designs.damper import DamperCandidate
 from .designs.design import design
 from .designs.maps import DamperMaps, damper_maps
 from .designs.proposal import DesignTarget, propose_design
-from .designs.study import run_study
+from .designs.study import run_design_study
 from .discovery.discover import discover
 from .falls.fall_summary import predict_fall
 from .falls.predicted_law import predict, valid_shaking_range
@@ -11,7 +11,7 @@ from .falls.unseen_fall_scores import score_drops
 from .fitting.fit import fit
 from .fitting.force_fit import fit_force
 from .fitting.law_estimator import LawEstimator
-from .fitting.posterior import posterior
+from .fitting.posterior import sample_posterior
 from .identification.comparison import compare
 from .identification.comparison_table import Comparison
 from .identification.identify import identify
@@ -21,7 +21,7 @@ from .laws.height_map import HeightMap
 from .laws.law import Law
 from .models.force_model import ForceModel
 from .models.model import ReducedModel, load_model
-from .models.response import forced_law
+from .models.response import law_with_force_input
 from .models.roll_out import roll_out
 from .records import PistonRecord
 from .records.first_guesses import FirstGuesses
@@ -30,8 +30,8 @@ from .records.sensor import Sensor
 from .records.sources import read_record, read_releases
 
 __all__ = [
-    "Candidate",
     "Comparison",
+    "DamperCandidate",
     "DamperMaps",
     "DesignTarget",
     "FirstGuesses",
@@ -51,18 +51,18 @@ __all__ = [
     "discover",
     "fit",
     "fit_force",
-    "forced_law",
     "identify",
     "law_named",
+    "law_with_force_input",
     "load_model",
-    "posterior",
     "predict",
     "predict_fall",
     "propose_design",
     "read_record",
     "read_releases",
     "roll_out",
-    "run_study",
+    "run_design_study",
+    "sample_posterior",
     "score_drops",
     "valid_shaking_range",
 ]

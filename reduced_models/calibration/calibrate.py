@@ -28,19 +28,19 @@ from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from granular.studies.executors import case_executor
-from reduced_models.calibration.gauss_newton import MOST_MOVES, SearchEnd, gauss_newton_search
-from reduced_models.calibration.result import CalibratedValue, Calibration, Match
+from reduced_models.calibration.gauss_newton import MOST_MOVES, GaussNewtonResult, gauss_newton_search
+from reduced_models.calibration.result import CalibratedValue, Calibration, FeatureMatch
 from reduced_models.calibration.simulations import (
     LAW,
-    Features,
-    Parameter,
+    RecordFeatures,
+    SceneParameter,
     SceneSimulator,
     SimulatedPoint,
     record_features,
     scene_parameter,
 )
-from reduced_models.fitting.options import check_options
-from reduced_models.fitting.problem import require_positions
+from reduced_models.fitting.options import check_fit_options
+from reduced_models.fitting.problem import refuse_integrated_heights
 from reduced_models.fitting.uncertainty import undetermined_directions
 from reduced_models.laws.law import Law
 from reduced_models.records.sources import METHOD, RunOptions, check_run_options, make_directory
@@ -132,8 +132,8 @@ def calibrate(
     UserWarning
         For each of the result's notes.
     """
-    check_options(confidence=confidence)
-    require_positions([record], "calibrate")
+    check_fit_options(confidence=confidence)
+    refuse_integrated_heights([record], "calibrate")
     if isinstance(seeds, bool) or not isinstance(seeds, int) or not 2 <= seeds <= MAX_SEEDS:
         raise InputError(
             f"seeds = {quote(seeds)}; give an integer from 2 on, to see their scatter, "
@@ -173,7 +173,7 @@ def calibrate(
 
 
 def run_calibration(
-    simulator: SceneSimulator, record: PistonRecord, wanted: Features, confidence: float, checks: bool
+    simulator: SceneSimulator, record: PistonRecord, wanted: RecordFeatures, confidence: float, checks: bool
 ) -> Calibration:
     """Numbers for which a scene's simulations have the wanted features of a record.
 
@@ -183,8 +183,8 @@ def run_calibration(
         If a simulation at the start fails.
     """
     ended = gauss_newton_search(simulator, wanted)
-    shift, more = _step_shift(simulator, ended.centre) if checks else (None, 0)
-    result = _result(simulator, record, wanted, ended, shift, confidence)
+    shift, more = _time_step_error(simulator, ended.centre) if checks else (None, 0)
+    result = _calibration_from_search(simulator, record, wanted, ended, shift, confidence)
     return dataclasses.replace(result, simulations=result.simulations + more)
 
 
@@ -195,30 +195,30 @@ def _check_scene(scene: Scene) -> None:
         raise InputError(f"scene {quote(scene.name)} has no stage in which the piston moves freely; add one")
 
 
-def _step_shift(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.ndarray | None, int]:
+def _time_step_error(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.ndarray | None, int]:
     """Estimated error of the features (d,) by the time step, and how many simulations it took.
 
     From one simulation with half the step, for a method of order p 2^p/(2^p - 1) times the change.
     """
     settings = {**simulator.settings, "dt": halve_time_step(simulator.settings["dt"])}
     finer = dataclasses.replace(simulator, seeds=simulator.seeds[:1], settings=settings)
-    point = finer.points([centre.position])[0]
+    point = finer.simulate_points([centre.position])[0]
     if point.failure:
         return None, 1
     growth = 2.0 ** resolve_method(simulator.settings["method"]).order
     return np.asarray(growth / (growth - 1.0) * (centre.logs[0] - point.logs[0])), 1
 
 
-def _result(
+def _calibration_from_search(
     simulator: SceneSimulator,
     record: PistonRecord,
-    wanted: Features,
-    ended: SearchEnd,
+    wanted: RecordFeatures,
+    ended: GaussNewtonResult,
     shift: np.ndarray | None,
     confidence: float,
 ) -> Calibration:
     position = ended.centre.position + (ended.estimate.step if ended.settled else 0.0)
-    values = simulator.changes(position)
+    values = simulator.scene_changes(position)
     return Calibration(
         parameters=tuple(
             _calibrated_value(parameter_, k, values[parameter_.key], ended, shift, confidence)
@@ -238,7 +238,12 @@ def _result(
 
 
 def _calibrated_value(
-    item: Parameter, k: int, value: float, ended: SearchEnd, shift: np.ndarray | None, confidence: float
+    item: SceneParameter,
+    k: int,
+    value: float,
+    ended: GaussNewtonResult,
+    shift: np.ndarray | None,
+    confidence: float,
 ) -> CalibratedValue:
     from scipy.stats import t as student
 
@@ -264,10 +269,10 @@ def _calibrated_value(
     )
 
 
-def _feature_matches(wanted: Features, ended: SearchEnd) -> tuple[Match, ...]:
+def _feature_matches(wanted: RecordFeatures, ended: GaussNewtonResult) -> tuple[FeatureMatch, ...]:
     scatter = np.sqrt(np.diag(ended.scatter))
     return tuple(
-        Match(
+        FeatureMatch(
             name,
             float(wanted.values[k]),
             math.exp(ended.centre.mean[k]),
@@ -278,7 +283,9 @@ def _feature_matches(wanted: Features, ended: SearchEnd) -> tuple[Match, ...]:
     )
 
 
-def _calibration_notes(simulator: SceneSimulator, wanted: Features, ended: SearchEnd) -> tuple[str, ...]:
+def _calibration_notes(
+    simulator: SceneSimulator, wanted: RecordFeatures, ended: GaussNewtonResult
+) -> tuple[str, ...]:
     notes = []
     if not ended.settled:
         notes.append(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from reduced_models.calibration.simulations import Features, SceneSimulator, SimulatedPoint
+from reduced_models.calibration.simulations import RecordFeatures, SceneSimulator, SimulatedPoint
 from reduced_models.fitting.uncertainty import OPEN
 
 STRIDE = 0.1
@@ -21,7 +21,7 @@ _SETTLED, _LINEAR, _LEAST_STEP = 2.0, 0.1, 1e-3
 # differences, errs by a fraction of one; shorter ones move the beds rather than the values.
 
 
-class SearchEnd(NamedTuple):
+class GaussNewtonResult(NamedTuple):
     """The end of a search.
 
     Attributes
@@ -43,11 +43,11 @@ class SearchEnd(NamedTuple):
     settled: bool
 
 
-def gauss_newton_search(simulator: SceneSimulator, wanted: Features) -> SearchEnd:
+def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> GaussNewtonResult:
     """Gauss-Newton steps until they are smaller than what is known."""
     start = np.log([parameter.value for parameter in simulator.parameters])
     strides = STRIDE * np.eye(len(start))
-    points = simulator.points([start, *(start + stride for stride in strides)])
+    points = simulator.simulate_points([start, *(start + stride for stride in strides)])
     for point in points:
         if point.failure:
             raise InputError(f"{point.failure}; start from other values or a shorter dt")
@@ -57,11 +57,11 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: Features) -> SearchEn
     for _ in range(MOST_MOVES):
         scatter = _scatter_covariance(points)
         estimate = linear_estimate(centre, slopes, scatter, wanted)
-        short = np.clip(_SETTLED * estimate.spread, _LEAST_STEP, _LINEAR)
+        short = np.clip(_SETTLED * estimate.standard_deviations, _LEAST_STEP, _LINEAR)
         if (np.abs(estimate.step) <= short).all():
-            return SearchEnd(centre, estimate, scatter, len(points) * len(simulator.seeds), True)
+            return GaussNewtonResult(centre, estimate, scatter, len(points) * len(simulator.seeds), True)
         step = estimate.step * min(1.0, radius / float(np.abs(estimate.step).max()))
-        trial = simulator.points([centre.position + step])[0]
+        trial = simulator.simulate_points([centre.position + step])[0]
         if trial.failure:
             radius = 0.25 * float(np.abs(step).max())
             continue
@@ -74,7 +74,7 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: Features) -> SearchEn
         centre = trial if better else centre
     scatter = _scatter_covariance(points)
     estimate = linear_estimate(centre, slopes, scatter, wanted)
-    return SearchEnd(centre, estimate, scatter, len(points) * len(simulator.seeds), False)
+    return GaussNewtonResult(centre, estimate, scatter, len(points) * len(simulator.seeds), False)
 
 
 def _scatter_covariance(points: Sequence[SimulatedPoint]) -> np.ndarray:
@@ -83,12 +83,12 @@ def _scatter_covariance(points: Sequence[SimulatedPoint]) -> np.ndarray:
     return np.asarray(np.mean(parts, axis=0))
 
 
-def _variance_of_difference(wanted: Features, scatter: np.ndarray, starts: int) -> np.ndarray:
+def _variance_of_difference(wanted: RecordFeatures, scatter: np.ndarray, starts: int) -> np.ndarray:
     """Variance (d,) of the features of the record about the mean of the simulated ones."""
     return np.asarray(wanted.errors**2 + (1.0 + 1.0 / starts) * np.diag(scatter))
 
 
-def _normalised_distance(point: SimulatedPoint, wanted: Features, scatter: np.ndarray) -> float:
+def _normalised_distance(point: SimulatedPoint, wanted: RecordFeatures, scatter: np.ndarray) -> float:
     away = np.log(wanted.values) - point.mean
     return float((away**2 / _variance_of_difference(wanted, scatter, len(point.logs))).sum())
 
@@ -119,13 +119,13 @@ class LinearEstimate(NamedTuple):
     away: np.ndarray
 
     @property
-    def spread(self) -> np.ndarray:
+    def standard_deviations(self) -> np.ndarray:
         """Standard deviations (p,) along the directions that are known."""
         return np.sqrt(np.diag(self.noise + self.scatter))
 
 
 def linear_estimate(
-    centre: SimulatedPoint, slopes: np.ndarray, scatter: np.ndarray, wanted: Features
+    centre: SimulatedPoint, slopes: np.ndarray, scatter: np.ndarray, wanted: RecordFeatures
 ) -> LinearEstimate:
     """Weighted Gauss-Newton step; ``slopes`` (starts, d, p) are those of each random start."""
     starts = len(slopes)

@@ -12,7 +12,7 @@ from granular.scene.scene import Scene
 from granular.shared.files import write_json
 from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import COLOURS, GREY, figure
-from reduced_models.models.quality import Direction
+from reduced_models.models.quality import ParameterDirection
 from reduced_models.records.sources import make_directory
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class CalibratedValue:
 
 
 @dataclasses.dataclass(frozen=True)
-class Match:
+class FeatureMatch:
     """A feature of the record and of the simulations at the end.
 
     Attributes
@@ -86,8 +86,8 @@ class Calibration:
     parameters : tuple of Calibrated
     confidence : float
         Of the intervals.
-    matches : tuple of Match
-    undetermined : tuple of Direction
+    matches : tuple of FeatureMatch
+    undetermined : tuple of ParameterDirection
         Directions in which the parameters can move without the features noticing; along them, the
         values are those of the scene that was given.
     scene : Scene
@@ -102,8 +102,8 @@ class Calibration:
 
     parameters: tuple[CalibratedValue, ...]
     confidence: float
-    matches: tuple[Match, ...]
-    undetermined: tuple[Direction, ...]
+    matches: tuple[FeatureMatch, ...]
+    undetermined: tuple[ParameterDirection, ...]
     scene: Scene
     record: PistonRecord
     motions: tuple[PistonRecord, ...]

@@ -31,7 +31,7 @@ _POOR = 0.5
 _ONE_SIGMA = math.erf(math.sqrt(0.5))
 
 
-class Features(NamedTuple):
+class RecordFeatures(NamedTuple):
     """Figures of a record, all above 0.
 
     Attributes
@@ -53,7 +53,7 @@ class Features(NamedTuple):
     notes: tuple[str, ...]
 
 
-def record_features(record: PistonRecord, law: str | Law = LAW, *, force: bool = False) -> Features:
+def record_features(record: PistonRecord, law: str | Law = LAW, *, force: bool = False) -> RecordFeatures:
     """Figures of a record.
 
     Parameters
@@ -104,7 +104,7 @@ def record_features(record: PistonRecord, law: str | Law = LAW, *, force: bool =
                 "record that comes to rest"
             )
     relative = np.array(errors) / np.array(values)
-    return Features(tuple(names), np.array(values), relative, model.notes)
+    return RecordFeatures(tuple(names), np.array(values), relative, model.notes)
 
 
 def _mean_force(time: np.ndarray, force: np.ndarray) -> tuple[float, float]:
@@ -118,7 +118,7 @@ def _mean_force(time: np.ndarray, force: np.ndarray) -> tuple[float, float]:
 _DIGITS = 12  # of a parameter: positions that differ by rounding are the same simulation
 
 
-class Parameter(NamedTuple):
+class SceneParameter(NamedTuple):
     """A number in a scene.
 
     Attributes
@@ -135,7 +135,7 @@ class Parameter(NamedTuple):
     unit: str
 
 
-def scene_parameter(scene: Scene, key: str) -> Parameter:
+def scene_parameter(scene: Scene, key: str) -> SceneParameter:
     """Return the number of a scene that can be varied by its logarithm.
 
     Raises
@@ -155,7 +155,7 @@ def scene_parameter(scene: Scene, key: str) -> Parameter:
             f"{key} = {'none' if value is None else value}; a calibration starts from a value "
             "above 0: set one in the scene"
         )
-    return Parameter(key, float(value), "" if kind.unit == "1" else kind.unit)
+    return SceneParameter(key, float(value), "" if kind.unit == "1" else kind.unit)
 
 
 class SimulatedPoint(NamedTuple):
@@ -191,7 +191,7 @@ class SceneSimulator:
     Attributes
     ----------
     scene : Scene
-    parameters : tuple of Parameter
+    parameters : tuple of SceneParameter
     seeds : tuple of int
         Of the random starts, the same at every position.
     law : str or Law
@@ -205,24 +205,24 @@ class SceneSimulator:
     """
 
     scene: Scene
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[SceneParameter, ...]
     seeds: tuple[int, ...]
     law: str | Law
     duration: float
     force: bool
     settings: Mapping[str, Any]
 
-    def changes(self, position: np.ndarray) -> dict[str, float]:
+    def scene_changes(self, position: np.ndarray) -> dict[str, float]:
         """Scene's changes at a position (p,)."""
         return {
             parameter.key: float(f"{math.exp(log):.{_DIGITS}g}")
             for parameter, log in zip(self.parameters, position, strict=True)
         }
 
-    def points(self, positions: Sequence[np.ndarray]) -> list[SimulatedPoint]:
+    def simulate_points(self, positions: Sequence[np.ndarray]) -> list[SimulatedPoint]:
         """Return the simulations at some positions, side by side."""
         cases = [
-            self.changes(position) | {"arrangement.seed": seed}
+            self.scene_changes(position) | {"arrangement.seed": seed}
             for position in positions
             for seed in self.seeds
         ]
@@ -243,7 +243,9 @@ class SceneSimulator:
                 record = record.between(0.0, self.duration * (1.0 + 1e-9))
                 figures = record_features(record, self.law, force=self.force)
             except InputError as error:
-                where = ", ".join(f"{key} = {value:.5g}" for key, value in self.changes(position).items())
+                where = ", ".join(
+                    f"{key} = {value:.5g}" for key, value in self.scene_changes(position).items()
+                )
                 cause = f"the simulation with {where} from random start {seed} failed: {error}"
                 return SimulatedPoint(position, (), np.empty((0, 0)), cause)
             records.append(record)

@@ -31,7 +31,7 @@ from granular.commands.options import (
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from granular.shared.message_text import quote
-from reduced_models.commands.records import READING, read_options_from_line, show_result
+from reduced_models.commands.records import READING, parse_reading_options, print_result_and_report_path
 
 if TYPE_CHECKING:
     from reduced_models.designs.maps import DamperMaps
@@ -93,12 +93,12 @@ def calibrate(options: Any) -> None:
     from reduced_models.records.sources import open_source
 
     import_user_code(options.user_files)
-    source = open_source(options.record, read_options_from_line(options))
+    source = open_source(options.record, parse_reading_options(options))
     if isinstance(source, Scene):
         raise InputError(f"{quote(options.record)} is a scene; give a record, a CSV or Parquet file")
     record = source if isinstance(source, PistonRecord) else source.piston()
     chosen = {} if options.parameters is None else {"parameters": options.parameters}
-    with _print_where_interrupted(options.out):
+    with _print_where_results_are(options.out):
         result = calibrate_scene(
             record,
             scene_from_options(options),
@@ -108,7 +108,7 @@ def calibrate(options: Any) -> None:
             progress=not options.quiet,
             **pick_options(options, "seeds", "law", "method", "out"),
         )
-    show_result(result, options)
+    print_result_and_report_path(result, options)
 
 
 @command(
@@ -184,7 +184,7 @@ def _design_damper(options: Any) -> None:
     from reduced_models.records.sources import make_directory
 
     maps = None if options.study is None else damper_maps(Path(options.study))
-    with _print_where_interrupted(options.out):
+    with _print_where_results_are(options.out):
         result = design_damper(
             options.frequency,
             options.damping,
@@ -193,7 +193,7 @@ def _design_damper(options: Any) -> None:
             progress=not options.quiet,
             **pick_options(options, "grains", "mass", "small_share", "magnets", "workers"),
         )
-    show_result(result, options)
+    print_result_and_report_path(result, options)
 
 
 def _map_dampers(options: Any) -> None:
@@ -205,7 +205,7 @@ def _map_dampers(options: Any) -> None:
     assert target is not None
     maps = _run_map_study(options, target) if options.simulate else _packaged_maps(options, target)
     write_text(target / "study.csv", maps.study.to_csv(index=False))
-    maps.view().save(target / SLIDERS)
+    maps.interactive_page().save(target / SLIDERS)
     maps_page(maps, SLIDERS).save(target / "report.html")
     errors = {name: surface.error for name, surface in maps.surfaces.items()}
     lines = [f"maps of {len(maps.dampers)} dampers; errors of prediction (leave-one-out):"]
@@ -231,18 +231,18 @@ def _packaged_maps(options: Any, target: Path) -> DamperMaps:
 
 def _run_map_study(options: Any, target: Path) -> DamperMaps:
     from reduced_models.designs.maps import DamperMaps
-    from reduced_models.designs.study import run_study
+    from reduced_models.designs.study import run_design_study
 
     points = POINTS if options.points is None else options.points
-    with _print_where_interrupted(options.out):
-        study = run_study(target, points=points, workers=options.workers, progress=not options.quiet)
+    with _print_where_results_are(options.out):
+        study = run_design_study(target, points=points, workers=options.workers, progress=not options.quiet)
     # Written before it is mapped, so that it is there where it cannot be.
     write_text(target / "study.csv", study.to_csv(index=False))
     return DamperMaps(study)
 
 
 @contextlib.contextmanager
-def _print_where_interrupted(out: str | None) -> Iterator[None]:
+def _print_where_results_are(out: str | None) -> Iterator[None]:
     """Tell after Ctrl-C where the finished simulations are."""
     try:
         yield

@@ -34,8 +34,8 @@ from reduced_models.commands.records import (
     READING,
     SOURCES,
     load_records,
-    read_options_from_line,
-    show_result,
+    parse_reading_options,
+    print_result_and_report_path,
 )
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def identify(options: Any) -> None:
 
     import_user_code(options.user_files)
     result = identify_source(
-        open_source(options.source, read_options_from_line(options)),
+        open_source(options.source, parse_reading_options(options)),
         options.out,
         laws=None if options.laws is None else parse_laws(options.laws),
         discovery=options.discover,
@@ -131,7 +131,7 @@ def identify(options: Any) -> None:
         announce=None if options.quiet else lambda first: print_above_bar(summary_before_checks(first)),
         **pick_options(options, "drive", "method", "threads", "starts", "budget"),
     )
-    show_result(result, options, None if options.verbose else terminal_summary(result))
+    print_result_and_report_path(result, options, None if options.verbose else terminal_summary(result))
 
 
 @command(
@@ -320,7 +320,7 @@ def discover(options: Any) -> None:
         records[0] if len(records) == 1 else records,
         library=options.library or AUTO,
         input=options.drive,
-        map="auto" if options.map is None else _height_map(options.map),
+        map="auto" if options.map is None else _parse_height_map(options.map),
         progress=not options.quiet,
         **pick_options(options, "method", "form", "degree", "terms", "functions", "target", "effort", "seed"),
     )
@@ -340,7 +340,7 @@ def discover(options: Any) -> None:
         raise InputError(f"no model was written to {options.out}: {result.best.note or NOT_POLISHED}")
 
 
-def _height_map(text: str) -> HeightMap:
+def _parse_height_map(text: str) -> HeightMap:
     """Read "SHIFT:SCALE", two lengths."""
     from granular.schema.units import si_value
     from reduced_models.laws.height_map import HeightMap
@@ -418,10 +418,10 @@ def _compare_laws(options: Any) -> None:
 def _compare_response(options: Any) -> None:
     """Solve the law, say how far off it is, and write the report."""
     from granular.response import load_response
-    from reduced_models.machines.comparison import law_page
+    from reduced_models.machines.comparison import response_page_with_law
 
     response = load_response(options.response)
-    page, law, why = law_page(response)
+    page, law, why = response_page_with_law(response)
     path = Path(options.response) / "report.html"
     page.save(path)
     peaks = () if law is None else law.peaks

@@ -52,7 +52,7 @@ def simulate(options: Any) -> None:
         None if options.height is None else si_value(options.height, "m"),
         None if options.velocity is None else si_value(options.velocity, "m/s"),
     )
-    if note := model.outside(motion):
+    if note := model.outside_range_text(motion):
         warnings.warn(note, stacklevel=1)
     assert motion.velocity is not None
     last = {"height": float(motion.height[-1]), "velocity": float(motion.velocity[-1])}
@@ -101,7 +101,7 @@ def export_model(options: Any) -> None:
     """Write a saved model as code."""
     from reduced_models.models.model import load_model
 
-    if _names_scene(options.model):
+    if _is_scene_name(options.model):
         what = _export_scene(options)
     else:
         if options.port is None:
@@ -113,7 +113,7 @@ def export_model(options: Any) -> None:
     print_result({"file": options.out, "what": what}, f"{what}: {options.out}", options.json)
 
 
-def _names_scene(name: str) -> bool:
+def _is_scene_name(name: str) -> bool:
     from granular.scene.loading import scene_names
 
     return name in scene_names() or Path(name).suffix == ".toml"

@@ -71,7 +71,7 @@ READING = option_group(
 )
 
 
-def read_options_from_line(options: Any) -> ReadOptions:
+def parse_reading_options(options: Any) -> ReadOptions:
     """Return what the command line says of a file.
 
     Raises
@@ -100,11 +100,11 @@ def read_options_from_line(options: Any) -> ReadOptions:
         sheet=options.sheet,
         flip=options.flip,
         between=between,
-        scale=_by_column("--scale", options.scale),
-        zero=_by_column("--zero", options.zero),
+        scale=_parse_by_column("--scale", options.scale),
+        zero=_parse_by_column("--zero", options.zero),
         calibration={
             column: {"points": file}
-            for column, file in (_by_column("--calibration", options.calibration) or {}).items()
+            for column, file in (_parse_by_column("--calibration", options.calibration) or {}).items()
         },
         release=options.release,
         rate=options.rate,
@@ -112,7 +112,7 @@ def read_options_from_line(options: Any) -> ReadOptions:
     )
 
 
-def _by_column(option: str, items: Sequence[str] | None) -> dict[str, str] | None:
+def _parse_by_column(option: str, items: Sequence[str] | None) -> dict[str, str] | None:
     """Read texts with a column's name before them, or that of the height without."""
     result: dict[str, str] = {}
     for item in items or ():
@@ -157,7 +157,7 @@ def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
     )
 
     run = RunOptions({}, "auto", METHOD, None, not options.quiet)
-    said = read_options_from_line(options)
+    said = parse_reading_options(options)
     records: list[PistonRecord] = []
     for source in sources:
         path = Path(source)
@@ -168,7 +168,7 @@ def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
     return records
 
 
-def show_result(result: Any, options: Any, text: str | None = None) -> None:
+def print_result_and_report_path(result: Any, options: Any, text: str | None = None) -> None:
     """Print a result, in other words than its own where these are given; and its report's place."""
     text = str(result) if text is None else text
     if options.out is not None:
@@ -205,7 +205,7 @@ def look(options: Any) -> None:
     from reduced_models.records.record_overview import look as look_at
     from reduced_models.records.record_overview import plot_overview
 
-    said, path = read_options_from_line(options), Path(options.file)
+    said, path = parse_reading_options(options), Path(options.file)
     seen = look_at(path, said)
     if options.plot is not None:
         from granular.render import save_picture

@@ -43,7 +43,7 @@ frequency and damping."""
 NAMES = ("mass for 368 grains", "grains", "affine damping ratio", "fraction of small grains")
 
 
-class Candidate(NamedTuple):
+class DamperCandidate(NamedTuple):
     """A damper, by the figures that a designer chooses.
 
     Attributes
@@ -62,8 +62,8 @@ class Candidate(NamedTuple):
 
     Examples
     --------
-    >>> from reduced_models import Candidate
-    >>> Candidate(mass=4.0, grains=184, drag=0.1, small_share=0.3).grains
+    >>> from reduced_models import DamperCandidate
+    >>> DamperCandidate(mass=4.0, grains=184, drag=0.1, small_share=0.3).grains
     184
     """
 
@@ -74,7 +74,7 @@ class Candidate(NamedTuple):
     magnets: str = "dipoles"
 
     @property
-    def scale(self) -> float:
+    def cell_width_ratio(self) -> float:
         """Width of the cell over that for 368 grains, sqrt(grains/368), without unit."""
         return math.sqrt(self.grains / REFERENCE_COUNT)
 
@@ -102,7 +102,11 @@ class Candidate(NamedTuple):
             If a figure of the damper is out of its range, or there are no such magnets.
         """
         made = damper(
-            self.mass / self.scale, count=self.grains, drag=self.drag, seed=seed, magnets=self.magnets
+            self.mass / self.cell_width_ratio,
+            count=self.grains,
+            drag=self.drag,
+            seed=seed,
+            magnets=self.magnets,
         )
         changes: dict[str, Any] = {
             "name": "design",
@@ -116,7 +120,7 @@ class Candidate(NamedTuple):
             ]
         return made.replace(**changes)
 
-    def coordinates(self) -> np.ndarray:
+    def map_coordinates(self) -> np.ndarray:
         """Coordinates of the damper in the box that the maps cover.
 
         Returns
@@ -126,22 +130,22 @@ class Candidate(NamedTuple):
             logarithmic scales, and fraction of small grains; without unit, from -1 to 1 inside the
             box.
         """
-        plain = (self.mass / self.scale, self.grains, affine_damping_ratio(self), self.small_share)
+        plain = (self.mass / self.cell_width_ratio, self.grains, affine_damping_ratio(self), self.small_share)
         low, high = _logarithmic_coordinates(LOWEST), _logarithmic_coordinates(HIGHEST)
         return 2.0 * (_logarithmic_coordinates(plain) - low) / (high - low) - 1.0
 
 
-def damper_at(coordinates: np.ndarray) -> Candidate:
+def damper_at_coordinates(coordinates: np.ndarray) -> DamperCandidate:
     """Damper at a place (4,) of the box; the number of grains is rounded."""
     low, high = _logarithmic_coordinates(LOWEST), _logarithmic_coordinates(HIGHEST)
     scaled = low + 0.5 * (np.asarray(coordinates, dtype=float) + 1.0) * (high - low)
     mass, count, ratio = (math.exp(log) for log in scaled[:3])
-    plain = Candidate(mass, round(count), 1.0, float(scaled[3]))
-    plain = plain._replace(mass=mass * plain.scale)
+    plain = DamperCandidate(mass, round(count), 1.0, float(scaled[3]))
+    plain = plain._replace(mass=mass * plain.cell_width_ratio)
     return plain._replace(drag=ratio / affine_damping_ratio(plain))
 
 
-def disc_over_dipole_figures(candidate: Candidate) -> np.ndarray:
+def disc_over_dipole_figures(candidate: DamperCandidate) -> np.ndarray:
     """Rest height, frequency and damping ratio of discs over those of dipoles, by theory (3,).
 
     All are 1 for dipoles.
@@ -161,28 +165,30 @@ def disc_over_dipole_figures(candidate: Candidate) -> np.ndarray:
     return np.array(figures[0]) / np.array(figures[1])
 
 
-def affine_rest_height(candidate: Candidate) -> float:
+def affine_rest_height(candidate: DamperCandidate) -> float:
     """Height at which a bed of the reference's packing would carry the piston [m].
 
     The force of N grains falls with the power 2.86 of the height and grows with the square of the
     mean moment.
     """
-    load = candidate.mass / candidate.scale / REFERENCE_MASS / _mean_grain_mass(candidate) ** 2
-    return REFERENCE_REST * candidate.scale * load ** (-1.0 / EXPONENT)
+    load = (
+        candidate.mass / candidate.cell_width_ratio / REFERENCE_MASS / _mean_grain_mass_ratio(candidate) ** 2
+    )
+    return REFERENCE_REST * candidate.cell_width_ratio * load ** (-1.0 / EXPONENT)
 
 
-def affine_damping_ratio(candidate: Candidate) -> float:
+def affine_damping_ratio(candidate: DamperCandidate) -> float:
     """Damping ratio if every grain followed the piston in proportion to its height.
 
     A grain at the height y then moves with y/h of the piston's velocity: the bed's drag is a third
     of the sum over its grains, and the frequency is sqrt(2.86 g/h).
     """
     frequency = math.sqrt(EXPONENT * GRAVITY / affine_rest_height(candidate))
-    drag = candidate.grains * candidate.drag * _mean_grain_mass(candidate) / 3.0
+    drag = candidate.grains * candidate.drag * _mean_grain_mass_ratio(candidate) / 3.0
     return drag / (2.0 * candidate.mass * frequency)
 
 
-def _mean_grain_mass(candidate: Candidate) -> float:
+def _mean_grain_mass_ratio(candidate: DamperCandidate) -> float:
     """Over that of a large grain; moment and drag go with it, for one material [D, eq. 4.16]."""
     return 1.0 - candidate.small_share * (1.0 - ASPECT**2)
 

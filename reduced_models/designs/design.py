@@ -22,7 +22,7 @@ from granular.scene.published_beds import damper
 from granular.shared.errors import GranularError, InputError
 from granular.studies.executors import case_executor
 from granular.studies.sweep import sweep
-from reduced_models.designs.damper import Candidate
+from reduced_models.designs.damper import DamperCandidate
 from reduced_models.designs.maps import DamperMaps, damper_maps
 from reduced_models.designs.proposal import (
     DesignTarget,
@@ -37,7 +37,7 @@ from reduced_models.designs.result import (
     DesignCheck,
     DesignRound,
 )
-from reduced_models.designs.study import check_columns, check_figures
+from reduced_models.designs.study import figures_of_design_check, measure_design_check
 from reduced_models.records.sources import METHOD
 
 DISC_FREQUENCY_TOLERANCE = 0.03
@@ -146,10 +146,10 @@ def design(
     chosen = damper_maps() if maps is None else maps
     propose_design(chosen, target)  # refuses what the maps do not hold, before anything is simulated
     with case_executor(executor, min(len(seeds), workers or os.cpu_count() or 1)) as pool:
-        return _search(target, chosen, seeds, out, pool, progress)
+        return _search_damper(target, chosen, seeds, out, pool, progress)
 
 
-def _search(
+def _search_damper(
     target: DesignTarget,
     chosen: DamperMaps,
     seeds: Sequence[int],
@@ -178,11 +178,11 @@ def _search(
                 raise DesignError(str(error), Design(target, tuple(rounds)) if rounds else None) from None
             rounds.append(DesignRound(candidate, chosen.predict(candidate), checks))
             result = Design(target, tuple(rounds))
-            if result.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
+            if result.meets_target(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 met = result
-                if met.centred(CENTRED * FREQUENCY_TOLERANCE, CENTRED * DAMPING_TOLERANCE):
+                if met.means_meet_target(CENTRED * FREQUENCY_TOLERANCE, CENTRED * DAMPING_TOLERANCE):
                     break
-            elif near is None and _is_near(result):
+            elif near is None and _is_near_wanted_frequency(result):
                 near, most = result, min(most, len(rounds) + CENTRING)
             if met is not None and len(rounds) - first >= CENTRING:
                 break
@@ -205,9 +205,11 @@ def _search(
     return chosen_design
 
 
-def _is_near(result: Design) -> bool:
+def _is_near_wanted_frequency(result: Design) -> bool:
     """Return true for discs whose checks lie within the wider tolerance of their frequency."""
-    return result.target.magnets != "dipoles" and result.met(DISC_FREQUENCY_TOLERANCE, DAMPING_TOLERANCE)
+    return result.target.magnets != "dipoles" and result.meets_target(
+        DISC_FREQUENCY_TOLERANCE, DAMPING_TOLERANCE
+    )
 
 
 def _aim_for_next_grain_count(target: DesignTarget, rounds: Sequence[DesignRound]) -> tuple[float, float]:
@@ -220,7 +222,7 @@ def _aim_for_next_grain_count(target: DesignTarget, rounds: Sequence[DesignRound
 
 def _mean_logarithmic_map_error(rounds: Sequence[DesignRound], name: str) -> float:
     """Mean of the logarithm of a measured figure over the promised one."""
-    errors = [math.log(made.mean(name) / getattr(made.promise, name)) for made in rounds]
+    errors = [math.log(made.mean_figure(name) / getattr(made.promised_figures, name)) for made in rounds]
     return sum(errors) / len(errors) if errors else 0.0
 
 
@@ -232,9 +234,9 @@ def _corrected_target(target: DesignTarget, rounds: Sequence[DesignRound]) -> tu
     than the maps, takes a secant step on logarithms.
     """
     last = rounds[-1]
-    aim = last.promise.frequency
-    if abs(last.mean("frequency") / target.frequency - 1.0) > CENTRED * FREQUENCY_TOLERANCE:
-        aim *= (target.frequency / last.mean("frequency")) ** (
+    aim = last.promised_figures.frequency
+    if abs(last.mean_figure("frequency") / target.frequency - 1.0) > CENTRED * FREQUENCY_TOLERANCE:
+        aim *= (target.frequency / last.mean_figure("frequency")) ** (
             1.0 / _slope_of_measured_by_promised_frequency(rounds)
         )
     return aim, target.damping * math.exp(-_mean_logarithmic_map_error(rounds, "damping_ratio"))
@@ -245,21 +247,25 @@ def _slope_of_measured_by_promised_frequency(rounds: Sequence[DesignRound]) -> f
     if len(rounds) < 2:
         return 1.0
     before, last = rounds[-2:]
-    promised = math.log(last.promise.frequency / before.promise.frequency)
-    measured = math.log(last.mean("frequency") / before.mean("frequency"))
+    promised = math.log(last.promised_figures.frequency / before.promised_figures.frequency)
+    measured = math.log(last.mean_figure("frequency") / before.mean_figure("frequency"))
     if abs(promised) < FREQUENCY_TOLERANCE or measured * promised <= 0.0:
         return 1.0
     return min(max(measured / promised, 1.0 / STEEPEST), STEEPEST)
 
 
 def _run_checks(
-    candidate: Candidate, seeds: Sequence[int], out: str | Path | None, executor: Executor, progress: bool
+    candidate: DamperCandidate,
+    seeds: Sequence[int],
+    out: str | Path | None,
+    executor: Executor,
+    progress: bool,
 ) -> tuple[DesignCheck, ...]:
     scenes = [candidate.scene(seed) for seed in seeds]
     study = sweep(
         damper(),
         cases=[scene.to_plain() for scene in scenes],
-        measure=check_columns,
+        measure=measure_design_check,
         dt=longest_step_hidden_by_scatter(scenes[0], METHOD),
         out=out,
         executor=executor,
@@ -267,7 +273,7 @@ def _run_checks(
     )
     checks = []
     for seed, outcome in zip(seeds, study.outcomes, strict=True):
-        figures = {} if outcome["error"] is not None else check_figures(outcome["figures"])
+        figures = {} if outcome["error"] is not None else figures_of_design_check(outcome["figures"])
         if not math.isfinite(figures.get("frequency", math.nan)):
             cause = outcome["error"] or "the motion has no level of rest"
             raise GranularError(
@@ -279,7 +285,7 @@ def _run_checks(
 
 
 def _miss_text(attempt: Design) -> str:
-    low, high = attempt.spread("damping_ratio")
+    low, high = attempt.range_over_seeds("damping_ratio")
     target = attempt.target
     if target.mass is not None:
         remedy = "give another mass, or leave it free"

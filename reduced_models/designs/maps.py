@@ -28,7 +28,7 @@ from reduced_models.designs.damper import (
     NAMES,
     REFERENCE_MASS,
     REFERENCE_REST,
-    Candidate,
+    DamperCandidate,
     disc_over_dipole_figures,
 )
 from reduced_models.designs.study import COMMITTED
@@ -51,7 +51,7 @@ _EDGE = 1.01
 """How far a damper at the edge of the box may lie beyond it: its number of grains is rounded."""
 
 
-class Surface(NamedTuple):
+class FigureMap(NamedTuple):
     """The map of one figure.
 
     Attributes
@@ -66,7 +66,7 @@ class Surface(NamedTuple):
     error: float
 
 
-class Prediction(NamedTuple):
+class PredictedFigures(NamedTuple):
     """Figures of a damper by the maps.
 
     Attributes
@@ -98,15 +98,15 @@ class DamperMaps:
     Parameters
     ----------
     study : DataFrame
-        A row for each damper that `run_study` simulated; those with an error are left out.
+        A row for each damper that `run_design_study` simulated; those with an error are left out.
 
     Attributes
     ----------
-    dampers : tuple of Candidate
+    dampers : tuple of DamperCandidate
         Dampers that the maps were fitted to.
     study : DataFrame
         Rows of these dampers.
-    surfaces : mapping of str to Surface
+    surfaces : mapping of str to FigureMap
         Polynomial of each figure: of the logarithms of ``rest_height`` [m], ``frequency`` [Hz] and
         ``damping_ratio``, and of ``quadratic`` and ``cubic``, k2 h/k1 and k3 h^2/k1 at the rest
         height h, without unit.
@@ -121,42 +121,42 @@ class DamperMaps:
         wanted = (*COLUMNS, *LOGARITHMIC, "k1", "k2", "k3")
         missing = [name for name in wanted if name not in study.columns]
         if missing:
-            raise InputError(f"the study has no column {missing[0]!r}; make it by run_study")
+            raise InputError(f"the study has no column {missing[0]!r}; make it by run_design_study")
         sound = study[study[list(wanted)].notna().all(axis=1)]
         positive = [*COLUMNS[:3], *LOGARITHMIC, "k1"]
         for name in positive:
             if not (np.isfinite(sound[name]) & (sound[name] > 0.0)).all():
                 worst = float(sound[name].min())
                 raise InputError(f"the study has {name} = {worst:g}; it must be above 0")
-        least = 2 * len(_powers(max(DEGREES.values())))
+        least = 2 * len(_monomial_exponents(max(DEGREES.values())))
         if len(sound) < least:
             raise InputError(
                 f"the study has {len(sound)} dampers that ran; at least {least} are needed for maps"
             )
         columns = (sound[name] for name in COLUMNS)
         self.dampers = tuple(
-            Candidate(float(m), int(n), float(g), float(r)) for m, n, g, r in zip(*columns, strict=True)
+            DamperCandidate(float(m), int(n), float(g), float(r)) for m, n, g, r in zip(*columns, strict=True)
         )
         self.study = sound
-        positions = [damper.coordinates() for damper in self.dampers]
-        self.surfaces: Mapping[str, Surface] = {
+        positions = [damper.map_coordinates() for damper in self.dampers]
+        self.surfaces: Mapping[str, FigureMap] = {
             name: _fit_surface(
                 np.array([_monomials(coordinates, DEGREES[name]) for coordinates in positions]), values
             )
             for name, values in _logarithms_and_ratios_of_study(sound).items()
         }
 
-    def predict(self, damper: Candidate) -> Prediction:
+    def predict(self, damper: DamperCandidate) -> PredictedFigures:
         """Predict the figures of a damper; of discs, by theory from those of dipoles.
 
         Parameters
         ----------
-        damper : Candidate
+        damper : DamperCandidate
             Damper inside the box.
 
         Returns
         -------
-        Prediction
+        PredictedFigures
             Rest height [m], frequency [Hz], damping ratio, and the law of the swing (SI).
 
         Raises
@@ -165,17 +165,17 @@ class DamperMaps:
             If the damper lies outside the box, has no such magnets, or its piston presses discs
             together.
         """
-        coordinates = damper.coordinates()
+        coordinates = damper.map_coordinates()
         if np.abs(coordinates).max() > _EDGE:
             limits = ", ".join(
                 f"{name} {low:g} to {high:g}" for name, low, high in zip(NAMES, LOWEST, HIGHEST, strict=True)
             )
             raise InputError(f"{damper} lies outside the maps; keep to {limits}")
-        values = {name: self.at(name, coordinates) for name in (*LOGARITHMIC, *PLAIN)}
+        values = {name: self.figure_at(name, coordinates) for name in (*LOGARITHMIC, *PLAIN)}
         dipoles = np.exp([values[name] for name in LOGARITHMIC])
         height, frequency, ratio = (dipoles * disc_over_dipole_figures(damper)).tolist()
         k1 = (2.0 * math.pi * frequency) ** 2
-        return Prediction(
+        return PredictedFigures(
             rest_height=height,
             frequency=frequency,
             damping_ratio=ratio,
@@ -185,7 +185,7 @@ class DamperMaps:
             k3=values["cubic"] * k1 / height**2,
         )
 
-    def at(self, name: str, coordinates: np.ndarray) -> float:
+    def figure_at(self, name: str, coordinates: np.ndarray) -> float:
         """Value of a map at a point of the box.
 
         Parameters
@@ -208,7 +208,7 @@ class DamperMaps:
         """
         return float(_monomials(coordinates, DEGREES[name]) @ self.surfaces[name].coefficients)
 
-    def view(self) -> InteractivePage:
+    def interactive_page(self) -> InteractivePage:
         """Page with the maps under sliders; its ``save`` writes it for a browser.
 
         Returns
@@ -221,7 +221,7 @@ class DamperMaps:
         surfaces = {
             name: {
                 "coefficients": surface.coefficients.tolist(),
-                "powers": _powers(DEGREES[name]),
+                "powers": _monomial_exponents(DEGREES[name]),
                 "error": surface.error,
             }
             for name, surface in self.surfaces.items()
@@ -248,7 +248,7 @@ def damper_maps(path: Path = COMMITTED) -> DamperMaps:
     Parameters
     ----------
     path : Path
-        CSV file of a study, as the table of `run_study`; the package's if not given.
+        CSV file of a study, as the table of `run_design_study`; the package's if not given.
 
     Returns
     -------
@@ -262,8 +262,8 @@ def damper_maps(path: Path = COMMITTED) -> DamperMaps:
 
     Examples
     --------
-    >>> from reduced_models import Candidate, damper_maps
-    >>> said = damper_maps().predict(Candidate(mass=7.5, grains=368, drag=0.1))
+    >>> from reduced_models import DamperCandidate, damper_maps
+    >>> said = damper_maps().predict(DamperCandidate(mass=7.5, grains=368, drag=0.1))
     >>> round(said.frequency, 2), round(said.damping_ratio, 3)  # [Hz]
     (3.46, 0.038)
     """
@@ -274,7 +274,7 @@ def damper_maps(path: Path = COMMITTED) -> DamperMaps:
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path} holds no study ({error}); make one by run_study") from None
+        raise InputError(f"{path} holds no study ({error}); make one by run_design_study") from None
 
 
 def _logarithms_and_ratios_of_study(study: pandas.DataFrame) -> dict[str, np.ndarray]:
@@ -286,19 +286,19 @@ def _logarithms_and_ratios_of_study(study: pandas.DataFrame) -> dict[str, np.nda
 
 
 @functools.cache
-def _powers(degree: int) -> tuple[tuple[int, ...], ...]:
+def _monomial_exponents(degree: int) -> tuple[tuple[int, ...], ...]:
     return tuple(p for p in itertools.product(range(degree + 1), repeat=4) if sum(p) <= degree)
 
 
 def _monomials(coordinates: np.ndarray, degree: int) -> np.ndarray:
     single = np.polynomial.legendre.legvander(coordinates, degree)
-    powers = _powers(degree)
+    powers = _monomial_exponents(degree)
     return np.array([math.prod(single[k, p] for k, p in enumerate(power)) for power in powers])
 
 
-def _fit_surface(terms: np.ndarray, values: np.ndarray) -> Surface:
+def _fit_surface(terms: np.ndarray, values: np.ndarray) -> FigureMap:
     coefficients = np.linalg.lstsq(terms, values, rcond=None)[0]
     orthogonal = np.linalg.qr(terms)[0]
     leverage = (orthogonal**2).sum(axis=1)
     left_out = (values - terms @ coefficients) / (1.0 - leverage)
-    return Surface(coefficients, float(np.sqrt((left_out**2).mean())))
+    return FigureMap(coefficients, float(np.sqrt((left_out**2).mean())))

@@ -9,7 +9,14 @@ import numpy as np
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, figure
 from granular.shared.version import versions
-from reduced_models.designs.damper import DIAMETER, HIGHEST, LOWEST, NAMES, Candidate, damper_at
+from reduced_models.designs.damper import (
+    DIAMETER,
+    HIGHEST,
+    LOWEST,
+    NAMES,
+    DamperCandidate,
+    damper_at_coordinates,
+)
 from reduced_models.designs.maps import DamperMaps
 
 if TYPE_CHECKING:
@@ -111,7 +118,7 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> HtmlPage:
             "k3 [1/(m² s²)]",
         ),
         [
-            _law_row(maps, damper_at(np.array([mass, grains, drag, -1.0])))
+            _law_row(maps, damper_at_coordinates(np.array([mass, grains, drag, -1.0])))
             for grains in (-1.0, 0.0, 1.0)
             for mass in (-0.6, 0.6)
             for drag in (-0.6, 0.4)
@@ -125,7 +132,7 @@ def _percent_text(value: float) -> str:
     return f"{100.0 * value:.2g} %"
 
 
-def _law_row(maps: DamperMaps, candidate: Candidate) -> tuple[str, ...]:
+def _law_row(maps: DamperMaps, candidate: DamperCandidate) -> tuple[str, ...]:
     said = maps.predict(candidate)
     values = (
         candidate.mass,
@@ -158,24 +165,24 @@ def plot_maps(maps: DamperMaps, fraction: float = 0.0) -> Figure:
     """
     with figure(1, len(COUNTS), width=10.0, height=3.6) as (drawing, axes):
         for panel, count in zip(axes, COUNTS, strict=True):
-            draw_map(panel, maps, count, fraction)
+            draw_contour_map(panel, maps, count, fraction)
             panel.set_title(f"{count} grains", fontsize=10)
-        add_legend(drawing)
+        add_map_legend(drawing)
         axes[0].set_ylabel("drag of a grain [kg/s]")
         return drawing
 
 
-def draw_map(axes: Axes, maps: DamperMaps, count: int, fraction: float) -> None:
+def draw_contour_map(axes: Axes, maps: DamperMaps, count: int, fraction: float) -> None:
     """Contours over mass and drag; the box is sheared in them."""
     side = np.linspace(-1.0, 1.0, _SIDE)
-    grains = Candidate(1.0, count, 1.0, fraction).coordinates()[[1, 3]]
+    grains = DamperCandidate(1.0, count, 1.0, fraction).map_coordinates()[[1, 3]]
     positions = [[np.array([damper, grains[0], other, grains[1]]) for damper in side] for other in side]
     dampers = [[_damper_at_grain_count(coordinates, count) for coordinates in row] for row in positions]
     mass = np.array([[damper.mass for damper in row] for row in dampers])
     drag = np.array([[damper.drag for damper in row] for row in dampers])
     for name, damper in LINES.items():
         values = damper.factor * np.exp(
-            [[maps.at(name, coordinates) for coordinates in row] for row in positions]
+            [[maps.figure_at(name, coordinates) for coordinates in row] for row in positions]
         )
         lines = axes.contour(mass, drag, values, damper.levels, colors="none")
         for level, segments in zip(lines.levels, lines.allsegs, strict=True):
@@ -213,7 +220,7 @@ def _label_contour(axes: Axes, name: str, level: float, line: np.ndarray) -> Non
     )
 
 
-def add_legend(drawing: Figure) -> None:
+def add_map_legend(drawing: Figure) -> None:
     """Name the lines of a map, above it."""
     from matplotlib.lines import Line2D
 
@@ -227,6 +234,6 @@ def add_legend(drawing: Figure) -> None:
     )
 
 
-def _damper_at_grain_count(coordinates: np.ndarray, count: int) -> Candidate:
+def _damper_at_grain_count(coordinates: np.ndarray, count: int) -> DamperCandidate:
     """Damper at a place, with the number of grains of the picture."""
-    return damper_at(coordinates)._replace(grains=count)
+    return damper_at_coordinates(coordinates)._replace(grains=count)

@@ -12,7 +12,13 @@ import numpy as np
 from granular.scene.published_beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
-from reduced_models.designs.damper import HIGHEST, LOWEST, Candidate, damper_at, disc_over_dipole_figures
+from reduced_models.designs.damper import (
+    HIGHEST,
+    LOWEST,
+    DamperCandidate,
+    damper_at_coordinates,
+    disc_over_dipole_figures,
+)
 from reduced_models.designs.maps import DamperMaps
 
 _MET = 1e-4
@@ -49,7 +55,7 @@ class DesignTarget(NamedTuple):
     small_share: float = 0.0
     magnets: str = "dipoles"
 
-    def check(self) -> None:
+    def check_ranges(self) -> None:
         """Refuse values out of range.
 
         Raises
@@ -88,7 +94,7 @@ Coordinates = Callable[[float, float], np.ndarray | None]
 """Two numbers from -1 to 1 -> a place in the box; None outside it."""
 
 
-def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
+def propose_design(maps: DamperMaps, target: DesignTarget) -> DamperCandidate:
     """Propose a damper that has the wanted figures by the maps.
 
     Parameters
@@ -101,7 +107,7 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
 
     Returns
     -------
-    Candidate
+    DamperCandidate
         Damper inside the box of the maps.
 
     Raises
@@ -110,7 +116,7 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
         If a value is out of range, or no damper of the maps meets the target: the message tells
         what can be had.
     """
-    target.check()
+    target.check_ranges()
     aim = (target.frequency, target.damping)
     dampers = (
         damper_for_target(maps, candidate_target, aim) for candidate_target in targets_by_grain_count(target)
@@ -128,7 +134,9 @@ def targets_by_grain_count(target: DesignTarget) -> list[DesignTarget]:
     return [target._replace(grains=count) for count in COUNTS]
 
 
-def damper_for_target(maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]) -> Candidate | None:
+def damper_for_target(
+    maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]
+) -> DamperCandidate | None:
     """Damper of a narrowed target to which the maps give a frequency and a damping ratio.
 
     ``aim`` differs from the target where simulations have shown that the maps are a little off.
@@ -175,7 +183,9 @@ def _to_unit_interval(value: float, low: float, high: float) -> float:
     return 2.0 * (value - low) / (high - low) - 1.0
 
 
-def _solve_for_damper(maps: DamperMaps, positions: Coordinates, aim: tuple[float, float]) -> Candidate | None:
+def _solve_for_damper(
+    maps: DamperMaps, positions: Coordinates, aim: tuple[float, float]
+) -> DamperCandidate | None:
     """Damper of a family that meets the aim; None if there is none."""
     from scipy.optimize import least_squares
 
@@ -185,7 +195,7 @@ def _solve_for_damper(maps: DamperMaps, positions: Coordinates, aim: tuple[float
         position = positions(*free)
         if position is None:
             return np.full(2, 1e3)
-        return np.array([maps.at(name, position) for name in ("frequency", "damping_ratio")]) - wanted
+        return np.array([maps.figure_at(name, position) for name in ("frequency", "damping_ratio")]) - wanted
 
     start = min(
         (np.array([coordinate, other]) for coordinate in _GRID[::4] for other in _GRID[::4]),
@@ -196,14 +206,14 @@ def _solve_for_damper(maps: DamperMaps, positions: Coordinates, aim: tuple[float
         return None
     point = positions(*solution.x)
     assert point is not None
-    return damper_at(point)
+    return damper_at_coordinates(point)
 
 
 def _unreachable_target_text(maps: DamperMaps, target: DesignTarget) -> str:
     """Why there is no such damper, and what can be had."""
     pairs = np.array(
         [
-            [maps.at(name, index) for name in ("frequency", "damping_ratio")]
+            [maps.figure_at(name, index) for name in ("frequency", "damping_ratio")]
             for narrow in [*targets_by_grain_count(target)[::4], targets_by_grain_count(target)[-1]]
             for item in _GRID
             for other in _GRID

@@ -13,9 +13,9 @@ from granular.shared.files import write_json
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
-from reduced_models.designs.damper import ASPECT, DIAMETER, Candidate
-from reduced_models.designs.maps import DamperMaps, Prediction
-from reduced_models.designs.page import add_legend, draw_map
+from reduced_models.designs.damper import ASPECT, DIAMETER, DamperCandidate
+from reduced_models.designs.maps import DamperMaps, PredictedFigures
+from reduced_models.designs.page import add_map_legend, draw_contour_map
 from reduced_models.designs.proposal import DesignTarget
 from reduced_models.falls.workshop_sheet import workshop_sheet
 from reduced_models.records.sources import make_directory
@@ -71,11 +71,11 @@ class DesignCheck(NamedTuple):
 class DesignRound(NamedTuple):
     """A proposal with its promise and its checks."""
 
-    damper: Candidate
-    promise: Prediction
+    damper: DamperCandidate
+    promised_figures: PredictedFigures
     checks: tuple[DesignCheck, ...]
 
-    def mean(self, name: str) -> float:
+    def mean_figure(self, name: str) -> float:
         """Mean of a figure over the checks."""
         return sum(getattr(check, name) for check in self.checks) / len(self.checks)
 
@@ -87,7 +87,7 @@ class Design:
     Attributes
     ----------
     target : DesignTarget
-    rounds : tuple of Round
+    rounds : tuple of DesignRound
         The last one is the design.
     """
 
@@ -95,14 +95,14 @@ class Design:
     rounds: tuple[DesignRound, ...]
 
     @property
-    def damper(self) -> Candidate:
+    def damper(self) -> DamperCandidate:
         """Mass of the piston, number of grains, drag, mixture; ``viscosity`` of the liquid."""
         return self.rounds[-1].damper
 
     @property
-    def promise(self) -> Prediction:
+    def promised_figures(self) -> PredictedFigures:
         """Its figures by the maps."""
-        return self.rounds[-1].promise
+        return self.rounds[-1].promised_figures
 
     @property
     def checks(self) -> tuple[DesignCheck, ...]:
@@ -117,19 +117,19 @@ class Design:
     @property
     def frequency(self) -> float:
         """Frequency of the undamped small swing [Hz], mean over the checks."""
-        return self.rounds[-1].mean("frequency")
+        return self.rounds[-1].mean_figure("frequency")
 
     @property
     def damping_ratio(self) -> float:
         """Mean over the checks."""
-        return self.rounds[-1].mean("damping_ratio")
+        return self.rounds[-1].mean_figure("damping_ratio")
 
     @property
     def rest_height(self) -> float:
         """[m], mean over the checks."""
-        return self.rounds[-1].mean("rest_height")
+        return self.rounds[-1].mean_figure("rest_height")
 
-    def met(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
+    def meets_target(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
         """Return true where every check lies within these relative tolerances of the target."""
         return all(
             abs(check.frequency / self.target.frequency - 1.0) <= frequency_tolerance
@@ -137,14 +137,14 @@ class Design:
             for check in self.checks
         )
 
-    def centred(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
+    def means_meet_target(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
         """Return true where the means over the checks lie within these relative tolerances."""
         return (
             abs(self.frequency / self.target.frequency - 1.0) <= frequency_tolerance
             and abs(self.damping_ratio / self.target.damping - 1.0) <= damping_tolerance
         )
 
-    def spread(self, name: str) -> tuple[float, float]:
+    def range_over_seeds(self, name: str) -> tuple[float, float]:
         """Least and greatest value over the random starts of the last round."""
         values = [getattr(check, name) for check in self.checks]
         return min(values), max(values)
@@ -156,7 +156,9 @@ class Design:
             ("damping_ratio", damping_tolerance * self.target.damping),
         )
         return all(
-            high - low <= 2.0 * workspace for name, workspace in pairs for low, high in [self.spread(name)]
+            high - low <= 2.0 * workspace
+            for name, workspace in pairs
+            for low, high in [self.range_over_seeds(name)]
         )
 
     @property
@@ -172,7 +174,7 @@ class Design:
             )
         if min(check.rest_gap for check in self.checks) < 1.0:
             notes.append("at rest grains touch; ask for a lower frequency, or fewer small grains")
-        if not self.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
+        if not self.meets_target(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
             notes.append(
                 f"the frequency is off by {_deviation_text(self.frequency, self.target.frequency)}, and "
                 f"{len(self.rounds) - 1} other proposals were no nearer: beds of discs come to rest in one "
@@ -196,8 +198,8 @@ class Design:
             for check in self.checks
         ]
         lines.append(
-            f"  maps of earlier runs had promised {self.promise.frequency:.4g} Hz and "
-            f"{self.promise.damping_ratio:.4g}; dampers simulated: {len(self.rounds)}"
+            f"  maps of earlier runs had promised {self.promised_figures.frequency:.4g} Hz and "
+            f"{self.promised_figures.damping_ratio:.4g}; dampers simulated: {len(self.rounds)}"
         )
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
@@ -212,7 +214,7 @@ class Design:
             "rounds": [
                 {
                     "damper": round_.damper._asdict(),
-                    "promise": round_.promise._asdict(),
+                    "promise": round_.promised_figures._asdict(),
                     "checks": [_without_record(check) for check in round_.checks],
                 }
                 for round_ in self.rounds
@@ -223,7 +225,7 @@ class Design:
     def plot(self, maps: DamperMaps) -> Figure:
         """Map that the design lies on, and the motions of its checks."""
         with figure(1, 2, width=9.0, height=3.8) as (drawing, (left, right)):
-            draw_map(left, maps, self.damper.grains, self.damper.small_share)
+            draw_contour_map(left, maps, self.damper.grains, self.damper.small_share)
             for k, round_ in enumerate(self.rounds):
                 last = k == len(self.rounds) - 1
                 if round_.damper.grains != self.damper.grains:
@@ -235,7 +237,7 @@ class Design:
                     color="black",
                     markersize=14 if last else 5,
                 )
-            add_legend(drawing)
+            add_map_legend(drawing)
             left.set_ylabel("drag of a grain [kg/s]")
             left.set_title(f"{self.damper.grains} grains; star: the design", fontsize=10)
             for colour, check in zip(COLOURS, self.checks, strict=False):
@@ -269,19 +271,19 @@ class Design:
                 (
                     "frequency of the undamped swing [Hz]",
                     format_number(target.frequency),
-                    format_number(self.promise.frequency),
+                    format_number(self.promised_figures.frequency),
                     *(format_number(c.frequency) for c in self.checks),
                 ),
                 (
                     "damping ratio",
                     format_number(target.damping),
-                    format_number(self.promise.damping_ratio),
+                    format_number(self.promised_figures.damping_ratio),
                     *(format_number(c.damping_ratio) for c in self.checks),
                 ),
                 (
                     "height of rest [D]",
                     "",
-                    format_number(self.promise.rest_height / DIAMETER),
+                    format_number(self.promised_figures.rest_height / DIAMETER),
                     *(format_number(c.rest_height / DIAMETER) for c in self.checks),
                 ),
                 (
@@ -328,7 +330,7 @@ class Design:
                 ("damping ratio", "damping_ratio", ""),
                 ("height of rest", "rest_height", " m"),
             )
-            for low, high in [self.spread(name)]
+            for low, high in [self.range_over_seeds(name)]
         ]
         return workshop_sheet(
             self.scene,

@@ -21,7 +21,7 @@ from granular.scene.published_beds import damper
 from granular.shared.errors import InputError
 from granular.studies.cases import keep_measure_name
 from granular.studies.sweep import sweep
-from reduced_models.designs.damper import Candidate, damper_at
+from reduced_models.designs.damper import DamperCandidate, damper_at_coordinates
 
 if TYPE_CHECKING:
     import pandas
@@ -36,7 +36,7 @@ STEP = "auto*2"
 digits."""
 
 
-def design_points(count: int = POINTS) -> list[Candidate]:
+def design_points(count: int = POINTS) -> list[DamperCandidate]:
     """Dampers of a study: corners of the box, and ``count`` points of Sobol's sequence."""
     from scipy.stats import qmc
 
@@ -44,10 +44,10 @@ def design_points(count: int = POINTS) -> list[Candidate]:
     inside = 2.0 * qmc.Sobol(4, scramble=True, seed=1).random(count) - 1.0
     # Small beds first: they say soonest whether something is wrong.
     positions = sorted(np.vstack([corners, inside]), key=lambda coordinates: coordinates[1])
-    return [damper_at(coordinates) for coordinates in positions]
+    return [damper_at_coordinates(coordinates) for coordinates in positions]
 
 
-def run_study(
+def run_design_study(
     out: str | Path | None = None,
     *,
     points: int = POINTS,
@@ -106,7 +106,7 @@ def run_study(
     study = sweep(
         damper(),
         cases=[damper_.scene().to_plain() for damper_ in dampers],
-        measure=damper_figures,
+        measure=measure_damper_figures,
         dt=STEP,
         out=out,
         executor=executor,
@@ -129,7 +129,7 @@ SHOWN_EVERY = 5
 
 
 @keep_measure_name("reduced_models.designs.figures:damper_figures#8b0ef787")
-def damper_figures(run: Trajectory) -> Mapping[str, Any]:
+def measure_damper_figures(run: Trajectory) -> Mapping[str, Any]:
     """Figures of a damper that fell, came to rest, was lifted and released.
 
     Returns
@@ -146,7 +146,7 @@ def damper_figures(run: Trajectory) -> Mapping[str, Any]:
 
 
 def measure_rest_and_gaps(run: Trajectory) -> dict[str, float]:
-    """Figures of `damper_figures` that no law is fitted for."""
+    """Figures of `measure_damper_figures` that no law is fitted for."""
     settings = run.settings()
     return {
         "rest_height": run.stage("drop").height,
@@ -157,7 +157,7 @@ def measure_rest_and_gaps(run: Trajectory) -> dict[str, float]:
 
 
 def fit_motion_figures(motion: PistonRecord) -> dict[str, float]:
-    """Figures of `damper_figures` by the law of the motion after the release."""
+    """Figures of `measure_damper_figures` by the law of the motion after the release."""
     from reduced_models.fitting.fit import fit
 
     with warnings.catch_warnings():
@@ -183,7 +183,8 @@ def _least_gap(run: Trajectory) -> float:
     return float((pdist(positions) / (radii[rows] + radii[columns])).min())
 
 
-def check_columns(run: Trajectory) -> Mapping[str, Any]:
+@keep_measure_name("reduced_models.designs.study:check_columns#e53515e8")
+def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
     """`measure_rest_and_gaps`, and the motion after the release as columns; nothing is fitted."""
     columns = run.piston("release").with_time_from_zero().columns
     return {
@@ -192,8 +193,8 @@ def check_columns(run: Trajectory) -> Mapping[str, Any]:
     }
 
 
-def check_figures(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """Figures of a run's `check_columns`, and ``times`` [s] and ``heights`` [m] for a picture."""
+def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
+    """Figures of a run's `measure_design_check`, and ``times`` [s] and ``heights`` [m] for a picture."""
     motion = PistonRecord.from_columns(columns["motion"])
     return {
         **{name: value for name, value in columns.items() if name != "motion"},

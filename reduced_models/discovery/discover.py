@@ -41,7 +41,7 @@ from reduced_models.discovery.weak_form import (
     force_weak_form,
     weak_form,
 )
-from reduced_models.fitting.problem import as_records, require_positions
+from reduced_models.fitting.problem import list_of_records, refuse_integrated_heights
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 from reduced_models.records.inputs import column_names
@@ -153,7 +153,7 @@ def discover(
         If an option is out of its range, a term or function cannot be read, or a program that the
         method needs is not installed.
     """
-    records = as_records(record)
+    records = list_of_records(record)
     terms, functions = _as_text_sequence(terms), _as_text_sequence(functions)
     _check_arguments(method, form, target, degree, polish, ensemble, effort)
     _check_argument_types(library, map, seed)
@@ -333,7 +333,7 @@ def _is_single_library(library: str | Sequence[str], name: str) -> bool:
 
 def _check_records_for_target(records: Sequence[PistonRecord], target: str) -> None:
     if target != "force":
-        require_positions(records, "discover")
+        refuse_integrated_heights(records, "discover")
     if not records:
         raise InputError("there is no record to discover a law in; give at least one")
     if target == "height" and len(records) > 1:

@@ -14,11 +14,11 @@ from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
 from reduced_models.fitting.covariance import (
     REPLICATES,
-    Information,
+    FitStatistics,
     bootstrap_replicates,
-    calibration_shifts,
     joint_covariance,
     marginal_information,
+    shifts_by_calibration_errors,
     stratified_normal_draws,
 )
 from reduced_models.fitting.problem import FitProblem
@@ -26,15 +26,15 @@ from reduced_models.fitting.refinement import SearchResult
 from reduced_models.fitting.residual_diagnostics import (
     SLIGHT,
     autocorrelation_time,
-    count_transient_samples,
-    residual_structure,
+    count_release_transient_samples,
+    diagnose_residuals,
 )
 from reduced_models.fitting.uncertainty import (
     Interval,
     bootstrap_intervals,
     interval_analysis,
     physical_covariance,
-    small_motion,
+    small_motion_figures,
     widen_to_linear_intervals,
 )
 from reduced_models.laws.height_map import HeightMap
@@ -76,7 +76,7 @@ NOISE_TIMES, NOTABLE = 3.0, 0.05
 """A residual above so many noise levels, and above this fraction of the swing, is noted."""
 
 
-def make_models(result: SearchResult, *, drift_was_found: bool = False) -> tuple[ReducedModel, ...]:
+def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> tuple[ReducedModel, ...]:
     """Reduced model of each record of a fit, with intervals, quality and notes.
 
     ``drift_was_found`` where the residuals said that the records' zero walks, and nobody else.
@@ -98,19 +98,19 @@ def make_models(result: SearchResult, *, drift_was_found: bool = False) -> tuple
     if problem.intervals == "bootstrap":
         again = bootstrap_replicates(joint, theta, REPLICATES, problem.seed)
     covariance, independent = joint_covariance(
-        joint.linearise(theta),
+        joint.linearised_residuals(theta),
         [grid.loss for grid in joint.grids],
         [None if level is None else level / joint.unknowns.residual_unit for level in problem.noise],
         joint.entries,
-        joint.held,
+        joint.held_entries,
     )
-    shifts = calibration_shifts(joint, theta)
+    shifts = shifts_by_calibration_errors(joint, theta)
     covariance = covariance + shifts.T @ shifts
     if again is not None:
         again = again + stratified_normal_draws((len(again), len(shifts)), problem.seed) @ shifts
-    free = ~joint.held
+    free = ~joint.held_entries
     known = [
-        Information(
+        FitStatistics(
             marginal_information(normal, here, free),
             covariance[np.ix_(here, here)],
             residuals,
@@ -124,11 +124,11 @@ def make_models(result: SearchResult, *, drift_was_found: bool = False) -> tuple
     if problem.intervals == "profile":
         from reduced_models.fitting.profile import profile_intervals
 
-        quantile = known[0].quantile(problem.confidence)
+        quantile = known[0].student_quantile(problem.confidence)
         profiled = profile_intervals(joint, theta, covariance, quantile)
     models = []
     motions = [
-        PistonRecord(grid.record.time, grid.heights(theta[here]))
+        PistonRecord(grid.record.time, grid.fitted_heights(theta[here]))
         if problem.sensor is not None
         else grid.record
         for grid, here in zip(joint.grids, joint.entries, strict=True)
@@ -173,7 +173,7 @@ def _make_model(
     problem, grid = result.problem, result.joint.grids[k]
     unknowns, record = grid.unknowns, grid.record
     theta = result.theta[result.joint.entries[k]]
-    values, shift, scale, z0, v0, hidden = unknowns.physical(theta)
+    values, shift, scale, z0, v0, hidden = unknowns.physical_values(theta)
     height_map = HeightMap(float(shift), float(scale), fitted=unknowns.map is None)
     quality = _quality(result, k, residuals)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
@@ -200,7 +200,7 @@ def _make_model(
             *_bound_notes(parameters, problem.bounds),
             *(() if record.angle else _suspicious_unit_notes(unknowns.amplitude, unknowns.speed)),
         ),
-        provenance=_provenance(record, problem),
+        provenance=_provenance_words(record, problem),
         hidden={
             name: float(state)
             for name, state in zip(unknowns.law.hidden, hidden, strict=True)
@@ -242,7 +242,7 @@ def _ranges_of_motion(records: Sequence[PistonRecord]) -> dict[str, tuple[float,
     }
 
 
-def _provenance(record: PistonRecord, problem: FitProblem) -> dict[str, str]:
+def _provenance_words(record: PistonRecord, problem: FitProblem) -> dict[str, str]:
     """Origin of a model, in words: the same for the same data and settings."""
     digest = hashlib.sha256(record.time.tobytes() + record.height.tobytes()).hexdigest()
     pairs = problem.bounds.items()
@@ -289,7 +289,7 @@ def _quality(result: SearchResult, k: int, residuals: np.ndarray) -> Quality:
     period = 2.0 * math.pi * grid.unknowns.amplitude / grid.unknowns.speed
     fitted = record.height + residuals * unit
     left = remove_random_walk(residuals * unit, grid.gain)
-    structure = residual_structure(record.time, left, np.gradient(fitted, record.time), period)
+    structure = diagnose_residuals(record.time, left, np.gradient(fitted, record.time), period)
     error = None
     if swings:
         unseen = grid.residuals(result.trained[here])
@@ -317,7 +317,7 @@ def _quality(result: SearchResult, k: int, residuals: np.ndarray) -> Quality:
 
 def _small_motion_changes(unknowns: Unknowns, theta: np.ndarray, trained: np.ndarray) -> dict[str, float]:
     """Relative changes of the figures of rest between two search vectors; empty where there are none."""
-    figures, others = (small_motion(unknowns, vector) for vector in (theta, trained))
+    figures, others = (small_motion_figures(unknowns, vector) for vector in (theta, trained))
     if isinstance(figures, NoSwing) or isinstance(others, NoSwing):
         return {}
     pairs = zip(("period", "damping_ratio"), figures[1:], others[1:], strict=True)
@@ -348,8 +348,8 @@ def residual_structure_text(quality: Quality, interval: float) -> str:
     )
     if abs(quality.lag) > LAG * interval and quality.swinging > FRACTION:
         words += f"; the solution lags by {quality.lag:.2g} s"
-    words += quality.shifts_text
-    if sensor_drifts(quality):
+    words += quality.figure_shifts_text
+    if has_sensor_drift(quality):
         return f"{words}) but drift slowly, so the level of rest is known less; {_LET_DRIFT}"
     if quality.swinging > FRACTION:
         return f"{words}) and swing with the motion, so the law is not right; try another law"
@@ -357,7 +357,7 @@ def residual_structure_text(quality: Quality, interval: float) -> str:
     return f"{words}), so the law is not right, or the noise is not white; try another law{drift}"
 
 
-def sensor_drifts(quality: Quality) -> bool:
+def has_sensor_drift(quality: Quality) -> bool:
     """Tell residuals that are slower than the motion and stronger there than white noise."""
     return quality.drift > DRIFT and quality.slow > quality.swinging
 
@@ -374,7 +374,7 @@ def _misfit_text(quality: Quality, record: PistonRecord) -> str:
             f"{record.time[start] - record.time[0]:.4g} s before it moves; fit it from there on "
             "(reduced_models.cut_at_release)"
         )
-    drift = f", or {_LET_DRIFT} if the record's zero may drift" if sensor_drifts(quality) else ""
+    drift = f", or {_LET_DRIFT} if the record's zero may drift" if has_sensor_drift(quality) else ""
     return f"the law or the fit is not right; try another law or more starts{drift}"
 
 
@@ -390,7 +390,7 @@ def _release_transient_text(grid: GriddedRecord, residuals: np.ndarray) -> str:
     """Words on what a release stirs up, where a law holds but for that; empty elsewhere."""
     left = residuals * grid.unknowns.residual_unit
     time, period = grid.record.time, math.tau * grid.unknowns.amplitude / grid.unknowns.speed
-    start, swing = count_transient_samples(time, left, period), float(grid.record.height.std())
+    start, swing = count_release_transient_samples(time, left, period), float(grid.record.height.std())
     after = _rms(left[start:]) / swing
     if not start or after > SLIGHT:
         return ""
@@ -415,7 +415,7 @@ def _model_notes(quality: Quality, usual: float, record: PistonRecord, release: 
             f"the residual is {100 * usual / swing:.2g} % of the swing and {format_factor(ratio)} "
             f"times the record's noise, so {_misfit_text(quality, record)}"
         )
-    elif (quality.structured or quality.drift > DRIFT) and quality.relative > SMALL:
+    elif (quality.has_structured_residuals or quality.drift > DRIFT) and quality.relative > SMALL:
         interval = float(np.median(np.diff(record.time)))
         notes.append(release or residual_structure_text(quality, interval))
     if quality.noise > NOISY * swing:

@@ -40,7 +40,7 @@ REPLICATES = 200
 _ROUNDS = 10  # of reweighting, for a middle
 
 
-class Information(NamedTuple):
+class FitStatistics(NamedTuple):
     """Information of the data on a record's search vector, at the minimum of a fit.
 
     Attributes
@@ -67,23 +67,23 @@ class Information(NamedTuple):
     independent: float
 
     @property
-    def dof(self) -> float:
+    def degrees_of_freedom(self) -> float:
         """Degrees of freedom that the residuals have left."""
         return max(1.0, sum(map(len, self.residuals)) - self.fitted)
 
     @property
-    def variance(self) -> float:
+    def residual_variance(self) -> float:
         """Variance of a residual, enlarged by how the residuals follow each other."""
         total = sum(
             float((residual**2).sum()) * autocorrelation_time(residual) for residual in self.residuals
         )
-        return total / self.dof
+        return total / self.degrees_of_freedom
 
-    def quantile(self, confidence: float) -> float:
+    def student_quantile(self, confidence: float) -> float:
         """Student's quantile, for an interval of that confidence."""
         from scipy.stats import t as student
 
-        dof = min(self.dof, max(LEAST_DOF, self.independent - 1.0))
+        dof = min(self.degrees_of_freedom, max(LEAST_DOF, self.independent - 1.0))
         return float(student.ppf(0.5 + 0.5 * confidence, dof))
 
 
@@ -117,7 +117,7 @@ def joint_covariance(
     alike = _record_variance_weights([left for left, _ in linear])
     parts = zip(linear, losses, noise, entries, alike, strict=True)
     for (left, slopes), loss, known, here, ratio in parts:
-        _, weight = cost_and_weight(left, loss.numbers, np)
+        _, weight = cost_and_weight(left, loss.compiled_arguments, np)
         bread[np.ix_(here, here)] += slopes.T @ (half_cost_curvature(left, loss)[:, None] * slopes)
         pull = weight * left
         series = fit_autoregression(pull)
@@ -140,24 +140,24 @@ def joint_covariance(
     return result, independent
 
 
-def calibration_shifts(joint: JointRecords, theta: np.ndarray) -> np.ndarray:
+def shifts_by_calibration_errors(joint: JointRecords, theta: np.ndarray) -> np.ndarray:
     """Shifts (m, q) of a joint search vector by what sensors' calibrations leave open.
 
     They are independent, by one standard uncertainty each, so that S'S is their covariance. Each
     deviation is laid on the records, and the vector goes where the linearised fit then ends. The
     deviations of records that have equally many are those of one sensor, and go together.
     """
-    size = len(joint.held)
-    free = np.flatnonzero(~joint.held)
+    size = len(joint.held_entries)
+    free = np.flatnonzero(~joint.held_entries)
     matrix = np.zeros((size, size))
     pulls: dict[tuple[int, str, int], np.ndarray] = {}
     for grid, here in zip(joint.grids, joint.entries, strict=True):
-        left, slopes = grid.linearise(theta[here])
+        left, slopes = grid.linearised_residuals(theta[here])
         weighted = half_cost_curvature(left, grid.loss)[:, None] * slopes
         matrix[np.ix_(here, here)] += slopes.T @ weighted
         for name, every in grid.record.deviations.items():
             for k, deviation in enumerate(every):
-                shifted, _ = grid.with_column(name, deviation).linearise(theta[here])
+                shifted, _ = grid.with_column_deviation(name, deviation).linearised_residuals(theta[here])
                 pull = pulls.setdefault((len(every), name, k), np.zeros(size))
                 pull[here] += weighted.T @ (shifted - left)
     result = np.zeros((len(pulls), size))
@@ -265,6 +265,6 @@ def robust_location(values: np.ndarray, loss: Loss) -> float:
     """Location of the least loss of values, which outliers do not move as they move the mean."""
     result = 0.0
     for _ in range(_ROUNDS):
-        _, weight = cost_and_weight(values - result, loss.numbers, np)
+        _, weight = cost_and_weight(values - result, loss.compiled_arguments, np)
         result = float(np.average(values, weights=weight))
     return result

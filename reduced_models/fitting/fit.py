@@ -21,26 +21,32 @@ import numpy as np
 from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
-from reduced_models.fitting.assessment import make_models, sensor_drifts
+from reduced_models.fitting.assessment import has_sensor_drift, models_from_fit
 from reduced_models.fitting.force_fit import fit_force, is_force_fit
-from reduced_models.fitting.history import align_histories, fit_with_histories, is_history
+from reduced_models.fitting.history import fit_with_histories, is_motion_history, prepend_histories
 from reduced_models.fitting.options import (
     STARTS,
     TEST_FRACTION,
     Bounds,
     Fixed,
     Initial,
-    check_options,
+    check_fit_options,
     check_parameter_names,
     fixed_values,
-    initial_state,
     parameter_bounds,
     parameter_starts,
+    prescribed_initial_state,
 )
-from reduced_models.fitting.problem import FitProblem, Intervals, as_records, training_data, weights_and_noise
-from reduced_models.fitting.refinement import SearchResult, fine_grids, solve_on_verified_grids
-from reduced_models.fitting.residual_diagnostics import ljung_box
-from reduced_models.fitting.search import search_fit
+from reduced_models.fitting.problem import (
+    FitProblem,
+    Intervals,
+    list_of_records,
+    split_training_data,
+    weights_and_noise,
+)
+from reduced_models.fitting.refinement import SearchResult, fine_grids_over_records, solve_on_verified_grids
+from reduced_models.fitting.residual_diagnostics import ljung_box_p_value
+from reduced_models.fitting.search import multistart_search
 from reduced_models.fitting.sensor_identifiability import IdentifiableSensor, identifiable_sensor
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.force_law import ForceLaw
@@ -212,7 +218,7 @@ def fit(
     >>> round(model.at_rest.period, 4), round(model.at_rest.damping_ratio, 4)
     (0.288, 0.0367)
     """
-    records = as_records(record)
+    records = list_of_records(record)
     if is_force_fit(law, measured, records[0]):
         others = (map, tuple(own), intervals, weights, noise, loss, initial, input_interpolation, bool(drift))
         if others != ("auto", (), "linear", None, None, "linear", None, None, False):
@@ -235,7 +241,7 @@ def fit(
         )
         return (model,)  # type: ignore[return-value]  # said under Returns
     assert not isinstance(law, ForceLaw)
-    check_options(starts, test_fraction, confidence, map, intervals, loss, input_interpolation)
+    check_fit_options(starts, test_fraction, confidence, map, intervals, loss, input_interpolation)
     declared = (*own, *(bounds or {}), *(start or {}), *(fix or {}), *positive)
     chosen = resolve_law(law, records[0], declared)
     check_parameter_names(chosen, declared)
@@ -245,8 +251,8 @@ def fit(
     shared, value = fixed_values(fix or {}, len(records))
     pairs = parameter_bounds(chosen, bounds or {}, shared, value)
     given = weights_and_noise(records, weights, noise)
-    histories = align_histories(chosen, initial, records) if is_history(initial) else []
-    state = {} if histories else initial_state(chosen, initial)
+    histories = prepend_histories(chosen, initial, records) if is_motion_history(initial) else []
+    state = {} if histories else prescribed_initial_state(chosen, initial)
     given_sensor = measured or records[0].measured
     sensor = None if given_sensor == "height" else resolve_sensor(given_sensor)
     if sensor is not None and histories:
@@ -265,7 +271,7 @@ def fit(
     problem = FitProblem(
         law=chosen,
         data=tuple(
-            training_data(
+            split_training_data(
                 record, test_fraction, *how, loss, fixed, view.sensor, about_rest="level" in view.untold
             )
             for record, how, fixed in zip(records, given, value, strict=True)
@@ -285,7 +291,7 @@ def fit(
         sensor=view.sensor,
         untold=view.untold,
     )
-    result = search_fit(problem)
+    result = multistart_search(problem)
     if not math.isfinite(result.cost):
         raise InputError(
             f"no start led to a solution of {quote(chosen.name)} that stays finite over the "
@@ -298,9 +304,9 @@ def fit(
     if drift:
         result = _fit_with_drift(result)
     result = solve_on_verified_grids(result)
-    models = make_models(result)
+    models = models_from_fit(result)
     if drift is None and intervals != "profile" and _has_random_walk_residuals(result, models):
-        models = make_models(solve_on_verified_grids(_fit_with_drift(result)), drift_was_found=True)
+        models = models_from_fit(solve_on_verified_grids(_fit_with_drift(result)), drift_was_found=True)
     for note in dict.fromkeys(note for model in models for note in model.notes):
         warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=3)
     return models
@@ -331,21 +337,23 @@ def _best_interpolation(result: SearchResult) -> SearchResult:
     problem = result.problem
     counts = [min(samples, _MOST_SAMPLES) for samples in problem.samples]
     # One step a sample at least: what a held input does within a step has no order.
-    aligned = fine_grids(dataclasses.replace(problem, interpolation="linear"))
+    aligned = fine_grids_over_records(dataclasses.replace(problem, interpolation="linear"))
     errors = {}
     for how in INTERPOLATIONS:
-        grids = tuple(grid.on(steps, how) for grid, steps in zip(result.joint.grids, aligned, strict=True))
+        grids = tuple(
+            grid.on_grid(steps, how) for grid, steps in zip(result.joint.grids, aligned, strict=True)
+        )
         joint = dataclasses.replace(result.joint, grids=grids)
         theta = joint.refit(result.trained, counts, tolerance=1e-6)
-        errors[how] = (_mean_square_after(joint, theta, counts), joint)
+        errors[how] = (_mean_square_residual_after(joint, theta, counts), joint)
     best = min(INTERPOLATIONS, key=lambda how: errors[how][0])
     if best == "spline" or errors[best][0] > _CLEARLY * errors["spline"][0]:
         return result
     joint = errors[best][1]
-    return result.with_training(joint, joint.refit(result.trained, problem.samples))
+    return result.with_training_fit(joint, joint.refit(result.trained, problem.samples))
 
 
-def _mean_square_after(joint: JointRecords, theta: np.ndarray, counts: list[int]) -> float:
+def _mean_square_residual_after(joint: JointRecords, theta: np.ndarray, counts: list[int]) -> float:
     """Mean squared residual behind so many samples of each record, over as many at most."""
     total, size = 0.0, 0
     for residuals, count in zip(joint.residuals(theta), counts, strict=True):
@@ -366,29 +374,29 @@ def _fit_with_drift(result: SearchResult) -> SearchResult:
     """
     joint, theta = result.joint, result.trained
     for _ in range(_DRIFT_ROUNDS):
-        gains = map(_least_squares_gain, joint.residuals(theta))
+        gains = map(_random_walk_gain, joint.residuals(theta))
         grids = tuple(
             dataclasses.replace(grid, gain=gain) for grid, gain in zip(joint.grids, gains, strict=True)
         )
         joint = dataclasses.replace(joint, grids=grids)
         theta = joint.refit(theta, result.problem.samples, tolerance=1e-6)
-    return result.with_training(joint, theta)
+    return result.with_training_fit(joint, theta)
 
 
 def _has_random_walk_residuals(result: SearchResult, models: Sequence[ReducedModel]) -> bool:
     """Tell whether residuals of a record drift, and are a random walk next to white noise."""
     for model, residuals in zip(models, result.joint.residuals(result.theta), strict=True):
-        if not sensor_drifts(model.quality):
+        if not has_sensor_drift(model.quality):
             continue
-        gain = _least_squares_gain(residuals)
+        gain = _random_walk_gain(residuals)
         left = remove_random_walk(residuals, gain)
         # What a wrong law leaves is smooth: it is followed by a gain near one, or is not white then.
-        if gain < _MOST_GAIN and ljung_box(left) > SURE:
+        if gain < _MOST_GAIN and ljung_box_p_value(left) > SURE:
             return True
     return False
 
 
-def _least_squares_gain(residuals: np.ndarray) -> float:
+def _random_walk_gain(residuals: np.ndarray) -> float:
     """Gain with the least squares of what is left."""
     from scipy.optimize import minimize_scalar
 

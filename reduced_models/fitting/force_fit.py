@@ -18,19 +18,24 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models.fitting.covariance import LEAST_DOF, joint_covariance
-from reduced_models.fitting.force_search import POLISHED, ForceProblem, ForceSearch, search_force
+from reduced_models.fitting.force_search import (
+    POLISHED,
+    ForceFitProblem,
+    ForceSearchResult,
+    search_force_parameters,
+)
 from reduced_models.fitting.options import (
     STARTS,
     TEST_FRACTION,
     Bounds,
-    check_options,
+    check_fit_options,
     check_parameter_names,
     parameter_bounds,
     parameter_starts,
 )
-from reduced_models.fitting.problem import as_records
-from reduced_models.fitting.residual_diagnostics import autocorrelation_time, residual_structure
-from reduced_models.laws.force_law import ForceLaw, force_law, is_force_equation
+from reduced_models.fitting.problem import list_of_records
+from reduced_models.fitting.residual_diagnostics import autocorrelation_time, diagnose_residuals
+from reduced_models.laws.force_law import ForceLaw, is_force_equation, resolve_force_law
 from reduced_models.least_squares.levenberg_marquardt import levenberg_marquardt
 from reduced_models.least_squares.residuals import Loss
 from reduced_models.models.force_model import ForceModel, stroke_cycles
@@ -126,20 +131,20 @@ def fit_force(
     >>> round(fit_force(record).parameters["c"], 2)
     120.0
     """
-    records = [item.with_time_from_zero() for item in as_records(record)]
-    check_options(starts, test_fraction, confidence)
+    records = [item.with_time_from_zero() for item in list_of_records(record)]
+    check_fit_options(starts, test_fraction, confidence)
     declared = (*(bounds or {}), *(start or {}), *(fix or {}), *positive)
-    chosen = force_law(law, column_names(records[0]), declared)
+    chosen = resolve_force_law(law, column_names(records[0]), declared)
     chosen = dataclasses.replace(chosen, positive=tuple(dict.fromkeys((*chosen.positive, *positive))))
-    field = chosen.field
+    field = chosen.acceleration_law
     check_parameter_names(field, declared)
     given = dict(fix or {})
     if chosen.given:
         given.setdefault(chosen.given, float(np.mean([item.height.mean() for item in records])))
     pairs = parameter_bounds(field, bounds or {}, given)
     measured, notes = _measured_forces(records, sensor)
-    problem = ForceProblem(chosen, field, tuple(records), measured.forces, pairs, starts, seed)
-    result = search_force(problem, parameter_starts(field, start or {}))
+    problem = ForceFitProblem(chosen, field, tuple(records), measured.forces, pairs, starts, seed)
+    result = search_force_parameters(problem, parameter_starts(field, start or {}))
     model = _make_model(problem, result, measured, confidence, test_fraction, notes)
     for note in model.notes:
         warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=2)
@@ -181,8 +186,8 @@ def _measured_forces(
 
 
 def _make_model(
-    problem: ForceProblem,
-    result: ForceSearch,
+    problem: ForceFitProblem,
+    result: ForceSearchResult,
     measured: _MeasuredForces,
     confidence: float,
     test_fraction: float,
@@ -191,12 +196,16 @@ def _make_model(
     """Model of a fit, with intervals from its linearisation."""
     from scipy.stats import t as student
 
-    names, size, log = problem.field.parameters, problem.sizes[2], problem.logarithmic
-    edges = problem.edges(result.units)
+    names, size, log = (
+        problem.field.parameters,
+        problem.stroke_speed_and_force_scales[2],
+        problem.logarithmic_parameters,
+    )
+    edges = problem.search_bounds(result.units)
     held = edges.low == edges.high
-    linear = problem.linearise(result.data, result.theta)
+    linear = problem.linearised_residuals(result.data, result.theta)
     losses, unknown = [Loss()] * len(linear), [None] * len(linear)
-    covariance, independent = joint_covariance(linear, losses, unknown, problem.entries, held)
+    covariance, independent = joint_covariance(linear, losses, unknown, problem.search_vector_entries, held)
     covariance = covariance + _calibration_covariance(problem, linear, held, measured)
     dof = min(sum(map(len, problem.forces)) - int((~held).sum()), max(LEAST_DOF, independent - 1.0))
     quantile = float(student.ppf(0.5 + 0.5 * confidence, max(1.0, dof)))
@@ -247,7 +256,7 @@ def _make_model(
 
 
 def _calibration_covariance(
-    problem: ForceProblem,
+    problem: ForceFitProblem,
     linear: Sequence[tuple[np.ndarray, np.ndarray]],
     held: np.ndarray,
     measured: _MeasuredForces,
@@ -255,11 +264,11 @@ def _calibration_covariance(
     """Covariance (q, q) by what the calibration of the load cell leaves open."""
     free = np.flatnonzero(~held)
     matrix, pulls = np.zeros((len(held), len(held))), dict[int, np.ndarray]()
-    for record, (_, slopes), here in zip(problem.records, linear, problem.entries, strict=True):
+    for record, (_, slopes), here in zip(problem.records, linear, problem.search_vector_entries, strict=True):
         matrix[np.ix_(here, here)] += slopes.T @ slopes
         for k, deviation in enumerate(record.deviations.get("force", ())):
             pull = pulls.setdefault(k, np.zeros(len(held)))
-            pull[here] += slopes.T @ (measured.sign * deviation / problem.sizes[2])
+            pull[here] += slopes.T @ (measured.sign * deviation / problem.stroke_speed_and_force_scales[2])
     result = np.zeros_like(matrix)
     for pull in pulls.values():
         shift = np.linalg.pinv(matrix[np.ix_(free, free)], hermitian=True) @ pull[free]
@@ -268,8 +277,8 @@ def _calibration_covariance(
 
 
 def _quality(
-    problem: ForceProblem,
-    result: ForceSearch,
+    problem: ForceFitProblem,
+    result: ForceSearchResult,
     linear: Sequence[tuple[np.ndarray, np.ndarray]],
     left: np.ndarray,
     test_fraction: float,
@@ -278,9 +287,11 @@ def _quality(
     residual = float(np.sqrt((left**2).mean()))
     longest = max(range(len(linear)), key=lambda k: len(linear[k][0]))
     record, mine = problem.records[longest], linear[longest][0]
-    period = 2.0 * math.pi * problem.sizes[0] / problem.sizes[1]
+    period = (
+        2.0 * math.pi * problem.stroke_speed_and_force_scales[0] / problem.stroke_speed_and_force_scales[1]
+    )
     stroke = result.data[longest].stroke
-    structure = residual_structure(record.time, mine, np.gradient(stroke.velocity, record.time), period)
+    structure = diagnose_residuals(record.time, mine, np.gradient(stroke.velocity, record.time), period)
     pairs = zip(problem.forces, problem.records, strict=True)
     noises = [noise_level(force, item.time) for force, item in pairs]
     error, end = None, record.time[-1]
@@ -288,7 +299,7 @@ def _quality(
         error = _test_error(problem, result, test_fraction)
     return Quality(
         residual=residual,
-        relative=residual / problem.sizes[2],
+        relative=residual / problem.stroke_speed_and_force_scales[2],
         test_error=error,
         test_swings=[] if error is None else [((1.0 - test_fraction) * float(end), float(end))],
         starts=result.starts,
@@ -304,21 +315,21 @@ def _quality(
     )
 
 
-def _test_error(problem: ForceProblem, result: ForceSearch, fraction: float) -> float:
+def _test_error(problem: ForceFitProblem, result: ForceSearchResult, fraction: float) -> float:
     """Rms error at the end of the records of a fit to their beginning, in the size of the forces."""
     late = [np.arange(len(item.force)) >= (1.0 - fraction) * len(item.force) for item in result.data]
     early = [
         item._replace(weight=np.where(here, 0.0, 1.0)) for item, here in zip(result.data, late, strict=True)
     ]
     theta, _ = levenberg_marquardt(
-        problem.normal(early),
+        problem.normal_equations(early),
         np.tile(result.theta, (POLISHED, 1)),
         problem.prior(),
         1e-6,
-        problem.edges(result.units),
+        problem.search_bounds(result.units),
         damping=1e-6,
     )
-    left = problem.linearise(result.data, theta[0])
+    left = problem.linearised_residuals(result.data, theta[0])
     squares = np.concatenate([item[0][here] ** 2 for item, here in zip(left, late, strict=True)])
     return float(np.sqrt(squares.mean()))
 
@@ -332,7 +343,7 @@ def _quality_notes(quality: Quality) -> list[str]:
             f"{quality.residual / max(quality.noise, 1e-300):.2g} times its noise, so the law is not "
             "right; try another law"
         )
-    elif quality.structured and quality.relative > 1e-5:
+    elif quality.has_structured_residuals and quality.relative > 1e-5:
         notes.append(
             f"the residuals, {100.0 * quality.relative:.2g} % of the force, are not white noise, so "
             "the law is not quite right, or the noise is not white"

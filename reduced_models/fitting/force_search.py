@@ -24,7 +24,7 @@ from reduced_models.jax_setup import jax
 from reduced_models.laws.equation import PROGRAMS
 from reduced_models.laws.force_law import ForceLaw
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.joint_records import joint_normal
+from reduced_models.least_squares.joint_records import joint_normal_equations
 from reduced_models.least_squares.levenberg_marquardt import Bounds as Edges
 from reduced_models.least_squares.levenberg_marquardt import (
     Normal,
@@ -33,7 +33,13 @@ from reduced_models.least_squares.levenberg_marquardt import (
     levenberg_marquardt,
 )
 from reduced_models.least_squares.residuals import BLOWN_UP
-from reduced_models.least_squares.stroke import FINE, Stroke, compiled_forces, force_function, stroke_of
+from reduced_models.least_squares.stroke import (
+    FINE,
+    Stroke,
+    compiled_force_function,
+    force_function,
+    stroke_of_record,
+)
 
 jnp = jax.numpy
 
@@ -56,7 +62,7 @@ _POWERS = {
 """Powers of half a stroke, of its greatest speed and of the force that make a unit."""
 
 
-class StrokeData(NamedTuple):
+class ScaledStrokeData(NamedTuple):
     """A record as compiled code takes it: forces count in their size, parameters in their units.
 
     Attributes
@@ -76,7 +82,7 @@ class StrokeData(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ForceProblem:
+class ForceFitProblem:
     """Records with their forces, and what is asked.
 
     Attributes
@@ -101,7 +107,7 @@ class ForceProblem:
     seed: int
 
     @functools.cached_property
-    def sizes(self) -> tuple[float, float, float]:
+    def stroke_speed_and_force_scales(self) -> tuple[float, float, float]:
         """Half a stroke [m], its greatest speed [m/s], and rms of the forces [N]."""
         length = max(0.5 * float(np.ptp(record.height)) for record in self.records)
         speed = max(float(np.gradient(item.height, item.time).std()) for item in self.records)
@@ -109,19 +115,19 @@ class ForceProblem:
         return length, math.sqrt(2.0) * speed, force
 
     @property
-    def logarithmic(self) -> np.ndarray:
+    def logarithmic_parameters(self) -> np.ndarray:
         """True for each parameter that is searched for by its logarithm."""
         return np.array([name in self.law.positive for name in self.field.parameters])
 
     @property
-    def entries(self) -> tuple[np.ndarray, ...]:
+    def search_vector_entries(self) -> tuple[np.ndarray, ...]:
         """Entries of the search vector for each record: parameters, then its own hidden states."""
         count, hidden = len(self.field.parameters), len(self.field.hidden)
         return tuple(
             np.r_[:count, count + k * hidden : count + (k + 1) * hidden] for k in range(len(self.records))
         )
 
-    def with_fewer_samples(self) -> ForceProblem:
+    def with_fewer_samples(self) -> ForceFitProblem:
         """Return the problem with every so many samples."""
         every = max(1, sum(map(len, self.records)) // _SEARCH_SAMPLES)
         return dataclasses.replace(
@@ -130,23 +136,26 @@ class ForceProblem:
             forces=tuple(force[::every] for force in self.forces),
         )
 
-    def data(self, strokes: Sequence[Stroke], units: np.ndarray) -> list[StrokeData]:
+    def scaled_strokes(self, strokes: Sequence[Stroke], units: np.ndarray) -> list[ScaledStrokeData]:
         """Return each record as compiled code takes it."""
-        size = self.sizes[2]
+        size = self.stroke_speed_and_force_scales[2]
         pairs = zip(strokes, self.forces, strict=True)
-        return [StrokeData(stroke, force / size, np.ones(len(force)), units, size) for stroke, force in pairs]
+        return [
+            ScaledStrokeData(stroke, force / size, np.ones(len(force)), units, size)
+            for stroke, force in pairs
+        ]
 
-    def strokes(self, travel: float = FINE) -> list[Stroke]:
+    def strokes_of_records(self, travel: float = FINE) -> list[Stroke]:
         """Stroke of each record."""
-        return [stroke_of(record, self.field, travel) for record in self.records]
+        return [stroke_of_record(record, self.field, travel) for record in self.records]
 
-    def edges(self, units: np.ndarray) -> Edges:
+    def search_bounds(self, units: np.ndarray) -> Edges:
         """Least and greatest entries of the search vector."""
-        size = 1 + int(self.entries[-1].max())
+        size = 1 + int(self.search_vector_entries[-1].max())
         edges = np.full((2, size), [[-np.inf], [np.inf]])
         for k, name in enumerate(self.field.parameters):
             for side, value in enumerate(self.bounds.get(name, ())):
-                if self.logarithmic[k]:
+                if self.logarithmic_parameters[k]:
                     edges[side, k] = math.log(value) if value > 0.0 else -np.inf
                 else:
                     edges[side, k] = value / units[k]
@@ -154,23 +163,30 @@ class ForceProblem:
 
     def prior(self) -> Prior:
         """Prior about a start, which keeps what the records leave open from running away."""
-        size = 1 + int(self.entries[-1].max())
+        size = 1 + int(self.search_vector_entries[-1].max())
         return Prior(np.full(size, _PRIOR_SPREAD**-2), float(sum(map(len, self.records))))
 
-    def normal(self, data: Sequence[StrokeData]) -> Normal:
+    def normal_equations(self, data: Sequence[ScaledStrokeData]) -> Normal:
         """Return the normal equations of all records."""
-        function = self._programs()[0]
-        return joint_normal([functools.partial(function, data=item) for item in data], self.entries)
+        function = self._compiled_functions()[0]
+        return joint_normal_equations(
+            [functools.partial(function, data=item) for item in data], self.search_vector_entries
+        )
 
-    def linearise(self, data: Sequence[StrokeData], theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    def linearised_residuals(
+        self, data: Sequence[ScaledStrokeData], theta: np.ndarray
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
         """Residuals (n,) of each record in units of the force's size, and their derivatives (n, p)."""
-        function = self._programs()[1]
-        both = [function(theta[here][None], data=item) for item, here in zip(data, self.entries, strict=True)]
+        function = self._compiled_functions()[1]
+        both = [
+            function(theta[here][None], data=item)
+            for item, here in zip(data, self.search_vector_entries, strict=True)
+        ]
         return [(np.asarray(left)[:, 0], np.asarray(slopes)[:, :, 0].T) for left, slopes in both]
 
-    def _programs(self) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    def _compiled_functions(self) -> tuple[Callable[..., Any], Callable[..., Any]]:
         return _compile_normal_equations(
-            self.field.equation, self.field.inputs, tuple(self.logarithmic.tolist())
+            self.field.equation, self.field.inputs, tuple(self.logarithmic_parameters.tolist())
         )
 
 
@@ -181,14 +197,14 @@ def _compile_normal_equations(
     """Compile the normal equations of search vectors (s, p), and their residuals with derivatives."""
     forces, count = force_function(equation, inputs), len(logarithmic)
 
-    def residuals(vectors: jax.Array, data: StrokeData) -> Any:
+    def residuals(vectors: jax.Array, data: ScaledStrokeData) -> Any:
         values = tuple(
             jnp.exp(vectors[k]) if log else data.units[k] * vectors[k] for k, log in enumerate(logarithmic)
         )
         result = forces(values, vectors[count:], data.stroke) / data.size - data.force[:, None]
         return jnp.where(jnp.abs(result) < BLOWN_UP, result, BLOWN_UP) * data.weight[:, None]
 
-    def linear(theta: jax.Array, data: StrokeData) -> tuple[jax.Array, jax.Array]:
+    def linear(theta: jax.Array, data: ScaledStrokeData) -> tuple[jax.Array, jax.Array]:
         vectors = theta.T
         directions = jnp.eye(len(vectors))[:, :, None] * jnp.ones_like(vectors)
 
@@ -198,7 +214,7 @@ def _compile_normal_equations(
         left, jacobian = jax.vmap(slope, out_axes=(None, 0))(directions)
         return left, jnp.where(jnp.isfinite(jacobian), jacobian, 0.0)
 
-    def normal(theta: jax.Array, data: StrokeData) -> tuple[jax.Array, ...]:
+    def normal_equations(theta: jax.Array, data: ScaledStrokeData) -> tuple[jax.Array, ...]:
         left, jacobian = linear(theta, data)
         return (
             (left**2).sum(axis=0),
@@ -206,10 +222,10 @@ def _compile_normal_equations(
             jnp.einsum("pns,qns->spq", jacobian, jacobian),
         )
 
-    return jax.jit(normal), jax.jit(linear)
+    return jax.jit(normal_equations), jax.jit(linear)
 
 
-class ForceSearch(NamedTuple):
+class ForceSearchResult(NamedTuple):
     """Result of a search.
 
     Attributes
@@ -218,7 +234,7 @@ class ForceSearch(NamedTuple):
         Search vector: parameters, logarithms of the positive ones, then each record's hidden states.
     units : float64 (p,)
         Of the parameters that are no logarithms.
-    data : list of StrokeData
+    data : list of ScaledStrokeData
     starts, converged : int
         Starts, and how many of them led to the best fit.
     solver_error : float
@@ -227,13 +243,13 @@ class ForceSearch(NamedTuple):
 
     theta: np.ndarray
     units: np.ndarray
-    data: list[StrokeData]
+    data: list[ScaledStrokeData]
     starts: int
     converged: int
     solver_error: float
 
 
-def search_force(problem: ForceProblem, near: Mapping[str, float]) -> ForceSearch:
+def search_force_parameters(problem: ForceFitProblem, near: Mapping[str, float]) -> ForceSearchResult:
     """Fit all records together; ``near`` are values about which parameters are looked for first.
 
     Raises
@@ -242,25 +258,33 @@ def search_force(problem: ForceProblem, near: Mapping[str, float]) -> ForceSearc
         If no start leads to a finite force.
     """
     thin = problem.with_fewer_samples()
-    strokes = thin.strokes(_SEARCH_TRAVEL)
+    strokes = thin.strokes_of_records(_SEARCH_TRAVEL)
     values = _start_values(thin, strokes, near)
-    units = np.where(problem.logarithmic, 1.0, np.abs(values[0]))
-    units = np.where(units > 0.0, units, [_natural_size(problem, name) for name in problem.field.parameters])
+    units = np.where(problem.logarithmic_parameters, 1.0, np.abs(values[0]))
+    units = np.where(
+        units > 0.0, units, [_natural_parameter_size(problem, name) for name in problem.field.parameters]
+    )
     parameters = np.where(
-        problem.logarithmic, np.log(np.where(problem.logarithmic, values, 1.0)), values / units
+        problem.logarithmic_parameters,
+        np.log(np.where(problem.logarithmic_parameters, values, 1.0)),
+        values / units,
     )
     states = np.zeros((len(values), len(problem.records) * len(problem.field.hidden)))
-    edges = problem.edges(units)
+    edges = problem.search_bounds(units)
     theta, cost = levenberg_marquardt(
-        thin.normal(thin.data(strokes, units)), np.hstack([parameters, states]), thin.prior(), 1e-4, edges
+        thin.normal_equations(thin.scaled_strokes(strokes, units)),
+        np.hstack([parameters, states]),
+        thin.prior(),
+        1e-4,
+        edges,
     )
     converged = int((cost <= agreeing_cost_limit(cost, thin.prior().samples)).sum())
     theta = theta[np.argsort(cost, kind="stable")[:POLISHED]]
     travel, error = FINE, 0.0
     for _ in range(1 + _MOST_HALVINGS):
-        data = problem.data(problem.strokes(travel), units)
+        data = problem.scaled_strokes(problem.strokes_of_records(travel), units)
         theta, cost = levenberg_marquardt(
-            problem.normal(data), theta, problem.prior(), 1e-11, edges, damping=1e-6, patience=2
+            problem.normal_equations(data), theta, problem.prior(), 1e-11, edges, damping=1e-6, patience=2
         )
         best = theta[int(np.argmin(cost))]
         left = math.sqrt(float(cost.min()) / problem.prior().samples)
@@ -270,34 +294,42 @@ def search_force(problem: ForceProblem, near: Mapping[str, float]) -> ForceSearc
             )
         if not problem.field.hidden:
             break
-        finer = problem.data(problem.strokes(0.5 * travel), units)
-        pairs = zip(problem.linearise(data, best), problem.linearise(finer, best), strict=True)
+        finer = problem.scaled_strokes(problem.strokes_of_records(0.5 * travel), units)
+        pairs = zip(
+            problem.linearised_residuals(data, best), problem.linearised_residuals(finer, best), strict=True
+        )
         error = max(float(np.abs(coarse[0] - fine[0]).max()) for coarse, fine in pairs)
         if error < _SOLVED * max(left, 1e-6):
             break
         travel *= 0.5
-    return ForceSearch(best, units, data, len(values), converged, error)
+    return ForceSearchResult(best, units, data, len(values), converged, error)
 
 
-def _natural_size(problem: ForceProblem, name: str, random: np.random.Generator | None = None) -> float:
+def _natural_parameter_size(
+    problem: ForceFitProblem, name: str, random: np.random.Generator | None = None
+) -> float:
     """Natural size of a parameter by its unit; of one without a unit a random one, or 1."""
     unit = problem.law.units.get(name)
-    length, speed, force = problem.sizes
+    length, speed, force = problem.stroke_speed_and_force_scales
     powers = _POWERS.get(unit or "")
     if powers is None:
         powers = (0, 0, 0) if random is None else (*random.integers(-1, 2, 2), 0)
     return float(length ** powers[0] * speed ** powers[1] * force ** powers[2])
 
 
-def _start_values(problem: ForceProblem, strokes: Sequence[Stroke], near: Mapping[str, float]) -> np.ndarray:
+def _start_values(
+    problem: ForceFitProblem, strokes: Sequence[Stroke], near: Mapping[str, float]
+) -> np.ndarray:
     """Values (starts, p) of the parameters, the best of many draws, factors from least squares."""
     names = problem.field.parameters
     held = {name: low for name, (low, high) in problem.bounds.items() if low == high}
-    factors = [names.index(name) for name in _linear_parameters(problem.field) if name not in {*held, *near}]
+    factors = [
+        names.index(name) for name in _parameters_linear_in_force(problem.field) if name not in {*held, *near}
+    ]
     others = [k for k in range(len(names)) if k not in factors and names[k] not in held]
     values = _draw_start_values(problem, others, near)
     values[:, [names.index(name) for name in held]] = list(held.values())
-    function = compiled_forces(problem.field.equation, problem.field.inputs)
+    function = compiled_force_function(problem.field.equation, problem.field.inputs)
     states = np.zeros((len(problem.field.hidden), len(values)))
 
     def forces(values: np.ndarray) -> np.ndarray:
@@ -313,12 +345,14 @@ def _start_values(problem: ForceProblem, strokes: Sequence[Stroke], near: Mappin
         columns.append(forces(changed) - target[:, None] + left)
     for draw in range(len(values) if factors else 0):
         matrix = np.stack([column[:, draw] for column in columns], axis=1)
-        values[draw, factors] = _least_squares(problem, factors, matrix, left[:, draw])
+        values[draw, factors] = _solve_bounded_factors(problem, factors, matrix, left[:, draw])
         left[:, draw] -= matrix @ values[draw, factors]
     return values[np.argsort((left**2).sum(axis=0), kind="stable")[: problem.starts]]
 
 
-def _draw_start_values(problem: ForceProblem, drawn: Sequence[int], near: Mapping[str, float]) -> np.ndarray:
+def _draw_start_values(
+    problem: ForceFitProblem, drawn: Sequence[int], near: Mapping[str, float]
+) -> np.ndarray:
     """Values (draws, p) of some parameters about their natural sizes, or near given values."""
     from scipy.stats.qmc import LatinHypercube
 
@@ -332,7 +366,7 @@ def _draw_start_values(problem: ForceProblem, drawn: Sequence[int], near: Mappin
             spread = _NEAR * random.normal(size=count) * (np.arange(count) > 0)
             values[:, k] = near[name] * np.exp(spread)
             continue
-        size = np.array([_natural_size(problem, name, random) for _ in range(count)])
+        size = np.array([_natural_parameter_size(problem, name, random) for _ in range(count)])
         values[:, k] = size * np.exp(_LOW + (_HIGH - _LOW) * column)
         if name not in problem.law.positive:
             values[:, k] *= random.choice([-1.0, 1.0], count)
@@ -340,8 +374,8 @@ def _draw_start_values(problem: ForceProblem, drawn: Sequence[int], near: Mappin
     return values
 
 
-def _least_squares(
-    problem: ForceProblem, factors: Sequence[int], matrix: np.ndarray, target: np.ndarray
+def _solve_bounded_factors(
+    problem: ForceFitProblem, factors: Sequence[int], matrix: np.ndarray, target: np.ndarray
 ) -> np.ndarray:
     """Values of factors by their columns (n, k), within their bounds and signs."""
     names = [problem.field.parameters[k] for k in factors]
@@ -353,7 +387,7 @@ def _least_squares(
     return np.asarray(np.clip(values, low, high))
 
 
-def _linear_parameters(field: Law) -> list[str]:
+def _parameters_linear_in_force(field: Law) -> list[str]:
     """Parameters in which the force is linear together, and which no hidden state knows."""
     import sympy
 

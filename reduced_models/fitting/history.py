@@ -32,7 +32,7 @@ _ROUNDS = 20
 _SAME = 1e-7  # change of a search vector that is none
 
 
-def is_history(
+def is_motion_history(
     initial: Initial | PistonRecord | Sequence[PistonRecord] | None,
 ) -> TypeGuard[PistonRecord | Sequence[PistonRecord]]:
     """Tell a motion before the record from other starts."""
@@ -41,7 +41,7 @@ def is_history(
     return isinstance(initial, PistonRecord)
 
 
-def align_histories(
+def prepend_histories(
     law: Law, histories: PistonRecord | Sequence[PistonRecord], records: Sequence[PistonRecord]
 ) -> list[PistonRecord]:
     """Each record with its history before it, from time 0 at the record's own start.
@@ -86,7 +86,7 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
 def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
     """Fit with hidden states held where the records' histories end."""
     problem, joint, theta = result.problem, result.joint, result.trained
-    first = joint.unknowns.free + 2
+    first = joint.unknowns.parameter_and_map_count + 2
     hidden = slice(first, first + len(problem.law.hidden))
     for _ in range(_ROUNDS):
         former, theta = theta, theta.copy()
@@ -99,7 +99,7 @@ def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) 
         theta = joint.refit(theta, problem.samples, tolerance=1e-10)
         if np.abs(theta - former).max() <= _SAME * max(1.0, np.abs(theta).max()):
             break
-    return result.with_training(joint, theta)
+    return result.with_training_fit(joint, theta)
 
 
 def _states_at_history_end(
@@ -108,7 +108,7 @@ def _states_at_history_end(
     """Hidden states (h,) where a history ends, which is at time 0."""
     unknowns = joint.unknowns
     law = unknowns.law
-    values, shift, scale, *_ = unknowns.physical(theta)
+    values, shift, scale, *_ = unknowns.physical_values(theta)
     start = float(history.time[0])
     nodes = np.linspace(start, 0.0, max(_NODES_A_SWING, round(-_NODES_A_SWING * start / period)))
     mapped = history.mapped(shift, scale)

@@ -148,7 +148,7 @@ class LawEstimator:
         UserWarning
             For each note of the model, as `reduced_models.fit` does, and for heights in a column.
         """
-        table, heights = self._table(X), _height_vector(y)
+        table, heights = self._times_and_inputs(X), _height_vector(y)
         if len(table) != len(heights):
             raise InputError(f"{len(table)} times for {len(heights)} heights; give one for each")
         order = np.argsort(table[:, 0], kind="stable")
@@ -183,7 +183,7 @@ class LawEstimator:
         """
         if not hasattr(self, "model_"):
             raise _not_fitted_error("the estimator has seen no data; call fit first")
-        table = self._table(X)
+        table = self._times_and_inputs(X)
         wanted, start = table[:, 0], float(self._seen[0, 0])
         if not len(wanted):
             raise InputError("there are no times; give at least one")
@@ -200,7 +200,7 @@ class LawEstimator:
         inputs = dict(zip(self.inputs, rows[first, 1:].T, strict=True))
         return self.model_.simulate(grid, inputs=inputs).height[np.searchsorted(grid, wanted)]
 
-    def _table(self, given: Any) -> np.ndarray:
+    def _times_and_inputs(self, given: Any) -> np.ndarray:
         """Return times and inputs (n, 1 + inputs) of a table, or of a vector of times."""
         array, size = _real_array(given, "the times X"), 1 + len(self.inputs)
         names = " and ".join(("the time", *self.inputs))

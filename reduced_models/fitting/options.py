@@ -27,7 +27,7 @@ Fixed = Mapping[str, float | Sequence[float]]
 Initial = Literal["free", "rest"] | Mapping[str, float | str]
 
 
-def check_options(
+def check_fit_options(
     starts: int = STARTS,
     test_fraction: float = TEST_FRACTION,
     confidence: float = 0.95,
@@ -75,9 +75,9 @@ def fixed_values(fix: Fixed, records: int) -> tuple[dict[str, float], tuple[dict
                     f"fix of {name}: {len(value)} values for {records} records; give one for each"
                 )
             for own, item in zip(entry, value, strict=True):
-                own[name] = _number(f"fix of {name}", item)
+                own[name] = _check_finite_number(f"fix of {name}", item)
         else:
-            shared[name] = _number(f"fix of {name}", value)
+            shared[name] = _check_finite_number(f"fix of {name}", value)
     return shared, entry
 
 
@@ -93,13 +93,13 @@ def parameter_bounds(
     """
     result = {}
     for name, pair in bounds.items():
-        _check_name(law, name)
+        _check_parameter_name(law, name)
         if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
             raise InputError(
                 f"bounds of {name}: {quote(pair)} is no pair; give (least, greatest), None for an open end"
             )
-        low = -math.inf if pair[0] is None else _number(f"bounds of {name}", pair[0])
-        high = math.inf if pair[1] is None else _number(f"bounds of {name}", pair[1])
+        low = -math.inf if pair[0] is None else _check_finite_number(f"bounds of {name}", pair[0])
+        high = math.inf if pair[1] is None else _check_finite_number(f"bounds of {name}", pair[1])
         if low == high:
             raise InputError(f"bounds of {name}: both are {low:g}; write fix={{{name!r}: {low:g}}}")
         if not low < high:
@@ -110,7 +110,7 @@ def parameter_bounds(
             )
         result[name] = (low, high)
     for name, value in (*fix.items(), *(pair for own in by_record for pair in own.items())):
-        _check_name(law, name)
+        _check_parameter_name(law, name)
         if name in law.positive and value <= 0.0:
             raise InputError(f"fix of {name}: {value:g}, and the law holds for values above 0")
         low, high = result.get(name, (-math.inf, math.inf))
@@ -133,14 +133,14 @@ def parameter_starts(law: Law, start: Mapping[str, float]) -> dict[str, float]:
     """
     result = {}
     for name, value in start.items():
-        _check_name(law, name)
-        result[name] = _number(f"start of {name}", value)
+        _check_parameter_name(law, name)
+        result[name] = _check_finite_number(f"start of {name}", value)
         if name in law.positive and result[name] <= 0.0:
             raise InputError(f"start of {name}: {result[name]:g}; give a value above 0")
     return result
 
 
-def initial_state(law: Law, initial: object) -> dict[str, float]:
+def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
     """Given height, velocity and hidden states at the start by name; the rest is free.
 
     Raises
@@ -167,22 +167,22 @@ def initial_state(law: Law, initial: object) -> dict[str, float]:
         if value == "free":
             result.pop(name, None)
         else:
-            result[name] = _number(f"initial {name}", value)
+            result[name] = _check_finite_number(f"initial {name}", value)
     return result
 
 
 def check_parameter_names(law: Law, names: Sequence[str]) -> None:
     """Raise `InputError` unless all are parameters of the law."""
     for name in names:
-        _check_name(law, name)
+        _check_parameter_name(law, name)
 
 
-def _check_name(law: Law, name: str) -> None:
+def _check_parameter_name(law: Law, name: str) -> None:
     if name not in law.parameters:
         raise InputError(unknown_word_message(str(name), law.parameters, "parameter"))
 
 
-def _number(what: str, value: Any) -> float:
+def _check_finite_number(what: str, value: Any) -> float:
     try:
         result = math.nan if isinstance(value, bool | str) else float(value)
     except (TypeError, ValueError):

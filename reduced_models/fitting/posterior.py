@@ -3,7 +3,7 @@
 Chains of the No-U-Turn Sampler (Hoffman, Gelman 2014) of NumPyro start at the fit and move in
 directions that its covariance makes alike. Priors are flat in the search's units, the logarithms of
 positive parameters and multiples of the others, and in the logarithm of the noise; what a
-hierarchical fit says of several records stands in `posterior`.
+hierarchical fit says of several records stands in `sample_posterior`.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, MissingPackageError
 from reduced_models.fitting.options import check_parameter_names
-from reduced_models.fitting.problem import as_records
+from reduced_models.fitting.problem import list_of_records
 from reduced_models.jax_setup import jax
-from reduced_models.least_squares.joint_records import JointRecords, joint_entries, joint_vector
+from reduced_models.least_squares.joint_records import JointRecords, joint_vector, joint_vector_entries
 from reduced_models.least_squares.levenberg_marquardt import Bounds
 from reduced_models.least_squares.residuals import record_on_grid, residual_function
-from reduced_models.least_squares.samples import grid_over
-from reduced_models.models.roll_out import theta_of_model
+from reduced_models.least_squares.samples import grid_over_record
+from reduced_models.models.roll_out import search_vector_of_model
 from reduced_models.records.first_guesses import first_guesses
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ _LEAST = 1e-9  # of a residual, in amplitudes: records without noise
 _FLAT = 1e-12  # of the strongest direction: the data say nothing of one that is weaker
 
 
-def posterior(
+def sample_posterior(
     model: ReducedModel | Sequence[ReducedModel],
     record: PistonRecord | Sequence[PistonRecord],
     *,
@@ -112,32 +112,32 @@ def posterior(
 
 def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, np.ndarray]:
     """Return the records on their grids, and the fit."""
-    records = [entry.with_time_from_zero() for entry in as_records(record)]
+    records = [entry.with_time_from_zero() for entry in list_of_records(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
     if len(models) != len(records):
         raise InputError(f"{len(models)} models for {len(records)} records; give one for each")
     check_parameter_names(models[0].law, own)
     if any(entry.sensor is not None for entry in models):
-        raise InputError("posterior takes models that were fitted to heights; this was a sensor's")
+        raise InputError("sample_posterior takes models that were fitted to heights; this was a sensor's")
     guesses = [first_guesses(record.time, record.height) for record in records]
     # All in the units of the first model: vectors of different units would not add up.
-    unknowns, _ = theta_of_model(models[0], guesses[0])
-    thetas = [theta_of_model(entry, None, unknowns)[1] for entry in models]
-    entries = joint_entries(unknowns, len(records), own)
+    unknowns, _ = search_vector_of_model(models[0], guesses[0])
+    thetas = [search_vector_of_model(entry, None, unknowns)[1] for entry in models]
+    entries = joint_vector_entries(unknowns, len(records), own)
     theta = joint_vector(thetas, entries)
     names = unknowns.law.inputs
     grids = tuple(
         record_on_grid(
             unknowns,
             record,
-            grid_over(record, names, guess.period, _STEPS * unknowns.law.resolution),
+            grid_over_record(record, names, guess.period, _STEPS * unknowns.law.resolution),
             models[0].input_interpolation,
         )
         for record, guess in zip(records, guesses, strict=True)
     )
     held = np.zeros(len(theta), dtype=bool)
     for here in entries:
-        held[here[unknowns.free + 2 :]] = True
+        held[here[unknowns.parameter_and_map_count + 2 :]] = True
     for k, name in enumerate(unknowns.law.parameters):
         low, high = models[0].intervals[name]
         if low == high:
@@ -154,10 +154,10 @@ def _negative_log_density(
     The unknowns are those entries of the search vector, then the logarithm of the noise, then mean
     and logarithm of the spread of each population.
     """
-    size, free = len(theta), np.flatnonzero(~joint.held)
+    size, free = len(theta), np.flatnonzero(~joint.held_entries)
     normal, left = np.zeros((size, size)), []
     for grid, here in zip(joint.grids, joint.entries, strict=True):
-        value, slopes = grid.linearise(theta[here])
+        value, slopes = grid.linearised_residuals(theta[here])
         normal[np.ix_(here, here)] += slopes.T @ slopes
         left.append(value)
     count = sum(map(len, left))
@@ -200,12 +200,12 @@ def _negative_log_density(
 
 def _name_draws(joint: JointRecords, own: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
     """Draws (chain, draw, ...) by name, in their units."""
-    unknowns, size = joint.unknowns, len(joint.held)
+    unknowns, size = joint.unknowns, len(joint.held_entries)
     several = len(joint.grids) > 1
     result: dict[str, Any] = {}
     for index, here in enumerate(joint.entries):
         theta = np.moveaxis(full[..., here], -1, 0)
-        values, shift, scale, z0, v0, _ = unknowns.physical(theta)
+        values, shift, scale, z0, v0, _ = unknowns.physical_values(theta)
         for name, value in zip(unknowns.law.parameters, values, strict=True):
             if name in own:
                 result.setdefault(name, []).append(value)

@@ -116,7 +116,7 @@ class FitProblem:
     sensor: Sensor | None = None
     untold: tuple[str, ...] = ()
 
-    def bounds_of(self, data: TrainingData) -> Pairs:
+    def bounds_of_record(self, data: TrainingData) -> Pairs:
         """Bounds of the parameters of one of the records."""
         return {**self.bounds, **{name: (value, value) for name, value in data.fixed.items()}}
 
@@ -144,13 +144,13 @@ class FitProblem:
         """Noise of each record, where it was given [m]."""
         return tuple(data.noise if self.known_noise else None for data in self.data)
 
-    def loss_of(self, data: TrainingData, unit: float) -> Loss:
+    def loss_of_record(self, data: TrainingData, unit: float) -> Loss:
         """Loss of a record's residuals, which count in a unit."""
         scale = _SCALES[self.loss] * max(data.noise / unit, _LEAST_SCALE)
         return Loss(self.loss, scale)
 
 
-def training_data(
+def split_training_data(
     record: PistonRecord,
     test_fraction: float,
     weights: np.ndarray | None = None,
@@ -221,7 +221,7 @@ def clip_outliers(record: PistonRecord) -> PistonRecord:
     return dataclasses.replace(record, height=np.where(far, medians, height))
 
 
-def as_record(source: Any) -> Any:
+def record_from_table(source: Any) -> Any:
     """Record in a table of pandas or xarray; anything else as it is.
 
     Raises
@@ -232,7 +232,7 @@ def as_record(source: Any) -> Any:
     return PistonRecord.from_table(source) if hasattr(source, "equals") else source
 
 
-def as_records(record: Any) -> list[PistonRecord]:
+def list_of_records(record: Any) -> list[PistonRecord]:
     """One record or table, or a sequence of them, as a list of records.
 
     Raises
@@ -240,10 +240,10 @@ def as_records(record: Any) -> list[PistonRecord]:
     InputError
         If it is neither.
     """
-    if isinstance(single := as_record(record), PistonRecord):
+    if isinstance(single := record_from_table(record), PistonRecord):
         return [single]
     if isinstance(record, Sequence) and not isinstance(record, str):
-        records = [as_record(item) for item in record]
+        records = [record_from_table(item) for item in record]
         if not records:
             raise InputError("there is no record to fit; give at least one")
         if all(isinstance(item, PistonRecord) for item in records):
@@ -255,7 +255,7 @@ def as_records(record: Any) -> list[PistonRecord]:
     )
 
 
-def require_positions(records: Sequence[PistonRecord], action: str) -> None:
+def refuse_integrated_heights(records: Sequence[PistonRecord], action: str) -> None:
     """Refuse records whose heights are integrated ones.
 
     Raises

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from reduced_models.fitting.covariance import sandwich_covariance
-from reduced_models.fitting.uncertainty import Interval, intervals_between, named_entries
+from reduced_models.fitting.uncertainty import Interval, intervals_between, search_entry_names
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 
@@ -40,17 +40,17 @@ def profile_intervals(
     has its ``covariance`` (q, q).
     """
     unknowns = joint.unknowns
-    count = len(named_entries(unknowns, theta[joint.entries[0]])[0])
+    count = len(search_entry_names(unknowns, theta[joint.entries[0]])[0])
     entries = sorted({int(entry) for here in joint.entries for entry in here[:count]})
-    free = np.flatnonzero(~joint.held)
+    free = np.flatnonzero(~joint.held_entries)
     normal, plain = joint.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))
     plain[free] = np.diag(sandwich_covariance(normal, normal, 1.0))
-    variance = np.where(joint.held, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
-    low, high = profile_ends(joint, theta, entries, covariance, variance, quantile)
+    variance = np.where(joint.held_entries, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
+    low, high = profile_interval_ends(joint, theta, entries, covariance, variance, quantile)
     return [intervals_between(unknowns, low[here], high[here]) for here in joint.entries]
 
 
-def profile_ends(
+def profile_interval_ends(
     joint: JointRecords,
     theta: np.ndarray,
     entries: Sequence[int],
@@ -84,7 +84,9 @@ def profile_ends(
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))[entry]
     reach = np.minimum(np.minimum(quantile * spread, _FIRST), most)
     guide = theta + sign[:, None] * covariance[entry] / spread[:, None] ** 2
-    distance = _distance_to_end(joint, theta, entry, sign, reach, most, guide, variance[entry], quantile)
+    distance = _distance_to_interval_end(
+        joint, theta, entry, sign, reach, most, guide, variance[entry], quantile
+    )
     # Where the profile does not get there, a bound is the end, or there is none.
     distance = np.where(np.isinf(distance) & (slack < FAR), np.maximum(slack, 0.0), distance)
     low, high = np.full((2, len(theta)), np.nan)
@@ -93,7 +95,7 @@ def profile_ends(
     return Bounds(low, high)
 
 
-def _distance_to_end(
+def _distance_to_interval_end(
     joint: JointRecords,
     theta: np.ndarray,
     entry: np.ndarray,
@@ -105,7 +107,7 @@ def _distance_to_end(
     quantile: float,
 ) -> np.ndarray:
     """Distances (s,) at which the profile t is the quantile; infinite where it never is."""
-    normal = joint.normal()
+    normal = joint.normal_equations()
     least = float(np.asarray(normal(theta[None])[0])[0])
     near, near_t = np.zeros_like(reach), np.zeros_like(reach)
     far, far_t = np.full_like(reach, np.inf), np.full_like(reach, np.inf)
@@ -113,7 +115,7 @@ def _distance_to_end(
     done[most <= 0.0] = np.inf
     for _ in range(_ROUNDS):
         start = _vectors_along_path(theta, guide, entry, sign, reach)
-        fits, costs, lacking = _refit_with_entry_held(
+        fits, costs, lacking = _refit_with_entry_fixed(
             joint, normal, start, entry, _RESOLVED * float(variance.min())
         )
         least = min(least, float(costs.min()))
@@ -128,11 +130,13 @@ def _distance_to_end(
         far, far_t = np.where(inside, far, reach), np.where(inside, far_t, rise)
         if not np.isnan(done).any():
             break
-        reach = np.where(np.isnan(done), _next_distances(near, near_t, far, far_t, most, quantile), reach)
+        reach = np.where(
+            np.isnan(done), _next_trial_distances(near, near_t, far, far_t, most, quantile), reach
+        )
     return np.where(np.isnan(done), reach, done)
 
 
-def _next_distances(
+def _next_trial_distances(
     near: np.ndarray,
     near_t: np.ndarray,
     far: np.ndarray,
@@ -167,7 +171,7 @@ def _vectors_along_path(
     return start
 
 
-def _refit_with_entry_held(
+def _refit_with_entry_fixed(
     joint: JointRecords, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fits (s, p) with one entry held in each, their sums of squares (s,), and what these lack.

@@ -16,13 +16,17 @@ import numpy as np
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.start_values import free_entries, match_accelerations, with_initial_state
+from reduced_models.fitting.start_values import (
+    append_initial_state,
+    fit_to_accelerations,
+    search_entries_from_draws,
+)
 from reduced_models.laws.solution import Solution, solve_law
-from reduced_models.laws.symmetry import canonical_values
+from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.least_squares.joint_records import JointRecords, joint_vector
 from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, cost_and_weight, record_on_grid
-from reduced_models.least_squares.samples import grid_over
+from reduced_models.least_squares.samples import grid_over_record
 from reduced_models.records.inputs import StepGrid, has_inputs_besides_time, input_column
 
 FIRST_SWINGS = 2.0
@@ -78,12 +82,12 @@ class SearchResult:
     collocation: str = "none"
     solver_errors: tuple[float, ...] = ()
 
-    def with_training(self, joint: JointRecords, trained: np.ndarray) -> SearchResult:
+    def with_training_fit(self, joint: JointRecords, trained: np.ndarray) -> SearchResult:
         """Return the result with another fit to the training stretches."""
         return dataclasses.replace(self, joint=joint, trained=trained, theta=trained)
 
 
-def fine_grids(problem: FitProblem) -> list[StepGrid]:
+def fine_grids_over_records(problem: FitProblem) -> list[StepGrid]:
     """Fine grid over each record.
 
     One of a driven law, whose steps end at the samples, is no finer than need be at first.
@@ -96,7 +100,7 @@ def fine_grids(problem: FitProblem) -> list[StepGrid]:
     law = problem.law
     wanted = law.resolution * (COARSE_STEPS if has_inputs_besides_time(law.inputs) else FINE_STEPS)
     return [
-        grid_over(data.record, law.inputs, data.guess.period, wanted, problem.interpolation)
+        grid_over_record(data.record, law.inputs, data.guess.period, wanted, problem.interpolation)
         for data in problem.data
     ]
 
@@ -117,9 +121,9 @@ def refine_best_start(
             grid,
             problem.interpolation,
             data.weights,
-            problem.loss_of(data, unknowns.residual_unit),
+            problem.loss_of_record(data, unknowns.residual_unit),
         )
-        for data, grid in zip(problem.data, fine_grids(problem), strict=True)
+        for data, grid in zip(problem.data, fine_grids_over_records(problem), strict=True)
     ]
     joint = JointRecords(tuple(grids), coarse.entries, coarse.bounds)
     count = sum(problem.samples)
@@ -150,8 +154,8 @@ def _canonical_vector(problem: FitProblem, joint: JointRecords, theta: np.ndarra
     saved = {*problem.own, *problem.bounds}
     theta = theta.copy()
     names, here = unknowns.law.parameters, joint.entries[0]
-    values = dict(zip(names, unknowns.physical(theta[here])[0], strict=True))
-    moved = canonical_values(unknowns.law, values, saved)
+    values = dict(zip(names, unknowns.physical_values(theta[here])[0], strict=True))
+    moved = canonical_parameters(unknowns.law, values, saved)
     for entry, name, unit in zip(here, names, unknowns.units, strict=False):
         if moved[name] != values[name]:
             theta[entry] = moved[name] / unit
@@ -167,7 +171,7 @@ def _training_cost(problem: FitProblem, joint: JointRecords, theta: np.ndarray) 
         if (np.abs(left) >= BLOWN_UP).any():
             return math.inf
         weighted = left * grid.weights[:size]
-        total += float(cost_and_weight(weighted, grid.loss.numbers, np)[0].sum())
+        total += float(cost_and_weight(weighted, grid.loss.compiled_arguments, np)[0].sum())
     return total
 
 
@@ -205,19 +209,23 @@ def _collocation_fit(
     given = unknowns.map
     seen = largest_swing_record.guess.mapped(given.shift, given.scale)
     mapped = largest_swing_record.look.mapped(given.shift, given.scale)
-    values = np.array(unknowns.physical(theta[joint.entries[0]])[0])
-    matched = match_accelerations(unknowns.law, seen, mapped, values, problem.bounds_of(largest_swing_record))
-    free = free_entries(unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)})
-    starts = [with_initial_state(unknowns, data, free) for data in problem.data]
+    values = np.array(unknowns.physical_values(theta[joint.entries[0]])[0])
+    matched = fit_to_accelerations(
+        unknowns.law, seen, mapped, values, problem.bounds_of_record(largest_swing_record)
+    )
+    free = search_entries_from_draws(
+        unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)}
+    )
+    starts = [append_initial_state(unknowns, data, free) for data in problem.data]
     start = np.clip(joint_vector(starts, joint.entries)[0], *joint.bounds)
     if not np.isfinite(start).all():
         return None
     # Next to the fit's own start of the motion: what lies in its valley need not go far.
     adjacent = theta.copy()
     for here in joint.entries:
-        adjacent[here[: unknowns.free]] = start[here[: unknowns.free]]
+        adjacent[here[: unknowns.parameter_and_map_count]] = start[here[: unknowns.parameter_and_map_count]]
     risen = _training_cost(problem, joint, adjacent) - cost
-    if _agrees_with_parabola(joint.normal(problem.samples), theta, adjacent, risen):
+    if _agrees_with_parabola(joint.normal_equations(problem.samples), theta, adjacent, risen):
         return theta
     if risen <= (_SAME_VALLEY - 1.0) * cost:
         return joint.refit(adjacent, problem.samples, tolerance=_TELLING)
@@ -274,7 +282,7 @@ def _refit_to_masked_samples(
     joint: JointRecords, theta: np.ndarray, masks: Sequence[np.ndarray]
 ) -> np.ndarray:
     """Fit the samples of masks from a fit to all, by Gauss-Newton steps; by a search where they fail."""
-    normal, free = joint.normal(masks), ~joint.held
+    normal, free = joint.normal_equations(masks), ~joint.held_entries
     cost, gradient, matrix = (np.asarray(item)[0] for item in normal(theta[None]))
     for _ in range(_STEPS):
         scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix)[free], 1e-300))
@@ -303,7 +311,7 @@ def _refine_grid(grid: GriddedRecord, error: float, *, complete: bool) -> Gridde
             f"the fitted solution of {quote(grid.unknowns.law.name)} {cause}; the limit is "
             f"{SOLVER_LIMIT:g}: fit a shorter record, as of chaos, or a law that is less stiff"
         )
-    return grid.on(finer)
+    return grid.on_grid(finer)
 
 
 def _solver_error(grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray) -> tuple[float, float, bool]:
@@ -314,11 +322,11 @@ def _solver_error(grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray)
     """
     unknowns = grid.unknowns
     reference = _adaptive_solution(grid, theta)
-    _, shift, scale, *_ = unknowns.physical(theta)
+    _, shift, scale, *_ = unknowns.physical_values(theta)
     if unknowns.sensor is None:
         fitted = grid.record.height + unknowns.residual_unit * residuals
     else:
-        fitted = grid.heights(theta)
+        fitted = grid.fitted_heights(theta)
     error = float(np.abs(shift + scale * reference.z - fitted).max()) / unknowns.amplitude
     limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
     return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
@@ -326,7 +334,7 @@ def _solver_error(grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray)
 
 def _adaptive_solution(grid: GriddedRecord, theta: np.ndarray) -> Solution:
     unknowns, record = grid.unknowns, grid.record
-    values, _, scale, z0, v0, hidden = unknowns.physical(theta)
+    values, _, scale, z0, v0, hidden = unknowns.physical_values(theta)
     size = unknowns.amplitude / scale
     inputs = [input_column(record, name) for name in unknowns.law.inputs]
     how = grid.interpolation

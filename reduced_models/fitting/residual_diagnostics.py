@@ -30,7 +30,7 @@ it is one of the release."""
 _MOST_OF_IT = 0.5  # of all squared residuals, that a transient holds at least
 
 
-def residual_structure(
+def diagnose_residuals(
     time: np.ndarray, residuals: np.ndarray, velocity: np.ndarray, period: float
 ) -> dict[str, float]:
     """Structure of residuals, as fields of `reduced_models.models.quality.Quality`.
@@ -66,7 +66,7 @@ def residual_structure(
     slow = float(spectrum[lines < _SLOW].sum() / spectrum.sum())
     swinging = float(spectrum[(lines >= _SLOW) & (lines <= _FAST)].sum() / spectrum.sum())
     return {
-        "whiteness": ljung_box(residuals),
+        "whiteness": ljung_box_p_value(residuals),
         "signs": float(2.0 * norm.sf(abs(_runs_test_score(residuals)))),
         "lag": float(residuals @ velocity) / speed if speed > 0.0 else 0.0,
         "slow": slow,
@@ -75,7 +75,7 @@ def residual_structure(
     }
 
 
-def ljung_box(residuals: np.ndarray) -> float:
+def ljung_box_p_value(residuals: np.ndarray) -> float:
     """Probability that white noise is correlated as much as residuals (n,) that are not all zero."""
     from scipy.stats import chi2
 
@@ -200,7 +200,7 @@ def gradient_covariance(slopes: np.ndarray, noise: Autoregression) -> np.ndarray
     return np.asarray(((weight * lines) @ lines.conj().T).real / size)
 
 
-def count_transient_samples(time: np.ndarray, left: np.ndarray, period: float) -> int:
+def count_release_transient_samples(time: np.ndarray, left: np.ndarray, period: float) -> int:
     """Return how many samples after a release hold what it stirred up besides the swing.
 
     They end within the first period and hold most of the squared residuals, and the last of them

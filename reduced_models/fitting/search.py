@@ -20,19 +20,24 @@ from reduced_models.fitting.refinement import (
     COARSE_STEPS,
     FIRST_SWINGS,
     SearchResult,
-    fine_grids,
+    fine_grids_over_records,
     refine_best_start,
 )
 from reduced_models.fitting.start_values import (
+    append_initial_state,
     draw_swing_parameters,
-    free_entries,
     scale_unknowns,
+    search_entries_from_draws,
     start_vectors,
-    swing_unknowns,
-    with_initial_state,
+    swing_form_unknowns,
 )
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.least_squares.joint_records import JointRecords, joint_entries, joint_normal, joint_vector
+from reduced_models.least_squares.joint_records import (
+    JointRecords,
+    joint_normal_equations,
+    joint_vector,
+    joint_vector_entries,
+)
 from reduced_models.least_squares.levenberg_marquardt import (
     TIE,
     Bounds,
@@ -42,7 +47,7 @@ from reduced_models.least_squares.levenberg_marquardt import (
     promising_starts,
 )
 from reduced_models.least_squares.residuals import GriddedRecord, normal_equations
-from reduced_models.least_squares.samples import grid_over, means_on_grid, samples_on_grid
+from reduced_models.least_squares.samples import grid_over_record, means_on_grid, samples_on_grid
 from reduced_models.least_squares.unknowns import Unknowns, theta_bounds
 from reduced_models.records.inputs import has_inputs_besides_time
 
@@ -60,17 +65,17 @@ Vectors = tuple[np.ndarray, np.ndarray]
 """Search vectors (s, p) that starts led to, and their costs (s,)."""
 
 
-def search_fit(problem: FitProblem) -> SearchResult:
+def multistart_search(problem: FitProblem) -> SearchResult:
     """Fit the training stretches, with the map that is asked for, or that the data ask for."""
     law, wanted = problem.law, problem.map
     if not law.mapped or isinstance(wanted, HeightMap):
         given = wanted if isinstance(wanted, HeightMap) and law.mapped else HeightMap()
-        return refine_best_start(problem, *_search(problem, given))
-    mapped = refine_best_start(problem, *_search(problem, None))
+        return refine_best_start(problem, *_multistart_search_with_map(problem, given))
+    mapped = refine_best_start(problem, *_multistart_search_with_map(problem, None))
     if wanted == "fitted":
         return mapped
     limit = _HOPELESS * mapped.coarse_cost
-    joint, vectors = _search(problem, HeightMap(), limit)
+    joint, vectors = _multistart_search_with_map(problem, HeightMap(), limit)
     if vectors[1].min() > limit:
         return mapped
     return min(refine_best_start(problem, joint, vectors), mapped, key=_bayesian_criterion)
@@ -83,7 +88,7 @@ def _bayesian_criterion(result: SearchResult) -> float:
     return samples * math.log(mean) + len(result.theta) * math.log(samples)
 
 
-def _search(
+def _multistart_search_with_map(
     problem: FitProblem, height_map: HeightMap | None, limit: float = math.inf
 ) -> tuple[JointRecords, Vectors]:
     """Coarse records, and where random starts lead to over horizons that double.
@@ -93,10 +98,10 @@ def _search(
     the law's bounds, they may lie in the wrong valley, and starts of the law itself are tried too.
     """
     # First of all: a record with too many periods is refused before any search.
-    fine_grids(problem)
+    fine_grids_over_records(problem)
     unknowns = scale_unknowns(problem.law, height_map, problem.largest_swing_record, problem.sensor)
-    entries = joint_entries(unknowns, len(problem.data), problem.own)
-    edges = [theta_bounds(unknowns, problem.bounds_of(data), problem.initial) for data in problem.data]
+    entries = joint_vector_entries(unknowns, len(problem.data), problem.own)
+    edges = [theta_bounds(unknowns, problem.bounds_of_record(data), problem.initial) for data in problem.data]
     bounds = Bounds(*(joint_vector(side, entries) for side in zip(*edges, strict=True)))
     grids = tuple(_coarse_record(unknowns, problem, data) for data in problem.data)
     joint = JointRecords(grids, entries, bounds)
@@ -169,17 +174,17 @@ def _swing_vectors(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray
     draws = draw_swing_parameters(form, largest_swing_record, problem.starts, random)
     if draws is None:
         return None
-    swinging = swing_unknowns(unknowns, form, draws)
-    free = free_entries(swinging, draws)
-    theta = joint_vector([with_initial_state(swinging, data, free) for data in problem.data], joint.entries)
+    swinging = swing_form_unknowns(unknowns, form, draws)
+    free = search_entries_from_draws(swinging, draws)
+    theta = joint_vector([append_initial_state(swinging, data, free) for data in problem.data], joint.entries)
     grids = tuple(dataclasses.replace(grid, unknowns=swinging) for grid in joint.grids)
     swing = dataclasses.replace(joint, grids=grids)
     for swings in _horizons_in_swings(problem, swing):
         normal, prior = coarse_normal_equations(problem, swing, swings)
         theta, costs = levenberg_marquardt(normal, theta, prior, _TOLERANCE, trials=_TRIALS)
-    values = swinging.physical(theta[:, joint.entries[0]].T)[0]
+    values = swinging.physical_values(theta[:, joint.entries[0]].T)[0]
     mapped = form.mapped(dict(zip(form.law.parameters, values, strict=True)))
-    theta[:, : free.shape[1]] = free_entries(unknowns, mapped)
+    theta[:, : free.shape[1]] = search_entries_from_draws(unknowns, mapped)
     return theta, float(costs.min())
 
 
@@ -192,12 +197,12 @@ def _start_vectors(problem: FitProblem, unknowns: Unknowns) -> list[np.ndarray]:
             problem.starts,
             np.random.default_rng(problem.seed),
             problem.start,
-            problem.bounds_of(data),
+            problem.bounds_of_record(data),
         )
         for data in problem.data
     ]
     largest_swing_record = vectors[problem.data.index(problem.largest_swing_record)]
-    shared = slice(0, unknowns.free)
+    shared = slice(0, unknowns.parameter_and_map_count)
     vectors[0] = vectors[0].copy()
     keep = [unknowns.law.parameters.index(name) for name in problem.own]
     own = vectors[0][:, keep].copy()
@@ -211,11 +216,11 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
     training, law, how = data.training, unknowns.law, problem.interpolation
     wanted = law.resolution * COARSE_STEPS
     period = data.guess.shortest_start_period
-    grid = grid_over(training, law.inputs, period, wanted, how)
+    grid = grid_over_record(training, law.inputs, period, wanted, how)
     if grid.steps > _MOST_COARSE:
         count = int(np.searchsorted(training.time, grid.step * _MOST_COARSE, side="right"))
         training = training.first(count)
-        grid = grid_over(training, law.inputs, period, wanted, how)
+        grid = grid_over_record(training, law.inputs, period, wanted, how)
     weights = data.weights[: len(training)]
     if has_inputs_besides_time(law.inputs) or len(training) > _THIN * grid.steps:
         samples = means_on_grid(training, grid, law.inputs, how, weights)
@@ -225,9 +230,9 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
         samples = samples_on_grid(training, grid, law.inputs, how)
         padded = np.zeros_like(samples.weight)
         padded[: len(training)] = weights
-        samples = samples.weighted(padded)
-    samples = samples.behind(unknowns.sensor, training, grid)
-    loss = problem.loss_of(data, unknowns.residual_unit)
+        samples = samples.with_weights(padded)
+    samples = samples.through_sensor(unknowns.sensor, training, grid)
+    loss = problem.loss_of_record(data, unknowns.residual_unit)
     return GriddedRecord(unknowns, training, grid, samples, how, weights, loss)
 
 
@@ -239,8 +244,8 @@ def coarse_normal_equations(problem: FitProblem, joint: JointRecords, swings: fl
         seen = means.step * (means.point + means.fraction) <= swings * data.guess.shortest_swing_period
         weight = means.weight * seen
         total += float((weight**2).sum())
-        normals.append(normal_equations(joint.unknowns, means.weighted(weight), grid.loss))
-    return joint_normal(normals, joint.entries), joint.prior(total)
+        normals.append(normal_equations(joint.unknowns, means.with_weights(weight), grid.loss))
+    return joint_normal_equations(normals, joint.entries), joint.prior(total)
 
 
 def _horizons_in_swings(problem: FitProblem, joint: JointRecords) -> Iterator[float]:

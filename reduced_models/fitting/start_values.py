@@ -23,7 +23,7 @@ from reduced_models.fitting.problem import Pairs, TrainingData
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law, NormalizedSwingLaw, Starts
-from reduced_models.laws.symmetry import canonical_values
+from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.least_squares.levenberg_marquardt import Normal, Prior, levenberg_marquardt
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.records.derivatives import fit_local_cubics
@@ -76,7 +76,7 @@ def start_values(
     return {name: chosen[:, k].copy() for k, name in enumerate(law.parameters)}
 
 
-def match_accelerations(
+def fit_to_accelerations(
     law: Law, guess: FirstGuesses, record: PistonRecord, values: np.ndarray, bounds: Pairs | None = None
 ) -> np.ndarray:
     """Parameters (p,) of a law without hidden states from accelerations in a record alone.
@@ -88,7 +88,7 @@ def match_accelerations(
     return np.asarray(_fit_draws_to_accelerations(law, guess, record, np.vstack([units, draws]), bounds)[0])
 
 
-def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:
+def start_values_near(values: dict[str, float], spread: float = 0.1) -> Starts:
     """Start values of a law about parameters that are known roughly."""
 
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
@@ -108,7 +108,7 @@ def _random_draws(
     draws = size * np.exp(random.uniform(-1.5, 1.5, shape))
     positive = np.array([name in law.positive for name in law.parameters])
     draws = np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
-    values = canonical_values(law, dict(zip(law.parameters, draws.T, strict=True)), bounds=bounds)
+    values = canonical_parameters(law, dict(zip(law.parameters, draws.T, strict=True)), bounds=bounds)
     values |= {name: np.full(count, value) for name, value in _fixed_by_bounds(bounds).items()}
     return np.stack([values[name] for name in law.parameters], axis=1)
 
@@ -154,7 +154,7 @@ def _fit_draws_to_accelerations(
     good = np.array([values for cost, values in results if cost <= _GOOD * results[0][0] + 1e-12])
     # Draws that mean the same end at either sign and turns apart: which of them rounding puts first
     # must not tell where a search starts, nor bounds cut off the sign that it starts from.
-    home = canonical_values(law, dict(zip(law.parameters, good.T, strict=True)), bounds=bounds)
+    home = canonical_parameters(law, dict(zip(law.parameters, good.T, strict=True)), bounds=bounds)
     return np.stack([home[name] for name in law.parameters], axis=1)
 
 
@@ -301,10 +301,10 @@ def start_vectors(
         positive = name in unknowns.law.positive or value != 0.0
         unit = unknowns.units[unknowns.law.parameters.index(name)]
         draws[name] = value * np.exp(spread) if positive else spread * unit
-    return with_initial_state(unknowns, data, free_entries(unknowns, draws))
+    return append_initial_state(unknowns, data, search_entries_from_draws(unknowns, draws))
 
 
-def with_initial_state(unknowns: Unknowns, data: TrainingData, free: np.ndarray) -> np.ndarray:
+def append_initial_state(unknowns: Unknowns, data: TrainingData, free: np.ndarray) -> np.ndarray:
     """Parameters and map (count, k) with the initial state of record and sensor behind them."""
     count, guess = len(free), data.guess
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
@@ -319,7 +319,7 @@ def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
     sensor = unknowns.sensor
     if sensor is None:
         return []
-    gain_is_open, offset_is_open = unknowns.open_settings
+    gain_is_open, offset_is_open = unknowns.open_gain_and_offset
     mean = float(signal.mean()) if sensor.offset == "free" else sensor.nominal_offset
     first = float(signal[0] - mean) / unknowns.signal * sensor.derivative_sign
     states = [first if sensor.low_pass is not None else 0.0, 0.0][: sensor.filter_order]
@@ -327,7 +327,7 @@ def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
     return [1.0] * gain_is_open + [offset] * offset_is_open + states
 
 
-def free_entries(unknowns: Unknowns, draws: Mapping[str, np.ndarray]) -> np.ndarray:
+def search_entries_from_draws(unknowns: Unknowns, draws: Mapping[str, np.ndarray]) -> np.ndarray:
     """Entries (count, k) of search vectors, initial states left out, of parameters and map."""
     result = [
         np.log(draws[name]) if name in unknowns.law.positive else draws[name] / unit
@@ -348,7 +348,9 @@ def draw_swing_parameters(
     return form.start(data.look.time, swing, seen, random, count)
 
 
-def swing_unknowns(unknowns: Unknowns, form: NormalizedSwingLaw, draws: Mapping[str, np.ndarray]) -> Unknowns:
+def swing_form_unknowns(
+    unknowns: Unknowns, form: NormalizedSwingLaw, draws: Mapping[str, np.ndarray]
+) -> Unknowns:
     """Unknowns of a swing form, in units that some draws tell."""
     units = tuple(
         1.0 if name in form.law.positive else float(np.abs(draws[name]).mean()) or 1.0

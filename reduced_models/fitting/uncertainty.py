@@ -11,11 +11,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from reduced_models.fitting.covariance import Information, marginal_information
+from reduced_models.fitting.covariance import FitStatistics, marginal_information
 from reduced_models.laws.linearization import JUMPS, NoSwing, harmonic_cycles, law_rates, small_swing
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
-from reduced_models.models.quality import Direction
+from reduced_models.models.quality import ParameterDirection
 
 Interval = tuple[float, float]
 
@@ -35,30 +35,30 @@ _MOST_VARIANCE = 1e99  # of what the data leave open
 def interval_analysis(
     unknowns: Unknowns,
     theta: np.ndarray,
-    known: Information,
+    known: FitStatistics,
     confidence: float,
     seen: tuple[float, float],
     shifts: np.ndarray,
-) -> tuple[dict[str, Interval], AtRest | NoSwing, tuple[Direction, ...]]:
+) -> tuple[dict[str, Interval], AtRest | NoSwing, tuple[ParameterDirection, ...]]:
     """Intervals of a fit, its small swing at rest, and the directions that the data leave open.
 
     All are of the linearisation at the minimum; ``seen`` are the least and the greatest height [m]
     of the record, and ``shifts`` (m, p) those of a calibration, which the covariance holds.
     """
-    quantile = known.quantile(confidence)
-    names, values, logs = named_entries(unknowns, theta)
+    quantile = known.student_quantile(confidence)
+    names, values, logs = search_entry_names(unknowns, theta)
     intervals = {}
     for k, name in enumerate(names):
         spread = quantile * math.sqrt(max(known.covariance[k, k], 0.0))
         intervals[name] = _confidence_interval(values[k], spread, unknowns, k, logarithmic=logs[k])
     information = _fisher_information(unknowns, theta, known)
     open_names = [name for name, free in zip(names, known.free, strict=False) if free]
-    at_rest = _small_motion_figures(unknowns, theta, known.covariance, quantile, seen, shifts)
+    at_rest = _small_motion_with_intervals(unknowns, theta, known.covariance, quantile, seen, shifts)
     return intervals, at_rest, undetermined_directions(open_names, information)
 
 
 def bootstrap_intervals(
-    unknowns: Unknowns, replicates: np.ndarray, theta: np.ndarray, confidence: float, known: Information
+    unknowns: Unknowns, replicates: np.ndarray, theta: np.ndarray, confidence: float, known: FitStatistics
 ) -> dict[str, Interval]:
     """Percentile intervals from search vectors (k, p) that were fitted to resampled records.
 
@@ -69,20 +69,22 @@ def bootstrap_intervals(
     from scipy.stats import norm
 
     fractions = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
-    wider = known.quantile(confidence) / float(norm.ppf(fractions[1]))
+    wider = known.student_quantile(confidence) / float(norm.ppf(fractions[1]))
     edges = theta + wider * (np.quantile(replicates, fractions, axis=0) - theta)
     return intervals_between(unknowns, *edges)
 
 
 def widen_to_linear_intervals(
-    linear: Mapping[str, Interval], undetermined: Sequence[Direction], intervals: Mapping[str, Interval]
+    linear: Mapping[str, Interval],
+    undetermined: Sequence[ParameterDirection],
+    intervals: Mapping[str, Interval],
 ) -> dict[str, Interval]:
     """Intervals of resampling or profiles, no narrower than linear ones in directions left open.
 
     Along these neither moves: a fit to a resampled record stays where it starts, and a profile ends
     where the prior about the start says so.
     """
-    left_open = {name for direction in undetermined if direction.open for name in direction.powers}
+    left_open = {name for direction in undetermined if direction.is_undetermined for name in direction.powers}
     return {
         name: ((min(low, linear[name][0]), max(high, linear[name][1])) if name in left_open else (low, high))
         for name, (low, high) in intervals.items()
@@ -91,7 +93,7 @@ def widen_to_linear_intervals(
 
 def intervals_between(unknowns: Unknowns, low: np.ndarray, high: np.ndarray) -> dict[str, Interval]:
     """Intervals between two search vectors (p,)."""
-    names, _, logs = named_entries(unknowns, low)
+    names, _, logs = search_entry_names(unknowns, low)
     return {
         name: (
             _confidence_interval(low[k], 0.0, unknowns, k, logarithmic=logs[k])[0],
@@ -101,7 +103,7 @@ def intervals_between(unknowns: Unknowns, low: np.ndarray, high: np.ndarray) -> 
     }
 
 
-def named_entries(unknowns: Unknowns, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:
+def search_entry_names(unknowns: Unknowns, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:
     """Names of parameters and map, their entries of a search vector, and which are logarithms."""
     law = unknowns.law
     names = [*law.parameters]
@@ -133,9 +135,9 @@ def _confidence_interval(
     return offset + unit * (value - spread), offset + unit * (value + spread)
 
 
-def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: Information) -> np.ndarray:
+def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: FitStatistics) -> np.ndarray:
     """Fisher information on the logarithms of free parameters and map, the start left open."""
-    names, values, logs = named_entries(unknowns, theta)
+    names, values, logs = search_entry_names(unknowns, theta)
     relative = np.ones(len(names))
     for k, log in enumerate(logs):
         if not log:
@@ -146,14 +148,14 @@ def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: Informatio
             relative[k] = value if abs(value) > _NEAR_ZERO else 1.0
     asked = np.flatnonzero(known.free[: len(names)])
     left, relative = marginal_information(known.normal, asked, known.free), relative[asked]
-    return np.asarray(left * np.outer(relative, relative)) / max(known.variance, 1e-300)
+    return np.asarray(left * np.outer(relative, relative)) / max(known.residual_variance, 1e-300)
 
 
 def physical_covariance(
     unknowns: Unknowns, theta: np.ndarray, covariance: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
     """Names and covariance (p, p), in their units, of law, map and start of a record's motion."""
-    names, values, logs = named_entries(unknowns, theta)
+    names, values, logs = search_entry_names(unknowns, theta)
     units = [
         _entry_unit(unknowns, k) * (math.exp(min(value, 700.0)) if log else 1.0)
         for k, (value, log) in enumerate(zip(values, logs, strict=True))
@@ -165,7 +167,7 @@ def physical_covariance(
     return (*names, "height", "velocity", *hidden), result
 
 
-def undetermined_directions(names: Sequence[str], information: np.ndarray) -> tuple[Direction, ...]:
+def undetermined_directions(names: Sequence[str], information: np.ndarray) -> tuple[ParameterDirection, ...]:
     """Directions that an information matrix (p, p) on logarithms leaves open."""
     if not len(information):
         return ()
@@ -180,11 +182,11 @@ def undetermined_directions(names: Sequence[str], information: np.ndarray) -> tu
             name: float(power) for name, power in zip(names, powers, strict=True) if abs(power) > _SMALL_POWER
         }
         largest = float(np.abs(direction).max())
-        result.append(Direction(moving, min(spread * largest, 1e6)))
+        result.append(ParameterDirection(moving, min(spread * largest, 1e6)))
     return tuple(result)
 
 
-def _small_motion_figures(
+def _small_motion_with_intervals(
     unknowns: Unknowns,
     theta: np.ndarray,
     covariance: np.ndarray,
@@ -193,7 +195,7 @@ def _small_motion_figures(
     shifts: np.ndarray,
 ) -> AtRest | NoSwing:
     """Level of rest, period and damping ratio of small motions, by the chain rule."""
-    figures = small_motion(unknowns, theta)
+    figures = small_motion_figures(unknowns, theta)
     if isinstance(figures, NoSwing):
         return figures
     if abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
@@ -207,7 +209,7 @@ def _small_motion_figures(
     thetas = theta[:, None] + np.hstack([np.diag(step), -np.diag(step)])
     moved = []
     for shifted in thetas.T:
-        motion = small_motion(unknowns, shifted)
+        motion = small_motion_figures(unknowns, shifted)
         if isinstance(motion, NoSwing):
             return motion
         moved.append(motion)
@@ -253,7 +255,7 @@ def _damping_at_two_amplitudes(
 ) -> np.ndarray:
     """Damping ratios at two amplitudes, and friction [m/s^2], (3, m) of search vectors (p, m)."""
     law = unknowns.law
-    values, shift, scale, *_ = unknowns.physical(thetas)
+    values, shift, scale, *_ = unknowns.physical_values(thetas)
     amplitude = sizes[:, None]
     result = harmonic_cycles(
         law_rates(law, values),
@@ -267,12 +269,12 @@ def _damping_at_two_amplitudes(
     return np.vstack([result.damping_ratio, friction])
 
 
-def small_motion(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | NoSwing:
+def small_motion_figures(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | NoSwing:
     """Rest height, period and damping ratio; the reason where there is no stable level of rest.
 
     Hidden states and inputs are at zero.
     """
-    values, shift, scale, *_ = unknowns.physical(theta)
+    values, shift, scale, *_ = unknowns.physical_values(theta)
     result = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
     if isinstance(result, NoSwing):
         return result

@@ -18,9 +18,9 @@ from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor
 from reduced_models.fitting.fit import fit, resolve_law
-from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_options
-from reduced_models.fitting.problem import as_records, require_positions
-from reduced_models.fitting.start_values import starts_near
+from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_fit_options
+from reduced_models.fitting.problem import list_of_records, refuse_integrated_heights
+from reduced_models.fitting.start_values import start_values_near
 from reduced_models.identification.comparison_table import (
     NOISE_TIE,
     Comparison,
@@ -92,9 +92,9 @@ def compare(
     >>> compare(record, ["linear", "quadratic-drag"]).rows[0].name
     'linear'
     """
-    records = as_records(record)
-    require_positions(records, "compare")
-    check_options(starts, test_fraction)
+    records = list_of_records(record)
+    refuse_integrated_heights(records, "compare")
+    check_fit_options(starts, test_fraction)
     laws = [laws] if isinstance(laws, str | Law | ReducedModel) else laws
     if not laws:
         raise InputError("laws is empty; name at least one")
@@ -187,7 +187,9 @@ def _law_to_compare(law: Any, record: PistonRecord) -> _LawToCompare:
     model: ReducedModel = law if isinstance(law, ReducedModel) else law.model
     if model.law.start is not None:
         return _LawToCompare(model.law, model.map)
-    return _LawToCompare(dataclasses.replace(model.law, start=starts_near(dict(model.parameters))), model.map)
+    return _LawToCompare(
+        dataclasses.replace(model.law, start=start_values_near(dict(model.parameters))), model.map
+    )
 
 
 def _fit_law_to_row(

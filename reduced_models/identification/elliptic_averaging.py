@@ -16,7 +16,7 @@ from reduced_models.laws.elliptic import (
     averaged_frequency,
     elliptic_motion,
     greatest_damping_over_rate,
-    turns_about_rest,
+    swings_through_rest,
 )
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.envelope import envelope
@@ -153,7 +153,7 @@ def average_elliptically(model: ReducedModel, time: np.ndarray) -> EllipticAvera
         cycles = envelope(model.simulate(time))
     except (InputError, RecordError):
         return None
-    if not turns_about_rest(cycles.amplitude, oscillator):
+    if not swings_through_rest(cycles.amplitude, oscillator):
         return None
     averaged = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), oscillator)
     return EllipticAveraging(

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, cast
 from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import InputError, TimeBudgetError
 from granular.shared.message_text import quote, sanitize
-from reduced_models.fitting.options import STARTS, check_options
-from reduced_models.fitting.problem import as_record, require_positions
+from reduced_models.fitting.options import STARTS, check_fit_options
+from reduced_models.fitting.problem import record_from_table, refuse_integrated_heights
 from reduced_models.identification.candidate_laws import (
     choose_candidate_laws,
     drive_option_text,
@@ -147,17 +147,17 @@ def identify(
         For each note: a run that was cut, a check that failed, and those of `fit`.
     """
     _check_arguments(laws, mass)
-    check_options(starts=starts)
+    check_fit_options(starts=starts)
     if not budget > 0.0:
         raise InputError(f"budget = {budget:g} s; give a time above 0")
     target = make_directory(out)
     clock = _Stopwatch()
     options = RunOptions(changes or {}, STEP if dt is None else dt, method, threads, progress)
-    opened = open_and_check_source(as_record(source), options)
+    opened = open_and_check_source(record_from_table(source), options)
     lift = laws is None or len(laws) > 1
     with contextlib.ExitStack() as stack:
         if isinstance(opened, PistonRecord):
-            require_positions([opened], "identify")
+            refuse_integrated_heights([opened], "identify")
             record, run, further = opened, None, None
         else:
             background = None
@@ -281,7 +281,9 @@ def _fit_and_compare(
         mass=mass,
         left_out=left_out,
         residuals={
-            model.law.name: residual_tests(model, record.time, record.height, model.follow(record).height)
+            model.law.name: residual_tests(
+                model, record.time, record.height, model.simulate_record(record).height
+            )
             for model in models
         },
         advice=suggest_next_steps(comparison, models, record, run, discovery),

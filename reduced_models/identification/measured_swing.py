@@ -282,7 +282,7 @@ def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | 
         return None
     amplitudes = own.amplitudes_to_show(units.scale)
     try:
-        law = _backbone_of_motion(model.follow(record), record, model)
+        law = _backbone_of_motion(model.simulate_record(record), record, model)
     except GranularError:
         law = None
     return MeasuredSwing(

@@ -267,7 +267,7 @@ def add_equations(page: HtmlPage, model: ReducedModel) -> None:
     symbols = {
         name: round_expression(rate, model.printed_digits) for name, rate in model.law.sympy_hidden().items()
     }
-    for equation, rates in ((model.equation, symbols), (model.printed_equation, model.printed_hidden)):
+    for equation, rates in ((model.equation, symbols), (model.printed_equation, model.printed_hidden_rates)):
         page.add_equation(mathml(equation))
         for name, rate in rates.items():
             page.add_equation(mathml_of_rate(name, rate))
@@ -286,7 +286,7 @@ def _fit_quality_text(model: ReducedModel) -> str:
     )
     if quality.test_error is not None:
         words += (
-            f" Fitted without {quality.tested_text} it predicts them to "
+            f" Fitted without {quality.test_swings_text} it predicts them to "
             f"{100 * quality.test_error:.3g} % of the rms swing."
         )
     if quality.test_error_at_rest is not None:
@@ -309,5 +309,7 @@ def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
         # As many digits as the interval is worth, and no fewer than the equation has.
         digits = max(decimal_places_of_interval(value, low, high), model.printed_digits - 1 - size)
         interval = "open" if high - low > OPEN * abs(value) else format_interval(low, high, digits)
-        rows.append((parameter_symbol(name), format_fixed(value, digits), model.unit_of(name), interval))
+        rows.append(
+            (parameter_symbol(name), format_fixed(value, digits), model.unit_of_parameter(name), interval)
+        )
     return rows

@@ -140,9 +140,9 @@ def add_record_section(page: HtmlPage, record: PistonRecord, best: ReducedModel)
     _add_curves_and_residuals(
         page,
         "The record, the best law over it, and what it leaves over. The laws are judged on what is "
-        f"shaded, {best.quality.tested_text}, by fits that have not seen it.",
+        f"shaded, {best.quality.test_swings_text}, by fits that have not seen it.",
         record,
-        [(best.law.name, best.follow(record).height, {})],
+        [(best.law.name, best.simulate_record(record).height, {})],
         difference=_residual_axis(record),
         tested=best.quality.test_swings,
         height=6.0,
@@ -176,7 +176,10 @@ def add_fits_section(
         page,
         "The fits of all laws, and what they leave over.",
         record,
-        [(model.law.name, model.follow(record).height, line_style(k)) for k, model in enumerate(models)],
+        [
+            (model.law.name, model.simulate_record(record).height, line_style(k))
+            for k, model in enumerate(models)
+        ],
         difference=_residual_axis(record),
         tested=best.quality.test_swings,
         height=6.0 + 0.15 * len(models),
@@ -205,7 +208,7 @@ def add_phase_portrait(page: HtmlPage, record: PistonRecord, best: ReducedModel)
         speed = record.velocity
         if speed is None:
             speed = np.gradient(record.height, record.time)
-        motion = best.follow(record)
+        motion = best.simulate_record(record)
         assert motion.velocity is not None
         for height, velocity, name, look in (
             (record.height, speed, "record", {"color": GREY, "linewidth": 3}),

@@ -8,7 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from reduced_models.fitting.residual_diagnostics import SLIGHT, count_transient_samples, residual_structure
+from reduced_models.fitting.residual_diagnostics import (
+    SLIGHT,
+    count_release_transient_samples,
+    diagnose_residuals,
+)
 from reduced_models.models.model import ReducedModel
 
 SURE = 1e-3
@@ -121,12 +125,12 @@ def residual_tests(
     whiteness, signs, start = model.quality.whiteness, model.quality.signs, 0
     if model.at_rest is not None and rms > 0.0:
         period = model.at_rest.period
-        start = count_transient_samples(time, left, period)
+        start = count_release_transient_samples(time, left, period)
         times, later = time[start:], left[start:]
         swing, double = (_spectral_line_strength(times, later, k / period) for k in (1.0, 2.0))
         if start:
             speed = np.gradient(height[start:], times)
-            structure = residual_structure(times, later, speed, period)
+            structure = diagnose_residuals(times, later, speed, period)
             whiteness, signs = structure["whiteness"], structure["signs"]
     return ResidualTests(
         rms,

@@ -287,7 +287,7 @@ def _damping_at_two_amplitudes(
     """Damping ratios at two amplitudes, as far as it swings with them, and friction."""
     wide, narrow = (
         f"{DAMPING_RATIO} at {units.scale * size:.3g} {units.length}"
-        for size in (equivalent.amplitude, equivalent.tenth)
+        for size in (equivalent.amplitude, equivalent.tenth_of_greatest_swing)
     )
 
     def quantity(

@@ -93,7 +93,7 @@ def _equation_lines(result: Identification) -> list[str]:
     if model.law.mapped:
         meaning = f"{model.map_text(_LEAST_DIGITS)}, a pure number,"
     values = [
-        f"{name} = {value:.{max(_LEAST_DIGITS, model.printed_digits)}g} {model.unit_of(name)}"
+        f"{name} = {value:.{max(_LEAST_DIGITS, model.printed_digits)}g} {model.unit_of_parameter(name)}"
         for name, value in model.parameters.items()
     ]
     return [

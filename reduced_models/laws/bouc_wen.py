@@ -14,7 +14,9 @@ from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def _draw_start_values(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
     omega = guesses.frequencies(random, count)
     size = 0.5 * np.pi * guesses.frequency * guesses.amplitude
     return {
@@ -31,7 +33,7 @@ BOUC_WEN = Law(
     equation=(
         "z'' + omega**2*z + friction*w = g0; w' = rho*(z' - sigma*Abs(z')*Abs(w)*w + (sigma - 1)*z'*w**2)"
     ),
-    start=_start,
+    start=_draw_start_values,
     positive=("omega", "friction", "rho", "sigma"),
     units={"omega": "rad/s", "friction": "m/s^2", "rho": "1/m", "sigma": "1", "g0": "m/s^2"},
     source="F. Ikhouane, J. Rodellar 2005, doi:10.1007/s11071-005-0069-3",

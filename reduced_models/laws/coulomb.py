@@ -15,7 +15,9 @@ from reduced_models.laws.linear import split_damping
 from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def _draw_start_values(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
     omega = guesses.frequencies(random, count)
     # A swing of amplitude A loses as much in a period as by 2 lam v where
     # lam = 2 friction/(pi omega A).
@@ -30,7 +32,7 @@ def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> di
 COULOMB = Law(
     name="coulomb",
     equation="z'' + friction*tanh(20*omega*z'/friction) + omega**2*z = g0",
-    start=_start,
+    start=_draw_start_values,
     positive=("friction", "omega"),
     units={"friction": "m/s^2", "omega": "rad/s", "g0": "m/s^2"},
     source="C. A. Coulomb 1785, with tanh for the sign of the speed",
@@ -38,14 +40,16 @@ COULOMB = Law(
 )
 
 
-def _start_with_drag(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    return split_damping(_start(guesses, random, count), "friction", guesses, random)
+def _draw_start_values_with_drag(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
+    return split_damping(_draw_start_values(guesses, random, count), "friction", guesses, random)
 
 
 VISCOUS_COULOMB = Law(
     name="viscous-coulomb",
     equation="z'' + 2*lam*z' + friction*tanh(20*omega*z'/friction) + omega**2*z = g0",
-    start=_start_with_drag,
+    start=_draw_start_values_with_drag,
     positive=("friction", "omega"),
     units={"lam": "1/s", **COULOMB.units},
     source=COULOMB.source,

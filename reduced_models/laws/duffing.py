@@ -15,7 +15,9 @@ _ACROSS, _WITHIN = 0.2, 0.1  # fractions of the starts with two wells
 _FEW = 4  # starts, from which each kind has one
 
 
-def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def _draw_start_values(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
     k = guesses.frequencies(random, count) ** 2
     result = {
         "lam": guesses.decays(random, count),
@@ -23,10 +25,10 @@ def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> di
         "rest": guesses.levels(random, count),
         "beta": k / guesses.amplitude**2 * random.uniform(-0.2, 0.5, count),
     }
-    return _with_two_wells(result, guesses, random)
+    return _move_last_start_to_two_wells(result, guesses, random)
 
 
-def _with_two_wells(
+def _move_last_start_to_two_wells(
     result: dict[str, np.ndarray], guesses: FirstGuesses, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
     """Move the last of the starts to a spring that pushes away from its rest."""
@@ -49,7 +51,7 @@ def _with_two_wells(
 DUFFING = Law(
     name="duffing",
     equation="z'' + 2*lam*z' + k*(z - rest) + beta*(z - rest)**3 = 0",
-    start=_start,
+    start=_draw_start_values,
     positive=("lam",),
     units={"lam": "1/s", "k": "1/s^2", "rest": "m", "beta": "1/(m^2 s^2)"},
     source="G. Duffing 1918; I. Kovacic, M. J. Brennan, doi:10.1002/9780470977859",

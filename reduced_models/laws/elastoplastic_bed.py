@@ -23,7 +23,9 @@ from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def _draw_start_values(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
     omega = guesses.frequencies(random, count)
     # The law is for heights above the floor; a record about zero has another law.
     rest = np.maximum(np.abs(guesses.levels(random, count)), guesses.amplitude)
@@ -45,7 +47,7 @@ ELASTOPLASTIC_BED = Law(
         "z'' + 2*lam*z' = weight*((rest/z)**power*(1 + w) - 1); "
         "w' = -modulus/z*(z' + Abs(z')*Abs(w)*w/strength**2)"
     ),
-    start=_start,
+    start=_draw_start_values,
     positive=("lam", "weight", "rest", "power", "modulus", "strength"),
     units={"lam": "1/s", "weight": "m/s^2", "rest": "m", "power": "1", "modulus": "1", "strength": "1"},
     source="pressure of the dipole lattice, and a shear stress that yields",

@@ -98,7 +98,7 @@ def elliptic_motion(k: float, beta: float, rest: float, z0: float, v0: float) ->
     return EllipticMotion("sn", rest, math.sqrt(amplitude2), math.sqrt(rate2), m)
 
 
-class Oscillator(NamedTuple):
+class DuffingVanDerPolOscillator(NamedTuple):
     """x'' + 2 (decay + tilt x + bend x^2) x' + k x + beta x^3 = 0, x from a level of rest.
 
     Attributes
@@ -116,25 +116,29 @@ class Oscillator(NamedTuple):
     bend: float = 0.0
 
 
-def _duffing_oscillator(values: Mapping[str, float], _: HeightMap) -> Oscillator:
-    return Oscillator(values["k"], values["beta"], values["lam"])
+def _duffing_oscillator(values: Mapping[str, float], _: HeightMap) -> DuffingVanDerPolOscillator:
+    return DuffingVanDerPolOscillator(values["k"], values["beta"], values["lam"])
 
 
-def _van_der_pol_like_oscillator(values: Mapping[str, float], height_map: HeightMap) -> Oscillator:
+def _van_der_pol_like_oscillator(
+    values: Mapping[str, float], height_map: HeightMap
+) -> DuffingVanDerPolOscillator:
     alpha, square, scale = values["alpha"], values["omega"] ** 2, height_map.scale
     level = values["g0"] / square
     decay, tilt = alpha * (level**2 - 2.0 * level), 2.0 * alpha * (level - 1.0) / scale
-    return Oscillator(square, 0.0, decay, tilt, alpha / scale**2)
+    return DuffingVanDerPolOscillator(square, 0.0, decay, tilt, alpha / scale**2)
 
 
-OSCILLATORS: Mapping[str, Callable[[Mapping[str, float], HeightMap], Oscillator]] = {
+OSCILLATORS: Mapping[str, Callable[[Mapping[str, float], HeightMap], DuffingVanDerPolOscillator]] = {
     DUFFING.name: _duffing_oscillator,
     VAN_DER_POL_LIKE.name: _van_der_pol_like_oscillator,
 }
 """Laws by name, which make an oscillator of their parameters and the map of the height."""
 
 
-def averaged_amplitude(time: np.ndarray, amplitude: float, oscillator: Oscillator) -> np.ndarray:
+def averaged_amplitude(
+    time: np.ndarray, amplitude: float, oscillator: DuffingVanDerPolOscillator
+) -> np.ndarray:
     """Amplitudes (n,) [m] at increasing times (n,) [s], from that at the first."""
     from scipy.integrate import solve_ivp
 
@@ -149,28 +153,30 @@ def averaged_amplitude(time: np.ndarray, amplitude: float, oscillator: Oscillato
     return np.asarray(ivp.y[0])
 
 
-def averaged_frequency(amplitude: np.ndarray, oscillator: Oscillator) -> np.ndarray:
+def averaged_frequency(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> np.ndarray:
     """Backbone (n,) [Hz] at amplitudes (n,) [m]."""
     from scipy.special import ellipk
 
-    rate, m = _rate_and_parameter(amplitude, oscillator)
+    rate, m = _elliptic_rate_and_parameter(amplitude, oscillator)
     return np.asarray(rate / (4.0 * ellipk(m)))
 
 
-def greatest_damping_over_rate(amplitude: float, oscillator: Oscillator) -> float:
+def greatest_damping_over_rate(amplitude: float, oscillator: DuffingVanDerPolOscillator) -> float:
     """Greatest damping within a swing over its rate: averaging holds well below 1."""
     x = amplitude * np.linspace(-1.0, 1.0, _ALONG)
-    rate, _ = _rate_and_parameter(np.array([amplitude]), oscillator)
+    rate, _ = _elliptic_rate_and_parameter(np.array([amplitude]), oscillator)
     return float(np.abs(oscillator.decay + oscillator.tilt * x + oscillator.bend * x**2).max() / rate[0])
 
 
-def turns_about_rest(amplitude: np.ndarray, oscillator: Oscillator) -> bool:
+def swings_through_rest(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> bool:
     """Return True where swings go through rest and turn back."""
     stiffening = oscillator.beta * amplitude**2
     return bool((np.minimum(oscillator.k + 0.5 * stiffening, oscillator.k + stiffening) > 0.0).all())
 
 
-def _rate_and_parameter(amplitude: np.ndarray, oscillator: Oscillator) -> tuple[np.ndarray, np.ndarray]:
+def _elliptic_rate_and_parameter(
+    amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator
+) -> tuple[np.ndarray, np.ndarray]:
     stiffening = oscillator.beta * amplitude**2
     # Not quite up to a hump or a barrier, where a cycle takes for ever.
     least = 0.5 * (1.0 + 1e-9) * stiffening if oscillator.beta > 0.0 else 1e-6 * oscillator.k
@@ -178,11 +184,11 @@ def _rate_and_parameter(amplitude: np.ndarray, oscillator: Oscillator) -> tuple[
     return np.sqrt(square), 0.5 * stiffening / square
 
 
-def _amplitude_rate(amplitude: np.ndarray, oscillator: Oscillator) -> np.ndarray:
+def _amplitude_rate(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> np.ndarray:
     """Da/dt (n,) at amplitudes (n,), by means over a quarter period."""
     from scipy.special import ellipk
 
-    _, m = _rate_and_parameter(amplitude, oscillator)
+    _, m = _elliptic_rate_and_parameter(amplitude, oscillator)
     indices = (np.arange(_POINTS) + 0.5) / _POINTS
     s, c, d = _jacobi_functions(ellipk(m)[:, None] * indices, m[:, None])
     damping = oscillator.decay + oscillator.bend * (amplitude[:, None] * c) ** 2

@@ -59,7 +59,7 @@ class ForceLaw:
     inputs: tuple[str, ...] = ()
 
     @property
-    def field(self) -> Law:
+    def acceleration_law(self) -> Law:
         """Law whose z'' stands for the force: what `compile_rates` takes."""
         equation, inputs = _acceleration_equation(self.equation), self.inputs
         if "z''" in self.equation:
@@ -69,12 +69,12 @@ class ForceLaw:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters, in the order in which the equation names them."""
-        return self.field.parameters
+        return self.acceleration_law.parameters
 
     @property
     def hidden(self) -> tuple[str, ...]:
         """Names of the hidden states."""
-        return self.field.hidden
+        return self.acceleration_law.hidden
 
     def text(self, values: Mapping[str, float], digits: int = 5) -> str:
         """Equation with numbers for its parameters.
@@ -93,7 +93,7 @@ class ForceLaw:
         """
         import sympy
 
-        parsed = self.field.parsed
+        parsed = self.acceleration_law.parsed
         numbers = {sympy.Symbol(name): sympy.Float(value) for name, value in values.items()}
         rates = {"force": parsed.acceleration} | {f"{name}'": rate for name, rate in parsed.hidden.items()}
         lines = [f"{name} = {round_expression(rate.subs(numbers), digits)}" for name, rate in rates.items()]
@@ -117,7 +117,9 @@ def is_force_equation(text: str) -> bool:
     return _LEFT.match(text) is not None
 
 
-def force_law(law: str | ForceLaw, columns: Collection[str] = (), declared: Collection[str] = ()) -> ForceLaw:
+def resolve_force_law(
+    law: str | ForceLaw, columns: Collection[str] = (), declared: Collection[str] = ()
+) -> ForceLaw:
     """Law of a force by its name, its equation, or as it is.
 
     Parameters

@@ -8,7 +8,9 @@ from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def _draw_start_values(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
     omega = guesses.frequencies(random, count)
     return {
         "lam": guesses.decays(random, count),
@@ -30,7 +32,7 @@ def split_damping(
 LINEAR = Law(
     name="linear",
     equation="z'' + 2*lam*z' + omega**2*z = g0",
-    start=_start,
+    start=_draw_start_values,
     positive=("lam", "omega"),
     units={"lam": "1/s", "omega": "rad/s", "g0": "m/s^2"},
     source="[D, eq. 5.11]",

@@ -86,7 +86,7 @@ def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoS
     )
 
 
-def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
+def small_swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
     """Small swing of an equation in z(t) with numbers for all parameters; see `small_swing`."""
     from granular.formulas.algebra import compile_function
 
@@ -180,7 +180,7 @@ def _swing_with_hidden_states(state: np.ndarray, matrix: np.ndarray) -> SmallSwi
     return SmallSwing(float(state[0]), 2.0 * math.pi / omega, ratio if abs(ratio) > _FLAT else 0.0)
 
 
-class Cycles(NamedTuple):
+class HarmonicCycles(NamedTuple):
     """Harmonic cycles, per unit of mass.
 
     Attributes
@@ -225,7 +225,7 @@ def equation_rates(equation: sympy.Eq) -> Rates:
 
 def harmonic_cycles(
     rates: Rates, hidden: int, amplitude: Any, centre: Any, omega: Any, *, free: bool = True
-) -> Cycles:
+) -> HarmonicCycles:
     """Cycles of given amplitudes (n,), from guesses of their centres and frequencies.
 
     Free ones swing at the frequency at which the equivalent stiffness carries the inertia, others
@@ -242,7 +242,7 @@ def harmonic_cycles(
         centre, omega = moved, faster
         if not (swings & (changed > _SETTLED)).any():
             break
-    return Cycles(centre, omega, stiffness, damping)
+    return HarmonicCycles(centre, omega, stiffness, damping)
 
 
 def centre_cycles(

@@ -8,7 +8,9 @@ from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def _draw_start_values(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
     k1 = guesses.frequencies(random, count) ** 2
     return {
         "lam": guesses.decays(random, count),
@@ -22,7 +24,7 @@ def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> di
 POLYNOMIAL_SPRING = Law(
     name="polynomial-spring",
     equation="z'' + 2*lam*z' + k1*(z - rest) + k2*(z - rest)**2 + k3*(z - rest)**3 = 0",
-    start=_start,
+    start=_draw_start_values,
     positive=("lam", "k1"),
     units={"lam": "1/s", "k1": "1/s^2", "rest": "m", "k2": "1/(m s^2)", "k3": "1/(m^2 s^2)"},
     source="Taylor series of the force about rest",

@@ -18,7 +18,9 @@ from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def _draw_start_values(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
     omega = guesses.frequencies(random, count)
     # The law is for heights above the floor; a record about zero has another law.
     rest = np.maximum(np.abs(guesses.levels(random, count)), guesses.amplitude)
@@ -34,7 +36,7 @@ def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> di
 POWER_LAW_SPRING = Law(
     name="power-law-spring",
     equation="z'' + 2*lam*z' = weight*((rest/z)**power - 1)",
-    start=_start,
+    start=_draw_start_values,
     positive=("lam", "weight", "rest", "power"),
     units={"lam": "1/s", "weight": "m/s^2", "rest": "m", "power": "1"},
     source="force of a bed that re-packs, close to height^-2.5",

@@ -9,7 +9,9 @@ from reduced_models.laws.linear import split_damping
 from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def _draw_start_values(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
     omega = guesses.frequencies(random, count)
     # The drag c |v| v takes as much energy from a swing of amplitude A as 2 lam v does where
     # lam = 4/(3 pi) c omega A.
@@ -24,21 +26,23 @@ def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> di
 QUADRATIC_DRAG = Law(
     name="quadratic-drag",
     equation="z'' + c*Abs(z')*z' + omega**2*z = g0",
-    start=_start,
+    start=_draw_start_values,
     positive=("c", "omega"),
     units={"c": "1/m", "omega": "rad/s", "g0": "m/s^2"},
     source="drag proportional to the square of the speed (Newton 1687)",
 )
 
 
-def _start_with_drag(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    return split_damping(_start(guesses, random, count), "c", guesses, random)
+def _draw_start_values_with_drag(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
+    return split_damping(_draw_start_values(guesses, random, count), "c", guesses, random)
 
 
 VISCOUS_QUADRATIC = Law(
     name="viscous-quadratic",
     equation="z'' + 2*lam*z' + c*Abs(z')*z' + omega**2*z = g0",
-    start=_start_with_drag,
+    start=_draw_start_values_with_drag,
     positive=("omega",),
     units={"lam": "1/s", **QUADRATIC_DRAG.units},
     source="drag of Stokes' and of Newton's kind together",

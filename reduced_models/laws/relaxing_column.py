@@ -27,7 +27,9 @@ from reduced_models.laws.power_law_spring import POWER_LAW_SPRING
 from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def _draw_start_values(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
     assert POWER_LAW_SPRING.start is not None
     known = POWER_LAW_SPRING.start(guesses, random, count)
     # From a hundredth of the swing's radian on: below that the drag is as if it did not relax.
@@ -38,7 +40,7 @@ def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> di
 RELAXING_COLUMN = Law(
     name="relaxing-column",
     equation=("z'' + 2*lam*w = weight*((rest/z)**power - 1); w' = (z' - w)/relaxation"),
-    start=_start,
+    start=_draw_start_values,
     positive=(*POWER_LAW_SPRING.positive, "relaxation"),
     units={**POWER_LAW_SPRING.units, "relaxation": "s"},
     source="column of grains that diffuses against drag, in one mode",

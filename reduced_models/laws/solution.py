@@ -63,7 +63,7 @@ MOST_STEPS = 2**18
 """Most steps of a grid that is counted by a law's period."""
 
 
-def grid_steps(duration: float, period: float, per_period: int) -> int:
+def count_grid_steps(duration: float, period: float, per_period: int) -> int:
     """Return the steps of a grid over a record with at least that many steps a period.
 
     Raises
@@ -85,7 +85,7 @@ def round_up_to_chunks(steps: float) -> int:
     return CHUNK * max(2, math.ceil(steps / CHUNK))
 
 
-def padded_steps(steps: int) -> int:
+def padded_step_count(steps: int) -> int:
     """Return the number of grid steps that code is compiled for, which records share."""
     size = 2 * CHUNK
     while size < steps:
@@ -322,7 +322,7 @@ def _driven_solution(
     result = piecewise_cubics(times, inputs, how)
     every = len(result.length) // (len(times) - 1)
     count = len(result.length)
-    padded = padded_steps(count)
+    padded = padded_step_count(count)
     length, cubics = np.ones(padded), np.zeros((padded, *result.cubics.shape[1:]))
     length[:count], cubics[:count] = result.length, result.cubics
     solve = _fixed_step_solver(law.equation, law.inputs)

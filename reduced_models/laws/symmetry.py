@@ -157,7 +157,7 @@ def _similarity(
     return Similarity(tuple(parameters[k] for k in moving), names[0] if names else "")
 
 
-def canonical_values(
+def canonical_parameters(
     law: Law,
     values: Mapping[str, np.ndarray],
     collection: Collection[str] = (),

@@ -12,7 +12,9 @@ from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def _draw_start_values(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
     omega = guesses.frequencies(random, count)
     return {
         "mu": omega * np.exp(random.uniform(-3.0, 0.0, count)),
@@ -25,7 +27,7 @@ def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> di
 VAN_DER_POL = Law(
     name="van-der-pol",
     equation="z'' + mu*((z - rest)**2/width**2 - 1)*z' + omega**2*(z - rest) = 0",
-    start=_start,
+    start=_draw_start_values,
     positive=("mu", "width", "omega"),
     units={"mu": "1/s", "rest": "m", "width": "m", "omega": "rad/s"},
     source="B. van der Pol 1926, doi:10.1080/14786442608564127",

@@ -28,7 +28,9 @@ _POWER = 4  # of the bump (1 - s^2)^4
 _MOST_BUMPS = 512
 
 
-def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def _draw_start_values(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
     omega = guesses.frequencies(random, count)
     level = guesses.levels(random, count)
     # Twice the decay is the damping 2 alpha ((level - 1)^2 - 1), where that is positive.
@@ -37,11 +39,11 @@ def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> di
     return {"alpha": alpha, "omega": omega, "g0": omega**2 * level}
 
 
-def _swing_start(
+def _draw_swing_start_values(
     time: np.ndarray, swing: np.ndarray, guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray] | None:
     """Start values of the quadratic damping, from its weak form."""
-    result = quadratic_damping(time, swing, guesses.period)
+    result = fit_quadratic_damping(time, swing, guesses.period)
     if not result.unexplained < _UNEXPLAINED or not result.stiffness > 0.0:
         return None
     size = float(np.abs(result.damping).sum())
@@ -79,13 +81,13 @@ def _law_from_swing(swing: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 VAN_DER_POL_LIKE = Law(
     name="van-der-pol-like",
     equation="z'' + 2*alpha*(z**2 - 2*z)*z' + omega**2*z = g0",
-    start=_start,
+    start=_draw_start_values,
     positive=("alpha", "omega"),
     units={"alpha": "1/s", "omega": "rad/s", "g0": "1/s^2"},
     mapped=True,
     swing_form=NormalizedSwingLaw(
         Law("quadratic damping", "z'' + (c0 + c1*z + c2*z**2)*z' + k*z = f", positive=("k",)),
-        _swing_start,
+        _draw_swing_start_values,
         _law_from_swing,
     ),
     source="[D, eq. 5.12]",
@@ -110,7 +112,7 @@ class QuadraticDamping(NamedTuple):
     unexplained: float
 
 
-def quadratic_damping(time: np.ndarray, u: np.ndarray, period: float) -> QuadraticDamping:
+def fit_quadratic_damping(time: np.ndarray, u: np.ndarray, period: float) -> QuadraticDamping:
     """Fit a quadratic damping and a linear spring to a swing u (n,) at times (n,).
 
     The weak form tells them: every damping that depends on the height alone is a total derivative,

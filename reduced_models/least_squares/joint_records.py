@@ -18,10 +18,10 @@ _PATIENCE = 2  # trials without a gain, of a search that starts near its end
 _NEAR = 1e-6  # first damping of a search that starts near its end
 
 
-def joint_entries(unknowns: Unknowns, records: int, own: Sequence[str]) -> Entries:
-    """Entries of some records that fraction all parameters but their ``own`` and the start."""
+def joint_vector_entries(unknowns: Unknowns, records: int, own: Sequence[str]) -> Entries:
+    """Entries of some records that share all parameters but their ``own`` and the start."""
     names = unknowns.law.parameters
-    free, length = unknowns.free, len(unknowns.prior)
+    free, length = unknowns.parameter_and_map_count, len(unknowns.prior)
     private = [k for k in range(length) if k >= free or (k < len(names) and names[k] in own)]
     shared = [k for k in range(length) if k not in private]
     entries = []
@@ -41,11 +41,11 @@ def joint_vector(vectors: Sequence[np.ndarray], entries: Entries) -> np.ndarray:
     return joint
 
 
-def joint_normal(normals: Sequence[Normal], entries: Entries) -> Normal:
+def joint_normal_equations(normals: Sequence[Normal], entries: Entries) -> Normal:
     """Return the normal equations of all records as those of the joint search vector."""
     size = _vector_size(entries)
 
-    def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def normal_equations(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         count = len(theta)
         cost, gradient = np.zeros(count), np.zeros((count, size))
         matrix = np.zeros((count, size, size))
@@ -56,7 +56,7 @@ def joint_normal(normals: Sequence[Normal], entries: Entries) -> Normal:
             matrix[:, here[:, None], here] += np.asarray(matrix_of_record)
         return cost, gradient, matrix
 
-    return normal
+    return normal_equations
 
 
 def _vector_size(entries: Entries) -> int:
@@ -87,7 +87,7 @@ class JointRecords:
         return self.grids[0].unknowns
 
     @property
-    def held(self) -> np.ndarray:
+    def held_entries(self) -> np.ndarray:
         """Entries (q,) of the joint search vector that are given, as a mask."""
         return np.asarray(self.bounds.low == self.bounds.high)
 
@@ -99,26 +99,29 @@ class JointRecords:
         """Residuals (n,) of each record, in amplitudes."""
         return [grid.residuals(theta[here]) for grid, here in zip(self.grids, self.entries, strict=True)]
 
-    def linearise(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    def linearised_residuals(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Weighted residuals (n,) of each record without drift, and their derivatives (n, p)."""
-        return [grid.linearise(theta[here]) for grid, here in zip(self.grids, self.entries, strict=True)]
+        return [
+            grid.linearised_residuals(theta[here])
+            for grid, here in zip(self.grids, self.entries, strict=True)
+        ]
 
-    def normal(self, selections: Sequence[Selection] | None = None) -> Normal:
+    def normal_equations(self, selections: Sequence[Selection] | None = None) -> Normal:
         """Return the normal equations of some samples of each record, or of all."""
         chosen = selections or [None] * len(self.grids)
-        normals = [grid.normal(here) for grid, here in zip(self.grids, chosen, strict=True)]
-        return joint_normal(normals, self.entries)
+        normals = [grid.normal_equations(here) for grid, here in zip(self.grids, chosen, strict=True)]
+        return joint_normal_equations(normals, self.entries)
 
     def normal_matrix(self, theta: np.ndarray) -> np.ndarray:
         """J'J (q, q) of all samples."""
-        return np.asarray(self.normal()(theta[None])[2][0])
+        return np.asarray(self.normal_equations()(theta[None])[2][0])
 
     def refit(
         self, theta: np.ndarray, selections: Sequence[int | np.ndarray], tolerance: float = 1e-11
     ) -> np.ndarray:
         """Fit some samples of each record, from a search vector (q,) near the fit."""
         theta, _ = levenberg_marquardt(
-            self.normal(selections),
+            self.normal_equations(selections),
             theta[None],
             self.prior(float(sum(np.sum(here) for here in selections))),
             tolerance,

@@ -49,7 +49,7 @@ class Loss(NamedTuple):
     scale: float = math.inf
 
     @property
-    def numbers(self) -> np.ndarray:
+    def compiled_arguments(self) -> np.ndarray:
         """Data as compiled code takes them."""
         huber = self.name == "huber"
         return np.array([self.scale if self.name != "linear" else np.inf, float(huber)])
@@ -132,15 +132,19 @@ def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
     law = unknowns.law
     sensor = None
     if unknowns.sensor is not None:
-        sensor = SensorForm(unknowns.sensor.derivative_order, unknowns.open_settings, unknowns.sensor_entries)
+        sensor = SensorForm(
+            unknowns.sensor.derivative_order, unknowns.open_gain_and_offset, unknowns.sensor_entry_count
+        )
     fits_map = unknowns.map is None
-    return _compile_residuals(kind, law.equation, law.inputs, unknowns.logarithmic, fits_map, sensor)
+    return _compile_residuals(
+        kind, law.equation, law.inputs, unknowns.logarithmic_parameters, fits_map, sensor
+    )
 
 
 def normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal:
     """Return the normal equations of samples, for many search vectors side by side."""
     function, scales = residual_function(unknowns, "normal"), unknowns.scales
-    return lambda theta: function(theta, samples, scales, loss.numbers)
+    return lambda theta: function(theta, samples, scales, loss.compiled_arguments)
 
 
 @functools.lru_cache(maxsize=3 * PROGRAMS)
@@ -191,7 +195,7 @@ def _compile_residuals(
         left, jacobian = both(theta[None], samples, scales)
         return left[:, 0], jacobian[:, :, 0]
 
-    def normal(
+    def normal_equations(
         theta: jax.Array, samples: Samples, scales: jax.Array, loss: jax.Array
     ) -> tuple[jax.Array, ...]:
         left, jacobian = both(theta, samples, scales)
@@ -202,7 +206,11 @@ def _compile_residuals(
             jnp.einsum("pns,qns->spq", weight * jacobian, jacobian),
         )
 
-    functions: dict[Kind, Callable[..., Any]] = {"normal": normal, "linear": linear, "residual": residual}
+    functions: dict[Kind, Callable[..., Any]] = {
+        "normal": normal_equations,
+        "linear": linear,
+        "residual": residual,
+    }
     return jax.jit(functions[kind])
 
 
@@ -238,18 +246,18 @@ class GriddedRecord:
     def residuals(self, theta: np.ndarray) -> np.ndarray:
         """Residuals (n,) of all samples, in amplitudes; not weighted."""
         linear = residual_function(self.unknowns, "linear")
-        left = linear(theta, self._seen(None, weighted=False), self.unknowns.scales)[0]
+        left = linear(theta, self._selected_samples(None, weighted=False), self.unknowns.scales)[0]
         return np.asarray(left)[: len(self.record)]
 
-    def fitted(self, theta: np.ndarray) -> np.ndarray:
+    def fitted_signal(self, theta: np.ndarray) -> np.ndarray:
         """Signal (n,), or heights [m], by a search vector."""
         return self.record.height + self.unknowns.residual_unit * self.residuals(theta)
 
-    def heights(self, theta: np.ndarray) -> np.ndarray:
+    def fitted_heights(self, theta: np.ndarray) -> np.ndarray:
         """Heights (n,) [m] by a search vector."""
         unknowns = self.unknowns
         if unknowns.sensor is None:
-            return self.fitted(theta)
+            return self.fitted_signal(theta)
         plain = dataclasses.replace(
             self,
             unknowns=dataclasses.replace(unknowns, sensor=None),
@@ -257,13 +265,13 @@ class GriddedRecord:
         )
         # About rest, since residuals of far numbers are cut.
         plain = plain.with_heights(np.full(len(self.record), unknowns.rest))
-        return plain.fitted(theta[: len(theta) - unknowns.sensor_entries])
+        return plain.fitted_signal(theta[: len(theta) - unknowns.sensor_entry_count])
 
-    def linearise(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def linearised_residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
-        return self._linear(theta, self._seen(None), slice(None))
+        return self._linearised_samples(theta, self._selected_samples(None), slice(None))
 
-    def _linear(
+    def _linearised_samples(
         self, theta: np.ndarray, seen: Samples, here: slice | np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         linear = residual_function(self.unknowns, "linear")
@@ -272,29 +280,29 @@ class GriddedRecord:
         value = np.asarray(left)[:count][here], np.asarray(slopes).T[:count][here]
         return remove_random_walk(value[0], self.gain), remove_random_walk(value[1], self.gain)
 
-    def normal(self, selection: Selection = None) -> Normal:
+    def normal_equations(self, selection: Selection = None) -> Normal:
         """Return the normal equations of some samples.
 
         Those of several vectors together leave a drift in; over samples that are left out, it stays
         as it is.
         """
-        seen = self._seen(selection)
+        seen = self._selected_samples(selection)
         here = selection if isinstance(selection, np.ndarray) else slice(selection)
         several = normal_equations(self.unknowns, seen, self.loss)
 
         def single(theta: np.ndarray) -> tuple[np.ndarray, ...]:
-            left, slopes = self._linear(theta[0], seen, here)
-            cost, weight = cost_and_weight(left, self.loss.numbers, np)
+            left, slopes = self._linearised_samples(theta[0], seen, here)
+            cost, weight = cost_and_weight(left, self.loss.compiled_arguments, np)
             weighted = weight[:, None] * slopes
             return cost.sum()[None], (left @ weighted)[None], (slopes.T @ weighted)[None]
 
         return lambda theta: single(theta) if len(theta) == 1 else several(theta)
 
-    def _seen(self, selection: Selection, *, weighted: bool = True) -> Samples:
+    def _selected_samples(self, selection: Selection, *, weighted: bool = True) -> Samples:
         weight = np.zeros_like(self.samples.weight)
         here = selection if isinstance(selection, np.ndarray) else slice(selection)
         weight[: len(self.record)][here] = self.weights[here] if weighted else 1.0
-        return self.samples.weighted(weight)
+        return self.samples.with_weights(weight)
 
     def with_heights(self, height: np.ndarray) -> GriddedRecord:
         """Return the same with other heights (n,)."""
@@ -304,20 +312,20 @@ class GriddedRecord:
         samples = self.samples._replace(height=padded)
         return dataclasses.replace(self, record=record, samples=samples)
 
-    def with_column(self, name: str, deviation: np.ndarray) -> GriddedRecord:
+    def with_column_deviation(self, name: str, deviation: np.ndarray) -> GriddedRecord:
         """Return the same with a deviation (n,) added to a column of the record."""
         record = self.record
         if name in record.extra:
             record = dataclasses.replace(record, extra={**record.extra, name: record.extra[name] + deviation})
         else:
             record = dataclasses.replace(record, **{name: getattr(record, name) + deviation})
-        return dataclasses.replace(self, record=record).on(self.grid)
+        return dataclasses.replace(self, record=record).on_grid(self.grid)
 
-    def on(self, grid: StepGrid, interpolation: Interpolation | None = None) -> GriddedRecord:
+    def on_grid(self, grid: StepGrid, interpolation: Interpolation | None = None) -> GriddedRecord:
         """Return same on another grid, or with inputs that are something else between samples."""
         how = interpolation or self.interpolation
         samples = samples_on_grid(self.record, grid, self.unknowns.law.inputs, how)
-        samples = samples.behind(self.unknowns.sensor, self.record, grid)
+        samples = samples.through_sensor(self.unknowns.sensor, self.record, grid)
         return dataclasses.replace(self, grid=grid, samples=samples, interpolation=how)
 
 
@@ -331,6 +339,6 @@ def record_on_grid(
 ) -> GriddedRecord:
     """All of a record that starts at time 0, on a grid."""
     samples = samples_on_grid(record, grid, unknowns.law.inputs, how)
-    samples = samples.behind(unknowns.sensor, record, grid)
+    samples = samples.through_sensor(unknowns.sensor, record, grid)
     given = np.ones(len(record)) if weights is None else weights
     return GriddedRecord(unknowns, record, grid, samples, how, given, loss)

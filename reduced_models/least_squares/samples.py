@@ -8,8 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from reduced_models.laws.solution import CHUNK, grid_steps, padded_steps, round_up_to_chunks
-from reduced_models.least_squares.sensor_signal import SensorTables, filtered, sensor_tables
+from reduced_models.laws.solution import CHUNK, count_grid_steps, padded_step_count, round_up_to_chunks
+from reduced_models.least_squares.sensor_signal import (
+    SensorSignalTables,
+    filter_by_sensor,
+    sensor_signal_tables,
+)
 from reduced_models.records.derivatives import is_evenly_sampled
 from reduced_models.records.inputs import (
     STAGE_TIMES,
@@ -36,7 +40,7 @@ class Samples(NamedTuple):
         Inputs of the law at the stages of the grid's steps.
     chunks : int
         Number of chunks of the grid that are solved.
-    sensor : SensorTables, optional
+    sensor : SensorSignalTables, optional
         Where ``height`` is the signal of a sensor.
     """
 
@@ -47,24 +51,24 @@ class Samples(NamedTuple):
     weight: np.ndarray
     drive: np.ndarray
     chunks: int
-    sensor: SensorTables | None = None
+    sensor: SensorSignalTables | None = None
 
-    def weighted(self, weight: np.ndarray) -> Samples:
+    def with_weights(self, weight: np.ndarray) -> Samples:
         """Return same with other weights; the solution ends behind the last that is not zero."""
         used = self.point[weight > 0.0]
         last = int(used.max()) + 1 if len(used) else 1
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
 
-    def behind(self, sensor: Sensor | None, record: PistonRecord, grid: StepGrid) -> Samples:
+    def through_sensor(self, sensor: Sensor | None, record: PistonRecord, grid: StepGrid) -> Samples:
         """Return same for a sensor whose signal the record has for its height."""
         if sensor is None:
             return self
-        behind = filtered(sensor, record.time, sensor.base_motion(record.columns))
+        behind = filter_by_sensor(sensor, record.time, sensor.base_motion(record.columns))
         base = np.interp(self.step * (self.point + self.fraction), record.time, behind)
-        return self._replace(sensor=sensor_tables(sensor, grid, self.fraction, base))
+        return self._replace(sensor=sensor_signal_tables(sensor, grid, self.fraction, base))
 
 
-def grid_over(
+def grid_over_record(
     record: PistonRecord,
     names: tuple[str, ...],
     period: float,
@@ -82,7 +86,7 @@ def grid_over(
         If it holds more periods than a fit can follow.
     """
     duration = float(record.time[-1])
-    wanted = grid_steps(duration, period, per_period)
+    wanted = count_grid_steps(duration, period, per_period)
     if not (has_inputs_besides_time(names) and is_evenly_sampled(record.time)):
         return StepGrid(duration / wanted, wanted)
     sample = duration / (len(record) - 1)
@@ -116,7 +120,7 @@ def means_on_grid(
 ) -> Samples:
     """Weighted means of the samples around each grid point, weighted by how many there are."""
     time, height = record.time, record.height
-    points = padded_steps(grid.steps) + 1
+    points = padded_step_count(grid.steps) + 1
     near = np.rint(time / grid.step).astype(np.int64)
     squares = np.ones(len(time)) if weights is None else weights**2
     total = np.bincount(near, weights=squares, minlength=points)
@@ -141,7 +145,7 @@ def _grid_points(time: np.ndarray, grid: StepGrid) -> tuple[np.ndarray, np.ndarr
 def _padded_drive(
     record: PistonRecord, grid: StepGrid, names: tuple[str, ...], how: Interpolation
 ) -> np.ndarray:
-    points = padded_steps(grid.steps) + 1
+    points = padded_step_count(grid.steps) + 1
     drive = np.zeros((points, len(STAGE_TIMES), len(names)))
     if names:
         drive[: grid.steps + 1] = inputs_on_grid(record, names, grid, how)

@@ -22,7 +22,7 @@ jnp = jax.numpy
 _DEGREE = 5
 
 
-class SensorTables(NamedTuple):
+class SensorSignalTables(NamedTuple):
     """Numbers that turn a solution on a grid into a sensor's signal.
 
     Attributes
@@ -46,7 +46,9 @@ class SensorTables(NamedTuple):
     advance_input: np.ndarray
 
 
-def sensor_tables(sensor: Sensor, grid: StepGrid, fraction: np.ndarray, base: np.ndarray) -> SensorTables:
+def sensor_signal_tables(
+    sensor: Sensor, grid: StepGrid, fraction: np.ndarray, base: np.ndarray
+) -> SensorSignalTables:
     """Tables for samples at fractions (n,) of steps; ``base`` (n,) is the base's own signal."""
     size = _DEGREE + 1 - sensor.derivative_order
     states, inputs, output, through = _filter_matrices(sensor, grid.step)
@@ -57,11 +59,11 @@ def sensor_tables(sensor: Sensor, grid: StepGrid, fraction: np.ndarray, base: np
     chain[count:, count:] = np.eye(size, k=1)
     distinct, position = np.unique(np.append(np.round(fraction, 12), 1.0), return_inverse=True)
     derivatives = np.array([math.factorial(k) for k in range(size)], dtype=float)
-    moved = _exponentials(chain, distinct)
+    moved = _matrix_exponentials(chain, distinct)
     read = np.concatenate([output, [through], np.zeros(size - 1)])
     rows = np.einsum("i,nij->nj", read, moved)
     last = moved[position[-1]]
-    return SensorTables(
+    return SensorSignalTables(
         rows[position[:-1], count:] * derivatives,
         base,
         rows[position[:-1], :count],
@@ -79,11 +81,11 @@ def motion_signal(
     quantity = (height, velocity)[min(sensor.derivative_order, 1)]
     if sensor.derivative_order == 2:
         quantity = CubicSpline(time, quantity).derivative()(time)
-    seen = filtered(sensor, time, sensor.derivative_sign * quantity + base)
+    seen = filter_by_sensor(sensor, time, sensor.derivative_sign * quantity + base)
     return sensor.nominal_gain * seen + sensor.nominal_offset
 
 
-def filtered(sensor: Sensor, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+def filter_by_sensor(sensor: Sensor, time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (n,) behind a sensor's filter that has settled at the first."""
     from scipy.signal import StateSpace, lsim
 
@@ -113,7 +115,7 @@ def _filter_matrices(sensor: Sensor, step: float) -> tuple[np.ndarray, np.ndarra
     return matrix, np.array([[0.0], [omega]]), output, float(not low)
 
 
-def _exponentials(matrix: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _matrix_exponentials(matrix: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Matrix exponentials (n, k, k) at some times."""
     from scipy.linalg import expm
 
@@ -125,7 +127,7 @@ def solution_signal(
     step: Any,
     point: Any,
     derivative: int,
-    tables: SensorTables,
+    tables: SensorSignalTables,
     states: Any,
     shift: Any,
     scale: Any,

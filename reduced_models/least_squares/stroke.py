@@ -65,7 +65,7 @@ class Stroke(NamedTuple):
     point: np.ndarray
 
 
-def stroke_of(record: PistonRecord, law: Law, travel: float = FINE) -> Stroke:
+def stroke_of_record(record: PistonRecord, law: Law, travel: float = FINE) -> Stroke:
     """Stroke of a record, with the inputs of a law.
 
     Parameters
@@ -96,7 +96,7 @@ def stroke_of(record: PistonRecord, law: Law, travel: float = FINE) -> Stroke:
         half = 0.5 * float(np.ptp(smooth.height))
         parts = max(1, math.ceil(float((steps * speed).max()) / (travel * half)))
     fractions = (np.arange(parts)[:, None] + np.array([0.0, 0.5, 1.0])) / parts
-    z, speed = _hermite(record.time, smooth.height, velocity, fractions)
+    z, speed = _hermite_cubic(record.time, smooth.height, velocity, fractions)
     inputs = drive[:-1, None, None] + fractions[:, :, None] * np.diff(drive, axis=0)[:, None, None]
     count = len(steps) * parts
     used = slice(count if law.hidden else 0)
@@ -114,7 +114,7 @@ def stroke_of(record: PistonRecord, law: Law, travel: float = FINE) -> Stroke:
     )
 
 
-def _hermite(
+def _hermite_cubic(
     time: np.ndarray, height: np.ndarray, velocity: np.ndarray, fractions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Height and velocity (n - 1, parts, 3) at fractions (parts, 3) of the steps between samples."""
@@ -160,6 +160,6 @@ def force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]
 
 
 @functools.lru_cache(maxsize=PROGRAMS)
-def compiled_forces(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]:
+def compiled_force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]:
     """Return `force_function` compiled."""
     return jax.jit(force_function(equation, inputs))

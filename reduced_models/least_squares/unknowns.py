@@ -66,7 +66,7 @@ class Unknowns:
         return np.array(numbers)
 
     @property
-    def open_settings(self) -> tuple[bool, bool]:
+    def open_gain_and_offset(self) -> tuple[bool, bool]:
         """Tell whether gain and offset of the sensor are entries of the search vector."""
         if self.sensor is None:
             return False, False
@@ -74,12 +74,12 @@ class Unknowns:
         return not isinstance(gain, int | float), not isinstance(offset, int | float)
 
     @property
-    def sensor_entries(self) -> int:
+    def sensor_entry_count(self) -> int:
         """Number of entries that a sensor has: gain, offset, and the filter's state."""
-        return sum(self.open_settings) + (0 if self.sensor is None else self.sensor.filter_order)
+        return sum(self.open_gain_and_offset) + (0 if self.sensor is None else self.sensor.filter_order)
 
     @property
-    def logarithmic(self) -> tuple[bool, ...]:
+    def logarithmic_parameters(self) -> tuple[bool, ...]:
         """True for each parameter that is searched for by its logarithm."""
         return tuple(name in self.law.positive for name in self.law.parameters)
 
@@ -90,23 +90,23 @@ class Unknowns:
         It keeps directions that the data leave open from running away; the initial state has none.
         """
         hidden = [_PRIOR_SPREAD**-2] * len(self.law.hidden)
-        sensor = [_PRIOR_SPREAD**-2] * self.sensor_entries
-        return np.array([_PRIOR_SPREAD**-2] * self.free + [0.0, 0.0] + hidden + sensor)
+        sensor = [_PRIOR_SPREAD**-2] * self.sensor_entry_count
+        return np.array([_PRIOR_SPREAD**-2] * self.parameter_and_map_count + [0.0, 0.0] + hidden + sensor)
 
     @property
-    def free(self) -> int:
+    def parameter_and_map_count(self) -> int:
         """Number of parameters, and of entries of the map."""
         return len(self.law.parameters) + (2 if self.map is None else 0)
 
-    def physical(self, theta: np.ndarray) -> Any:
+    def physical_values(self, theta: np.ndarray) -> Any:
         """Parameters, shift and scale of the map; z, its velocity and hidden states at first."""
-        motion = theta[: len(theta) - self.sensor_entries]
-        return physical_values(motion, self.scales, self.logarithmic, self.map is None, np)
+        motion = theta[: len(theta) - self.sensor_entry_count]
+        return physical_values(motion, self.scales, self.logarithmic_parameters, self.map is None, np)
 
     def gain_and_offset(self, theta: np.ndarray) -> tuple[float, float]:
         """Gain and offset of the sensor by a search vector (p,)."""
         gain, offset, _ = sensor_values(
-            theta[len(theta) - self.sensor_entries :], self.scales, self.open_settings
+            theta[len(theta) - self.sensor_entry_count :], self.scales, self.open_gain_and_offset
         )
         assert self.sensor is not None
         return float(gain) * self.sensor.derivative_sign, float(offset)
@@ -129,7 +129,7 @@ def theta_bounds(
             else:
                 edges[side, k] = value / unknowns.units[k]
     names = ("height", "velocity", *unknowns.law.hidden)
-    for k, name in enumerate(names, unknowns.free):
+    for k, name in enumerate(names, unknowns.parameter_and_map_count):
         if name in (initial or {}):
             value = (initial or {})[name]
             if name == "height":
@@ -143,14 +143,14 @@ def theta_bounds(
 
 def _bound_sensor(unknowns: Unknowns, edges: np.ndarray) -> None:
     """Set the edges (2, p) of a sensor's gain and offset that lie between two numbers."""
-    sensor, k = unknowns.sensor, edges.shape[1] - unknowns.sensor_entries
+    sensor, k = unknowns.sensor, edges.shape[1] - unknowns.sensor_entry_count
     if sensor is None:
         return
     settings = (
         (sensor.gain, 0.0, sensor.nominal_gain),
         (sensor.offset, sensor.nominal_offset, unknowns.signal),
     )
-    for (setting, middle, unit), is_open in zip(settings, unknowns.open_settings, strict=True):
+    for (setting, middle, unit), is_open in zip(settings, unknowns.open_gain_and_offset, strict=True):
         if isinstance(setting, tuple):
             edges[:, k] = sorted((value - middle) / unit for value in setting)
         k += is_open

@@ -96,7 +96,7 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
     Raises
     ------
     InputError
-        If the law is not known for the scene (see `CoupledSystem.of`), or no force shakes it.
+        If the law is not known for the scene (see `CoupledSystem.from_host_scene`), or no force shakes it.
     """
     data = response.dataset
     if data.amplitude.attrs["long_name"] != "force":
@@ -119,7 +119,7 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
     return ResponseComparison(tuple(peaks), dense, law, linear)
 
 
-def law_page(response: FrequencyResponse) -> tuple[HtmlPage, ResponseComparison | None, str]:
+def response_page_with_law(response: FrequencyResponse) -> tuple[HtmlPage, ResponseComparison | None, str]:
     """Report of a response with the law; the law; and why, where there is none."""
     try:
         law = compare_response(response)

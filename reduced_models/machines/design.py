@@ -26,7 +26,7 @@ from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from reduced_models.falls.predicted_law import FEWEST, OutsideRangeWarning
 from reduced_models.falls.workshop_sheet import workshop_sheet
-from reduced_models.machines.response import RANGE, CoupledSystem, PredictedResponse, solve_response
+from reduced_models.machines.response import RANGE, CoupledSystem, PredictedResponse, solve_host_response
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -100,7 +100,7 @@ class DamperDesign:
         return 1.0 - (self.peak if simulated is None else simulated) / self.alone
 
     @property
-    def helps(self) -> bool:
+    def is_worthwhile(self) -> bool:
         """Return true where it takes away a tenth of the peak or more."""
         return self.reduction > 1.0 - HELPS
 
@@ -128,7 +128,7 @@ class DamperDesign:
             figures += f"; {self.outside}"
             if self.simulated is None:
                 figures += ": simulate it"
-        if not self.helps:
+        if not self.is_worthwhile:
             return f"no: the best bed, {what}, leaves most of the vibration: {figures}"
         return f"{what}, take away {100.0 * self.reduction:.3g} % of the peak: {figures}"
 
@@ -146,7 +146,7 @@ class DamperDesign:
             ]
         return workshop_sheet(
             self.scene,
-            CoupledSystem.of(self.scene).rest,
+            CoupledSystem.from_host_scene(self.scene).rest,
             title=f"Workshop sheet: damper of {self.mass:.3g} kg",
             lead=f"{self.verdict}.",
             scatter=scatter,
@@ -157,7 +157,7 @@ class DamperDesign:
         return self.verdict
 
 
-def design_for(
+def design_damper_for_host(
     host: Host,
     excitation: Excitation,
     *,
@@ -219,7 +219,7 @@ def design_for(
     own = math.sqrt(body.stiffness / body.mass) / math.tau
     frequencies = [float(own * ratio) for ratio in _COARSE]
     tried = [
-        (solve_response(CoupledSystem.of(scene), frequencies, excitation.force), scene)
+        (solve_host_response(CoupledSystem.from_host_scene(scene), frequencies, excitation.force), scene)
         for scene in _candidate_dampers(host, excitation, limit, magnets)
     ]
     if not tried:
@@ -228,7 +228,7 @@ def design_for(
         )
     _, best = min(tried, key=lambda pair: pair[0].peak)
     fine = [float(own * ratio) for ratio in np.linspace(0.6, 1.4, 81)]
-    response = solve_response(CoupledSystem.of(best), fine, excitation.force)
+    response = solve_host_response(CoupledSystem.from_host_scene(best), fine, excitation.force)
     assert best.piston is not None
     mass = (best.piston.mass or 0.0) + float(best.grains.masses().sum())
     alone_host = Host(bodies=host.bodies, excitation=excitation)
@@ -237,11 +237,11 @@ def design_for(
     tuned = dynamic_stiffness_of_hanging_mass(dense, mass, *tuned_mass_spring_and_dashpot(host, mass))
     ideal = float(np.abs(linear_response(alone_host, dense, tuned)[:, -1]).max())
     stroke = float(response.stroke[int(response.displacement.argmax())])
-    outside = _outside_text(stroke / best.grains.species[0].diameter)
+    outside = _outside_range_text(stroke / best.grains.species[0].diameter)
     proposal = DamperDesign(best, response, alone, ideal, stroke, mass, outside)
     wanted = bool(outside) if simulate is None else simulate
     if outside:
-        _warn_outside(proposal, wanted)
+        _warn_outside_range(proposal, wanted)
     if not wanted:
         return proposal
     started = time.perf_counter()
@@ -259,7 +259,7 @@ def _frequencies_near_peak(response: PredictedResponse) -> list[float]:
     return [float(frequency) for frequency in np.linspace(low, high, POINTS)]
 
 
-def _outside_text(stroke: float) -> str:
+def _outside_range_text(stroke: float) -> str:
     if RANGE[0] <= stroke <= RANGE[1]:
         return ""
     beyond = "less" if stroke < RANGE[0] else "more"
@@ -269,7 +269,7 @@ def _outside_text(stroke: float) -> str:
     )
 
 
-def _warn_outside(proposal: DamperDesign, wanted: bool) -> None:
+def _warn_outside_range(proposal: DamperDesign, wanted: bool) -> None:
     words = f"{proposal.outside}; it expects {1e3 * proposal.peak:.3g} mm at the peak"
     if wanted:
         words += (
@@ -304,7 +304,7 @@ def _candidate_dampers(host: Host, excitation: Excitation, limit: float, magnets
                 }
             )
             try:
-                law = CoupledSystem.of(scene)
+                law = CoupledSystem.from_host_scene(scene)
             except InputError:  # the law is not known for so much drag
                 continue
             filled = count * math.pi / 4.0 * diameter**2 / (law.rest * scene.cell.width)

@@ -53,10 +53,10 @@ def export_bed(scene: Scene, path: str | Path, *, fmi: int = 2) -> str:
     >>> export_bed(load_scene("damper"), "Bed.mo")
     'a Modelica model'
     """
-    return write_code(bed_port(scene), Path(path), fmi)
+    return write_code(bed_force_port(scene), Path(path), fmi)
 
 
-def bed_port(scene: Scene) -> ForcePort:
+def bed_force_port(scene: Scene) -> ForcePort:
     """Return the law of a scene's bed as an element.
 
     Parameters
@@ -74,7 +74,7 @@ def bed_port(scene: Scene) -> ForcePort:
     InputError
         If the law of the scene's bed is not known.
     """
-    system = CoupledSystem.of_bed(scene)
+    system = CoupledSystem.from_bed_scene(scene)
     load, swing = system.piston * system.gravity, system.small_swing
     values = {
         "lam": 0.5 * system.drag / system.moving,

@@ -48,7 +48,7 @@ SETTLING, MEASURED = 14.0, 0.4
 """How long a sine acts [s], and the last part of it that counts for the amplitude."""
 
 
-class SmallSwing(NamedTuple):
+class LinearSwing(NamedTuple):
     """A linear law, z'' + 2 lam z' + omega^2 (z - rest) = 0.
 
     Attributes
@@ -90,7 +90,7 @@ class CoupledSystem(NamedTuple):
     power: float = POWER
 
     @classmethod
-    def of(cls, scene: Scene) -> CoupledSystem:
+    def from_host_scene(cls, scene: Scene) -> CoupledSystem:
         """Equation of a scene whose host carries the cell.
 
         Raises
@@ -105,10 +105,12 @@ class CoupledSystem(NamedTuple):
                 "the law is coupled to such a one"
             )
         (body,) = host.bodies
-        return cls.of_bed(scene)._replace(host=body.mass, stiffness=body.stiffness, damping=body.damping)
+        return cls.from_bed_scene(scene)._replace(
+            host=body.mass, stiffness=body.stiffness, damping=body.damping
+        )
 
     @classmethod
-    def of_bed(cls, scene: Scene) -> CoupledSystem:
+    def from_bed_scene(cls, scene: Scene) -> CoupledSystem:
         """Equation of a scene's bed, on a host that nothing moves.
 
         Raises
@@ -138,14 +140,14 @@ class CoupledSystem(NamedTuple):
         )
 
     @property
-    def small_swing(self) -> SmallSwing:
+    def small_swing(self) -> LinearSwing:
         """The small swing of the piston on an ordered bed over a cell at rest, by the law."""
         stiffness = self.power + self.modulus * (1.0 + STIFFENING)
         spring = self.piston * self.gravity / self.rest * stiffness
-        return SmallSwing(math.sqrt(spring / self.moving), 0.5 * self.drag / self.moving)
+        return LinearSwing(math.sqrt(spring / self.moving), 0.5 * self.drag / self.moving)
 
     def linear_response(
-        self, frequencies: Sequence[float], force: float, swing: SmallSwing | None = None
+        self, frequencies: Sequence[float], force: float, swing: LinearSwing | None = None
     ) -> np.ndarray:
         """Displacement of the host (f,) [m] with a linear law in place of the bed's.
 
@@ -155,7 +157,7 @@ class CoupledSystem(NamedTuple):
             [Hz]
         force : float
             [N]
-        swing : SmallSwing, optional
+        swing : LinearSwing, optional
             Of the linear law, as a fit to a swing over a cell at rest finds it; that of the bed's
             own law if not given.
         """
@@ -285,10 +287,10 @@ def predicted_response(
         Where the piston's stroke at the peak is outside `RANGE`.
     """
     host = scene.effects.host
-    law = CoupledSystem.of(scene)
+    law = CoupledSystem.from_host_scene(scene)
     if force is None:
         force = _host_force(host)
-    response = solve_response(law, frequencies, force)
+    response = solve_host_response(law, frequencies, force)
     diameter = scene.grains.species[0].diameter
     stroke = float(response.stroke[int(response.displacement.argmax())]) / diameter
     outside = not RANGE[0] <= stroke <= RANGE[1]
@@ -309,7 +311,7 @@ def _host_force(host: Host | None) -> float:
     return force
 
 
-def solve_response(law: CoupledSystem, frequencies: Sequence[float], force: float) -> PredictedResponse:
+def solve_host_response(law: CoupledSystem, frequencies: Sequence[float], force: float) -> PredictedResponse:
     """As `predicted_response`, of given numbers, and without a range."""
     pairs = []
     for frequency in frequencies:

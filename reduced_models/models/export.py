@@ -80,7 +80,7 @@ def numpy_source(model: FittedLaw) -> str:
 
     law, parsed = model.law, model.law.parsed
     doprint = NumPyPrinter({"fully_qualified_modules": True}).doprint
-    safe = _safe_names((*law.parameters, *law.hidden, *law.inputs))
+    safe = _python_names((*law.parameters, *law.hidden, *law.inputs))
     symbols = {sympy.Symbol(name): sympy.Symbol(other) for name, other in safe.items()}
     own, hidden, inputs = (
         [safe[name] for name in names] for names in (law.parameters, law.hidden, law.inputs)
@@ -94,10 +94,10 @@ def numpy_source(model: FittedLaw) -> str:
         return str(doprint(expression.xreplace(symbols)))
 
     return _TEMPLATE.format(
-        name=_docstring_text(law.name),
-        equation=_docstring_text(law.equation),
-        source=_docstring_text(law.source or "own"),
-        data=_docstring_text(model.provenance.get("data", "unknown")),
+        name=_escape_docstring(law.name),
+        equation=_escape_docstring(law.equation),
+        source=_escape_docstring(law.source or "own"),
+        data=_escape_docstring(model.provenance.get("data", "unknown")),
         low=low,
         high=high,
         parameters=repr({name: float(model.parameters[name]) for name in law.parameters}),
@@ -119,7 +119,7 @@ def numpy_source(model: FittedLaw) -> str:
     )
 
 
-def _safe_names(names: Sequence[str]) -> dict[str, str]:
+def _python_names(names: Sequence[str]) -> dict[str, str]:
     """Names for Python code: those that it has itself get an underscore."""
     result: dict[str, str] = {}
     for name in names:
@@ -130,7 +130,7 @@ def _safe_names(names: Sequence[str]) -> dict[str, str]:
     return result
 
 
-def _docstring_text(words: str) -> str:
+def _escape_docstring(words: str) -> str:
     """Text that can stand in a docstring, whatever it holds."""
     return sanitize(words, MAX_CHARACTERS).replace("\\", "\\\\").replace('"', "'")
 

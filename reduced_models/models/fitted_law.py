@@ -23,7 +23,7 @@ from reduced_models.laws.linearization import (
     harmonic_cycles,
     law_rates,
     small_swing,
-    swing_of_equation,
+    small_swing_of_equation,
 )
 from reduced_models.laws.printing import latex, round_equation, round_expression, round_significant
 from reduced_models.records.envelope import PeakDamping
@@ -64,7 +64,7 @@ class EquivalentDamping:
     intervals: Mapping[str, tuple[float, float]]
 
     @property
-    def tenth(self) -> float:
+    def tenth_of_greatest_swing(self) -> float:
         """A tenth of the greatest swing [m]."""
         return 0.2 * self.amplitude
 
@@ -113,7 +113,9 @@ class AtRest:
         elif item is None:
             rows.append(("damping_ratio", self.damping_ratio, ""))
         else:
-            at_half, at_tenth = (f"damping ratio at {size:.3g} m" for size in (item.amplitude, item.tenth))
+            at_half, at_tenth = (
+                f"damping ratio at {size:.3g} m" for size in (item.amplitude, item.tenth_of_greatest_swing)
+            )
             rows.append((at_half, self.damping_ratio, ""))
             if item.is_swinging_at_tenth:
                 rows.append((at_tenth, item.tenth_ratio, ""))
@@ -186,7 +188,7 @@ class FittedLaw:
         """Name of the coordinate."""
         return "angle" if self.angle else "height"
 
-    def unit_of(self, name: str) -> str:
+    def unit_of_parameter(self, name: str) -> str:
         """Return the unit of a parameter, of ``shift`` or of ``scale``."""
         result = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
         return _METRE.sub("rad", result) if self.angle else result
@@ -244,7 +246,7 @@ class FittedLaw:
         swings = [(small_swing(law, values, z), law_rates(law, values))]
         if not law.hidden:  # whose equations stand next to this one
             equation = round_equation(self.fitted_equation, digits)
-            swings.append((swing_of_equation(equation, z), equation_rates(equation)))
+            swings.append((small_swing_of_equation(equation, z), equation_rates(equation)))
         for swing, rates in swings:
             if isinstance(swing, NoSwing):
                 return False
@@ -267,7 +269,7 @@ class FittedLaw:
         return round_equation(self.fitted_equation, self.printed_digits)
 
     @property
-    def printed_hidden(self) -> dict[str, sympy.Expr]:
+    def printed_hidden_rates(self) -> dict[str, sympy.Expr]:
         """The rate of each hidden state in z(t), with the fitted numbers to `printed_digits`."""
         rates = self.law.sympy_hidden(self.parameters)
         return {name: round_expression(rate, self.printed_digits) for name, rate in rates.items()}
@@ -336,7 +338,7 @@ class FittedLaw:
         height, velocity = self.map.to_height(result.z), scale * result.velocity
         return PistonRecord(times, height, velocity, angle=self.angle)
 
-    def follow(self, record: PistonRecord) -> PistonRecord:
+    def simulate_record(self, record: PistonRecord) -> PistonRecord:
         """Motion at the times of a record, with its inputs, from the fitted initial state.
 
         Raises

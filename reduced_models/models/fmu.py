@@ -22,8 +22,19 @@ from granular.shared.errors import InputError
 from granular.shared.files import write_atomically
 from granular.shared.version import __version__
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.ports import ForcePort, c_locals, port_c_sources, port_jacobian, port_parts
-from reduced_models.models.source_code import c_expression, c_numbers, c_source, export_parts
+from reduced_models.models.ports import (
+    ForcePort,
+    c_local_variables,
+    port_c_sources,
+    port_jacobian,
+    prepare_port_for_export,
+)
+from reduced_models.models.source_code import (
+    c_array_initialiser,
+    c_expression,
+    c_source,
+    prepare_law_for_export,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,7 +57,7 @@ _BUILD = f"""<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
-class Variable(NamedTuple):
+class FmuVariable(NamedTuple):
     """A number of an FMU: value reference, role, value at the start and the state that it is of."""
 
     name: str
@@ -62,7 +73,7 @@ class FmuContents(NamedTuple):
     """Contents of an FMU, whatever its version: source, variables, step [s], and comments."""
 
     source: str
-    variables: tuple[Variable, ...]
+    variables: tuple[FmuVariable, ...]
     step: float
     about: str
     directional: bool
@@ -76,7 +87,7 @@ def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) 
     InputError
         If there is no C compiler, or the file cannot be written.
     """
-    contents = _port_contents(model) if isinstance(model, ForcePort) else _free_contents(model)
+    contents = _port_contents(model) if isinstance(model, ForcePort) else _free_motion_contents(model)
     guid = hashlib.sha256(contents.source.encode()).hexdigest()[:32]
     here = Path(__file__).parent
     wrappers = [(here / name).read_text("utf-8") for name in ("fmu_instance.c", f"fmi{version}.c")]
@@ -94,14 +105,14 @@ def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) 
         file.writestr(f"binaries/{folder}/{NAME}{ending}", library)
 
 
-def _free_contents(model: FittedLaw) -> FmuContents:
+def _free_motion_contents(model: FittedLaw) -> FmuContents:
     """Free motion of a record: states that are outputs too."""
-    parts = export_parts(model)
+    parts = prepare_law_for_export(model)
     glue = f"""
 #define MODEL_START model_initial
 #define MODEL_JACOBIAN 0
 enum {{ MODEL_OUTPUTS = 0 }};
-static const double model_start_inputs[] = {{ {c_numbers([0.0] * len(parts.inputs))} }};
+static const double model_start_inputs[] = {{ {c_array_initialiser([0.0] * len(parts.inputs))} }};
 #define model_outputs(parameters, state, inputs, outputs) ((void)outputs)
 #define model_jacobian(parameters, state, inputs, rows) ((void)rows)
 """
@@ -121,7 +132,7 @@ static const double model_start_inputs[] = {{ {c_numbers([0.0] * len(parts.input
 
 def _port_contents(port: ForcePort) -> FmuContents:
     """Element with a force: hidden states inside, height and velocity from outside."""
-    parts, slopes = port_parts(port), port_jacobian(port_parts(port))
+    parts, slopes = prepare_port_for_export(port), port_jacobian(prepare_port_for_export(port))
     rest = port.model.initial[0] if port.model.at_rest is None else port.model.at_rest.height
     start = [rest, 0.0, *(0.0 for _ in parts.law.inputs)]
     rows = "".join(
@@ -132,7 +143,7 @@ def _port_contents(port: ForcePort) -> FmuContents:
 #define MODEL_START model_start
 #define MODEL_JACOBIAN {int(slopes is not None)}
 enum {{ MODEL_OUTPUTS = 1 }};
-static const double model_start_inputs[] = {{ {c_numbers(start)} }};
+static const double model_start_inputs[] = {{ {c_array_initialiser(start)} }};
 
 static void model_outputs(const double *parameters, const double *states, const double *inputs,
                           double *outputs)
@@ -141,7 +152,7 @@ static void model_outputs(const double *parameters, const double *states, const 
 static void model_jacobian(const double *parameters, const double *states, const double *inputs,
                            double *rows)
 {{
-{c_locals(parts)}    (void)rows;
+{c_local_variables(parts)}    (void)rows;
 {rows}}}
 """
     variables = _variables(
@@ -160,26 +171,26 @@ def _variables(
     inputs: Sequence[tuple[str, float, str]],
     parameters: Sequence[tuple[str, float, str]],
     outputs: Sequence[tuple[str, str]],
-) -> tuple[Variable, ...]:
+) -> tuple[FmuVariable, ...]:
     """Variables, each with its start and unit; of states with their causality."""
     result = [
-        Variable(name, k, causality, "continuous", start, unit=unit)
+        FmuVariable(name, k, causality, "continuous", start, unit=unit)
         for k, (name, start, unit, causality) in enumerate(states)
     ]
     result += [
-        Variable(f"der({name})", _RATES + k, "local", "continuous", None, k)
+        FmuVariable(f"der({name})", _RATES + k, "local", "continuous", None, k)
         for k, (name, *_) in enumerate(states)
     ]
     result += [
-        Variable(name, _INPUTS + k, "input", "continuous", start, unit=unit)
+        FmuVariable(name, _INPUTS + k, "input", "continuous", start, unit=unit)
         for k, (name, start, unit) in enumerate(inputs)
     ]
     result += [
-        Variable(name, _PARAMETERS + k, "parameter", "tunable", start, unit=unit)
+        FmuVariable(name, _PARAMETERS + k, "parameter", "tunable", start, unit=unit)
         for k, (name, start, unit) in enumerate(parameters)
     ]
     result += [
-        Variable(name, _OUTPUTS + k, "output", "continuous", None, unit=unit)
+        FmuVariable(name, _OUTPUTS + k, "output", "continuous", None, unit=unit)
         for k, (name, unit) in enumerate(outputs)
     ]
     return tuple(result)
@@ -234,7 +245,7 @@ def _model_description_2(contents: FmuContents, guid: str) -> str:
     )
     positions = {variable.reference: k + 1 for k, variable in enumerate(contents.variables)}
 
-    def line(variable: Variable) -> str:
+    def line(variable: FmuVariable) -> str:
         inner = _number_attributes(variable)
         if variable.state is not None:
             inner += f' derivative="{positions[variable.state]}"'
@@ -245,7 +256,7 @@ def _model_description_2(contents: FmuContents, guid: str) -> str:
             f"<Real{inner}/></ScalarVariable>\n"
         )
 
-    def group(tag: str, which: Sequence[Variable]) -> str:
+    def group(tag: str, which: Sequence[FmuVariable]) -> str:
         items = "".join(f'<Unknown index="{positions[variable.reference]}"/>' for variable in which)
         return f"    <{tag}>{items}</{tag}>\n" if items else ""
 
@@ -277,7 +288,7 @@ def _model_description_3(contents: FmuContents, guid: str) -> str:
         )
     )
 
-    def line(variable: Variable) -> str:
+    def line(variable: FmuVariable) -> str:
         more = _number_attributes(variable) + _initial_attribute(variable, ("input",))
         if variable.state is not None:
             more += f' derivative="{variable.state}"'
@@ -311,19 +322,19 @@ def _unit_definitions() -> str:
     return f"  <UnitDefinitions>\n{lines}  </UnitDefinitions>\n"
 
 
-def _number_attributes(variable: Variable) -> str:
+def _number_attributes(variable: FmuVariable) -> str:
     unit = f' unit="{variable.unit}"' if variable.unit in _UNITS else ""
     return unit + ("" if variable.start is None else f' start="{variable.start!r}"')
 
 
-def _initial_attribute(variable: Variable, implied: tuple[str, ...]) -> str:
+def _initial_attribute(variable: FmuVariable, implied: tuple[str, ...]) -> str:
     """Attribute ``initial``, which some causalities imply."""
     if variable.causality in implied:
         return ""
     return f' initial="{"calculated" if variable.start is None else "exact"}"'
 
 
-def _model_structure(contents: FmuContents) -> tuple[list[Variable], list[Variable], list[Variable]]:
+def _model_structure(contents: FmuContents) -> tuple[list[FmuVariable], list[FmuVariable], list[FmuVariable]]:
     """Return outputs, rates of the states, and what is known only behind the start."""
     outputs = [item for item in contents.variables if item.causality == "output"]
     rates = [item for item in contents.variables if item.state is not None]

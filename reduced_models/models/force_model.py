@@ -15,7 +15,7 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.files import write_json
 from reduced_models.laws.force_law import ForceLaw
-from reduced_models.least_squares.stroke import compiled_forces, stroke_of
+from reduced_models.least_squares.stroke import compiled_force_function, stroke_of_record
 from reduced_models.models.quality import Quality
 from reduced_models.records.derivatives import derivatives
 
@@ -126,13 +126,13 @@ class ForceModel:
         """
         values = np.array([self.parameters[name] for name in self.law.parameters])
         start = np.array([self.hidden.get(name, 0.0) for name in self.law.hidden])
-        return self.sign * self._forces(record, values[:, None], start[:, None])[:, 0]
+        return self.sign * self._forces_with_values(record, values[:, None], start[:, None])[:, 0]
 
-    def _forces(self, record: PistonRecord, values: np.ndarray, start: np.ndarray) -> np.ndarray:
+    def _forces_with_values(self, record: PistonRecord, values: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Return forces (n, s) by values (p, s), from hidden states (h, s)."""
-        field = self.law.field
-        function = compiled_forces(field.equation, field.inputs)
-        return np.asarray(function(tuple(values), start, stroke_of(record, field)))
+        field = self.law.acceleration_law
+        function = compiled_force_function(field.equation, field.inputs)
+        return np.asarray(function(tuple(values), start, stroke_of_record(record, field)))
 
     def residuals(self, record: PistonRecord) -> np.ndarray:
         """Measured forces less those of the law.
@@ -158,7 +158,7 @@ class ForceModel:
             raise InputError("the record holds no force; give one with a column force")
         return record.force - self.forces(record)
 
-    def cycle(self, amplitude: float, frequency: float, centre: float | None = None) -> ForceCycle:
+    def harmonic_cycle(self, amplitude: float, frequency: float, centre: float | None = None) -> ForceCycle:
         """Steady harmonic cycle by the law, with what the parameters' errors leave open.
 
         Parameters
@@ -199,7 +199,9 @@ class ForceModel:
         steps = _STEP * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         batch = np.column_stack([values, values[:, None] + np.diag(steps)])
         last = slice(-_NODES, None)
-        forces = self._forces(record, batch, np.zeros((len(self.law.hidden), batch.shape[1])))[last]
+        forces = self._forces_with_values(record, batch, np.zeros((len(self.law.hidden), batch.shape[1])))[
+            last
+        ]
         damping, stiffness = (
             2.0 / (_NODES * size) * (wave[last] @ forces)
             for size, wave in ((amplitude * omega, np.cos(phase)), (amplitude, np.sin(phase)))
@@ -261,17 +263,19 @@ class ForceModel:
         )
         if quality.test_error is not None:
             lines.append(f"  test error {100.0 * quality.test_error:.3g} % of the rms force")
-        lines += [f"  {line}" for line in self._table()]
+        lines += [f"  {line}" for line in self._cycle_table()]
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 
-    def _table(self) -> list[str]:
+    def _cycle_table(self) -> list[str]:
         """Cycles as measured, with those of the law."""
         rows = []
         for cycle in self.cycles[:_MOST_ROWS]:
-            rows.append(_row(cycle, f"{cycle.amplitude:13.3g} {cycle.frequency:14.4g}", "measured"))
+            rows.append(_cycle_row(cycle, f"{cycle.amplitude:13.3g} {cycle.frequency:14.4g}", "measured"))
             if not self.law.inputs:
-                rows.append(_row(self.cycle(cycle.amplitude, cycle.frequency), " " * 28, "law"))
+                rows.append(
+                    _cycle_row(self.harmonic_cycle(cycle.amplitude, cycle.frequency), " " * 28, "law")
+                )
         head = f"{'amplitude [m]':>13} {'frequency [Hz]':>14} {'':8} {'loss per cycle [J]':>22}"
         return [f"{head} {'stiffness [N/m]':>22} {'damping [N s/m]':>22}", *rows] if rows else []
 
@@ -284,7 +288,11 @@ class ForceModel:
             Law, parameters, intervals, quality, and cycles as measured and by the law.
         """
         law = self.law
-        by_law = [] if law.inputs else [self.cycle(item.amplitude, item.frequency) for item in self.cycles]
+        by_law = (
+            []
+            if law.inputs
+            else [self.harmonic_cycle(item.amplitude, item.frequency) for item in self.cycles]
+        )
         return {
             "law": {"name": law.name, "equation": law.equation, "units": dict(law.units)},
             "parameters": dict(self.parameters),
@@ -317,7 +325,7 @@ class ForceModel:
         write_json(Path(path), self.to_plain())
 
 
-def _row(cycle: ForceCycle, where: str, kind: str) -> str:
+def _cycle_row(cycle: ForceCycle, where: str, kind: str) -> str:
     figures = (cycle.loss, cycle.stiffness, cycle.damping)
     pairs = (
         f"{value:.4g}" + (f" +- {error:.2g}" if math.isfinite(error) else "")
@@ -340,7 +348,7 @@ def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray])
     tuple of ForceCycle
         Means, with twice their standard errors.
     """
-    every = [row for pair in zip(records, forces, strict=True) for row in _cycles_of(*pair)]
+    every = [row for pair in zip(records, forces, strict=True) for row in _cycles_of_record(*pair)]
     groups: list[list[np.ndarray]] = []
     for row in every:
         alike = [group for group in groups if np.allclose(group[0][:2], row[:2], rtol=_ALIKE, atol=0.0)]
@@ -361,7 +369,7 @@ def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray])
     return tuple(sorted(cycles))
 
 
-def _cycles_of(record: PistonRecord, force: np.ndarray) -> list[np.ndarray]:
+def _cycles_of_record(record: PistonRecord, force: np.ndarray) -> list[np.ndarray]:
     """Amplitude, frequency, loss, stiffness and damping of each whole cycle of a stroke."""
     smooth = derivatives(record)
     time, z, velocity = record.time, smooth.height, smooth.velocity

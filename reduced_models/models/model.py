@@ -20,7 +20,7 @@ from reduced_models.least_squares.sensor_signal import motion_signal
 from reduced_models.models import export, prediction, response, schema
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping, FittedLaw
 from reduced_models.models.ports import GRAVITY, force_port
-from reduced_models.models.quality import Direction, Quality
+from reduced_models.models.quality import ParameterDirection, Quality
 from reduced_models.records.envelope import PeakDamping
 from reduced_models.records.inputs import Interpolation
 from reduced_models.records.sensor import Sensor, sensor_report_lines
@@ -57,7 +57,7 @@ class ReducedModel(FittedLaw):
     at_rest : AtRest or None
         None where the law has no small swing near the record.
     quality : Quality
-    undetermined : tuple of Direction
+    undetermined : tuple of ParameterDirection
         Directions that the data leave open.
     domain : mapping of str to (float, float)
         Range of heights [m] and velocities [m/s] seen.
@@ -94,7 +94,7 @@ class ReducedModel(FittedLaw):
     initial: tuple[float, float]
     at_rest: AtRest | None
     quality: Quality
-    undetermined: tuple[Direction, ...] = ()
+    undetermined: tuple[ParameterDirection, ...] = ()
     domain: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, str] = dataclasses.field(default_factory=dict)
@@ -127,7 +127,7 @@ class ReducedModel(FittedLaw):
         float64 (n,)
             Residuals [m].
         """
-        motion = self.follow(record)
+        motion = self.simulate_record(record)
         if self.sensor is None:
             return record.height - motion.height
         assert motion.velocity is not None
@@ -136,9 +136,9 @@ class ReducedModel(FittedLaw):
         signal = motion_signal(self.sensor, motion.time, motion.height, motion.velocity, base)
         return self.sensor.signal(columns) - signal
 
-    def prediction(
+    def predict_with_band(
         self, t: np.ndarray, inputs: Mapping[str, np.ndarray] | None = None, confidence: float | None = None
-    ) -> prediction.Band:
+    ) -> prediction.PredictionBand:
         """Motion at increasing times with its confidence band, by error propagation; see `simulate`.
 
         Parameters
@@ -152,7 +152,7 @@ class ReducedModel(FittedLaw):
 
         Returns
         -------
-        prediction.Band
+        prediction.PredictionBand
             Heights (n,) [m] with lower and upper bounds.
 
         Raises
@@ -166,13 +166,13 @@ class ReducedModel(FittedLaw):
         level = self.confidence if confidence is None else confidence
         if not 0.0 < level < 1.0:
             raise InputError(f"confidence = {level}; give a fraction between 0 and 1")
-        height, spread = prediction.prediction(
+        height, spread = prediction.predict_with_deviations(
             self, self.covariance, self.covariance_names, ReducedModel._with_changed_value, t, inputs
         )
         width = float(norm.ppf(0.5 + 0.5 * level)) * spread
         noise = max(self.quality.noise, self.quality.residual)
         times = np.asarray(t, dtype=np.float64)
-        return prediction.Band(times, height, height - width, height + width, noise, level)
+        return prediction.PredictionBand(times, height, height - width, height + width, noise, level)
 
     def _with_changed_value(self, name: str, value: float) -> ReducedModel:
         """Model with another value of one of what was fitted."""
@@ -217,7 +217,7 @@ class ReducedModel(FittedLaw):
         if record is None:
             decay = self._longest_decay()
             return prediction.plot_model(self, decay.time, decay.height, None, axes_or_new(ax))
-        height = self.follow(record).height
+        height = self.simulate_record(record).height
         if ax is None:
             ax, below = new_axes(2, height=4.6, sharex=True, height_ratios=(2, 1))
             prediction.plot_residuals(self, record.time, record.height - height, below)
@@ -225,13 +225,13 @@ class ReducedModel(FittedLaw):
 
     def _longest_decay(self) -> PistonRecord:
         if self.at_rest is None:
-            return self.decay(0.0)  # which says why there is none
+            return self.free_decay(0.0)  # which says why there is none
         ends = [end - self.at_rest.height for end in self.domain.get("height", self.initial[:1])]
-        return self.decay(max(ends, key=abs))
+        return self.free_decay(max(ends, key=abs))
 
     def __repr__(self) -> str:
         values = ", ".join(
-            f"{name} = {value:.{max(5, self.printed_digits)}g} {self.unit_of(name)}".rstrip()
+            f"{name} = {value:.{max(5, self.printed_digits)}g} {self.unit_of_parameter(name)}".rstrip()
             for name, value in self.parameters.items()
         )
         return (
@@ -244,7 +244,7 @@ class ReducedModel(FittedLaw):
         from granular.shared.html_pages import preformatted_html
         from reduced_models.laws.printing import mathml, mathml_of_rate
 
-        rates = [mathml_of_rate(name, rate) for name, rate in self.printed_hidden.items()]
+        rates = [mathml_of_rate(name, rate) for name, rate in self.printed_hidden_rates.items()]
         return f"{'<br>'.join([mathml(self.printed_equation), *rates])}{preformatted_html(self)}"
 
     def _repr_latex_(self) -> str:
@@ -272,7 +272,7 @@ class ReducedModel(FittedLaw):
 
         return 1.0 - roll_out(self, record).relative ** 2
 
-    def decay(self, amplitude: float, periods: float = 10.0) -> PistonRecord:
+    def free_decay(self, amplitude: float, periods: float = 10.0) -> PistonRecord:
         """Motion of a piston released from a height above its level of rest; see `response`.
 
         Parameters
@@ -294,7 +294,7 @@ class ReducedModel(FittedLaw):
         """
         return response.free_decay(self, amplitude, periods)
 
-    def cycle(self, amplitude: float, frequency: float | None = None) -> response.HarmonicCycle:
+    def harmonic_cycle(self, amplitude: float, frequency: float | None = None) -> response.HarmonicCycle:
         """Equivalent stiffness and damping, and energy dissipated, in a cycle; see `response`.
 
         Parameters
@@ -394,7 +394,7 @@ class ReducedModel(FittedLaw):
         """Equation, parameters, domain, provenance and LaTeX as text."""
         return export.equations_text(self)
 
-    def outside(self, motion: PistonRecord) -> str:
+    def outside_range_text(self, motion: PistonRecord) -> str:
         """Warn in words of a motion that leaves the range of the fit; empty where none does.
 
         Heights alone are judged, and may leave the range by a twentieth of it.
@@ -434,7 +434,7 @@ class ReducedModel(FittedLaw):
             if name in self.untold:
                 continue
             low, high = self.intervals[name]
-            unit = self.unit_of(name)
+            unit = self.unit_of_parameter(name)
             interval = "open" if high - low > OPEN * abs(value) else f"{low:.{digits}g}, {high:.{digits}g}"
             lines.append(f"  {name} = {value:.{digits}g} {unit}  [{interval}]")
         lines += [f"  open: {direction}" for direction in self.undetermined]
@@ -451,7 +451,7 @@ class ReducedModel(FittedLaw):
             if rest.peaks is None and item is not None:
                 sized = "size" not in self.untold
                 half = f"{item.amplitude:.3g} {self.unit}" if sized else "half of the swing"
-                tenth = f"{item.tenth:.3g} {self.unit}" if sized else "a tenth"
+                tenth = f"{item.tenth_of_greatest_swing:.3g} {self.unit}" if sized else "a tenth"
                 words += f" at {half}" + f" and {item.tenth_ratio:.4g} at {tenth}" * item.is_swinging_at_tenth
                 if sized and item.friction > 0.0:
                     words += f", friction {item.friction:.4g} {self.unit}/s^2"
@@ -459,18 +459,16 @@ class ReducedModel(FittedLaw):
         elif self.no_swing:
             lines.append(f"  small swing about rest: none, {self.no_swing}")
         lines += sensor_report_lines(self.sensor, self.untold)
-        lines.append(f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing")
-        if self.quality.test_error is not None:
-            error = f"  test error {100.0 * self.quality.test_error:.3g} %"
-            at_rest = ""
-            if self.quality.test_error_at_rest is not None:
-                at_rest = f" (standing still: {100.0 * self.quality.test_error_at_rest:.3g} %)"
-            lines.append(f"{error}, on {self.quality.tested_text} that a first fit has not seen{at_rest}")
-        if self.quality.starts:
-            second = _COLLOCATION.get(self.quality.collocation, "")
-            lines.append(
-                f"  search: {self.quality.converged} of {self.quality.starts} starts end here{second}"
-            )
+        quality, at_rest = self.quality, ""
+        lines.append(f"  residual {100.0 * quality.relative:.3g} % of the rms swing")
+        if quality.test_error is not None:
+            error = f"  test error {100.0 * quality.test_error:.3g} %"
+            if quality.test_error_at_rest is not None:
+                at_rest = f" (standing still: {100.0 * quality.test_error_at_rest:.3g} %)"
+            lines.append(f"{error}, on {quality.test_swings_text} that a first fit has not seen{at_rest}")
+        if quality.starts:
+            second = _COLLOCATION.get(quality.collocation, "")
+            lines.append(f"  search: {quality.converged} of {quality.starts} starts end here{second}")
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 
@@ -552,9 +550,9 @@ class ReducedModel(FittedLaw):
             confidence=data["confidence"],
             map=HeightMap(**data["map"]),
             initial=(data["initial"][0], data["initial"][1]),
-            at_rest=None if at_rest is None else _at_rest(at_rest),
+            at_rest=None if at_rest is None else _at_rest_from_plain(at_rest),
             quality=schema.quality_from_plain(data["quality"]),
-            undetermined=tuple(Direction(**direction) for direction in data["undetermined"]),
+            undetermined=tuple(ParameterDirection(**direction) for direction in data["undetermined"]),
             domain=data["domain"],
             notes=tuple(data["notes"]),
             provenance=data["provenance"],
@@ -569,7 +567,7 @@ class ReducedModel(FittedLaw):
         )
 
 
-def _at_rest(plain: Mapping[str, Any]) -> AtRest:
+def _at_rest_from_plain(plain: Mapping[str, Any]) -> AtRest:
     kinds = {"equivalent": EquivalentDamping, "peaks": PeakDamping}
     parts = {name: None if plain[name] is None else kind(**plain[name]) for name, kind in kinds.items()}
     return AtRest(**{**plain, **parts})
@@ -593,7 +591,7 @@ def load_model(path: str | Path) -> ReducedModel:
     InputError
         If there is no such file, it cannot be read, or it holds no model.
     """
-    plain = schema.read_model(Path(path))
+    plain = schema.read_plain_model(Path(path))
     try:
         return ReducedModel.from_plain(plain)
     except InputError as error:

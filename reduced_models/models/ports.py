@@ -19,14 +19,14 @@ from reduced_models.laws.equation import rate_derivatives
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.source_code import (
-    ExportParts,
+    LawForExport,
+    c_array_initialiser,
     c_expression,
-    c_numbers,
-    comment_text,
-    export_parts,
+    escape_comment,
     matlab_expression,
     modelica_expression,
     modelica_unit,
+    prepare_law_for_export,
     replace_steps_by_signs,
 )
 
@@ -175,12 +175,12 @@ class ForcePort(NamedTuple):
     load: float
 
 
-class PortParts(NamedTuple):
+class PortForExport(NamedTuple):
     """A port with names that code in any language can have.
 
     Attributes
     ----------
-    law : ExportParts
+    law : LawForExport
     inputs, states, parameters : tuple of str
     values, start : tuple of float
         Those of the parameters, and of the hidden states at the start.
@@ -193,7 +193,7 @@ class PortParts(NamedTuple):
     comments : tuple of str
     """
 
-    law: ExportParts
+    law: LawForExport
     inputs: tuple[str, ...]
     states: tuple[str, ...]
     parameters: tuple[str, ...]
@@ -233,13 +233,13 @@ def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -
     return ForcePort(model, mass, mass * gravity)
 
 
-def port_parts(port: ForcePort) -> PortParts:
+def prepare_port_for_export(port: ForcePort) -> PortForExport:
     """Parts of a port's export."""
     import sympy
 
-    model, law = port.model, export_parts(port.model)
+    model, law = port.model, prepare_law_for_export(port.model)
     numbers = [
-        (name, value, model.unit_of(own))
+        (name, value, model.unit_of_parameter(own))
         for name, value, own in zip(law.parameters, law.values, model.law.parameters, strict=True)
     ]
     mass, load, height, velocity, shift, scale = sympy.symbols("mass load height velocity shift scale")
@@ -251,12 +251,12 @@ def port_parts(port: ForcePort) -> PortParts:
     numbers += [("mass", port.mass, "kg"), ("load", port.load, "N")]
     words = (
         *law.comments[:3],
-        comment_text(
+        escape_comment(
             "force = mass z'' + load, of the bed on the piston: the masses of piston and "
             "cell are those of the bodies on both sides."
         ),
     )
-    return PortParts(
+    return PortForExport(
         law,
         ("height", "velocity", *law.inputs),
         law.hidden,
@@ -271,7 +271,7 @@ def port_parts(port: ForcePort) -> PortParts:
     )
 
 
-def port_jacobian(parts: PortParts) -> list[list[sympy.Expr]] | None:
+def port_jacobian(parts: PortForExport) -> list[list[sympy.Expr]] | None:
     """Return derivatives of rates, then force, by states, then inputs, or None."""
     import sympy
 
@@ -296,7 +296,7 @@ def port_jacobian(parts: PortParts) -> list[list[sympy.Expr]] | None:
     return [flat[k : k + len(by)] for k in range(0, len(flat), len(by))]
 
 
-def _array_locals(groups: Mapping[str, Sequence[str]], line: str, first: int = 0) -> str:
+def _array_element_locals(groups: Mapping[str, Sequence[str]], line: str, first: int = 0) -> str:
     """Lines that name each number of some arrays, which count from ``first``."""
     return "".join(
         line.format(name=name, array=array, index=first + k)
@@ -305,10 +305,10 @@ def _array_locals(groups: Mapping[str, Sequence[str]], line: str, first: int = 0
     )
 
 
-def c_locals(parts: PortParts) -> str:
+def c_local_variables(parts: PortForExport) -> str:
     """Lines of C that name what the expressions name."""
     groups = {"inputs": parts.inputs, "parameters": parts.parameters, "states": parts.states}
-    named = _array_locals(groups, "    const double {name} = {array}[{index}];\n")
+    named = _array_element_locals(groups, "    const double {name} = {array}[{index}];\n")
     used = ("z", "z_first", *parts.inputs, *parts.parameters, *parts.states)
     silent = " ".join(f"(void){name};" for name in used)
     return (
@@ -319,7 +319,7 @@ def c_locals(parts: PortParts) -> str:
 
 def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
     """Header and source in C99 of a bed by that name, which goes before all that they declare."""
-    parts = port_parts(port)
+    parts = prepare_port_for_export(port)
     force, *rates = parts.outputs
     words = {
         "name": name,
@@ -328,29 +328,29 @@ def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
         "comments": "\n".join(f"/* {line} */" for line in parts.comments),
         "states": ", ".join(parts.states) or "none",
         "inputs": ", ".join(["height [m]", "velocity [m/s]", *parts.law.inputs]),
-        "names": ", ".join(_with_units(parts)),
+        "names": ", ".join(_names_with_units(parts)),
         "n_states": len(parts.states),
         "n_inputs": len(parts.inputs),
         "n_parameters": len(parts.parameters),
-        "parameters": c_numbers(parts.values),
-        "start": c_numbers(parts.start),
-        "locals": c_locals(parts),
+        "parameters": c_array_initialiser(parts.values),
+        "start": c_array_initialiser(parts.start),
+        "locals": c_local_variables(parts),
         "force": c_expression(force),
         "rates": "".join(f"    rates[{k}] = {c_expression(rate)};\n" for k, rate in enumerate(rates)),
     }
     return _HEADER.format(**words), _BODY.format(**words)
 
 
-def _with_units(parts: PortParts) -> list[str]:
+def _names_with_units(parts: PortForExport) -> list[str]:
     return [
-        f"{name} [{comment_text(unit) or '?'}]"
+        f"{name} [{escape_comment(unit) or '?'}]"
         for name, unit in zip(parts.parameters, parts.units, strict=True)
     ]
 
 
 def port_matlab_source(port: ForcePort, name: str) -> str:
     """MATLAB and Octave source of a function of that name, as a block of Simulink takes it."""
-    parts = port_parts(port)
+    parts = prepare_port_for_export(port)
     force, *rates = map(matlab_expression, parts.outputs)
     groups = {"inputs": parts.law.inputs, "parameters": parts.parameters, "states": parts.states}
     return _MATLAB.format(
@@ -358,9 +358,9 @@ def port_matlab_source(port: ForcePort, name: str) -> str:
         comments="\n".join(f"% {line}" for line in parts.comments),
         states=", ".join(parts.states) or "none",
         start="; ".join(map(repr, parts.start)),
-        names=", ".join(_with_units(parts)),
+        names=", ".join(_names_with_units(parts)),
         parameters="; ".join(map(repr, parts.values)),
-        locals=_array_locals(groups, "  {name} = {array}({index});\n", 1)
+        locals=_array_element_locals(groups, "  {name} = {array}({index});\n", 1)
         + f"  z = {matlab_expression(parts.z)}; z_first = {matlab_expression(parts.z_first)};\n",
         force=force,
         rates="; ".join(rates),
@@ -371,7 +371,7 @@ def port_python_source(port: ForcePort) -> str:
     """Python source of a module with the force and the rates, which needs NumPy alone."""
     from sympy.printing.numpy import NumPyPrinter
 
-    parts = port_parts(port)
+    parts = prepare_port_for_export(port)
     doprint = NumPyPrinter({"fully_qualified_modules": True}).doprint
     force, *rates = map(doprint, parts.outputs)
     lines = [f"    {name} = inputs[{k}]\n" for k, name in enumerate(parts.law.inputs)]
@@ -392,7 +392,7 @@ def port_modelica_source(port: ForcePort, name: str) -> str:
     """Modelica text of a model of that name, between the flanges of cell and piston."""
     import sympy
 
-    parts = port_parts(port)
+    parts = prepare_port_for_export(port)
     flange = {sympy.Symbol("height"): sympy.Symbol("s_rel"), sympy.Symbol("velocity"): sympy.Symbol("v_rel")}
     z, z_first, force, *rates = (
         modelica_expression(expression.xreplace(flange))

@@ -21,7 +21,7 @@ _ERROR = 1e-8  # of the motion's size: the solver's error is below it
 _ROUNDS = 60  # tenfold shorter steps, before a direction is given up
 
 
-class Band(NamedTuple):
+class PredictionBand(NamedTuple):
     """A prediction with its confidence band.
 
     Attributes
@@ -48,7 +48,7 @@ def correlation_matrix(covariance: np.ndarray) -> np.ndarray:
     return np.asarray(covariance * np.outer(inverse, inverse))
 
 
-def prediction(
+def predict_with_deviations(
     model: M,
     covariance: np.ndarray,
     names: Sequence[str],

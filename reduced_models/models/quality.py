@@ -12,7 +12,7 @@ _ANYTHING = 7.0  # of a logarithm: a factor of a thousand
 
 
 @dataclasses.dataclass(frozen=True)
-class Direction:
+class ParameterDirection:
     """A direction in which the parameters can move without the data noticing.
 
     Attributes
@@ -28,7 +28,7 @@ class Direction:
     spread: float
 
     @property
-    def open(self) -> bool:
+    def is_undetermined(self) -> bool:
         """True if the data determine nothing along it."""
         return self.spread >= _ANYTHING
 
@@ -36,7 +36,7 @@ class Direction:
         *most, last = self.powers
         names = f"{', '.join(most)} and {last}" if most else last
         together = "can be rescaled together" if most else "can be rescaled"
-        if self.open:
+        if self.is_undetermined:
             words = f"not identifiable from this record: {names} {together}"
             return f"{words} without changing the fit"
         factor = f"{math.exp(self.spread):.2g}"
@@ -114,21 +114,21 @@ class Quality:
     drift: float = 1.0
 
     @property
-    def structured(self) -> bool:
+    def has_structured_residuals(self) -> bool:
         """True if the residuals are surely not white noise, so that the law is not right."""
         return self.correlation > 1.0 and min(self.whiteness, self.signs) < SURE
 
     @property
-    def tested_text(self) -> str:
+    def test_swings_text(self) -> str:
         """Test samples that a law is judged on, in words."""
         if len(self.test_swings) > 1:
             return f"{len(self.test_swings)} swings"
         return "the end of the motion (too few swings to spread)"
 
     @property
-    def shifts_text(self) -> str:
+    def figure_shifts_text(self) -> str:
         """Shifts of the figures without the test swings, in words; empty where none is known."""
         if not self.shifts:
             return ""
         moves = (f"{name.replace('_', ' ')} by {100.0 * by:.1g} %" for name, by in self.shifts.items())
-        return f"; without {self.tested_text} the fit moves its {' and its '.join(moves)}"
+        return f"; without {self.test_swings_text} the fit moves its {' and its '.join(moves)}"

@@ -173,7 +173,7 @@ def frequency_response(
     return SteadyAmplitudes(omega, low, high)
 
 
-def forced_law(law: Law, name: str = "drive") -> Law:
+def law_with_force_input(law: Law, name: str = "drive") -> Law:
     """Drive a law by a force per kilogram, an input in the units of z''.
 
     Parameters
@@ -195,8 +195,8 @@ def forced_law(law: Law, name: str = "drive") -> Law:
 
     Examples
     --------
-    >>> from reduced_models import forced_law, law_named
-    >>> forced_law(law_named("linear"), "force").equation
+    >>> from reduced_models import law_with_force_input, law_named
+    >>> law_with_force_input(law_named("linear"), "force").equation
     "(z'' - force) + 2*lam*z' + omega**2*z = g0"
     """
     if name in (*law.parameters, *law.hidden, *law.inputs):

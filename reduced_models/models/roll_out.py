@@ -11,7 +11,7 @@ from granular.run.piston_record import PistonRecord
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
 from reduced_models.least_squares.residuals import BLOWN_UP, record_on_grid
-from reduced_models.least_squares.samples import grid_over
+from reduced_models.least_squares.samples import grid_over_record
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
@@ -83,20 +83,20 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     """
     total = record.with_time_from_zero()
     guess = first_guesses(total.time, total.height)
-    law, (unknowns, theta) = model.law, theta_of_model(model, guess)
-    theta[unknowns.free :] = 0.0
-    theta[unknowns.free : unknowns.free + 2] = (
+    law, (unknowns, theta) = model.law, search_vector_of_model(model, guess)
+    theta[unknowns.parameter_and_map_count :] = 0.0
+    theta[unknowns.parameter_and_map_count : unknowns.parameter_and_map_count + 2] = (
         (guess.height - guess.rest) / guess.amplitude,
         guess.velocity / unknowns.speed,
     )
-    steps = grid_over(total, law.inputs, guess.period, _STEPS * law.resolution)
+    steps = grid_over_record(total, law.inputs, guess.period, _STEPS * law.resolution)
     grid = record_on_grid(unknowns, total, steps, model.input_interpolation)
     held = np.ones(len(theta), dtype=bool)
-    held[unknowns.free : unknowns.free + 2] = False
+    held[unknowns.parameter_and_map_count : unknowns.parameter_and_map_count + 2] = False
     bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
     first = max(4, int(np.searchsorted(total.time, START_PERIODS * guess.period)))
     prior = Prior(unknowns.prior, float(first))
-    theta = levenberg_marquardt(grid.normal(first), theta[None], prior, 1e-9, bounds)[0][0]
+    theta = levenberg_marquardt(grid.normal_equations(first), theta[None], prior, 1e-9, bounds)[0][0]
     residuals = grid.residuals(theta)
     lost = ~(np.abs(residuals) < BLOWN_UP)
     height = total.height + guess.amplitude * residuals
@@ -114,7 +114,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     return RollOut(motion, error, error / swing, at_rest, spread)
 
 
-def theta_of_model(
+def search_vector_of_model(
     model: FittedLaw, guess: FirstGuesses | None, unknowns: Unknowns | None = None
 ) -> tuple[Unknowns, np.ndarray]:
     """Unknowns scaled by a glance at a record, or others, and the search vector of a model."""

@@ -289,7 +289,7 @@ def check_plain_model(data: object) -> dict[str, Any]:
     return result
 
 
-def read_model(path: Path) -> dict[str, Any]:
+def read_plain_model(path: Path) -> dict[str, Any]:
     """Plain data in a model's file, not checked yet.
 
     Raises
@@ -299,7 +299,9 @@ def read_model(path: Path) -> dict[str, Any]:
     """
     text = read_text(path, _MOST_BYTES)
     try:
-        plain = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_duplicate_keys)
+        plain = json.loads(
+            text, parse_constant=_refuse_non_finite_constant, object_pairs_hook=_refuse_duplicate_keys
+        )
     except (ValueError, RecursionError) as error:
         raise InputError(f"{sanitize(path)}: cannot be read as a model: {error}") from None
     if not isinstance(plain, dict):
@@ -307,7 +309,7 @@ def read_model(path: Path) -> dict[str, Any]:
     return plain
 
 
-def _refuse_constant(constant: str) -> float:
+def _refuse_non_finite_constant(constant: str) -> float:
     raise ValueError(f"{constant} is no number in JSON; correct it")
 
 

@@ -20,7 +20,7 @@ STEPS = 512
 """Steps of a period, times the law's resolution: Runge-Kutta's phase is then exact to 1e-9."""
 
 
-class ExportParts(NamedTuple):
+class LawForExport(NamedTuple):
     """A model's law with names that code in any language can have.
 
     Attributes
@@ -52,15 +52,15 @@ class ExportParts(NamedTuple):
     comments: tuple[str, ...]
 
 
-def export_parts(model: FittedLaw) -> ExportParts:
+def prepare_law_for_export(model: FittedLaw) -> LawForExport:
     """Parts of a model's export."""
     import sympy
 
     law, parsed = model.law, model.law.parsed
     groups = [
-        (law.parameters, safe_names("p_", law.parameters)),
-        (law.hidden, safe_names("h_", law.hidden)),
-        (law.inputs, safe_names("u_", law.inputs)),
+        (law.parameters, ascii_names("p_", law.parameters)),
+        (law.hidden, ascii_names("h_", law.hidden)),
+        (law.inputs, ascii_names("u_", law.inputs)),
     ]
     symbols = {
         sympy.Symbol(name): sympy.Symbol(safe)
@@ -82,11 +82,11 @@ def export_parts(model: FittedLaw) -> ExportParts:
         f"State: {model.coordinate} [{unit}], velocity [{unit}/s]" + "".join(f", {name}" for name in hidden),
         "Parameters: "
         + ", ".join(
-            f"{safe} [{model.unit_of(name) or '?'}]"
+            f"{safe} [{model.unit_of_parameter(name) or '?'}]"
             for name, safe in zip(law.parameters, parameters, strict=True)
         ),
     ]
-    return ExportParts(
+    return LawForExport(
         parameters=parameters,
         hidden=hidden,
         inputs=inputs,
@@ -95,7 +95,7 @@ def export_parts(model: FittedLaw) -> ExportParts:
         values=tuple(float(model.parameters[name]) for name in law.parameters),
         initial=(*map(float, model.initial), *(model.hidden.get(name, 0.0) for name in law.hidden)),
         step=period / (STEPS * law.resolution),
-        comments=tuple(map(comment_text, words)),
+        comments=tuple(map(escape_comment, words)),
     )
 
 
@@ -106,7 +106,7 @@ def replace_steps_by_signs(expression: sympy.Expr) -> sympy.Expr:
     return expression.replace(sympy.Heaviside, lambda at, *_: (1 + sympy.sign(at)) / 2)
 
 
-def safe_names(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
+def ascii_names(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
     """Names of ASCII letters, digits and underscores behind a prefix, no two of them alike."""
     result: list[str] = []
     for name in names:
@@ -124,7 +124,7 @@ def _ascii_name(character: str) -> str:
     return unicodedata.name(character, "x").split()[-1].lower()
 
 
-def comment_text(words: str) -> str:
+def escape_comment(words: str) -> str:
     """Text that can stand in a comment of any language, whatever it holds."""
     plain = sanitize(words, MAX_CHARACTERS).encode("ascii", "replace").decode()
     # A backslash would go on with a comment on the next line, and so would "??/" in C.
@@ -202,15 +202,15 @@ void model_simulate(const double *times, int count, const double *start, const d
 
 def c_source(model: FittedLaw) -> str:
     """C99 source of a model: rates, a step, and `model_simulate`."""
-    parts = export_parts(model)
+    parts = prepare_law_for_export(model)
     rates = [f"    rates[{2 + k}] = {c_expression(rate)};\n" for k, rate in enumerate(parts.rates)]
     return _C.format(
         comments="\n".join(f"/* {words} */" for words in parts.comments),
         states=2 + len(parts.hidden),
         inputs=len(parts.inputs),
         count=len(parts.parameters),
-        parameters=c_numbers(parts.values),
-        initial=c_numbers(parts.initial),
+        parameters=c_array_initialiser(parts.values),
+        initial=c_array_initialiser(parts.initial),
         step=repr(parts.step),
         shift=repr(float(model.map.shift)),
         scale=repr(float(model.map.scale)),
@@ -228,12 +228,12 @@ def c_expression(expression: sympy.Expr) -> str:
     return str(printer.doprint(expression))
 
 
-def c_numbers(numbers: Sequence[float]) -> str:
+def c_array_initialiser(numbers: Sequence[float]) -> str:
     """Numbers of an array in C, which has at least one."""
     return ", ".join(map(repr, numbers)) or "0.0"
 
 
-def _local_variable_lines(parts: ExportParts) -> list[str]:
+def _local_variable_lines(parts: LawForExport) -> list[str]:
     """Parameters, hidden states and inputs by their names."""
     groups = ((parts.parameters, "parameters", 0), (parts.hidden, "state", 2), (parts.inputs, "inputs", 0))
     return [
@@ -285,7 +285,7 @@ end
 
 def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
     """MATLAB and Octave source of a function of that name, which its file must have too."""
-    parts = export_parts(model)
+    parts = prepare_law_for_export(model)
     lines = [f"{name} = {value!r};" for name, value in zip(parts.parameters, parts.values, strict=True)]
     lines += [f"{name} = state({3 + k});" for k, name in enumerate(parts.hidden)]
     lines += [f"{name} = inputs({1 + k});" for k, name in enumerate(parts.inputs)]
@@ -331,14 +331,14 @@ equation
 
 def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
     """Modelica text of a model of that name, for OpenModelica, Dymola and others."""
-    parts = export_parts(model)
+    parts = prepare_law_for_export(model)
     names = zip(model.law.parameters, parts.parameters, parts.values, strict=True)
     return _MODELICA.format(
         name=name,
-        title=comment_text(model.law.name).replace('"', "'"),
+        title=escape_comment(model.law.name).replace('"', "'"),
         comments="\n".join(f"  // {words}" for words in parts.comments),
         parameters="\n".join(
-            f'  parameter Real {safe}(unit = "{modelica_unit(model.unit_of(own))}") = {value!r};'
+            f'  parameter Real {safe}(unit = "{modelica_unit(model.unit_of_parameter(own))}") = {value!r};'
             for own, safe, value in names
         ),
         unit=model.unit,

@@ -13,7 +13,7 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.result_cache import digest
 from reduced_models.fitting.options import STARTS, TEST_FRACTION
-from reduced_models.fitting.problem import training_data
+from reduced_models.fitting.problem import split_training_data
 from reduced_models.fitting.start_values import scale_unknowns, start_vectors
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.height_map import HeightMap
@@ -88,7 +88,7 @@ class Problem(NamedTuple):
 
 def problem(record: PistonRecord, law: Law, starts: int) -> Problem:
     """The first of the random starts that ``fit(record, law)`` searches from."""
-    data = training_data(record, TEST_FRACTION)
+    data = split_training_data(record, TEST_FRACTION)
     unknowns = scale_unknowns(law, HeightMap(), data)
     random = np.random.default_rng(0)
     result = start_vectors(unknowns, data, STARTS, random)
@@ -121,7 +121,7 @@ def _attempt(given: Problem, theta: np.ndarray) -> Attempt:
 
     samples = len(given.record)
     calls = _Calls(MOST_CALLS * samples, _MOST_OF_A_SOLUTION * samples)
-    held = np.arange(len(theta)) >= given.unknowns.free + 2  # hidden states at the start
+    held = np.arange(len(theta)) >= given.unknowns.parameter_and_map_count + 2  # hidden states at the start
     solved = _residuals(given, calls)
     best = np.inf
 
@@ -153,7 +153,7 @@ def _residuals(given: Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarr
     ]
 
     def residuals(theta: np.ndarray) -> np.ndarray:
-        values, _, _, z0, v0, hidden = unknowns.physical(theta)
+        values, _, _, z0, v0, hidden = unknowns.physical_values(theta)
         calls.of_a_solution = 0
 
         def rates(t: float, state: np.ndarray) -> list[Any]:

@@ -160,12 +160,14 @@ def test_a_damaged_outcome_is_computed_anew(tmp_path: Path, here: Executor) -> N
 
 def test_studies_kept_before_go_on() -> None:
     """Their cases are known by keys that no move of code may change."""
-    from reduced_models.designs.study import damper_figures
+    from reduced_models.designs.study import measure_damper_figures
 
     settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
     (case,) = make_cases(load_scene("bed"), {}, [{"grains.density": 7000.0}], settings, piston_columns)
     assert case.key == "1b0fba2a0173aa53a35b"
-    assert measure_identity(damper_figures) == "reduced_models.designs.figures:damper_figures#8b0ef787"
+    assert (
+        measure_identity(measure_damper_figures) == "reduced_models.designs.figures:damper_figures#8b0ef787"
+    )
 
 
 def test_kept_runs_can_be_loaded(tmp_path: Path, here: Executor) -> None:

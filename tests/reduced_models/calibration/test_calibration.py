@@ -15,7 +15,12 @@ from granular.shared.errors import InputError
 from reduced_models.calibration.calibrate import run_calibration
 from reduced_models.calibration.gauss_newton import RADIUS
 from reduced_models.calibration.result import Calibration
-from reduced_models.calibration.simulations import Features, SceneSimulator, SimulatedPoint, scene_parameter
+from reduced_models.calibration.simulations import (
+    RecordFeatures,
+    SceneSimulator,
+    SimulatedPoint,
+    scene_parameter,
+)
 
 MASS, DRAG, REMANENCE = "piston.mass", "effects.drag.coefficient", "grains.remanence"
 NAMES = ("height", "period", "damping_ratio", "force")
@@ -59,7 +64,7 @@ class MadeUp(SceneSimulator):
     def point(self, place: np.ndarray) -> SimulatedPoint:
         if self.fails(math.exp(place[0])):
             return SimulatedPoint(place, (), np.empty((0, 0)), "the simulation with it failed: boom")
-        plain = self.scene.replace(**self.changes(place))
+        plain = self.scene.replace(**self.scene_changes(place))
         rows = []
         for seed in self.seeds:
             bed = np.random.default_rng(seed + self.shift).normal(size=4)
@@ -72,7 +77,7 @@ class MadeUp(SceneSimulator):
 class Lab(NamedTuple):
     """The features of a record of a bed with a random start of its own."""
 
-    wanted: Features
+    wanted: RecordFeatures
     shift: int
 
     @classmethod
@@ -81,7 +86,7 @@ class Lab(NamedTuple):
         truth = {"mass": 7.5, "drag": 0.1, "remanence": 1.3} | values
         logs = made_features(**truth, bed=random.normal(size=4)) + NOISE * random.normal(size=4)
         used = slice(4 if force else 3)
-        wanted = Features(NAMES[used], np.exp(logs[used]), NOISE[used], ())
+        wanted = RecordFeatures(NAMES[used], np.exp(logs[used]), NOISE[used], ())
         return cls(wanted, int(random.integers(1, 10**6)))
 
     def simulator(self, *keys: str, scene: Scene | None = None, **options: Any) -> MadeUp:

@@ -17,12 +17,12 @@ from hypothesis import strategies as st
 
 from granular import simulate
 from granular.shared.errors import InputError
-from reduced_models import Candidate, DamperMaps, damper_maps, design, fit
-from reduced_models.designs.damper import affine_damping_ratio, damper_at
+from reduced_models import DamperCandidate, DamperMaps, damper_maps, design, fit
+from reduced_models.designs.damper import affine_damping_ratio, damper_at_coordinates
 from reduced_models.designs.design import DesignError
 from reduced_models.designs.proposal import DesignTarget, propose_design
 from reduced_models.designs.result import DAMPING_TOLERANCE, FREQUENCY_TOLERANCE, DesignCheck
-from reduced_models.designs.study import design_points, run_study
+from reduced_models.designs.study import design_points, run_design_study
 
 ROOT = Path(__file__).parents[3]
 TARGETS = [
@@ -40,8 +40,8 @@ inside = st.floats(-1.0, 1.0)
 
 @given(st.tuples(inside, inside, inside, inside))
 def test_coordinates_return(place):
-    made = damper_at(np.array(place))
-    found = made.coordinates()
+    made = damper_at_coordinates(np.array(place))
+    found = made.map_coordinates()
     # The number of grains is rounded, and everything else goes on from the rounded one.
     assert np.abs(found[[0, 2, 3]] - np.array(place)[[0, 2, 3]]).max() < 1e-9
     # Rounding changes the logarithm by at most half a grain over the smaller of both numbers.
@@ -51,14 +51,14 @@ def test_coordinates_return(place):
 
 @given(st.floats(0.5, 2.0))
 def test_drag_scales_the_affine_damping_ratio(factor):
-    one = Candidate(7.5, 368, 0.1)
+    one = DamperCandidate(7.5, 368, 0.1)
     more = one._replace(drag=0.1 * factor)
     assert affine_damping_ratio(more) == pytest.approx(factor * affine_damping_ratio(one))
 
 
 def test_published_damper_is_in_the_maps():
     maps = damper_maps()
-    said = maps.predict(Candidate(7.5, 368, 0.1))
+    said = maps.predict(DamperCandidate(7.5, 368, 0.1))
     # tests/regression/test_damper.py: 9.856 D, 0.2880 s, 0.0367.
     expected = {"rest_height": 9.856 * 0.006, "frequency": 1.0 / 0.2880, "damping_ratio": 0.0367}
     for name, value in expected.items():
@@ -70,7 +70,7 @@ def test_published_damper_is_in_the_maps():
 def test_discs_are_proposed_by_theory_from_the_maps_of_dipoles():
     """The packaged damper of discs as simulated: 63.5 mm, 0.2845 s; and what is asked for is promised."""
     maps = damper_maps()
-    said = maps.predict(Candidate(7.5, 368, 0.1, magnets="cylinders"))
+    said = maps.predict(DamperCandidate(7.5, 368, 0.1, magnets="cylinders"))
     assert said.rest_height == pytest.approx(0.0635, rel=0.01)
     assert said.frequency == pytest.approx(1.0 / 0.2845, rel=0.015)
     found = propose_design(maps, DesignTarget(3.5, 0.05, magnets="cylinders"))
@@ -82,19 +82,19 @@ def test_discs_are_proposed_by_theory_from_the_maps_of_dipoles():
 def test_the_sliders_hold_the_maps():
     """The page's terms, summed as its script does, give what the maps say."""
     maps = damper_maps()
-    (text,) = re.findall(r'type="application/json">(.*)</script>', maps.view().page)
+    (text,) = re.findall(r'type="application/json">(.*)</script>', maps.interactive_page().page)
     place = np.array([0.4, -0.5, -0.3, 0.5])
     single = np.polynomial.legendre.legvander(place, 3)
     for name, one in json.loads(text)["surfaces"].items():
         terms = [np.prod([single[c, p] for c, p in enumerate(powers)]) for powers in one["powers"]]
-        assert np.dot(one["coefficients"], terms) == pytest.approx(maps.at(name, place))
+        assert np.dot(one["coefficients"], terms) == pytest.approx(maps.figure_at(name, place))
 
 
 def test_the_sliders_of_the_site_are_of_these_maps():
     """`python docs/pictures.py sliders` made them; other processors round otherwise."""
     kept = (ROOT / "docs" / "images" / "sliders.html").read_text(encoding="utf-8")
     data = re.compile(r'(?<=type="application/json">).*(?=</script>)')
-    assert data.sub("", kept) == data.sub("", damper_maps().view().page)
+    assert data.sub("", kept) == data.sub("", damper_maps().interactive_page().page)
     (text,) = data.findall(kept)
     for name, one in json.loads(text)["surfaces"].items():
         expected = damper_maps().surfaces[name].coefficients
@@ -107,7 +107,7 @@ def test_maps_find_a_polynomial_again():
     """
     random = np.random.default_rng(1)
     dampers = design_points(128)
-    places = np.array([one.coordinates() for one in dampers])
+    places = np.array([one.map_coordinates() for one in dampers])
     quadratic = 1.0 + 0.2 * places[:, 0] ** 2 - 0.1 * places[:, 1] * places[:, 2]
     noisy = quadratic + 0.05 * random.standard_normal(len(quadratic))
 
@@ -121,7 +121,7 @@ def test_maps_find_a_polynomial_again():
 
     exact = maps(quadratic)
     assert exact.surfaces["frequency"].error < 1e-12
-    unseen = damper_at(np.array([0.3, 1.0, -0.2, 0.7]))
+    unseen = damper_at_coordinates(np.array([0.3, 1.0, -0.2, 0.7]))
     expected = math.exp(1.0 + 0.2 * 0.09 + 0.1 * 0.2)
     assert exact.predict(unseen).frequency == pytest.approx(expected, rel=1e-9)
     assert 0.045 < maps(noisy).surfaces["frequency"].error < 0.075
@@ -139,7 +139,7 @@ def test_maps_predict_what_they_did_not_see():
 @given(inside, inside, inside, st.floats(0.0, 0.5))
 def test_a_damper_of_the_maps_is_found_again(mass, grains, drag, fraction):
     maps = damper_maps()
-    wanted = damper_at(np.array([0.98 * mass, grains, 0.98 * drag, 4.0 * fraction - 1.0]))
+    wanted = damper_at_coordinates(np.array([0.98 * mass, grains, 0.98 * drag, 4.0 * fraction - 1.0]))
     said = maps.predict(wanted)
     wish = DesignTarget(said.frequency, said.damping_ratio, wanted.grains, None, wanted.small_share)
     found = maps.predict(propose_design(maps, wish))
@@ -194,7 +194,7 @@ def test_what_a_refusal_offers_can_be_had():
 
 def test_study_refuses_other_numbers_of_points():
     with pytest.raises(InputError, match="power of two"):
-        run_study(points=100, progress=False)
+        run_design_study(points=100, progress=False)
 
 
 def test_maps_refuse_other_tables(tmp_path):
@@ -245,9 +245,9 @@ def test_a_design_that_is_off_to_one_side_is_centred(monkeypatch):
     simulate_as_promised(monkeypatch, 1.012, 0.96)
     found = design(3.6, 0.1, progress=False)
     first, last = found.rounds
-    assert first.mean("damping_ratio") == pytest.approx(0.96 * 0.1, rel=1e-3)
-    assert last.mean("damping_ratio") == pytest.approx(0.1, rel=1e-3)
-    assert last.mean("frequency") == pytest.approx(3.6, rel=1e-3)
+    assert first.mean_figure("damping_ratio") == pytest.approx(0.96 * 0.1, rel=1e-3)
+    assert last.mean_figure("damping_ratio") == pytest.approx(0.1, rel=1e-3)
+    assert last.mean_figure("frequency") == pytest.approx(3.6, rel=1e-3)
 
 
 def test_another_number_of_grains_is_aimed_at_by_the_error_so_far(monkeypatch):
@@ -255,7 +255,7 @@ def test_another_number_of_grains_is_aimed_at_by_the_error_so_far(monkeypatch):
     simulate_as_promised(monkeypatch, 0.97, 1.01)
     first, last = design(4.0, 0.08, magnets="cylinders", progress=False).rounds
     assert last.damper.grains < first.damper.grains
-    assert last.mean("frequency") == pytest.approx(4.0, rel=1e-3)
+    assert last.mean_figure("frequency") == pytest.approx(4.0, rel=1e-3)
 
 
 def settle_in_orders(monkeypatch, *frequencies):
@@ -278,7 +278,7 @@ def test_discs_are_taken_within_three_per_cent_where_no_other_proposal_is_nearer
     settle_in_orders(monkeypatch, 3.9, 4.15)
     found = design(4.0, 0.08, magnets="cylinders", progress=False)
     assert found.frequency == pytest.approx(3.9)
-    assert [round(made.mean("frequency"), 2) for made in found.rounds] == [4.15, 4.15, 4.15, 3.9]
+    assert [round(made.mean_figure("frequency"), 2) for made in found.rounds] == [4.15, 4.15, 4.15, 3.9]
     assert any("-2.5 %" in note and "3 other proposals" in note for note in found.notes)
 
 

@@ -9,14 +9,14 @@ import pytest
 
 from granular import damper, load_scene
 from granular.shared.errors import InputError
-from reduced_models import Candidate, predict
+from reduced_models import DamperCandidate, predict
 from reduced_models.falls.workshop_sheet import (
     silicone_oil_viscosity_ratio,
     swing_sensitivities,
     workshop_sheet,
 )
 from reduced_models.machines.design import DamperDesign
-from reduced_models.machines.response import CoupledSystem, solve_response
+from reduced_models.machines.response import CoupledSystem, solve_host_response
 
 
 def test_sensitivities_are_those_of_a_heavier_piston() -> None:
@@ -63,7 +63,7 @@ def test_a_grade_changes_a_damper_as_its_remanence_does() -> None:
 
 
 def test_the_sheet_names_parts_and_command() -> None:
-    scene = Candidate(4.0, 200, 0.2, small_share=0.3).scene()
+    scene = DamperCandidate(4.0, 200, 0.2, small_share=0.3).scene()
     text = workshop_sheet(scene, 0.06, title="sheet", lead="", scatter=["so far"]).to_html()
     masses = scene.grains.masses()
     assert f"{1e3 * masses.min():.3g} g each" in text
@@ -74,7 +74,7 @@ def test_the_sheet_names_parts_and_command() -> None:
 
 def test_a_design_for_a_machine_has_a_sheet() -> None:
     scene = load_scene("machine")
-    law = solve_response(CoupledSystem.of(scene), [2.8, 2.9], 10.0)
+    law = solve_host_response(CoupledSystem.from_host_scene(scene), [2.8, 2.9], 10.0)
     text = DamperDesign(scene, law, 24e-3, 1e-3, 9e-3, 7.7, "").sheet().to_html()
     assert "how far starts differ is not known" in text
     assert "remanence of the discs" in text

@@ -26,7 +26,7 @@ def made_stroke(
     middle: float = 0.0,
 ) -> PistonRecord:
     """Force on a stroke whose amplitude grows from a third; ``noise`` is of the rms force."""
-    law = FORCE_LAWS[law_name].field
+    law = FORCE_LAWS[law_name].acceleration_law
     field = compile_rates(law.equation, law.inputs, "numpy")
     values = [truth[name] for name in law.parameters]
     end, omega = CYCLES / frequency, 2.0 * math.pi * frequency

@@ -10,7 +10,7 @@ import pytest
 from granular import PistonRecord
 from reduced_models import Law, fit, load_model
 from reduced_models.laws.solution import solve_law
-from reduced_models.least_squares.samples import grid_over
+from reduced_models.least_squares.samples import grid_over_record
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, interpolate_inputs, piecewise_cubics
 
 LAW = Law("driven", "z'' + c*z' + k*z + b*z**3 = g*force", inputs=("force",))
@@ -69,10 +69,10 @@ def test_a_spline_beats_monotone_cubics() -> None:
 def test_steps_end_at_samples() -> None:
     record = PistonRecord(TIME, force(), force=force())
     for period, steps_a_sample in ((40.0, 0.125), (3.3, 1.0), (0.5, 7.0)):
-        grid = grid_over(record, ("force",), period, 16)
+        grid = grid_over_record(record, ("force",), period, 16)
         assert 0.2 / grid.step == pytest.approx(steps_a_sample, rel=1e-12)
         assert grid.steps * grid.step >= TIME[-1] - 1e-9
-    even = grid_over(record, (), 6.0, 16)
+    even = grid_over_record(record, (), 6.0, 16)
     assert even.steps * even.step == pytest.approx(TIME[-1], rel=1e-12)
 
 
@@ -90,5 +90,5 @@ def test_the_interpolation_is_chosen_by_what_is_held_out(tmp_path: Path) -> None
     assert given.quality.residual > 5e-3
     model.save(tmp_path / "model.json")
     back = load_model(tmp_path / "model.json")
-    np.testing.assert_array_equal(back.follow(record).height, model.follow(record).height)
-    np.testing.assert_allclose(model.follow(record).height + model.residuals(record), record.height)
+    np.testing.assert_array_equal(back.simulate_record(record).height, model.simulate_record(record).height)
+    np.testing.assert_allclose(model.simulate_record(record).height + model.residuals(record), record.height)

@@ -57,7 +57,7 @@ def test_damping_is_that_of_swings_that_were_seen(name: str, tmp_path: Path) -> 
     rest, friction = model.at_rest, 0.25 * loss * AMPLITUDE * OMEGA**2
     assert rest is not None
     assert rest.equivalent is not None
-    half, tenth = rest.equivalent.amplitude, rest.equivalent.tenth
+    half, tenth = rest.equivalent.amplitude, rest.equivalent.tenth_of_greatest_swing
     assert half == pytest.approx(0.5 * AMPLITUDE, rel=0.02)
     assert tenth == pytest.approx(0.1 * AMPLITUDE, rel=0.02)
     assert rest.period == pytest.approx(2.0 * math.pi / OMEGA, rel=1e-3)

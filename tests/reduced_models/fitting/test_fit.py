@@ -134,9 +134,9 @@ def test_map_and_law_are_found_together_in_noise(
 
 
 def test_the_weak_form_finds_a_quadratic_damping() -> None:
-    from reduced_models.laws.van_der_pol_like import quadratic_damping
+    from reduced_models.laws.van_der_pol_like import fit_quadratic_damping
 
-    found = quadratic_damping(TIME, CLEAN, 6.0)
+    found = fit_quadratic_damping(TIME, CLEAN, 6.0)
     assert found.damping == pytest.approx([0.0, -4.0 * 0.17, 2.0 * 0.17], abs=2e-3)
     assert found.stiffness == pytest.approx(1.05**2, rel=1e-4)
     assert found.force == pytest.approx(-1.0, rel=1e-3)
@@ -182,7 +182,7 @@ def test_few_swings_are_judged_at_their_end() -> None:
     assert (start, end) == pytest.approx((7.0, 10.0), abs=0.01)
     assert quality.test_error > 0.2
     assert quality.test_standard_error is None
-    assert "few swings" in quality.tested_text
+    assert "few swings" in quality.test_swings_text
 
 
 def test_what_judges_is_blind(made: Any) -> None:

@@ -76,14 +76,14 @@ def test_cycles_take_what_friction_and_drag_take() -> None:
     record = made_stroke("viscous-coulomb", truth, 0.01, 1.5, 0.003, random)
     model = fit_force(record, law, fix={"creep": 1e-4})
     omega = 2.0 * math.pi * 3.0
-    cycle = model.cycle(0.004, 3.0)
+    cycle = model.harmonic_cycle(0.004, 3.0)
     loss = math.pi * 80.0 * omega * 0.004**2 + 4.0 * 6.0 * 0.004
     assert abs(cycle.loss - loss) < 3.0 * cycle.errors[0] + 2e-4 * loss
     assert cycle.damping == pytest.approx(80.0 + 4.0 * 6.0 / (math.pi * omega * 0.004), rel=0.01)
     assert cycle.stiffness == pytest.approx(900.0, rel=0.01)
     # The record itself shows the same, law or not.
     measured = model.cycles[-1]
-    by_law = model.cycle(measured.amplitude, measured.frequency)
+    by_law = model.harmonic_cycle(measured.amplitude, measured.frequency)
     assert measured.loss == pytest.approx(by_law.loss, rel=0.01)
     assert measured.stiffness == pytest.approx(by_law.stiffness, rel=0.03)
     assert "loss per cycle" in str(model)
@@ -154,7 +154,7 @@ def test_a_current_is_an_input() -> None:
     model: Any = fit(PistonRecord.from_columns(columns), "force = (c + d*current)*z'")
     assert model.parameters["d"] == pytest.approx(50.0, rel=0.01)
     with pytest.raises(InputError, match="inputs current"):
-        model.cycle(0.01, 2.0)
+        model.harmonic_cycle(0.01, 2.0)
 
 
 def test_what_is_refused() -> None:

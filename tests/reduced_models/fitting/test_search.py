@@ -11,9 +11,9 @@ import pytest
 from granular import PistonRecord, load_scene
 from reduced_models import Law, fit, predict
 from reduced_models.fitting.residual_diagnostics import (
+    diagnose_residuals,
     fit_autoregression,
     gradient_covariance,
-    residual_structure,
 )
 from reduced_models.laws.solution import solve_law
 from reduced_models.least_squares.residuals import add_random_walk, remove_random_walk
@@ -93,13 +93,13 @@ def test_a_law_that_is_wrong_by_little_is_named(made: Callable[..., PistonRecord
     record = quadratic(0.002)
     with pytest.warns(UserWarning, match="are not white noise"):
         wrong = fit(record, "linear")
-    assert wrong.quality.structured
+    assert wrong.quality.has_structured_residuals
     assert wrong.quality.relative < 0.02
     assert "and swing with the motion, so the law is not right" in str(wrong)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         right = fit(made("linear"), "linear")
-    assert not right.quality.structured
+    assert not right.quality.has_structured_residuals
     assert right.quality.collocation == "same"
     assert "and so does a fit to accelerations" in str(right)
 
@@ -158,16 +158,16 @@ def test_what_residuals_look_like() -> None:
     random = np.random.default_rng(0)
     motion, white = np.sin(3.0 * TIME), random.normal(size=2000)
     speed, period = 3.0 * np.cos(3.0 * TIME), 2.0 * np.pi / 3.0
-    plain = residual_structure(TIME, white, speed, period)
+    plain = diagnose_residuals(TIME, white, speed, period)
     assert min(plain["whiteness"], plain["signs"]) > 1e-3
-    late = residual_structure(TIME, white + 5.0 * speed * 0.1, speed, period)
+    late = diagnose_residuals(TIME, white + 5.0 * speed * 0.1, speed, period)
     assert late["lag"] == pytest.approx(0.5, rel=0.1)
     assert late["swinging"] > 0.5
     assert late["whiteness"] < 1e-12
-    slow = residual_structure(TIME, white + np.cumsum(0.2 * random.normal(size=2000)), speed, period)
+    slow = diagnose_residuals(TIME, white + np.cumsum(0.2 * random.normal(size=2000)), speed, period)
     assert slow["drift"] > 10.0
     assert slow["slow"] > slow["swinging"]
-    assert residual_structure(TIME, 0.0 * motion, speed, period)["whiteness"] == 1.0
+    assert diagnose_residuals(TIME, 0.0 * motion, speed, period)["whiteness"] == 1.0
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])

@@ -15,7 +15,7 @@ from granular.shared.errors import InputError, RecordError, RecordWarning
 from reduced_models import ReducedModel, Sensor, compare, fit
 from reduced_models.laws.law import law_from_text
 from reduced_models.laws.symmetry import similarity
-from reduced_models.least_squares.sensor_signal import sensor_tables, solution_signal
+from reduced_models.least_squares.sensor_signal import sensor_signal_tables, solution_signal
 from reduced_models.records.inputs import StepGrid
 from reduced_models.records.sensor import parse_sensor
 from tests.reduced_models.fitting.made_signals import Made, made_signal, random_signal
@@ -96,7 +96,7 @@ def test_a_filter_is_exact_between_grid_points(derivative: int, kind: str, order
     motion = tuple((omega**k * np.sin(omega * points + 0.5 * math.pi * k))[:, None] for k in range(3))
     sample = np.linspace(0.0, 1.99, 777)
     point = (sample / step).astype(int)
-    tables = sensor_tables(sensor, StepGrid(step, 128), sample / step - point, np.zeros(777))
+    tables = sensor_signal_tables(sensor, StepGrid(step, 128), sample / step - point, np.zeros(777))
     result = solution_signal(motion, step, point, derivative, tables, np.zeros((order, 1)), 0.0, 1.0)
     corner = 2.0 * math.pi * 9.0
     bottom = [1.0, corner] if order == 1 else [1.0, 0.8 * corner, corner**2]

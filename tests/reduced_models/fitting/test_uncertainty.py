@@ -75,6 +75,6 @@ def test_intervals_of_a_product_that_alone_matters_stay_open(
         assert high - low > 100.0 * abs(model.parameters[name])
     low, high = model.intervals["c"]
     assert 0.0 < high - low < 0.02
-    band = model.prediction(time)
+    band = model.predict_with_band(time)
     assert np.isfinite(band.low).all()
     assert (band.high - band.low).max() < 0.01

@@ -16,7 +16,7 @@ from reduced_models import Law, compare, fit
 from reduced_models.fitting.fit import resolve_law
 from reduced_models.laws.law import law_from_text
 from reduced_models.laws.solution import solve_law
-from reduced_models.laws.symmetry import canonical_values, symmetries
+from reduced_models.laws.symmetry import canonical_parameters, symmetries
 
 PENDULUM = "theta'' + 2*lam*theta' + k*sin(theta - rest) = 0"
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -32,7 +32,7 @@ def test_an_angle_comes_home() -> None:
     """Whatever valley a start lies in, the rest is an angle and the stiffness is positive."""
     away = {"k": np.array([-9.0, 9.0]), "rest": np.array([0.2 + math.pi, 0.2 + 20.0 * math.pi])}
     law = law_from_text(PENDULUM)
-    found = canonical_values(law, away | {"lam": np.zeros(2)})
+    found = canonical_parameters(law, away | {"lam": np.zeros(2)})
     assert found["k"].tolist() == [9.0, 9.0]
     np.testing.assert_allclose(found["rest"], 0.2, rtol=1e-12)
     assert symmetries(law).turning == ("rest",)
@@ -45,11 +45,11 @@ def test_home_lies_within_bounds() -> None:
     values = {"lam": np.zeros(3), "k": np.array([9.0, -9.0, 9.0]), "rest": np.array([0.2, 9.0, -7.0])}
     same = [9.0 * np.sin(0.5 - 0.2), -9.0 * np.sin(0.5 - 9.0), 9.0 * np.sin(0.5 + 7.0)]
     for low, high in ((-20.0, 0.0), (0.0, math.inf), (-math.inf, math.inf)):
-        found = canonical_values(law, values, bounds={"k": (low, high), "rest": (6.0, 13.0)})
+        found = canonical_parameters(law, values, bounds={"k": (low, high), "rest": (6.0, 13.0)})
         assert ((found["k"] >= low) & (found["k"] <= high)).all()
         assert ((found["rest"] >= 6.0) & (found["rest"] <= 13.0)).all()
         np.testing.assert_allclose(found["k"] * np.sin(0.5 - found["rest"]), same, rtol=1e-12)
-    held = canonical_values(law, values, bounds={"rest": (9.0, 9.0)})
+    held = canonical_parameters(law, values, bounds={"rest": (9.0, 9.0)})
     assert held["k"].tolist() == [9.0, -9.0, 9.0]
     assert held["rest"].tolist() == [0.2, 9.0, -7.0]
 

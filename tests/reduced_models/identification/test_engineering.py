@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
 from reduced_models import fit, identify, load_model
-from reduced_models.fitting.residual_diagnostics import count_transient_samples, residual_structure
+from reduced_models.fitting.residual_diagnostics import count_release_transient_samples, diagnose_residuals
 from reduced_models.identification.measured_swing import measure_swing
 from reduced_models.identification.residual_tests import ResidualTests, residual_tests
 from reduced_models.identification.swing_quantities import (
@@ -230,8 +230,8 @@ def test_structure_is_called_wrong_though_it_is_small(
     swing = 1.2e-3 * np.exp(-0.05 * time) * np.cos(21.0 * time)
     model = fit(PistonRecord(time, 0.059 + swing), "linear", starts=2)
     moved = PistonRecord(time, 0.059 + swing + error(time))
-    followed = model.follow(moved).height
-    seen = residual_structure(time, moved.height - followed, np.gradient(swing, time), 2.0 * math.pi / 21.0)
+    followed = model.simulate_record(moved).height
+    seen = diagnose_residuals(time, moved.height - followed, np.gradient(swing, time), 2.0 * math.pi / 21.0)
     quality = dataclasses.replace(model.quality, whiteness=seen["whiteness"], signs=seen["signs"])
     found = residual_tests(dataclasses.replace(model, quality=quality), time, moved.height, followed)
     assert found.verdict.startswith(words)
@@ -242,13 +242,13 @@ def test_what_a_release_stirs_up_is_told_from_a_wrong_law() -> None:
     time = np.linspace(0.0, 4.0, 2001)
     noise = np.random.default_rng(0).normal(0.0, 1e-8, len(time))
     wave = 1e-5 * np.exp(-time / 0.015) * np.cos(300.0 * time)
-    count = count_transient_samples(time, wave + noise, 0.29)
+    count = count_release_transient_samples(time, wave + noise, 0.29)
     assert 0.04 < time[count] < 0.15
     assert np.abs(wave[count:]).max() < 1e-6
     misfit = 1e-5 * np.exp(-0.8 * time) * np.cos(21.6 * time)
-    assert count_transient_samples(time, misfit + noise, 0.29) == 0
-    assert count_transient_samples(time, noise, 0.29) == 0
-    assert count_transient_samples(time[:300], wave[:300], 0.29) == 0  # two periods tell nothing
+    assert count_release_transient_samples(time, misfit + noise, 0.29) == 0
+    assert count_release_transient_samples(time, noise, 0.29) == 0
+    assert count_release_transient_samples(time[:300], wave[:300], 0.29) == 0  # two periods tell nothing
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,12 @@ from granular import PistonRecord
 from reduced_models import HeightMap
 from reduced_models.laws.elliptic import (
     OSCILLATORS,
-    Oscillator,
+    DuffingVanDerPolOscillator,
     averaged_amplitude,
     averaged_frequency,
     elliptic_motion,
     greatest_damping_over_rate,
-    turns_about_rest,
+    swings_through_rest,
 )
 from reduced_models.records.envelope import Envelope, envelope
 
@@ -75,7 +75,7 @@ def test_a_linear_spring_moves_by_a_cosine() -> None:
 TIME = np.linspace(0.0, 40.0, 1000)
 
 
-def cycles(one: Oscillator, start: float) -> Envelope:
+def cycles(one: DuffingVanDerPolOscillator, start: float) -> Envelope:
     """Of the oscillator's own motion, released at x = start."""
     solved = solve_ivp(
         lambda _, y: [
@@ -94,7 +94,7 @@ def cycles(one: Oscillator, start: float) -> Envelope:
     return envelope(PistonRecord(TIME, solved.y[0]))
 
 
-def off(one: Oscillator, start: float) -> tuple[float, float]:
+def off(one: DuffingVanDerPolOscillator, start: float) -> tuple[float, float]:
     """Greatest errors of the averaged amplitude over the first one, and of the frequency."""
     found = cycles(one, start)
     amplitude = averaged_amplitude(found.time, float(found.amplitude[0]), one)
@@ -106,7 +106,7 @@ def off(one: Oscillator, start: float) -> tuple[float, float]:
 
 
 def test_a_linear_spring_with_drag_decays_exponentially() -> None:
-    one = Oscillator(1.21, 0.0, 0.03)
+    one = DuffingVanDerPolOscillator(1.21, 0.0, 0.03)
     found = averaged_amplitude(TIME, 0.4, one)
     np.testing.assert_allclose(found, 0.4 * np.exp(-0.03 * TIME), rtol=1e-6)
     np.testing.assert_allclose(averaged_frequency(found, one), 1.1 / (2.0 * np.pi), rtol=1e-12)
@@ -119,13 +119,13 @@ def test_the_mean_of_the_drag_has_a_closed_form(beta: float) -> None:
     m = 0.5 * beta * swing**2 / (1.1 + beta * swing**2)
     integer = ellipk(m)
     mean = ((2.0 * m - 1.0) * ellipe(m) + (1.0 - m) * integer) / (3.0 * m * integer)
-    found = averaged_amplitude(np.array([0.0, step]), swing, Oscillator(1.1, beta, 0.05))
+    found = averaged_amplitude(np.array([0.0, step]), swing, DuffingVanDerPolOscillator(1.1, beta, 0.05))
     assert (found[1] - swing) / step == pytest.approx(-2.0 * 0.05 * swing * mean, rel=1e-4)
 
 
 @pytest.mark.parametrize("start", [0.1, 1.0])
 def test_negative_drag_leads_to_the_limit_cycle_of_van_der_pol(start: float) -> None:
-    one = Oscillator(1.0, 0.0, -0.2, 0.0, 0.2 / 0.3**2)
+    one = DuffingVanDerPolOscillator(1.0, 0.0, -0.2, 0.0, 0.2 / 0.3**2)
     assert averaged_amplitude(TIME, start, one)[-1] == pytest.approx(2.0 * 0.3, rel=1e-3)
 
 
@@ -169,8 +169,10 @@ def test_the_van_der_pol_like_law_drifts_as_it_does() -> None:
     ],
 )
 def test_humps_and_barriers_bound_the_swings(k: float, beta: float, amplitude: float, turns: bool) -> None:
-    assert turns_about_rest(np.array([amplitude]), Oscillator(k, beta, 0.0)) == turns
+    assert swings_through_rest(np.array([amplitude]), DuffingVanDerPolOscillator(k, beta, 0.0)) == turns
 
 
 def test_the_critical_share_sees_the_whole_swing() -> None:
-    assert greatest_damping_over_rate(2.0, Oscillator(4.0, 0.0, 0.1, -0.2, 0.3)) == pytest.approx(0.85)
+    assert greatest_damping_over_rate(
+        2.0, DuffingVanDerPolOscillator(4.0, 0.0, 0.1, -0.2, 0.3)
+    ) == pytest.approx(0.85)

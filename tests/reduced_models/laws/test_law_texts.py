@@ -11,7 +11,7 @@ import pytest
 
 from granular import formulas
 from granular.shared.errors import InputError
-from reduced_models import forced_law
+from reduced_models import law_with_force_input
 from reduced_models.jax_setup import jax
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates, parse_equation
@@ -187,7 +187,7 @@ def test_names_that_python_has_are_parameters_like_others() -> None:
 @pytest.mark.parametrize("name", LAWS)
 def test_a_driven_law_is_the_law_and_its_drive(name: str) -> None:
     law = LAWS[name]
-    driven = forced_law(law, "push")
+    driven = law_with_force_input(law, "push")
     assert driven.inputs == ("push",)
     state = [0.4, 0.3, *(0.2 for _ in law.hidden)]
     values = {key: 0.5 + 0.1 * k for k, key in enumerate(law.parameters)}

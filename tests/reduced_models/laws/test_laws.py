@@ -95,10 +95,10 @@ def test_a_hysteresis_loop_has_the_work_of_its_force(made: Any) -> None:
     period = 2.0 * np.pi / omega
     times = [0.0, 3.0 * period, 4.0 * period]
     work = solve_ivp(rates, (0, times[-1]), [0, 0], rtol=1e-9, atol=1e-10, t_eval=times).y[1]
-    loop = model.cycle(size, omega)
+    loop = model.harmonic_cycle(size, omega)
     assert loop.energy == pytest.approx(work[2] - work[1], rel=2e-3)
     assert 0.5 < loop.energy / (4.0 * friction * size) < 1.0
-    assert model.cycle(size, 2.0 * omega).energy == pytest.approx(loop.energy, rel=1e-9)
+    assert model.harmonic_cycle(size, 2.0 * omega).energy == pytest.approx(loop.energy, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ def test_inputs_are_columns_of_the_record(tmp_path: Any) -> None:
     model.save(tmp_path / "model.json")
     back = load_model(tmp_path / "model.json")
     assert back.to_plain() == model.to_plain()
-    assert np.array_equal(back.follow(record).height, model.follow(record).height)
+    assert np.array_equal(back.simulate_record(record).height, model.simulate_record(record).height)
     with pytest.raises(InputError, match="has the input 'forcing'; give inputs"):
         back.simulate(time)
     with pytest.raises(RecordError, match="no column of that name; found: none"):

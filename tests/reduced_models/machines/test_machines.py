@@ -14,15 +14,15 @@ from granular.effects.host_structure import Host
 from granular.shared.errors import InputError
 from reduced_models.falls.predicted_law import OutsideRangeWarning
 from reduced_models.laws.annealing_bed import ANNEALING_BED
-from reduced_models.machines import design_for, predicted_response
+from reduced_models.machines import design_damper_for_host, predicted_response
 from reduced_models.machines.design import DamperDesign, _frequencies_near_peak, _outside_text
-from reduced_models.machines.response import CoupledSystem, PredictedResponse, fill_rates, solve_response
+from reduced_models.machines.response import CoupledSystem, PredictedResponse, fill_rates, solve_host_response
 
 FREQUENCIES = np.linspace(2.6, 3.2, 13).tolist()
 
 
 def test_the_equation_is_that_of_the_law_where_the_bed_weighs_nothing() -> None:
-    law = CoupledSystem.of(load_scene("machine"))
+    law = CoupledSystem.from_host_scene(load_scene("machine"))
     law = law._replace(bed=0.0, moving=law.piston, host=1e30)
     state = np.array([0.0, 0.0, 0.055, -0.2, 0.02, 0.6])
     rates = np.zeros(6)
@@ -51,8 +51,8 @@ def _name(symbol: sympy.Symbol) -> str:
 
 
 def test_small_swings_are_linear() -> None:
-    law = CoupledSystem.of(load_scene("machine"))._replace(modulus=1e-9)
-    found = solve_response(law, FREQUENCIES, 0.01)
+    law = CoupledSystem.from_host_scene(load_scene("machine"))._replace(modulus=1e-9)
+    found = solve_host_response(law, FREQUENCIES, 0.01)
     np.testing.assert_allclose(found.displacement, found.linear, rtol=0.03)
 
 
@@ -71,8 +71,8 @@ def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
     host = scene.effects.host
     assert host is not None
     assert host.excitation is not None
-    found = design_for(host, host.excitation, limit=7.75)
-    assert found.helps
+    found = design_damper_for_host(host, host.excitation, limit=7.75)
+    assert found.is_worthwhile
     assert found.mass <= 7.75
     packaged = predicted_response(scene, FREQUENCIES).peak
     assert found.ideal < found.peak < 0.8 * packaged
@@ -82,13 +82,13 @@ def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
     )
     stiff = Host.from_plain({"bodies": [{"mass": "100 kg", "stiffness": "4 MN/m", "damping": 4e3}]})
     with pytest.warns(OutsideRangeWarning):
-        no = design_for(stiff, Excitation(force=10.0, frequency=30.0), limit=7.75, simulate=False)
-    assert not no.helps
+        no = design_damper_for_host(stiff, Excitation(force=10.0, frequency=30.0), limit=7.75, simulate=False)
+    assert not no.is_worthwhile
     assert no.verdict.startswith("no: ")
     with pytest.warns(OutsideRangeWarning, match="it expects"):
-        less = design_for(host, Excitation(force=0.5, frequency=3.0), limit=7.75, simulate=False)
+        less = design_damper_for_host(host, Excitation(force=0.5, frequency=3.0), limit=7.75, simulate=False)
     assert less.peak < 0.5 * less.alone
-    assert less.helps
+    assert less.is_worthwhile
     assert less.verdict.endswith("in which it was compared with simulations: simulate it")
 
 
@@ -96,11 +96,11 @@ def test_discs_are_stiffer_and_a_design_is_made_of_them() -> None:
     host = load_scene("machine").effects.host
     assert host is not None
     assert host.excitation is not None
-    found = design_for(host, host.excitation, limit=4.0, magnets="cylinders", simulate=False)
+    found = design_damper_for_host(host, host.excitation, limit=4.0, magnets="cylinders", simulate=False)
     assert found.scene.grains.magnets == "cylinders"
-    assert found.helps
+    assert found.is_worthwhile
     of_dipoles = found.scene.replace(**{"grains.magnets": "dipoles"})
-    discs, dipoles = (CoupledSystem.of(scene) for scene in (found.scene, of_dipoles))
+    discs, dipoles = (CoupledSystem.from_host_scene(scene) for scene in (found.scene, of_dipoles))
     assert discs.power > dipoles.power == 2.5
     assert discs.rest > dipoles.rest
     # Stiffer by more than the higher bed is softer.
@@ -125,11 +125,11 @@ def test_a_verdict_says_what_its_figures_say(peak: float, stroke: float, words: 
     outside = _outside_text(stroke)
     found = DamperDesign(load_scene("machine"), law, 9.95e-3, 5e-4, 6e-3 * stroke, 7.75, outside)
     assert words in found.verdict
-    assert found.verdict.startswith("no: ") == (not peak < 1e-3) == (not found.helps)
+    assert found.verdict.startswith("no: ") == (not peak < 1e-3) == (not found.is_worthwhile)
 
 
 def test_the_peak_is_simulated_where_the_law_has_it() -> None:
-    law = solve_response(CoupledSystem.of(load_scene("machine")), FREQUENCIES, 10.0)
+    law = solve_host_response(CoupledSystem.from_host_scene(load_scene("machine")), FREQUENCIES, 10.0)
     near = _frequencies_near_peak(law)
     peak = FREQUENCIES[int(law.displacement.argmax())]
     assert near[0] < peak < near[-1]

@@ -20,11 +20,11 @@ from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import law_from_text
 from reduced_models.models.source_code import (
+    ascii_names,
     c_source,
-    comment_text,
+    escape_comment,
     matlab_source,
     modelica_source,
-    safe_names,
 )
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
@@ -192,21 +192,21 @@ def test_words_of_a_user_stay_in_comments(words: str, source: Callable[[ReducedM
 
 
 def test_names_in_any_alphabet_and_words_of_a_language() -> None:
-    assert safe_names("p_", ("double", "λ", "lambda", "end", "k_1")) == (
+    assert ascii_names("p_", ("double", "λ", "lambda", "end", "k_1")) == (
         "p_double",
         "p_lamda",
         "p_lambda",
         "p_end",
         "p_k_1",
     )
-    assert len(set(safe_names("p_", ("α", "alpha")))) == 2
+    assert len(set(ascii_names("p_", ("α", "alpha")))) == 2
     law = law_from_text("z'' + double*z' + λ*max(z, 0) = end")
     model = dataclasses.replace(
         model_of("linear"), law=law, parameters={"double": 1.0, "λ": 400.0, "end": 0.0}
     )
     assert "p_double" in c_source(model)
     assert "fmax(" in c_source(model)
-    assert comment_text("a\\") == "a/"
+    assert escape_comment("a\\") == "a/"
 
 
 def test_a_wrong_ending_or_name_is_said(tmp_path: Path) -> None:

@@ -19,10 +19,16 @@ from granular.shared.errors import InputError
 from reduced_models import fit
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.machines import export_bed
-from reduced_models.machines.port import bed_port, mass_matrix
+from reduced_models.machines.port import bed_force_port, mass_matrix
 from reduced_models.machines.response import CoupledSystem, fill_rates
 from reduced_models.models.export import write_code
-from reduced_models.models.ports import ForcePort, force_port, port_jacobian, port_modelica_source, port_parts
+from reduced_models.models.ports import (
+    ForcePort,
+    force_port,
+    port_jacobian,
+    port_modelica_source,
+    prepare_port_for_export,
+)
 from tests.reduced_models.models.test_exports import LAWS, TIMES, close, model_of, with_step
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
@@ -100,7 +106,7 @@ def test_the_force_in_python_is_that_of_the_law(name: str, tmp_path: Path) -> No
     assert motion.velocity is not None
     assert fine.velocity is not None
     acceleration = (-3.0 * fine.velocity[0] + 4.0 * fine.velocity[1] - fine.velocity[2]) / (2 * step)
-    force = bed.force(0.06, -0.05, states=[0.0] * len(port_parts(port).states))
+    force = bed.force(0.06, -0.05, states=[0.0] * len(prepare_port_for_export(port).states))
     assert force == pytest.approx(MASS * (acceleration + 9.8), rel=1e-4)
     heavier = {**bed.PARAMETERS, "mass": 2.0 * MASS, "load": 0.0}
     assert bed.force(0.06, -0.05, parameters=heavier) == pytest.approx(2 * (force - MASS * 9.8))
@@ -187,8 +193,8 @@ def test_the_packaged_bed_pushes_as_its_fitted_element_says(law: str, tmp_path: 
 
 
 def test_derivatives_are_those_of_the_force() -> None:
-    port = bed_port(load_scene("damper"))
-    parts, rows = port_parts(port), port_jacobian(port_parts(port))
+    port = bed_force_port(load_scene("damper"))
+    parts, rows = prepare_port_for_export(port), port_jacobian(prepare_port_for_export(port))
     assert rows is not None
     values = {
         "height": 0.058,
@@ -296,7 +302,7 @@ def test_a_machine_on_an_fmu_swings_as_by_the_toolkit(version: int, tmp_path: Pa
     scene, path = load_scene("machine"), tmp_path / "bed.fmu"
     export_bed(scene, path, fmi=version)
     assert validate_fmu(str(path)) == []
-    system, omega = CoupledSystem.of(scene), math.tau * 2.85
+    system, omega = CoupledSystem.from_host_scene(scene), math.tau * 2.85
     machine = two_bodies(Exchange(path, version), system, 10.0, omega)
     ours = own_motion(system, 10.0, omega)
     assert np.abs(machine - ours).max() < 1e-4 * np.abs(ours).max()
@@ -306,10 +312,10 @@ def test_a_machine_on_an_fmu_swings_as_by_the_toolkit(version: int, tmp_path: Pa
 @needs_fmpy
 @pytest.mark.parametrize("version", [2, 3])
 def test_parameters_are_tunable_and_derivatives_are_given(version: int, tmp_path: Path) -> None:
-    port, path = bed_port(load_scene("damper")), tmp_path / "bed.fmu"
+    port, path = bed_force_port(load_scene("damper")), tmp_path / "bed.fmu"
     write_code(port, path, version)
     bed = Exchange(path, version)
-    names = port_parts(port).parameters
+    names = prepare_port_for_export(port).parameters
     bed.set([1000, 1001], np.array([port.model.initial[0], 0.0]))
     assert bed.get([4000])[0] == pytest.approx(port.load, rel=1e-9)
     bed.set([2000 + names.index("mass")], np.array([2.0 * port.mass]))

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import ReducedModel, fit, load_model, posterior
+from reduced_models import ReducedModel, fit, load_model, sample_posterior
 
 TRUE = {"lam": 0.05, "omega": 1.05, "g0": -1.0}
 
@@ -25,7 +25,7 @@ def test_covariance_and_bands(made: Callable[..., PistonRecord], tmp_path: Path)
         width = float(np.diff(model.intervals[name])[0]) / 2.0
         assert width == pytest.approx(1.96 * spread[k], rel=0.01)
     np.testing.assert_allclose(np.diag(model.correlation), 1.0)
-    band = model.prediction(record.time)
+    band = model.predict_with_band(record.time)
     clean = made("linear", level=0.0).height
     covered = (band.low <= clean) & (clean <= band.high)
     assert covered.mean() > 0.8
@@ -34,13 +34,13 @@ def test_covariance_and_bands(made: Callable[..., PistonRecord], tmp_path: Path)
     model.save(tmp_path / "model.json")
     back = load_model(tmp_path / "model.json")
     np.testing.assert_array_equal(back.covariance, model.covariance)
-    wider = back.prediction(record.time, confidence=0.99)
+    wider = back.predict_with_band(record.time, confidence=0.99)
     assert float((wider.high - wider.low).mean()) > float((band.high - band.low).mean())
     with pytest.raises(InputError, match="a fraction between 0 and 1"):
-        model.prediction(record.time, confidence=2.0)
+        model.predict_with_band(record.time, confidence=2.0)
     bare = model.to_plain() | {"covariance_names": [], "covariance": []}
     with pytest.raises(InputError, match="has no covariance; fit it to a record"):
-        ReducedModel.from_plain(bare).prediction(record.time)
+        ReducedModel.from_plain(bare).predict_with_band(record.time)
 
 
 def test_a_model_shows_itself(made: Callable[..., PistonRecord]) -> None:
@@ -68,7 +68,7 @@ def test_the_posterior_is_that_of_the_linearisation(made: Callable[..., PistonRe
     integer = made("linear", level=0.02)
     record = PistonRecord(integer.time[::5], integer.height[::5])
     model = fit(record, "linear")
-    draws = posterior(model, record, draws=200, warmup=150).posterior
+    draws = sample_posterior(model, record, draws=200, warmup=150).posterior
     for name in TRUE:
         values = draws[name].values.ravel()
         width = float(np.diff(model.intervals[name])[0]) / 2.0
@@ -76,4 +76,4 @@ def test_the_posterior_is_that_of_the_linearisation(made: Callable[..., PistonRe
         assert 1.96 * values.std() == pytest.approx(width, rel=0.25)
     assert float(draws["noise"].mean()) == pytest.approx(model.quality.residual, rel=0.1)
     with pytest.raises(InputError, match="1 models for 2 records"):
-        posterior(model, [record, record])
+        sample_posterior(model, [record, record])

@@ -23,7 +23,7 @@ from reduced_models.laws.linearization import (
     harmonic_cycles,
     law_rates,
     small_swing,
-    swing_of_equation,
+    small_swing_of_equation,
 )
 from reduced_models.laws.printing import mathml, mathml_of_rate, round_significant
 from reduced_models.models.fitted_law import AtRest
@@ -118,7 +118,7 @@ def test_every_law_as_it_is_printed(name: str, level: float, made: Any) -> None:
     printed = HeightMap(
         round_significant(model.map.shift, digits), round_significant(model.map.scale, digits)
     )
-    swing = swing_of_equation(model.printed_equation, printed.to_law(rest.height))
+    swing = small_swing_of_equation(model.printed_equation, printed.to_law(rest.height))
     assert swing is not None
     figures = {
         "height": printed.to_height(swing.z),
@@ -179,7 +179,7 @@ def assert_rates_as_printed(model: ReducedModel) -> None:
     t = sympy.Symbol("t")
     motion = sympy.Function("z")(t)
     at = dict(zip(map(sympy.Symbol, law.hidden), states, strict=True))
-    for (name, printed), rate in zip(model.printed_hidden.items(), rates, strict=True):
+    for (name, printed), rate in zip(model.printed_hidden_rates.items(), rates, strict=True):
         value = printed.subs(motion.diff(t), speed).subs(motion, z).subs(at)
         assert float(value) == pytest.approx(rate, rel=2e-3)
         formula = mathml_of_rate(name, printed)

@@ -11,7 +11,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import LawEstimator, ReducedModel, fit, forced_law, load_model
+from reduced_models import LawEstimator, ReducedModel, fit, law_with_force_input, load_model
 from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
 
@@ -30,7 +30,7 @@ def test_a_linear_cycle_is_exact(linear: ReducedModel) -> None:
     """Stiffness omega^2, damping 2 lam, energy pi A^2 omega 2 lam, at any amplitude."""
     lam, omega = linear.parameters["lam"], linear.parameters["omega"]
     for amplitude in (1e-3, 1.0, 1e3):
-        loop = linear.cycle(amplitude)
+        loop = linear.harmonic_cycle(amplitude)
         assert loop.stiffness == pytest.approx(omega**2, rel=1e-9)
         assert loop.damping == pytest.approx(2.0 * lam, rel=1e-9)
         assert loop.frequency == pytest.approx(omega, rel=1e-9)
@@ -51,13 +51,13 @@ def test_the_linear_frequency_response_is_the_textbook_one(linear: ReducedModel)
 def test_describing_functions_of_duffing(duffing: ReducedModel) -> None:
     """K + 3/4 beta A^2 (exact), and the driven simulation within the method's few per cent."""
     values = duffing.parameters
-    loop = duffing.cycle(0.8)
+    loop = duffing.harmonic_cycle(0.8)
     expected = values["k"] + 0.75 * values["beta"] * 0.64
     assert loop.stiffness == pytest.approx(expected, rel=1e-9)
     drive = 0.8
     found = duffing.frequency_response(0.05, np.array([drive]))
     time = np.linspace(0.0, 40.0 * 2.0 * math.pi / drive, 8000)
-    law = forced_law(duffing.law)
+    law = law_with_force_input(duffing.law)
     parameters = [values[name] for name in law.parameters]
     push = 0.05 * np.cos(drive * time)
     steady = solve_law(law, time, values["rest"], 0.0, parameters, 1.0, [push]).z[-1000:]
@@ -65,7 +65,7 @@ def test_describing_functions_of_duffing(duffing: ReducedModel) -> None:
 
 
 def test_a_decay_loses_the_energy_of_its_cycles(linear: ReducedModel) -> None:
-    record = linear.decay(0.5, periods=6.0)
+    record = linear.free_decay(0.5, periods=6.0)
     assert record.height[0] == pytest.approx(linear.at_rest.height + 0.5, rel=1e-9)
     energies = (
         0.5 * record.velocity**2
@@ -77,11 +77,11 @@ def test_a_decay_loses_the_energy_of_its_cycles(linear: ReducedModel) -> None:
 
 def test_cycles_that_cannot_be(linear: ReducedModel, made: Any) -> None:
     with pytest.raises(InputError, match="give one above 0"):
-        linear.cycle(0.0)
+        linear.harmonic_cycle(0.0)
     law, values = LAWS["power-law-spring"], made.true["power-law-spring"]
     spring = dataclasses.replace(linear, law=law, parameters=values)
     with pytest.raises(InputError, match="leaves where the law"):
-        spring.cycle(50.0, 1.0)
+        spring.harmonic_cycle(50.0, 1.0)
 
 
 def test_text_that_runs_alone(duffing: ReducedModel, made: Any) -> None:
@@ -95,8 +95,8 @@ def test_text_that_runs_alone(duffing: ReducedModel, made: Any) -> None:
 
 
 def test_domain_and_provenance(duffing: ReducedModel, tmp_path: Any) -> None:
-    assert duffing.outside(duffing.decay(0.5)) == ""
-    assert "extrapolation" in duffing.outside(duffing.decay(9.0, periods=1.0))
+    assert duffing.outside_range_text(duffing.free_decay(0.5)) == ""
+    assert "extrapolation" in duffing.outside_range_text(duffing.free_decay(9.0, periods=1.0))
     duffing.save(tmp_path / "model.json")
     back = load_model(tmp_path / "model.json")
     assert back.provenance == duffing.provenance
@@ -126,4 +126,4 @@ def test_the_manners_of_an_estimator(made: Any) -> None:
         LawEstimator().predict(record.time)
     with pytest.raises(InputError, match="give times from there on"):
         estimator.predict(np.array([-1.0]))
-    assert isinstance(estimator.model_.follow(record), PistonRecord)
+    assert isinstance(estimator.model_.simulate_record(record), PistonRecord)

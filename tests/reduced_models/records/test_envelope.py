@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
 from granular.shared.errors import RecordError
-from reduced_models.laws.elliptic import Oscillator, averaged_frequency
+from reduced_models.laws.elliptic import DuffingVanDerPolOscillator, averaged_frequency
 from reduced_models.records.envelope import envelope
 
 TIME = np.linspace(0.0, 60.0, 4000)
@@ -41,7 +41,7 @@ def test_the_backbone_of_a_duffing_motion() -> None:
         atol=1e-12,
     )
     found = envelope(noisy(solved.y[0], 0.002))
-    expected = 2.0 * np.pi * averaged_frequency(found.amplitude, Oscillator(1.0, 0.5, 0.01))
+    expected = 2.0 * np.pi * averaged_frequency(found.amplitude, DuffingVanDerPolOscillator(1.0, 0.5, 0.01))
     assert np.ptp(expected) > 0.05  # there is a backbone to see
     away = (found.frequency - expected) / found.frequency_noise
     assert np.sqrt((away**2).mean()) < 2.0
