@@ -53,7 +53,18 @@ class Contact(ForceEffect, DissipativeEffect):
     restitution: float = quantity("1", default=0.5, above=0.0, most=1.0)
 
     def make_kernel_law(self, context: EffectContext) -> ContactLaw:
-        """Law in natural units."""
+        """Law in natural units.
+
+        Parameters
+        ----------
+        context : EffectContext
+            Grains, cell, natural units and effects of the scene.
+
+        Returns
+        -------
+        ContactLaw
+            Law that the compiled loop takes, in natural units.
+        """
         scales = context.scales
         diameters = np.array([specy.diameter for specy in context.grains.species]) / scales.length
         radius = 0.5 * diameters[context.species]
@@ -90,13 +101,45 @@ class ContactLaw(NamedTuple):
     narrowest: float
 
     def workspace(self, size: int, count: int) -> ClosePairs:
-        """Workspace for the grains in contact."""
+        """Make the workspace for the list of grains in contact.
+
+        Parameters
+        ----------
+        size : int
+            Length m of the padded arrays of grains.
+        count : int
+            Number of grains.
+
+        Returns
+        -------
+        ClosePairs
+            Cells, and room for the pairs of ``count`` grains.
+        """
         return close_pairs_workspace(count, PLACES_A_GRAIN * count)
 
     @staticmethod
     @compiled
     def add_forces(law: ContactLaw, workspace: ClosePairs, index: int, bed: Bed, time: float) -> int:
-        """Add the forces of the grains in contact; 1 where the buffer is too short for them."""
+        """Add the Hertzian forces of the grains in contact [F*].
+
+        Parameters
+        ----------
+        law : ContactLaw
+            Law in natural units.
+        workspace : ClosePairs
+            List of close pairs; found anew.
+        index : int
+            Index of the law in the tuple of laws.
+        bed : Bed
+            State of the run, which changes, and its constants.
+        time : float
+            Time since the start of the run [tau].
+
+        Returns
+        -------
+        int
+            1 where the list is too short for the pairs, or a position is no number; else 0.
+        """
         state, constants = bed.state, bed.constants
         find_close_pairs(workspace, state.x, state.y, constants.grains, law.widest, law.radius)
         for p in range(workspace.filled[0]):
@@ -124,7 +167,30 @@ class ContactLaw(NamedTuple):
         stiffness: Array,
         energies: Array,
     ) -> int:
-        """Enter the energy of the contacts."""
+        """Enter the energy of the contacts, and add their stiffness.
+
+        Parameters
+        ----------
+        law : ContactLaw
+            Law in natural units.
+        workspace : ClosePairs
+            List of close pairs, of the forces at the same positions.
+        index : int
+            Index of the law in the tuple of laws.
+        bed : Bed
+            State of the run, which changes, and its constants.
+        time : float
+            Time since the start of the run [tau].
+        stiffness : float64 (m,)
+            Stiffness of each grain over its mass [1/tau^2]; added to.
+        energies : float64 (laws,)
+            Energies of the laws [F* D]; the entry ``index`` is set.
+
+        Returns
+        -------
+        int
+            0, for the sum over all laws.
+        """
         state, constants = bed.state, bed.constants
         total = 0.0
         masses = constants.masses
@@ -146,7 +212,30 @@ class ContactLaw(NamedTuple):
     def damp_velocities(
         law: ContactLaw, workspace: ClosePairs, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Apply the dashpots to the normal velocities of grains in contact."""
+        """Apply the dashpots to the normal velocities of grains in contact.
+
+        Pair by pair, each exactly, with the positions standing still; enters the energy lost in the ledger.
+
+        Parameters
+        ----------
+        law : ContactLaw
+            Law in natural units.
+        workspace : ClosePairs
+            List of close pairs, of the last forces.
+        index : int
+            Index of the law in the tuple of laws.
+        dt : float
+            Duration of the kick [tau].
+        bed : Bed
+            State of the run, which changes, and its constants.
+        opens_step : bool
+            Whether the kick opens a step; False for one that closes it.
+
+        Returns
+        -------
+        int
+            0, for the sum over all laws.
+        """
         state, constants = bed.state, bed.constants
         masses = constants.masses
         for turn in range(workspace.filled[0]):
@@ -176,7 +265,26 @@ class ContactLaw(NamedTuple):
     def squared_collision_frequency(
         law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
-        """Square of the highest angular frequency in an impact at that speed."""
+        """Square of the highest angular frequency in an impact of two grains at that speed.
+
+        Parameters
+        ----------
+        law : ContactLaw
+            Law in natural units.
+        workspace : None
+            Scratch of the law; None where it needs none.
+        index : int
+            Index of the law in the tuple of laws.
+        speed : float
+            Speed of the grain [D/tau].
+        constants : Constants
+            Constants of the run.
+
+        Returns
+        -------
+        float
+            [1/tau^2]
+        """
         barrier = 0.0
         if constants.acting.dipole is not None:
             barrier = _magnetic_energy_at_touch(constants.acting.discs, law) * constants.least_moment**2
@@ -190,19 +298,66 @@ def _magnetic_energy_at_touch(discs: DiscLaw | None, law: ContactLaw) -> float:
 
 @compiled
 def hertz_spring_constant(law: ContactLaw, first: float, second: float) -> float:
-    """Spring constant k of two grains with these radii [F*/D^(3/2)]."""
+    """Spring constant k of two grains in contact.
+
+    k = (4/3) E* sqrt(R*), R* = R1 R2/(R1 + R2) (Johnson, Contact Mechanics, 1985).
+
+    Parameters
+    ----------
+    law : ContactLaw
+        Law in natural units.
+    first : float
+        Radius R1 [D].
+    second : float
+        Radius R2 [D].
+
+    Returns
+    -------
+    float
+        [F*/D^(3/2)]
+    """
     return law.modulus * math.sqrt(first * second / (first + second))
 
 
 @compiled
 def hertz_force(k: float, overlap: float) -> float:
-    """Repulsion [F*] at an overlap [D]."""
+    """Repulsion k d^(3/2) of two grains at an overlap d.
+
+    Hertz's law (Johnson, Contact Mechanics, 1985).
+
+    Parameters
+    ----------
+    k : float
+        Spring constant [F*/D^(3/2)].
+    overlap : float
+        d [D], not negative.
+
+    Returns
+    -------
+    float
+        [F*]
+    """
     return k * overlap * math.sqrt(overlap)
 
 
 @compiled
 def hertz_energy(k: float, overlap: float) -> float:
-    """Energy [F* D] at an overlap [D]."""
+    """Energy (2/5) k d^(5/2) of two grains at an overlap d.
+
+    Hertz's law (Johnson, Contact Mechanics, 1985).
+
+    Parameters
+    ----------
+    k : float
+        Spring constant [F*/D^(3/2)].
+    overlap : float
+        d [D], not negative.
+
+    Returns
+    -------
+    float
+        [F* D]
+    """
     return 0.4 * k * overlap * overlap * math.sqrt(overlap)
 
 
@@ -214,7 +369,28 @@ def _hertz_stiffness(k: float, overlap: float) -> float:
 
 @compiled
 def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float, dt: float) -> float:
-    """Fraction of the normal velocity that the dashpot leaves after ``dt``, for a reduced mass."""
+    """Fraction of the normal velocity that the dashpot leaves after ``dt``.
+
+    Of the dashpot alpha sqrt(m* k) d^(1/4) (Antypov and Elliott 2011, doi:10.1209/0295-5075/94/50004).
+
+    Parameters
+    ----------
+    law : ContactLaw
+        Law in natural units.
+    k : float
+        Spring constant [F*/D^(3/2)].
+    overlap : float
+        d [D].
+    mass : float
+        Reduced mass m* of the pair [m].
+    dt : float
+        Duration [tau].
+
+    Returns
+    -------
+    float
+        Between 0 and 1 for a positive duration, without unit.
+    """
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * dt)
 
@@ -223,7 +399,23 @@ def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float,
 def squared_impact_frequency(law: ContactLaw, speed: float, mass: float, barrier: float) -> float:
     """Square of the highest angular frequency in a head-on impact of two alike grains.
 
-    Both come at ``speed``; their energy above the magnetic ``barrier`` at touch fixes the overlap.
+    Their energy above the magnetic ``barrier`` at touch fixes the greatest overlap, by Hertz's law.
+
+    Parameters
+    ----------
+    law : ContactLaw
+        Law in natural units.
+    speed : float
+        Speed of each of the two [D/tau].
+    mass : float
+        Mass of each [m].
+    barrier : float
+        Magnetic energy of the pair at touch [F* D].
+
+    Returns
+    -------
+    float
+        [1/tau^2]; 0 where they do not touch.
     """
     reduced = 0.5 * mass
     left = 2.0 * reduced * speed * speed - barrier

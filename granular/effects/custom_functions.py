@@ -109,7 +109,20 @@ def _unbox_kind(kind: Any, value: Any, context: Any) -> NativeValue:
 
 
 def functions_digest(functions: dict[str, Any], fields: list[str]) -> str:
-    """Digest of functions, and of all that they use of their file."""
+    """Digest of functions, and of all that they use of their file.
+
+    Parameters
+    ----------
+    functions : dict[str, Any]
+        Functions by their names.
+    fields : list[str]
+        Names of the parameters.
+
+    Returns
+    -------
+    str
+        24 hexadecimal digits of SHA-256.
+    """
     digest, seen = hashlib.sha256(repr(fields).encode()), set[int]()
     for name in sorted(functions):
         digest.update(f"\0{name}\0".encode())
@@ -154,5 +167,20 @@ def _iterate_code_constants(code: Any, names: dict[str, Any], seen: set[int]) ->
 
 
 def user_code_error(definition: CustomDefinition, what: str, error: BaseException) -> InputError:
-    """Error of a user's code, in one line."""
+    """Make the error of a user's code, in one line.
+
+    Parameters
+    ----------
+    definition : CustomDefinition
+        Functions of the user's class or formula.
+    what : str
+        Action that failed, as in ``"'force' fails"``.
+    error : BaseException
+        Exception that the code raised.
+
+    Returns
+    -------
+    InputError
+        Error that names the effect, the action and the exception.
+    """
     return InputError(f"{definition.title}: {what}: {type(error).__name__}: {one_line(error)}; correct it")

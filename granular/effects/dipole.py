@@ -22,12 +22,38 @@ class Dipole(ForceEffect):
 
 
 def discs_unless_dipoles(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Return the disc of each species, in units of a length [m]; none of dipoles."""
+    """Disc of each species where the grains are cylinders; none of dipoles.
+
+    Parameters
+    ----------
+    grains : Grains
+        Grains of the scene.
+    length : float
+        Unit of length [m].
+
+    Returns
+    -------
+    tuple of Disc
+        One for each species, in units of ``length``; empty of dipoles.
+    """
     return () if grains.magnets == "dipoles" else species_discs(grains, length)
 
 
 def species_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Return the disc of each species, in units of a length [m]."""
+    """Disc of each species' diameter and thickness.
+
+    Parameters
+    ----------
+    grains : Grains
+        Grains of the scene.
+    length : float
+        Unit of length [m].
+
+    Returns
+    -------
+    tuple of Disc
+        One for each species, in units of ``length``.
+    """
     heights = grains.species_values("thickness") / length
     radii = [0.5 * species.diameter / length for species in grains.species]
     return tuple(Disc(r, float(h)) for r, h in zip(radii, heights, strict=True))

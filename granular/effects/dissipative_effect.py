@@ -26,5 +26,16 @@ class DissipativeEffect(Effect):
     """Base of the effects that take energy."""
 
     def decay_rate(self, scales: Scales) -> float:
-        """Rate [1/tau] of a linear decay, which a step is to resolve up to a limit."""
+        """Rate of a linear decay of the velocities, which a step is to resolve up to a limit.
+
+        Parameters
+        ----------
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        float
+            [1/tau]; 0 where the effect has none.
+        """
         return 0.0

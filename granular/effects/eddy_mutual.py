@@ -102,7 +102,20 @@ class MutualEddyLaw(NamedTuple):
     table: PairDragTable
 
     def workspace(self, size: int, count: int) -> EddyWorkspace:
-        """Scratch arrays of the sums."""
+        """Make the scratch arrays of the sums over pairs.
+
+        Parameters
+        ----------
+        size : int
+            Length m of the padded arrays of grains.
+        count : int
+            Number of grains.
+
+        Returns
+        -------
+        EddyWorkspace
+            Rows (8 + k, m) of zeros, and the order of the grains (m,).
+        """
         rows = np.zeros((CHARGE + self.kinds, size))
         return EddyWorkspace(rows, np.arange(size))
 
@@ -111,7 +124,28 @@ class MutualEddyLaw(NamedTuple):
     def damp_velocities(
         law: MutualEddyLaw, workspace: EddyWorkspace, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Let the velocities decay; enter what is lost."""
+        """Let the velocities decay by the eddy currents; enter the energy lost.
+
+        Parameters
+        ----------
+        law : MutualEddyLaw
+            Law in natural units.
+        workspace : EddyWorkspace
+            Scratch of the law; None where it needs none.
+        index : int
+            Index of the law in the tuple of laws.
+        dt : float
+            Duration of the kick [tau].
+        bed : Bed
+            State of the run, which changes, and its constants.
+        opens_step : bool
+            Whether the kick opens a step; False for one that closes it.
+
+        Returns
+        -------
+        int
+            0, for the sum over all laws.
+        """
         state, constants = bed.state, bed.constants
         masses, count, rows, lost = constants.masses, constants.grains, workspace.rows, 0.0
         _load_grains_into_workspace(law, workspace, bed)
@@ -144,7 +178,28 @@ class MutualEddyLaw(NamedTuple):
     def add_damping_to_slopes(
         law: MutualEddyLaw, workspace: EddyWorkspace, index: int, slopes: Array, dt: float, bed: Bed
     ) -> int:
-        """Add the drag as a force, for Runge-Kutta methods."""
+        """Add the drag as a force, for Runge-Kutta methods; enter the loss with the weight ``dt``.
+
+        Parameters
+        ----------
+        law : MutualEddyLaw
+            Law in natural units.
+        workspace : EddyWorkspace
+            Scratch of the law; None where it needs none.
+        index : int
+            Index of the law in the tuple of laws.
+        slopes : float64 (4, m)
+            Rates of change of x, y [D/tau], vx and vy [D/tau^2]; the last two are changed.
+        dt : float
+            Weight of the stage in the step [tau].
+        bed : Bed
+            State of the run, which changes, and its constants.
+
+        Returns
+        -------
+        int
+            0, for the sum over all laws.
+        """
         rows, count, lost = workspace.rows, bed.constants.grains, 0.0
         _load_grains_into_workspace(law, workspace, bed)
         for i in range(count):
@@ -290,16 +345,23 @@ def _polynomial(c: tuple[float, ...], u: float) -> float:
 def make_mutual_eddy_law(
     rate: float, plate: Plate, discs: tuple[Disc, ...], context: EffectContext
 ) -> MutualEddyLaw:
-    """Make the law of a bed.
+    """Make the law of the drag with mutual currents, for a bed.
 
     Parameters
     ----------
     rate : float
         Decay rate of a lone dipole of the first species along a thin plate [1/tau].
     plate : Plate
+        Plate below the grains, in units of D.
     discs : tuple of Disc
         That of each species; empty of dipoles.
     context : EffectContext
+        Grains, cell, natural units and effects of the scene.
+
+    Returns
+    -------
+    MutualEddyLaw
+        Law that the compiled loop takes, in natural units.
     """
     length = context.scales.length
     square = 4.0 * plate.distance**2

@@ -49,7 +49,13 @@ class Plate(NamedTuple):
     thickness: float
 
     def thickness_drag_factor(self) -> float:
-        """Drag of a lone grain over that along a thin plate."""
+        """Drag of a lone dipole over that along a thin plate of the same sheet conductance.
+
+        Returns
+        -------
+        float
+            Without unit; 1 for a thin plate.
+        """
         h, half = self.distance, 0.5 * self.thickness
         if half == 0.0:
             return 1.0
@@ -57,16 +63,17 @@ class Plate(NamedTuple):
 
 
 def drag_tensor(plate: Plate, r: np.ndarray, discs: tuple[Disc, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the tensor over the drag of a lone dipole along a thin plate.
+    """Compute the drag tensor of two magnets, over the drag of a lone dipole along a thin plate.
 
     Parameters
     ----------
     plate : Plate
+        Plate below the grains, in units of D.
     r : float (n,)
         Distances [D].
     discs : tuple of Disc
-        The two magnets, where they are no dipoles: each brings the factor
-        2 J1(kR)/(kR) sinh(kt/2)/(kt/2) to w.
+        The two magnets, where they are no dipoles: each brings the factor 2 J1(kR)/(kR) sinh(kt/2)/(kt/2) to
+        w.
 
     Returns
     -------
@@ -97,13 +104,35 @@ def drag_tensor(plate: Plate, r: np.ndarray, discs: tuple[Disc, ...] = ()) -> tu
 
 @cache
 def lone_disc_drag_factor(plate: Plate, disc: Disc) -> float:
-    """Drag of a lone disc over that of a dipole along a thin plate."""
+    """Drag of a lone disc over that of a dipole along a thin plate.
+
+    Parameters
+    ----------
+    plate : Plate
+        Plate below the grains, in units of D.
+    disc : Disc
+        The magnet, in units of D.
+
+    Returns
+    -------
+    float
+        Without unit.
+    """
     return float(drag_tensor(plate, np.zeros(1), (disc, disc))[0][0])
 
 
 @cache
 def drag_tensor_polynomials(plate: Plate, discs: tuple[Disc, ...] = ()) -> np.ndarray | None:
-    """Coefficients of P and Q in T = u^(5/2) [P(u) - 5 Q(u) r r^T/s], u = H^2/s = H^2/(r^2 + H^2).
+    """Fit P and Q in T = u^(5/2) [P(u) - 5 Q(u) r r^T/s], u = H^2/s = H^2/(r^2 + H^2).
+
+    By least squares in Chebyshev polynomials of u, for distances up to `FARTHEST`.
+
+    Parameters
+    ----------
+    plate : Plate
+        Plate below the grains, in units of D.
+    discs : tuple[Disc, ...]
+        The two magnets, where they are no dipoles.
 
     Returns
     -------
@@ -135,8 +164,14 @@ def lattice_drag_factor(plate: Plate, spacing: float) -> float:
     Parameters
     ----------
     plate : Plate
+        Plate below the grains, in units of D.
     spacing : float
-        [D]
+        Distance of neighbours [D].
+
+    Returns
+    -------
+    float
+        Without unit.
     """
     reach = 40
     i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-reach, reach + 1))

@@ -135,7 +135,18 @@ class Effect(Section):
         return ()
 
     def check_functions_compile(self, context: EffectContext) -> None:
-        """Raise `InputError` if a user's function does not compile."""
+        """Check that a user's functions compile; nothing for a built-in effect.
+
+        Parameters
+        ----------
+        context : EffectContext
+            Grains, cell, natural units and effects of the scene.
+
+        Raises
+        ------
+        InputError
+            If one does not.
+        """
 
     @property
     def blocks_runge_kutta(self) -> bool:
@@ -143,26 +154,103 @@ class Effect(Section):
         return False
 
     def make_kernel_law(self, context: EffectContext) -> Any:
-        """Law in natural units; None for what is no law of its own."""
+        """Make the law that the compiled loop takes, in natural units.
+
+        Parameters
+        ----------
+        context : EffectContext
+            Grains, cell, natural units and effects of the scene.
+
+        Returns
+        -------
+        named tuple or None
+            None for what is no law of its own.
+        """
         raise NotImplementedError
 
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Raise `FieldError`, with the path from the scene, unless it fits apparatus and others."""
+        """Check that the effect fits grains, cell, piston and the other effects.
+
+        Parameters
+        ----------
+        grains : Grains
+            Grains of the scene.
+        cell : Cell
+            Cell of the scene.
+        piston : Piston or None
+            Piston of the scene; None where there is none.
+        others : Mapping[str, Effect]
+            All effects that act, by their keys.
+
+        Raises
+        ------
+        FieldError
+            If it does not; with the path of the key from the scene.
+        """
 
     def normal_load_weights(self, context: EffectContext) -> np.ndarray | None:
-        """Weights of the grains (m,) in the sums over 1/r^3 that the pass over pairs also makes."""
+        """Weights of the grains in the sums over 1/r^3 that the pass over pairs also makes.
+
+        Parameters
+        ----------
+        context : EffectContext
+            Grains, cell, natural units and effects of the scene.
+
+        Returns
+        -------
+        float64 (m,) or None
+            Weights, in units of D^3 F*; None where the effect needs no such sums.
+        """
         return None
 
     def grain_record_values(self, law: Any, state: Any) -> dict[str, np.ndarray]:
-        """Values of its `grain_records` at the present moment, in natural units."""
+        """Values of the effect's `grain_records` at the present moment.
+
+        Parameters
+        ----------
+        law : object
+            Law that the effect made.
+        state : object
+            State of the run.
+
+        Returns
+        -------
+        dict of str to float64 (m,)
+            Values by their names, in natural units.
+        """
         return {}
 
     def drive_angular_frequency(self, scales: Scales) -> float:
-        """Angular frequency [1/tau] of a drive, which a step is to resolve."""
+        """Angular frequency of a drive, which a step is to resolve.
+
+        Parameters
+        ----------
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        float
+            [1/tau]; 0 without a drive.
+        """
         return 0.0
 
 
 def energy_variable(name: str, meaning: str) -> RecordedVariable:
+    """Make the record of an energy.
+
+    Parameters
+    ----------
+    name : str
+        Name of the variable in datasets.
+    meaning : str
+        Its meaning in words.
+
+    Returns
+    -------
+    RecordedVariable
+        Variable in J.
+    """
     return RecordedVariable(name, "J", meaning, "energy")

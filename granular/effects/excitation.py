@@ -91,6 +91,13 @@ class Excitation(Section):
     file: str | None = text_field(default=None, optional=True)
 
     def validate(self) -> None:
+        """Check that one amplitude and all that the kind needs are given; read a record's file.
+
+        Raises
+        ------
+        FieldError
+            If a key is missing or does not fit, or the file cannot be read.
+        """
         given = [name for name in _AMPLITUDES if getattr(self, name) is not None]
         if len(given) != 1:
             raise FieldError(f"give one of {', '.join(_AMPLITUDES)}, not {len(given)}")
@@ -141,7 +148,13 @@ class Excitation(Section):
         return self.force is None
 
     def highest_frequency(self) -> float:
-        """Frequency [Hz] up to which it has to be resolved."""
+        """Highest frequency that a step has to resolve.
+
+        Returns
+        -------
+        float
+            [Hz]
+        """
         if self.kind == "table":
             return 0.1 / float(np.diff(self.times).min())
         if self.kind == "impulse":
@@ -149,7 +162,18 @@ class Excitation(Section):
         return self.to or self.frequency or 0.0
 
     def make_kernel_law(self, scales: Scales) -> ExcitationLaw:
-        """Convert to natural units."""
+        """Make the excitation that the compiled loop takes, in natural units.
+
+        Parameters
+        ----------
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        ExcitationLaw
+            In natural units; of noise and tables as a cubic spline.
+        """
         tau = scales.time
         kind = {"sine": SINE, "sweep": SWEEP, "impulse": IMPULSE}.get(self.kind, TABLE)
         size, swings = self._amplitude_in_natural_units(scales)
@@ -219,7 +243,20 @@ class ExcitationLaw(NamedTuple):
 
 @compiled
 def evaluate_excitation(drive: ExcitationLaw, time: float) -> float:
-    """Force, or the acceleration of the base, at a time since the start of the run [tau]."""
+    """Force on the host, or the acceleration of the base, at a time.
+
+    Parameters
+    ----------
+    drive : ExcitationLaw
+        The excitation in natural units.
+    time : float
+        Time since the start of the run [tau].
+
+    Returns
+    -------
+    float
+        [F*] or [D/tau^2]; 0 before its begin and after its end.
+    """
     t = time - drive.start
     return _value_during_excitation(drive, t) if 0.0 <= t <= drive.duration else 0.0
 
@@ -230,6 +267,22 @@ def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_s
 
     Begin and end, where the drive may jump, fall within a kick: it then counts for its part of the
     kick. All of the kick, or nothing, would cost a step the second order.
+
+    Parameters
+    ----------
+    drive : ExcitationLaw
+        The excitation in natural units.
+    time : float
+        Time since the start of the run [tau].
+    dt : float
+        Duration of the kick [tau].
+    opens_step : bool
+        Whether the kick opens a step; False for one that closes it.
+
+    Returns
+    -------
+    float
+        [F*] or [D/tau^2], times the part of the kick in which it acts.
     """
     t = time - drive.start
     other = t + dt if opens_step else t - dt

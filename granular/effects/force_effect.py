@@ -25,5 +25,16 @@ class ForceEffect(Effect):
     """Base of the effects that have an energy."""
 
     def downward_acceleration(self, scales: Scales) -> float:
-        """Downward acceleration that never changes, which can make grains faster."""
+        """Downward acceleration that never changes, which can make grains faster.
+
+        Parameters
+        ----------
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        float
+            [D/tau^2]; 0 where the effect has none.
+        """
         return 0.0

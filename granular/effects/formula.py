@@ -53,21 +53,67 @@ class EnergyFormula(SectionWithFormula):
 
     @staticmethod
     def derivative_expressions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """SymPy's expressions of the energy's derivatives, by names of `make_kernel_functions`."""
+        """Derive SymPy's expressions of force and stiffness from that of the energy.
+
+        Parameters
+        ----------
+        energy : object
+            SymPy's expression.
+        symbols : Mapping[str, Any]
+            SymPy's symbols of the variables, by their names.
+
+        Returns
+        -------
+        dict of str to Expr
+            Expressions, by the names that `make_kernel_functions` takes.
+        """
         raise NotImplementedError
 
     @staticmethod
     def make_kernel_functions(compiled: Functions) -> Functions:
-        """Functions that kernels call, from compiled ones of all variables and parameters."""
+        """Make the functions that kernels call, from compiled ones of all variables and parameters.
+
+        Parameters
+        ----------
+        compiled : Functions
+            Compiled expressions, by the names of `derivative_expressions`.
+
+        Returns
+        -------
+        dict of str to function
+            Functions by their names in `custom_functions.FUNCTIONS`.
+        """
         raise NotImplementedError
 
     @classmethod
     def kernel_function_names(cls, energy: str) -> tuple[str, ...]:
-        """Names of the functions that there are."""
+        """Names of the functions that kernels get from a formula.
+
+        Parameters
+        ----------
+        energy : str
+            Text of the formula.
+
+        Returns
+        -------
+        tuple of str
+            Keys of what `make_kernel_functions` returns.
+        """
         raise NotImplementedError
 
     def parameters_in_natural_units(self, scales: Scales) -> tuple[float, ...]:
-        """Parameters in natural units, in the order of `values`."""
+        """Parameters in natural units, in the order of `values`.
+
+        Parameters
+        ----------
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        tuple of float
+            Each in the natural unit of its dimension.
+        """
         units = (scales.length, scales.mass, scales.time, scales.current)
         result = []
         for name, _ in self.values:
@@ -102,6 +148,25 @@ class FormulaList(ForceEffect):
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
+        """Read a list of tables, or one table.
+
+        Parameters
+        ----------
+        plain : object
+            Plain data, as a TOML file holds them.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        FormulaList
+            The effect.
+
+        Raises
+        ------
+        FieldError
+            If a table does not fit.
+        """
         tables = [plain] if isinstance(plain, Mapping) else plain
         try:
             return super().from_plain({"fields": tables}, diameter)
@@ -109,15 +174,41 @@ class FormulaList(ForceEffect):
             raise FieldError(error.reason, *error.path[1:]) from None
 
     def to_plain(self) -> Any:
+        """Formulas as a list of tables; `from_plain` makes an equal effect of it.
+
+        Returns
+        -------
+        list of dict
+            Plain data.
+        """
         return [part.to_plain() for part in self.component_effects]
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
+        """The formulas, each an effect with a law of its own, (k,)."""
         return self.fields
 
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
+        """Check each formula; see `Effect.check_compatibility`.
+
+        Parameters
+        ----------
+        grains : Grains
+            Grains of the scene.
+        cell : Cell
+            Cell of the scene.
+        piston : Piston or None
+            Piston of the scene; None where there is none.
+        others : Mapping[str, Effect]
+            All effects that act, by their keys.
+
+        Raises
+        ------
+        FieldError
+            If one does not fit.
+        """
         for part in self.component_effects:
             part.check_compatibility(grains, cell, piston, others)
 

@@ -48,7 +48,28 @@ class FrictionLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def kick(law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
-        """Force, drag and friction; see `granular.effects.friction`."""
+        """Kick the grains by force, drag and friction together; see `granular.effects.friction`.
+
+        Parameters
+        ----------
+        law : FrictionLaw
+            Law in natural units.
+        workspace : None
+            Scratch of the law; None where it needs none.
+        index : int
+            Index of the law in the tuple of laws.
+        dt : float
+            Duration of the kick [tau].
+        bed : Bed
+            State of the run, which changes, and its constants.
+        opens_step : bool
+            Whether the kick opens a step; False for one that closes it.
+
+        Returns
+        -------
+        int
+            0, for the sum over all laws.
+        """
         for k in range(drag.distinct_drag_rate_count(law.rates)):
             rate = drag.drag_rate_of_kind(drag.drag_rate_or_zero(law.rate), law.rates, k)
             _kick_by_scheme(law.threshold, law, k, rate, dt, bed, opens_step)
@@ -61,13 +82,43 @@ DragCoefficients = tuple[float, float, float, float, float]
 
 @compiled
 def plate_normal_force(law: FrictionLaw, load: Array, i: int) -> float:
-    """Return the normal force [F*] on a grain, from its sum over 1/r^3."""
+    """Return the normal force of the plates on a grain, from its sum over 1/r^3.
+
+    [D, eqs. 2.15, 4.11].
+
+    Parameters
+    ----------
+    law : FrictionLaw
+        Law in natural units.
+    load : float64 (m,)
+        Sums of the partners' weights over 1/r^3, of all grains.
+    i : int
+        Index of the grain.
+
+    Returns
+    -------
+    float
+        [F*]
+    """
     return law.load + law.factor[i] * load[i]
 
 
 @compiled
 def velocity_factor_after_friction(speed: float, loss: float) -> float:
-    """Factor that shortens a velocity which loses ``loss`` of its magnitude; 0 where it stops."""
+    """Factor that shortens a velocity which loses ``loss`` of its magnitude.
+
+    Parameters
+    ----------
+    speed : float
+        Magnitude of the velocity [D/tau].
+    loss : float
+        Deceleration by friction times the duration [D/tau].
+
+    Returns
+    -------
+    float
+        From 0, where it stops, to 1, without unit.
+    """
     return 1.0 - loss / speed if speed > loss else 0.0
 
 

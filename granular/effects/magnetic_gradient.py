@@ -30,10 +30,44 @@ class Gradient:
 
     @staticmethod
     def energy(p: Any, grain: Grain, time: float) -> Any:
-        """Energy of a grain [F* D]."""
+        """Energy -mu (g_x x + g_y y) of a grain in the gradient.
+
+        Jackson, Classical Electrodynamics (1999), 5.7.
+
+        Parameters
+        ----------
+        p : object
+            Parameters g_x and g_y in natural units.
+        grain : Grain
+            Grain with its position and moment.
+        time : float
+            Of no effect [tau].
+
+        Returns
+        -------
+        float
+            [F* D]
+        """
         return -grain.moment * (p.x * grain.x + p.y * grain.y)
 
     @staticmethod
     def force(p: Any, grain: Grain, time: float) -> tuple[Any, Any]:
-        """Force on a grain [F*]."""
+        """Force mu (g_x, g_y) on a grain in the gradient.
+
+        Jackson, Classical Electrodynamics (1999), 5.7.
+
+        Parameters
+        ----------
+        p : object
+            Parameters g_x and g_y in natural units.
+        grain : Grain
+            Grain with its moment.
+        time : float
+            Of no effect [tau].
+
+        Returns
+        -------
+        tuple of float
+            To the right and upwards [F*].
+        """
         return grain.moment * p.x, grain.moment * p.y

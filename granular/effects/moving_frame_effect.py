@@ -22,5 +22,16 @@ class MovingFrameEffect(Effect):
     """Base of the effects that carry grains and piston together."""
 
     def greatest_imparted_speed(self, scales: Scales) -> float:
-        """Speed [D/tau] that it lends to all grains."""
+        """Greatest speed that the effect lends to all grains.
+
+        Parameters
+        ----------
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        float
+            [D/tau]; 0 where it lends none.
+        """
         return 0.0

@@ -22,12 +22,28 @@ WALL_LAWS: dict[str, type[Section]] = {}
 
 
 def all_effects() -> Mapping[str, type[Effect]]:
-    """Every effect by its name."""
+    """Every effect by its name: those of the files here, and a user's own.
+
+    Returns
+    -------
+    mapping of str to type
+        Classes of effects.
+    """
     return {**_built_in_effects(), **_OWN}
 
 
 def find_effect(name: str) -> type[Effect] | None:
     """Effect of that name; one that an installed package brings is imported now.
+
+    Parameters
+    ----------
+    name : str
+        Key of the effect in scenes.
+
+    Returns
+    -------
+    type or None
+        Its class; None where there is none.
 
     Raises
     ------
@@ -42,12 +58,28 @@ def find_effect(name: str) -> type[Effect] | None:
 
 
 def effect_names() -> tuple[str, ...]:
-    """Names of all effects, those of installed packages included."""
+    """Names of all effects, those of installed packages included.
+
+    Returns
+    -------
+    tuple of str
+        Sorted names.
+    """
     return tuple(sorted({*all_effects(), *entry_point_names(GROUP)}))
 
 
 def find_wall_law(name: str) -> type[Section] | None:
     """Own law of a wall of that name; one that an installed package brings is imported now.
+
+    Parameters
+    ----------
+    name : str
+        Name of the law in scenes.
+
+    Returns
+    -------
+    type or None
+        Its class; None where there is none.
 
     Raises
     ------
@@ -61,6 +93,11 @@ def find_wall_law(name: str) -> type[Section] | None:
 
 def register_effect(effect: type[Effect]) -> None:
     """Let scenes name an own effect; one of the same name that was there before is replaced.
+
+    Parameters
+    ----------
+    effect : type[Effect]
+        Class of the effect.
 
     Raises
     ------

@@ -93,7 +93,26 @@ def _spline_curvature(p: Array, t: float) -> float:
 def energy_and_forces(
     tables: DiscWallTables, kind: int, w: float, along: float
 ) -> tuple[float, float, float]:
-    """Energy [F* D], and forces away from the wall and along it [F*], of a grain of moment 1."""
+    """Energy and forces of a grain of moment 1 at the row of magnets.
+
+    Sums of the Fourier terms of the head of this file, from quintic splines in 1/W.
+
+    Parameters
+    ----------
+    tables : DiscWallTables
+        Tables of the row of magnets.
+    kind : int
+        Index of the grain's species.
+    w : float
+        Distance of the grain from the wall [D].
+    along : float
+        Place of the grain along the wall [D].
+
+    Returns
+    -------
+    energy, normal, tangential : float
+        Energy [F* D]; forces away from the wall and along it [F*].
+    """
     v, piece, t, terms = _find_spline_piece(tables, kind, w)
     wave, cosine, sine, c, s = tables.wave, 1.0, 0.0, 1.0, 0.0
     if terms > 1:
@@ -111,7 +130,22 @@ def energy_and_forces(
 
 @entry
 def stiffness(tables: DiscWallTables, kind: int, w: float) -> float:
-    """Bound of the stiffness [F*/D] of a grain of moment 1, wherever it stands along the wall."""
+    """Bound of the stiffness of a grain of moment 1, wherever it stands along the wall.
+
+    Parameters
+    ----------
+    tables : DiscWallTables
+        Tables of the row of magnets.
+    kind : int
+        Index of the grain's species.
+    w : float
+        Distance of the grain from the wall [D].
+
+    Returns
+    -------
+    float
+        [F*/D]
+    """
     v, piece, t, terms = _find_spline_piece(tables, kind, w)
     across, along, mixed = 0.0, 0.0, 0.0
     for m in range(terms):
@@ -148,7 +182,30 @@ class DiscWall(NamedTuple):
         normal: Array,
         tangential: Array,
     ) -> int:
-        """Add the forces away from the wall; those along it are left in ``tangential``."""
+        """Add the forces away from the wall; those along it are left in ``tangential``.
+
+        Parameters
+        ----------
+        law : DiscWall
+            Law in natural units.
+        count : int
+            Number of grains.
+        moments : float64 (m,) or None
+            Moments over that of the first species; None where all are 1.
+        side : WallSide
+            Place of the wall, and the grains' coordinates as seen from it.
+        force : float64 (m,)
+            Forces across the wall on the grains [F*]; added to.
+        normal : float64 (m,)
+            Scratch: the force of this wall away from it [F*].
+        tangential : float64 (m,)
+            Scratch: the force of this wall along it, of moment 1 [F*].
+
+        Returns
+        -------
+        int
+            Number of grains behind the wall, or at no number.
+        """
         outside = 0
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
@@ -165,7 +222,21 @@ class DiscWall(NamedTuple):
     def add_tangential_forces(
         law: DiscWall, count: int, moments: Array | None, along_force: Array, tangential: Array
     ) -> None:
-        """Add the forces along the wall."""
+        """Add the forces along the wall on the grains [F*].
+
+        Parameters
+        ----------
+        law : DiscWall
+            Law in natural units.
+        count : int
+            Number of grains.
+        moments : float64 (m,) or None
+            Moments over that of the first species; None where all are 1.
+        along_force : float64 (m,)
+            Forces along the wall on the grains [F*]; added to.
+        tangential : float64 (m,)
+            Forces along the wall of moment 1 [F*], as `add_forces` left them.
+        """
         for i in range(count):
             ratio = 1.0
             if moments is not None:
@@ -177,7 +248,21 @@ class DiscWall(NamedTuple):
     def measure_energy_and_stiffness(
         law: DiscWall, count: int, side: WallSide, slopes: Array, energies: Array
     ) -> None:
-        """As of `granular.effects.wall_side.add_wall_energies`."""
+        """Fill in the energies at the wall of grains of moment 1, and add bounds of their stiffness.
+
+        Parameters
+        ----------
+        law : DiscWall
+            Law in natural units.
+        count : int
+            Number of grains.
+        side : WallSide
+            Place of the wall, and the grains' coordinates as seen from it.
+        slopes : float64 (m,)
+            Stiffness of each grain of moment 1 [F*/D]; added to.
+        energies : float64 (m,)
+            Energy of each grain of moment 1 [F* D]; overwritten.
+        """
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
             kind = _grain_species(law.species, i)
@@ -187,7 +272,20 @@ class DiscWall(NamedTuple):
     @staticmethod
     @compiled
     def turning_point_stiffness(law: DiscWall, speed: float) -> float:
-        """Greatest stiffness up to where a grain of any species turns, between two magnets."""
+        """Greatest stiffness up to where a grain of any species turns, between two magnets.
+
+        Parameters
+        ----------
+        law : DiscWall
+            Law in natural units.
+        speed : float
+            Speed of the grain [D/tau].
+
+        Returns
+        -------
+        float
+            [1/tau^2], over the mass of the first species.
+        """
         squares = law.tables.turning[0]
         return law.tables.turning[1, min(np.searchsorted(squares, speed * speed), squares.size - 1)]
 
@@ -199,7 +297,7 @@ def _grain_species(species: Array | None, i: int) -> int:
 
 @functools.cache
 def disc_wall_tables(discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch: float) -> DiscWallTables:
-    """Sum the row once for each species.
+    """Sum the row of magnets once for each species, and table it.
 
     Parameters
     ----------
@@ -211,6 +309,11 @@ def disc_wall_tables(discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch
         Its moment over that of the first species.
     pitch : float
         Distance of two magnets [D], at least their diameter.
+
+    Returns
+    -------
+    DiscWallTables
+        Quintic splines of the Fourier terms, in natural units.
     """
     depth, wave = magnet.radius, 2.0 * np.pi / pitch
     v = np.linspace(0.0, 1.0 / depth, PIECES + 1)

@@ -19,26 +19,70 @@ STIFFNESS = STRENGTH * 3.5
 
 @entry
 def force(w: float) -> float:
-    """Force [F*] on a grain of the first species at the distance w [D]; NaN behind the wall."""
+    """Force 1/(2 w^3.5) away from the wall on a grain of the first species, [D, eq. 2.8].
+
+    Parameters
+    ----------
+    w : float
+        Distance of the grain from the wall [D].
+
+    Returns
+    -------
+    float
+        [F*]; not a number behind the wall.
+    """
     return STRENGTH / (w * w * w * math.sqrt(w))
 
 
 @entry
 def energy(w: float) -> float:
-    """Energy [F* D] at the distance w [D]."""
+    """Energy 1/(5 w^2.5) of a grain of the first species at the wall, [D, eq. 2.8].
+
+    Parameters
+    ----------
+    w : float
+        Distance of the grain from the wall [D].
+
+    Returns
+    -------
+    float
+        [F* D]
+    """
     return ENERGY / (w * w * math.sqrt(w))
 
 
 @entry
 def stiffness(w: float) -> float:
-    """-d(force)/dw [F*/D] at the distance w [D]."""
+    """Minus the slope of the force, 7/(4 w^4.5), of a grain of the first species, [D, eq. 2.8].
+
+    Parameters
+    ----------
+    w : float
+        Distance of the grain from the wall [D].
+
+    Returns
+    -------
+    float
+        [F*/D]
+    """
     w2 = w * w
     return STIFFNESS / (w2 * w2 * math.sqrt(w))
 
 
 @entry
 def turning_point_stiffness(speed: float) -> float:
-    """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: U(w) = v^2/2."""
+    """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: U(w) = v^2/2.
+
+    Parameters
+    ----------
+    speed : float
+        Speed of the grain [D/tau].
+
+    Returns
+    -------
+    float
+        [1/tau^2]
+    """
     return STIFFNESS * (speed * speed / (2.0 * ENERGY)) ** 1.8
 
 
@@ -48,25 +92,94 @@ class ExperimentalWall(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def is_behind(law: ExperimentalWall, w: float) -> bool:
-        """Behind the wall the force is no number, so that the total tells."""
+        """Return False: behind the wall the force is no number, so that the total tells.
+
+        Parameters
+        ----------
+        law : ExperimentalWall
+            The law, which has no parameters.
+        w : float
+            Distance of the grain from the wall [D].
+
+        Returns
+        -------
+        bool
+            False.
+        """
         return False
 
     @staticmethod
     @compiled
     def force(law: ExperimentalWall, w: float) -> float:
+        """Force 1/(2 w^3.5) away from the wall on a grain of the first species, [D, eq. 2.8].
+
+        Parameters
+        ----------
+        law : ExperimentalWall
+            The law, which has no parameters.
+        w : float
+            Distance of the grain from the wall [D].
+
+        Returns
+        -------
+        float
+            [F*]
+        """
         return force(w)
 
     @staticmethod
     @compiled
     def energy(law: ExperimentalWall, w: float) -> float:
+        """Energy 1/(5 w^2.5) of a grain of the first species at the wall, [D, eq. 2.8].
+
+        Parameters
+        ----------
+        law : ExperimentalWall
+            The law, which has no parameters.
+        w : float
+            Distance of the grain from the wall [D].
+
+        Returns
+        -------
+        float
+            [F* D]
+        """
         return energy(w)
 
     @staticmethod
     @compiled
     def stiffness(law: ExperimentalWall, w: float) -> float:
+        """Minus the slope of the force, 7/(4 w^4.5), of a grain of the first species, [D, eq. 2.8].
+
+        Parameters
+        ----------
+        law : ExperimentalWall
+            The law, which has no parameters.
+        w : float
+            Distance of the grain from the wall [D].
+
+        Returns
+        -------
+        float
+            [F*/D]
+        """
         return stiffness(w)
 
     @staticmethod
     @compiled
     def turning_point_stiffness(law: ExperimentalWall, speed: float) -> float:
+        """Stiffness per mass where a grain of this speed turns: its energy at the wall is v^2/2.
+
+        Parameters
+        ----------
+        law : ExperimentalWall
+            The law, which has no parameters.
+        speed : float
+            Speed of the grain [D/tau].
+
+        Returns
+        -------
+        float
+            [1/tau^2]
+        """
         return turning_point_stiffness(speed)

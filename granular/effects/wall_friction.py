@@ -48,6 +48,24 @@ class WallFriction(DissipativeEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
+        """Check that a side wall is there, whose force is a law of the distance alone.
+
+        Parameters
+        ----------
+        grains : Grains
+            Grains of the scene.
+        cell : Cell
+            Cell of the scene.
+        piston : Piston or None
+            Piston of the scene; None where there is none.
+        others : Mapping[str, Effect]
+            All effects that act, by their keys.
+
+        Raises
+        ------
+        FieldError
+            If there is none, or it is a slab or a row of discs.
+        """
         walls: Any = others.get("walls")
         sides = [] if walls is None else [getattr(walls, side) for side in _SIDES]
         if not any(sides):
@@ -58,7 +76,18 @@ class WallFriction(DissipativeEffect):
             )
 
     def make_kernel_law(self, context: EffectContext) -> WallFrictionLaw:
-        """Law in natural units; it takes the drag along."""
+        """Make the law that the compiled loop takes; it takes the drag along.
+
+        Parameters
+        ----------
+        context : EffectContext
+            Grains, cell, natural units and effects of the scene.
+
+        Returns
+        -------
+        WallFrictionLaw
+            Law that the compiled loop takes, in natural units.
+        """
         walls, other = context.effects["walls"], context.effects.get("drag")
         left, right = (
             None if side is None else side.make_kernel_law(context) for side in (walls.left, walls.right)
@@ -103,7 +132,28 @@ class WallFrictionLaw(NamedTuple):
     @staticmethod
     @compiled
     def kick(law: WallFrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
-        """Force, drag and friction, together and exactly."""
+        """Kick the grains by force, drag and wall friction, together and exactly.
+
+        Parameters
+        ----------
+        law : WallFrictionLaw
+            Law in natural units.
+        workspace : None
+            Scratch of the law; None where it needs none.
+        index : int
+            Index of the law in the tuple of laws.
+        dt : float
+            Duration of the kick [tau].
+        bed : Bed
+            State of the run, which changes, and its constants.
+        opens_step : bool
+            Whether the kick opens a step; False for one that closes it.
+
+        Returns
+        -------
+        int
+            0, for the sum over all laws.
+        """
         state, constants = bed.state, bed.constants
         masses, moments = constants.masses, relative_moments(constants)
         rubbed, dragged = 0.0, 0.0
@@ -154,12 +204,26 @@ def _coast_with_drag(rate: float, dt: float, v: float, push: float) -> tuple[flo
 def slide_along_wall(
     rate: float, dt: float, v: float, push: float, hold: float
 ) -> tuple[float, tuple[float, float]]:
-    """Motion along a line under an acceleration, drag, and friction of at most ``hold`` per mass.
+    """Motion along a line under an acceleration, drag and friction, solved exactly.
+
+    Parameters
+    ----------
+    rate : float
+        Decay rate of the drag [1/tau].
+    dt : float
+        Duration [tau].
+    v : float
+        Velocity at the start [D/tau].
+    push : float
+        Acceleration by the force along the wall [D/tau^2].
+    hold : float
+        Greatest friction over the mass [D/tau^2].
 
     Returns
     -------
     tuple
-        Velocity after ``dt``; the path on which friction acted, and the loss to drag per mass.
+        Velocity after ``dt`` [D/tau]; the path on which friction acted [D], and the loss to drag per mass
+        [D^2/tau^2].
     """
     displacement, dragged = 0.0, 0.0
     if v != 0.0:

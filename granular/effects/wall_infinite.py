@@ -12,26 +12,70 @@ from granular.compiled import compiled, entry
 
 @entry
 def force(w: float) -> float:
-    """Force [F*] on a grain of the first species at the distance w [D]."""
+    """Force 1/w^3 away from the wall on a grain of the first species, [D, eq. 3.3].
+
+    Parameters
+    ----------
+    w : float
+        Distance of the grain from the wall [D].
+
+    Returns
+    -------
+    float
+        [F*]
+    """
     return 1.0 / (w * w * w)
 
 
 @entry
 def energy(w: float) -> float:
-    """Energy [F* D] at the distance w [D]."""
+    """Energy 1/(2 w^2) of a grain of the first species at the wall, [D, eq. 3.3].
+
+    Parameters
+    ----------
+    w : float
+        Distance of the grain from the wall [D].
+
+    Returns
+    -------
+    float
+        [F* D]
+    """
     return 0.5 / (w * w)
 
 
 @entry
 def stiffness(w: float) -> float:
-    """-d(force)/dw [F*/D] at the distance w [D]."""
+    """Minus the slope of the force, 3/w^4, of a grain of the first species, [D, eq. 3.3].
+
+    Parameters
+    ----------
+    w : float
+        Distance of the grain from the wall [D].
+
+    Returns
+    -------
+    float
+        [F*/D]
+    """
     w2 = w * w
     return 3.0 / (w2 * w2)
 
 
 @entry
 def turning_point_stiffness(speed: float) -> float:
-    """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: 1/(2 w^2) = v^2/2."""
+    """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: 1/(2 w^2) = v^2/2.
+
+    Parameters
+    ----------
+    speed : float
+        Speed of the grain [D/tau].
+
+    Returns
+    -------
+    float
+        [1/tau^2]
+    """
     square = speed * speed
     return 3.0 * square * square
 
@@ -42,19 +86,75 @@ class InfiniteWall(NamedTuple):
     @staticmethod
     @compiled
     def force(law: InfiniteWall, w: float) -> float:
+        """Force 1/w^3 away from the wall on a grain of the first species, [D, eq. 3.3].
+
+        Parameters
+        ----------
+        law : InfiniteWall
+            The law, which has no parameters.
+        w : float
+            Distance of the grain from the wall [D].
+
+        Returns
+        -------
+        float
+            [F*]
+        """
         return force(w)
 
     @staticmethod
     @compiled
     def energy(law: InfiniteWall, w: float) -> float:
+        """Energy 1/(2 w^2) of a grain of the first species at the wall, [D, eq. 3.3].
+
+        Parameters
+        ----------
+        law : InfiniteWall
+            The law, which has no parameters.
+        w : float
+            Distance of the grain from the wall [D].
+
+        Returns
+        -------
+        float
+            [F* D]
+        """
         return energy(w)
 
     @staticmethod
     @compiled
     def stiffness(law: InfiniteWall, w: float) -> float:
+        """Minus the slope of the force, 3/w^4, of a grain of the first species, [D, eq. 3.3].
+
+        Parameters
+        ----------
+        law : InfiniteWall
+            The law, which has no parameters.
+        w : float
+            Distance of the grain from the wall [D].
+
+        Returns
+        -------
+        float
+            [F*/D]
+        """
         return stiffness(w)
 
     @staticmethod
     @compiled
     def turning_point_stiffness(law: InfiniteWall, speed: float) -> float:
+        """Stiffness per mass where a grain of this speed turns: its energy at the wall is v^2/2.
+
+        Parameters
+        ----------
+        law : InfiniteWall
+            The law, which has no parameters.
+        speed : float
+            Speed of the grain [D/tau].
+
+        Returns
+        -------
+        float
+            [1/tau^2]
+        """
         return turning_point_stiffness(speed)

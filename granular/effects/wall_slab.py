@@ -40,7 +40,24 @@ def _end_force_decrease(w: float, a: float) -> float:
 
 @entry
 def energy(w: float, a: float, b: float) -> float:
-    """Energy [F* D] of a grain of the first species."""
+    """Energy of a grain of the first species at a slab.
+
+    A line of dipoles; see the head of this file.
+
+    Parameters
+    ----------
+    w : float
+        Distance of the grain from the slab's line [D].
+    a : float
+        Signed distance of its projection from one end [D].
+    b : float
+        Signed distance of its projection from the other end [D].
+
+    Returns
+    -------
+    float
+        [F* D]
+    """
     if a >= 0.0 and b >= 0.0:
         w2 = w * w
         return 0.25 / w2 * (a / math.sqrt(w2 + a * a) + b / math.sqrt(w2 + b * b))
@@ -51,7 +68,24 @@ def energy(w: float, a: float, b: float) -> float:
 
 @entry
 def normal_force(w: float, a: float, b: float) -> float:
-    """Force [F*] away from the line, along its normal."""
+    """Force of a slab on a grain of the first species, away from its line.
+
+    [D, eq. 3.17], continued beyond the ends.
+
+    Parameters
+    ----------
+    w : float
+        Distance of the grain from the slab's line [D].
+    a : float
+        Signed distance of its projection from one end [D].
+    b : float
+        Signed distance of its projection from the other end [D].
+
+    Returns
+    -------
+    float
+        [F*]
+    """
     if a >= 0.0 and b >= 0.0:
         w2 = w * w
         ra, rb = math.sqrt(w2 + a * a), math.sqrt(w2 + b * b)
@@ -65,7 +99,24 @@ def normal_force(w: float, a: float, b: float) -> float:
 
 @entry
 def tangential_force(w: float, a: float, b: float) -> float:
-    """Force [F*] along the line, in the direction in which a grows."""
+    """Force of a slab on a grain of the first species along it, in the direction in which a grows.
+
+    Minus the slope of `energy` along the line.
+
+    Parameters
+    ----------
+    w : float
+        Distance of the grain from the slab's line [D].
+    a : float
+        Signed distance of its projection from one end [D].
+    b : float
+        Signed distance of its projection from the other end [D].
+
+    Returns
+    -------
+    float
+        [F*]
+    """
     w2 = w * w
     ra, rb = math.sqrt(w2 + a * a), math.sqrt(w2 + b * b)
     return 0.25 * (1.0 / (rb * rb * rb) - 1.0 / (ra * ra * ra))
@@ -73,7 +124,22 @@ def tangential_force(w: float, a: float, b: float) -> float:
 
 @entry
 def stiffness(w: float, a: float, b: float) -> float:
-    """Bound of the stiffness [F*/D]: that of an infinite wall at the slab's nearest point."""
+    """Bound of the stiffness at a slab: that of an infinite wall at its nearest point.
+
+    Parameters
+    ----------
+    w : float
+        Distance of the grain from the slab's line [D].
+    a : float
+        Signed distance of its projection from one end [D].
+    b : float
+        Signed distance of its projection from the other end [D].
+
+    Returns
+    -------
+    float
+        [F*/D]
+    """
     beyond = max(0.0, -min(a, b))
     square = w * w + beyond * beyond
     return 3.0 / (square * square)
@@ -105,7 +171,30 @@ class SlabWall(NamedTuple):
         normal: Array,
         tangential: Array,
     ) -> int:
-        """Add the forces away from the slabs; those along them are left in ``tangential``."""
+        """Add the forces away from the slabs; those along them are left in ``tangential``.
+
+        Parameters
+        ----------
+        law : SlabWall
+            Law in natural units.
+        count : int
+            Number of grains.
+        moments : float64 (m,) or None
+            Moments over that of the first species; None where all are 1.
+        side : WallSide
+            Place of the wall, and the grains' coordinates as seen from it.
+        force : float64 (m,)
+            Forces across the wall on the grains [F*]; added to.
+        normal : float64 (m,)
+            Scratch: the force of this wall away from it [F*].
+        tangential : float64 (m,)
+            Scratch: the force of this wall along it, of moment 1 [F*].
+
+        Returns
+        -------
+        int
+            Number of grains behind the wall, or at no number.
+        """
         outside = 0
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
@@ -126,7 +215,21 @@ class SlabWall(NamedTuple):
     def add_tangential_forces(
         law: SlabWall, count: int, moments: Array | None, along_force: Array, tangential: Array
     ) -> None:
-        """Add the forces along the slabs."""
+        """Add the forces along the slabs on the grains [F*].
+
+        Parameters
+        ----------
+        law : SlabWall
+            Law in natural units.
+        count : int
+            Number of grains.
+        moments : float64 (m,) or None
+            Moments over that of the first species; None where all are 1.
+        along_force : float64 (m,)
+            Forces along the wall on the grains [F*]; added to.
+        tangential : float64 (m,)
+            Forces along the wall of moment 1 [F*], as `add_forces` left them.
+        """
         for i in range(count):
             ratio = 1.0
             if moments is not None:
@@ -138,7 +241,21 @@ class SlabWall(NamedTuple):
     def measure_energy_and_stiffness(
         law: SlabWall, count: int, side: WallSide, slopes: Array, energies: Array
     ) -> None:
-        """As of `granular.effects.wall_side.add_wall_energies`."""
+        """Fill in the energies at the wall of grains of moment 1, and add bounds of their stiffness.
+
+        Parameters
+        ----------
+        law : SlabWall
+            Law in natural units.
+        count : int
+            Number of grains.
+        side : WallSide
+            Place of the wall, and the grains' coordinates as seen from it.
+        slopes : float64 (m,)
+            Stiffness of each grain of moment 1 [F*/D]; added to.
+        energies : float64 (m,)
+            Energy of each grain of moment 1 [F* D]; overwritten.
+        """
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
             energies[i] = 0.0
@@ -150,5 +267,20 @@ class SlabWall(NamedTuple):
     @staticmethod
     @compiled
     def turning_point_stiffness(law: SlabWall, speed: float) -> float:
-        """At its end a slab has half the infinite wall's energy: a grain comes sqrt(2) nearer."""
+        """Bound of the stiffness where a grain of this speed turns.
+
+        At its end a slab has half the infinite wall's energy: a grain comes sqrt(2) nearer.
+
+        Parameters
+        ----------
+        law : SlabWall
+            Law in natural units.
+        speed : float
+            Speed of the grain [D/tau].
+
+        Returns
+        -------
+        float
+            [1/tau^2], over the mass of the first species.
+        """
         return 4.0 * wall_infinite.turning_point_stiffness(speed)

@@ -37,16 +37,47 @@ class WallLaws(NamedTuple):
     top: Any
 
     def workspace(self, size: int, count: int) -> np.ndarray | None:
-        """Workspace for the forces along a wall, which slabs alone have."""
+        """Make the workspace for the forces along a wall, which slabs and discs alone have.
+
+        Parameters
+        ----------
+        size : int
+            Length m of the padded arrays of grains.
+        count : int
+            Number of grains.
+
+        Returns
+        -------
+        float64 (m,) or None
+            Zeros; None where no wall has such forces.
+        """
         slabs = any(hasattr(law, "add_forces") for law in self)
         return np.zeros(size) if slabs else None
 
     @staticmethod
     @compiled(inline=True)
     def add_forces(law: WallLaws, workspace: Array | None, index: int, bed: Bed, time: float) -> int:
-        """Add the walls' forces on the grains, and enter the force on each wall.
+        """Add the walls' forces on the grains, and enter the force on each wall [F*].
 
         The count is of grains on the wrong side of a wall, or at no number.
+
+        Parameters
+        ----------
+        law : WallLaws
+            Law in natural units.
+        workspace : float64 (m,) or None
+            Scratch for the forces along a wall.
+        index : int
+            Index of the law in the tuple of laws.
+        bed : Bed
+            State of the run, which changes, and its constants.
+        time : float
+            Time since the start of the run [tau].
+
+        Returns
+        -------
+        int
+            Number of grains on the wrong side of a wall, or at no number.
         """
         state, constants = bed.state, bed.constants
         return _add_wall_forces(
@@ -75,7 +106,30 @@ class WallLaws(NamedTuple):
         stiffness: Array,
         energies: Array,
     ) -> int:
-        """Enter the energy of the grains at the walls."""
+        """Enter the energy of the grains at the walls, and add their stiffness.
+
+        Parameters
+        ----------
+        law : WallLaws
+            Law in natural units.
+        workspace : float64 (m,) or None
+            Of no use here.
+        index : int
+            Index of the law in the tuple of laws.
+        bed : Bed
+            State of the run, which changes, and its constants.
+        time : float
+            Time since the start of the run [tau].
+        stiffness : float64 (m,)
+            Stiffness of each grain over its mass [1/tau^2]; added to.
+        energies : float64 (laws,)
+            Energies of the laws [F* D]; the entry ``index`` is set.
+
+        Returns
+        -------
+        int
+            0, for the sum over all laws.
+        """
         state, constants = bed.state, bed.constants
         _undo_moment_over_mass(stiffness, constants.moments, constants.masses, constants.grains)
         energies[index] = _measure_walls(
@@ -97,7 +151,26 @@ class WallLaws(NamedTuple):
     def squared_collision_frequency(
         law: WallLaws, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
-        """Largest stiffness per mass [1/tau^2] that a grain of this speed meets at any wall."""
+        """Largest stiffness over mass that a grain of this speed meets at any wall.
+
+        Parameters
+        ----------
+        law : WallLaws
+            Law in natural units.
+        workspace : None
+            Scratch of the law; None where it needs none.
+        index : int
+            Index of the law in the tuple of laws.
+        speed : float
+            Speed of the grain [D/tau].
+        constants : Constants
+            Constants of the run.
+
+        Returns
+        -------
+        float
+            [1/tau^2]
+        """
         ratio = constants.least_ratio
         speed /= math.sqrt(ratio)
         return ratio * max(
@@ -110,7 +183,17 @@ class WallLaws(NamedTuple):
 
 @compiled
 def add_piston_stiffness(law: Any, bed: Bed, slopes: Array) -> None:
-    """Add each grain's stiffness against the piston, a wall of that law, over the mass."""
+    """Add each grain's stiffness against the piston over its mass.
+
+    Parameters
+    ----------
+    law : object
+        Law of the top wall.
+    bed : Bed
+        State of the run and its constants.
+    slopes : float64 (m,)
+        Stiffness over mass [1/tau^2]; added to, from 0.
+    """
     state, constants = bed.state, bed.constants
     side = WallSide(state.y, state.x, state.piston[HEIGHT], -1.0)
     _measure_side(law, constants.grains, relative_moments(constants), side, slopes, state.scratch)
