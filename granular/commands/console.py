@@ -217,6 +217,7 @@ class Command(NamedTuple):
     name, summary : str
         Name on the command line, and summary in a line.
     options : tuple of Option
+        Its options and arguments.
     examples : str
         End of its help; ``%(prog)s`` in it is what the user types up to its options.
     carry_out : callable
@@ -262,6 +263,7 @@ class Program(NamedTuple):
     description, examples : str
         Start and end of its help.
     commands : tuple of Command
+        Its commands, in the order of the help.
     """
 
     name: str

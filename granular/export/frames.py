@@ -24,7 +24,7 @@ class BedFrame(NamedTuple):
     number : int
         Index of the frame in the run.
     time : float
-        [s]
+        Time in the run [s].
     height : float or None
         Height of the piston [m]; None where the scene has none.
     grains : int (k,)

@@ -224,6 +224,7 @@ class LammpsDeck(NamedTuple):
     Attributes
     ----------
     scene : Scene
+        Scene that the script runs.
     scales : Scales
         Natural units in SI.
     charges : tuple of float

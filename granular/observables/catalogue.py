@@ -399,7 +399,7 @@ def per_frame(
         A name of `OBSERVABLES`, or a function that returns a number, a number, a vector or a tensor
         for each grain, or a mapping of labels to such values.
     start, stop : float
-        [s].
+        First and last time of the frames [s].
 
     Returns
     -------

@@ -35,7 +35,7 @@ class PairDistanceFunction(NamedTuple):
     Attributes
     ----------
     edges : float (k + 1,)
-        [m]
+        Edges of the bins [m], increasing.
     values : float (k,)
         NaN in bins without pairs, where it is a mean over pairs.
     pairs : int (k,)
@@ -70,7 +70,7 @@ def per_distance(
     edges : float (k + 1,), optional
         Edges of the bins [m]; those of the frame that reach least if not given.
     start, stop : float
-        [s].
+        First and last time of the frames [s].
 
     Returns
     -------
@@ -348,7 +348,7 @@ def spatial_correlation(
     Parameters
     ----------
     positions : float (n, 2)
-        [m].
+        Positions of the grains [m]; NaN for absent ones.
     values : float (n,)
         Grains whose value or position is NaN are left out.
     edges : float (k + 1,), optional

@@ -49,7 +49,7 @@ class Defects(NamedTuple):
     kinds : tuple of str (d,)
         Kind of each defect, of `KINDS`.
     positions : float (d, 2)
-        [m]
+        Position of each defect [m].
     lattice : int (d, 2)
         Burgers vector in the lattice; see `granular.observables.defects`.
     burgers : float (d, 2)

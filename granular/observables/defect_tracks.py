@@ -43,12 +43,13 @@ class DefectTrack(NamedTuple):
     Attributes
     ----------
     kind : str
+        Kind of the defect, of `granular.observables.defect_clusters.KINDS`.
     lattice : int (2,)
         Burgers vector in the lattice.
     frames : int (k,)
         Frames in which it was seen.
     positions : float (k, 2)
-        [m]
+        Position in each of these frames [m].
     burgers : float (2,)
         Burgers vector, as a mean over the frames [m].
     """
@@ -71,7 +72,7 @@ class DefectEvent(NamedTuple):
     frame : int
         The first frame after it.
     position : float (2,)
-        [m]
+        Mean position of the ends and beginnings [m].
     ended, begun : tuple of int
         Numbers of the tracks.
     missing : int (2,)
@@ -289,7 +290,7 @@ class DefectMotion(NamedTuple):
     Attributes
     ----------
     velocity : float (2,)
-        [m/s]
+        Velocity along x and y [m/s].
     speed : float
         Its magnitude [m/s].
     glide, climb : float
@@ -382,7 +383,7 @@ def track_defects(
     run : Trajectory
         Finished run, or one that was cut off.
     start, stop : float
-        [s].
+        First and last time of the frames [s].
     reach : float
         Greatest displacement from frame to frame, in spacings.
     memory : int

@@ -43,7 +43,7 @@ def per_lag(
         `bond_relaxation`, or one's own. Positions are not brought back into a periodic cell; a
         function with the argument ``periods`` is given its sides.
     start, stop : float
-        [s].
+        First and last time of the frames [s].
 
     Returns
     -------

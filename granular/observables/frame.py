@@ -28,13 +28,15 @@ class Frame(NamedTuple):
     Attributes
     ----------
     scene : Scene
+        Scene of the run.
     time : float
-        [s]
+        Time in the run [s].
     positions, velocities, forces : float (n, 2)
         [m], within the cell where it is periodic; [m/s], [N]
     piston_height : float
         [m]; NaN without a piston.
     species : int (n,)
+        Index of each grain's species.
     diameters, masses : float (n,)
         [m], [kg]
     """

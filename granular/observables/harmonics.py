@@ -31,6 +31,7 @@ class HarmonicResponse(NamedTuple):
     frequency : float
         Frequency of the drive [Hz].
     harmonics : int (K,)
+        Multiples k of the drive's frequency, 1 to K.
     ratio : float (K,)
         Amplitude of the response's harmonic over U.
     phase : float (K,)

@@ -32,7 +32,7 @@ class Moduli(NamedTuple):
     Attributes
     ----------
     pressure, bulk, shear : float
-        [N/m]
+        Pressure, bulk modulus and shear modulus in two dimensions [N/m].
     """
 
     pressure: float
@@ -183,7 +183,7 @@ def melting_theory_modulus(moduli: Moduli, density: float, temperature: float) -
     moduli : Moduli
         Moduli of the crystal [N/m].
     density : float
-        [1/m^2].
+        Grains an area [1/m^2].
     temperature : float
         K_B T [J].
 
@@ -225,7 +225,7 @@ class BedModuli(NamedTuple):
     relaxed : Moduli
         The inner grains move to rest again; those about them are held in the strained positions.
     density : float
-        [1/m^2]
+        Inner grains over the area of their cells [1/m^2].
     grains : int
         Number of inner grains.
     """

@@ -122,7 +122,7 @@ def area_fraction_profile(
     positions : float (n, 2)
         [m]; NaN for absent grains.
     diameters : float (n,)
-        [m].
+        Diameters of the grains [m].
     width : float
         Width of the cell [m].
     edges : float (k + 1,)
@@ -319,7 +319,7 @@ def least_piston_distance(positions: np.ndarray, piston_height: float) -> float:
     positions : float (n, 2)
         [m]; NaN for absent grains.
     piston_height : float
-        [m].
+        Height of the piston [m].
 
     Returns
     -------

@@ -65,6 +65,7 @@ class DropStatistics(NamedTuple):
         tau of a density ~ size^-tau above the least size, and its standard error; NaN for fewer
         than two drops.
     events : int
+        Number of drops.
     mean : float
         In the unit of the drops.
     """
@@ -81,7 +82,7 @@ def plastic_events(time: np.ndarray, values: np.ndarray, least: float) -> Plasti
     Parameters
     ----------
     time : float (n,)
-        [s].
+        Times of the samples [s].
     values : float (n,)
         Such as the piston's force under compression, ``run.dataset["piston_force"]``.
     least : float
@@ -161,6 +162,7 @@ class DislocationSlip(NamedTuple):
     defects : tuple of Defects
         Defects of each frame.
     tracks : tuple of DefectTrack
+        Paths of the defects.
     conserved : float
         Fraction of the events away from the rim whose Burgers vectors add up; NaN without events.
     """

@@ -83,6 +83,7 @@ class DirectionalOrder(NamedTuple):
     polar_p, axial_p : float
         Probability of an order this great in vectors without any, by Rayleigh's test.
     vectors : int
+        Number of vectors that count.
     """
 
     polar: float
@@ -282,6 +283,7 @@ class Histogram(NamedTuple):
     edges : float (k + 1,)
         In the unit of the values.
     counts : int (k,)
+        Number of values in each bin.
     density : float (k,)
         Probability density, in one over the unit of the values; its integral is 1.
     """

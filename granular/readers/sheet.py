@@ -50,6 +50,7 @@ class Sheet:
     Attributes
     ----------
     columns : list of Column
+        Columns, in the order of the file.
     lines : int64 (n,) or None
         Line of the file that each row stands in; None where a file has no lines.
     header : bool

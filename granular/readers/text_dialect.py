@@ -30,6 +30,7 @@ class Dialect(NamedTuple):
     Attributes
     ----------
     separator, decimal : str
+        Separator of fields, and decimal sign.
     width : int
         Fields of a line.
     numeric : tuple of int

@@ -29,7 +29,9 @@ class ColouringInput(NamedTuple):
     Attributes
     ----------
     frame : BedFrame
+        The k grains that are in the cell, in SI.
     scene : Scene
+        Scene of the run.
     species : int (k,)
         Index of each grain's species.
     cells : VoronoiCells or None

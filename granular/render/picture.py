@@ -214,6 +214,7 @@ class BedPicture:
     Attributes
     ----------
     figure : matplotlib Figure
+        Figure that is drawn on.
     """
 
     def __init__(

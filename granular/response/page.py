@@ -37,10 +37,11 @@ class PageComparison:
     title, words : str
         Title and text of its section.
     header : sequence of str
+        Heads of the columns of its table.
     rows : sequence of sequence of str
         Its table.
     frequencies : float64 (f,)
-        [Hz]
+        Frequencies of the curves [Hz].
     curves : mapping of str to mapping of float to float64 (f,)
         Displacements [m] by the name of the curve and the amplitude; at most three names.
     notes : sequence of str

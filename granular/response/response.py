@@ -46,6 +46,7 @@ class FrequencyResponse:
     Attributes
     ----------
     scene : Scene
+        Scene of the damper and its host.
     dataset : xarray.Dataset
         On ``amplitude`` (of the force or the base) and ``frequency`` [Hz], in SI: ``displacement``
         of the last body (of the load, where the cell stands on the base), ``alone`` without damper
@@ -180,12 +181,12 @@ def frequency_response(
     scene : Scene
         With a host under a sine.
     frequencies : sequence of float
-        [Hz].
+        Frequencies of the sines [Hz].
     amplitudes : sequence of float, optional
         Amplitudes of the force [N], or of the base's acceleration or displacement; the scene's own
         if not given.
     duration : float
-        [s].
+        Time that each sine acts [s].
     dt : float or str
         Time step [s]; "auto" follows the stiffest mode that the bed can meet, and "auto/2" or
         "auto*2" is half or twice as long.

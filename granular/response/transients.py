@@ -180,6 +180,7 @@ class ImpulseResponse:
     Attributes
     ----------
     scene : Scene
+        Scene of the damper and its host, with the impulse.
     time : float64 (n,)
         Since the end of the impulse [s].
     displacement : float64 (n,)
@@ -187,7 +188,7 @@ class ImpulseResponse:
     fraction : float
         Fraction of its peak below which it stays from ``settling_time`` on.
     settling_time : float
-        [s]
+        Time from the impulse's end until the displacement stays within that fraction [s].
     """
 
     scene: Scene
