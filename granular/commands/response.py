@@ -269,7 +269,7 @@ def _run_frequency_sweep(options: Any, scene: Scene) -> FrequencyResponse:
 
 
 def _write_response(result: FrequencyResponse, path: Path) -> str:
-    from granular.response.page import response_page
+    from granular.response.report_page import response_page
     from granular.response.response import save_response
     from granular.shared.plotting import figure
 

@@ -48,7 +48,7 @@ USUAL, FINE, COARSE = 250, 10, 1000
 """Steps of de Paula from record to record: of most files, of those with _0, of averages."""
 
 
-class DepaulaCadence(NamedTuple):
+class DepaulaTimeUnits(NamedTuple):
     """De Paula's clock for a run.
 
     Attributes
@@ -57,17 +57,17 @@ class DepaulaCadence(NamedTuple):
         T, the duration of the compression [s].
     step : float
         1e-6 T [s]
-    frames : float
+    frame_interval : float
         250 steps [s]: the ``output.frames`` of a scene whose files are to be as fine as the
         source's.
     """
 
     time_unit: float
     step: float
-    frames: float
+    frame_interval: float
 
 
-def depaula_cadence(run: Trajectory) -> DepaulaCadence:
+def depaula_time_units(run: Trajectory) -> DepaulaTimeUnits:
     """De Paula's units of time for a run: T, its step, and its interval of frames.
 
     T is the duration of the first stage that lowers the piston at constant speed, stroke/V_c
@@ -80,7 +80,7 @@ def depaula_cadence(run: Trajectory) -> DepaulaCadence:
 
     Returns
     -------
-    DepaulaCadence
+    DepaulaTimeUnits
         Unit of time, time step and interval of the frames, each in seconds.
     """
     unit = 1.0
@@ -90,7 +90,7 @@ def depaula_cadence(run: Trajectory) -> DepaulaCadence:
             unit = stage.total_duration(height) or unit
             break
         height = done.height
-    return DepaulaCadence(unit, unit / STEPS_PER_TIME, USUAL * unit / STEPS_PER_TIME)
+    return DepaulaTimeUnits(unit, unit / STEPS_PER_TIME, USUAL * unit / STEPS_PER_TIME)
 
 
 def to_depaula_files(
@@ -123,36 +123,36 @@ def to_depaula_files(
         If a file exists or cannot be written, or the run cannot be read.
     """
     run, directory = open_run(run), Path(directory)
-    cadence = depaula_cadence(run)
+    depaula_time = depaula_time_units(run)
     contents = {
-        **_particle_files(run, cadence, progress),
-        **_piston_files(run, cadence),
-        "avgDis": _mean_distance_lines(run, cadence, progress),
-        **_constant_files(run, cadence),
+        **_particle_files(run, depaula_time, progress),
+        **_piston_files(run, depaula_time),
+        "avgDis": _mean_distance_lines(run, depaula_time, progress),
+        **_constant_files(run, depaula_time),
     }
     files = {f"{name}.dat": lines for name, lines in contents.items()}
     with write_files_atomically(directory, list(files), overwrite) as place_of:
-        _warn_of_coarse_frames(run, cadence)
+        _warn_of_coarse_frames(run, depaula_time)
         for name, lines in files.items():
             with place_of(name).open("w", encoding="utf-8") as file:
                 file.writelines(lines)
     return tuple(directory / name for name in files)
 
 
-def _warn_of_coarse_frames(run: Trajectory, cadence: DepaulaCadence) -> None:
+def _warn_of_coarse_frames(run: Trajectory, depaula_time: DepaulaTimeUnits) -> None:
     times = run.dataset["frame_time"].values
     interval = (times[-1] - times[0]) / max(1, len(times) - 1)
-    if interval > 1.01 * cadence.frames:
+    if interval > 1.01 * depaula_time.frame_interval:
         warnings.warn(
-            f"the run has a frame every {interval:.3g} s, de Paula every {cadence.frames:.3g} s "
+            f"the run has a frame every {interval:.3g} s, de Paula every {depaula_time.frame_interval:.3g} s "
             f"({USUAL} steps of 1e-6 T); all frames are written, for more lower output.frames",
             stacklevel=3,
         )
 
 
-def _nearest_record_indices(times: np.ndarray, cadence: DepaulaCadence, every: int) -> list[int]:
+def _nearest_record_indices(times: np.ndarray, depaula_time: DepaulaTimeUnits, every: int) -> list[int]:
     """Return the indices of the records nearest to every so many steps of de Paula, each once."""
-    interval = every * cadence.step
+    interval = every * depaula_time.step
     instants = np.arange(np.floor(times[-1] / interval + 1e-9) + 1.0) * interval
     after = np.clip(np.searchsorted(times, instants), 1, max(1, len(times) - 1))
     before = after - 1
@@ -167,8 +167,10 @@ def _table_lines(table: np.ndarray) -> str:
     return line * len(table) % tuple(table.ravel().tolist())
 
 
-def _particle_files(run: Trajectory, cadence: DepaulaCadence, progress: bool) -> dict[str, Iterator[str]]:
-    units, unit = Scales.from_grains(run.scene.grains), cadence.time_unit
+def _particle_files(
+    run: Trajectory, depaula_time: DepaulaTimeUnits, progress: bool
+) -> dict[str, Iterator[str]]:
+    units, unit = Scales.from_grains(run.scene.grains), depaula_time.time_unit
     speed, force = units.length / unit, units.mass * units.length / unit**2
     tables: dict[str, tuple[str, Callable[[BedFrame], np.ndarray]]] = {
         "posPart": ("x y [D]", lambda frame: frame.position / units.length),
@@ -182,12 +184,12 @@ def _particle_files(run: Trajectory, cadence: DepaulaCadence, progress: bool) ->
             lambda frame: _compressive_forces_of_frame(run, frame) / force,
         )
     times = run.dataset["frame_time"].values
-    chosen = {every: _nearest_record_indices(times, cadence, every) for every in (FINE, USUAL, COARSE)}
+    chosen = {every: _nearest_record_indices(times, depaula_time, every) for every in (FINE, USUAL, COARSE)}
     files: dict[str, Iterator[str]] = {}
 
     def add(name: str, every: int, table: tuple[str, Callable[[BedFrame], np.ndarray]]) -> None:
         bar = f"{name}.dat" if progress else None
-        files[name] = _frame_lines(run, cadence, every, chosen[every], *table, bar)
+        files[name] = _frame_lines(run, depaula_time, every, chosen[every], *table, bar)
 
     for name, table in tables.items():
         add(name, USUAL, table)
@@ -219,7 +221,7 @@ def _compressive_forces_of_frame(run: Trajectory, frame: BedFrame) -> np.ndarray
 
 def _frame_lines(
     run: Trajectory,
-    cadence: DepaulaCadence,
+    depaula_time: DepaulaTimeUnits,
     every: int,
     chosen: Sequence[int],
     columns: str,
@@ -231,11 +233,11 @@ def _frame_lines(
     for frame in iterate_frames(run, chosen, bar):
         absent = np.setdiff1d(everyone, frame.grains)
         note = f", without grains {' '.join(map(str, absent))}" if len(absent) else ""
-        yield f"# frame {frame.number}, t = {frame.time / cadence.time_unit:.17g} T{note}\n"
+        yield f"# frame {frame.number}, t = {frame.time / depaula_time.time_unit:.17g} T{note}\n"
         yield _table_lines(table(frame)) + "\n"
 
 
-def _piston_files(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterator[str]]:
+def _piston_files(run: Trajectory, depaula_time: DepaulaTimeUnits) -> dict[str, Iterator[str]]:
     if run.scene.piston is None:
         return {}
     diameter = run.scene.grains.species[0].diameter
@@ -244,26 +246,26 @@ def _piston_files(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterato
 
     def lines(chosen: list[int], every: int) -> Iterator[str]:
         yield f"# t [T], height [D], every {every} steps\n"
-        yield _table_lines(np.column_stack([times / cadence.time_unit, heights / diameter])[chosen])
+        yield _table_lines(np.column_stack([times / depaula_time.time_unit, heights / diameter])[chosen])
 
-    usual, fine = (_nearest_record_indices(times, cadence, every) for every in (USUAL, FINE))
+    usual, fine = (_nearest_record_indices(times, depaula_time, every) for every in (USUAL, FINE))
     files = {"piston": lines(usual, USUAL)}
     if len(fine) > len(usual):
         files["piston_0"] = lines(fine, FINE)
     return files
 
 
-def _mean_distance_lines(run: Trajectory, cadence: DepaulaCadence, progress: bool) -> Iterator[str]:
+def _mean_distance_lines(run: Trajectory, depaula_time: DepaulaTimeUnits, progress: bool) -> Iterator[str]:
     diameter = run.scene.grains.species[0].diameter
-    chosen = _nearest_record_indices(run.dataset["frame_time"].values, cadence, COARSE)
+    chosen = _nearest_record_indices(run.dataset["frame_time"].values, depaula_time, COARSE)
     yield f"# t [T], half of the mean distance of the pairs [D], every {COARSE} steps\n"
     for frame in iterate_frames(run, chosen, "avgDis.dat" if progress else None):
         distance = depaula_pair_distance(frame.position) / diameter
-        yield _table_lines(np.array([[frame.time / cadence.time_unit, distance]]))
+        yield _table_lines(np.array([[frame.time / depaula_time.time_unit, distance]]))
 
 
-def _constant_files(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterator[str]]:
-    units, unit = Scales.from_grains(run.scene.grains), cadence.time_unit
+def _constant_files(run: Trajectory, depaula_time: DepaulaTimeUnits) -> dict[str, Iterator[str]]:
+    units, unit = Scales.from_grains(run.scene.grains), depaula_time.time_unit
     sizes = (units.length, unit, units.mass, units.length / unit, units.mass * units.length / unit**2)
     scales = run.scene.grains.diameters() / units.length
     return {

@@ -29,7 +29,7 @@ from .forces import (
     grain_stresses,
     grain_virials,
     interaction_forces,
-    relative_fluctuation,
+    relative_force_fluctuation,
     wall_forces,
 )
 from .frame import Frame, frame_at, observable
@@ -123,7 +123,7 @@ __all__ = [
     "psi6",
     "radial_distribution",
     "reciprocal_lattice_vector",
-    "relative_fluctuation",
+    "relative_force_fluctuation",
     "spatial_correlation",
     "stage_response",
     "structure_factor",

@@ -94,7 +94,7 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     amplitudes = _best_amplitudes(u, y, rates) * np.exp(-rates * start / width)
     rates = rates / width
     order = np.argsort(rates)
-    return _with_intervals(x, y, amplitudes[order], rates[order])
+    return _fit_with_intervals(x, y, amplitudes[order], rates[order])
 
 
 def _validate_samples(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -138,7 +138,7 @@ def _best_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.asarray(min(attempts, key=lambda attempt: float(attempt.cost)).x)
 
 
-def _with_intervals(
+def _fit_with_intervals(
     x: np.ndarray, y: np.ndarray, amplitudes: np.ndarray, rates: np.ndarray
 ) -> BiexponentialFit:
     from scipy.special import stdtrit

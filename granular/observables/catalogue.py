@@ -14,7 +14,7 @@ from granular.observables.forces import (
     grain_pressures,
     grain_stresses,
     interaction_forces,
-    relative_fluctuation,
+    relative_force_fluctuation,
 )
 from granular.observables.frame import (
     Frame,
@@ -289,7 +289,7 @@ def interior_force_fluctuation(frame: Frame) -> np.ndarray:
     """
     sizes = np.linalg.norm(interaction_forces(frame), axis=1)
     inner = voronoi_cells(frame.positions).interior
-    return relative_fluctuation(np.where(inner, sizes, np.nan), frame.species)
+    return relative_force_fluctuation(np.where(inner, sizes, np.nan), frame.species)
 
 
 @observable("N", "compressive force on the grain", name="compressive_force")

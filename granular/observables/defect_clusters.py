@@ -41,7 +41,7 @@ CORE = 2.6
 _CENTRINGS = 3
 
 
-class Defects(NamedTuple):
+class FrameDefects(NamedTuple):
     """The defects of a frame.
 
     Attributes
@@ -84,7 +84,7 @@ class _DefectCluster(NamedTuple):
 
 def detect_defects(
     positions: np.ndarray, angle: float | None = None, cells: VoronoiCells | None = None
-) -> Defects:
+) -> FrameDefects:
     """Defects of the hexagonal order, by clusters of neighbouring grains that have not six.
 
     Of each cluster the Burgers circuit about it is taken. A cluster with a charge is a
@@ -109,7 +109,7 @@ def detect_defects(
 
     Returns
     -------
-    Defects
+    FrameDefects
         Kinds, positions [m], Burgers vectors and charges of the defects.
 
     Raises
@@ -127,7 +127,7 @@ def detect_defects(
     spacing = math.sqrt(2.0 / math.sqrt(3.0) * area)
     clusters = _join_grain_boundaries(_cluster_defects(positions, cells, angle, spacing), spacing)
     lattice = np.array([cluster.lattice for cluster in clusters], dtype=int).reshape(-1, 2)
-    return Defects(
+    return FrameDefects(
         kinds=tuple(cluster.kind for cluster in clusters),
         positions=np.array([cluster.position for cluster in clusters], dtype=float).reshape(-1, 2),
         lattice=lattice,

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.observables.bond_order import global_psi6
-from granular.observables.defect_clusters import BOUNDARY, DISLOCATION, KINDS, PAIR, Defects, detect_defects
+from granular.observables.defect_clusters import (
+    BOUNDARY,
+    DISLOCATION,
+    KINDS,
+    PAIR,
+    FrameDefects,
+    detect_defects,
+)
 from granular.observables.defects import lattice_to_plane
 from granular.observables.frame import check_frames, select_frames
 from granular.observables.voronoi import voronoi_cells
@@ -88,7 +95,7 @@ class DefectEvent(NamedTuple):
 
 
 def link_defect_tracks(
-    frames: Sequence[Defects], reach: float = REACH, memory: int = MEMORY
+    frames: Sequence[FrameDefects], reach: float = REACH, memory: int = MEMORY
 ) -> list[DefectTrack]:
     """Link the defects of frame after frame into tracks.
 
@@ -98,7 +105,7 @@ def link_defect_tracks(
 
     Parameters
     ----------
-    frames : sequence of Defects
+    frames : sequence of FrameDefects
         With lattices of one direction: give each frame's `detect_defects` the same angle.
     reach : float
         Greatest displacement in a frame, in lattice spacings.
@@ -156,7 +163,7 @@ class _OpenTrack(NamedTuple):
 
 
 def _assign_tracks(
-    open_tracks: list[_OpenTrack], defects: Defects, known: list[int], number: int, reach: float
+    open_tracks: list[_OpenTrack], defects: FrameDefects, known: list[int], number: int, reach: float
 ) -> dict[int, int]:
     """Open track that each defect continues."""
     from scipy.optimize import linear_sum_assignment
@@ -331,7 +338,7 @@ def motion_of_track(track: DefectTrack, times: np.ndarray) -> DefectMotion:
     return DefectMotion(velocity, float(np.linalg.norm(velocity)), glide, climb)
 
 
-def detect_defects_in_frames(frames: np.ndarray) -> list[Defects]:
+def detect_defects_in_frames(frames: np.ndarray) -> list[FrameDefects]:
     """Detect the defects of every frame, with the direction of the lattice followed in time.
 
     See `detect_defects`, by the Burgers circuit about clusters of grains that have not six neighbours.
@@ -343,7 +350,7 @@ def detect_defects_in_frames(frames: np.ndarray) -> list[Defects]:
 
     Returns
     -------
-    list of Defects
+    list of FrameDefects
         Defects of each frame.
 
     Raises
@@ -352,7 +359,7 @@ def detect_defects_in_frames(frames: np.ndarray) -> list[Defects]:
         If the shape is another one, or a frame has no interior cells.
     """
     array = check_frames(frames)
-    defects: list[Defects] = []
+    defects: list[FrameDefects] = []
     for frame in array:
         cells = voronoi_cells(frame)
         angle = float(np.angle(global_psi6(frame, cells))) / 6.0
@@ -421,7 +428,7 @@ def track_defects(
 
 
 def _defect_dataset(
-    defects: Sequence[Defects],
+    defects: Sequence[FrameDefects],
     tracks: Sequence[DefectTrack],
     events: Sequence[DefectEvent],
     times: np.ndarray,

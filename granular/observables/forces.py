@@ -140,7 +140,7 @@ def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: float
     return total
 
 
-def relative_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> np.ndarray:
+def relative_force_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> np.ndarray:
     """|F_k - mean F| / mean F, with the mean over the species of grain k [D, eq. 4.35].
 
     Parameters

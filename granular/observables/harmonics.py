@@ -113,10 +113,10 @@ def harmonic_response(
             f"harmonics = {harmonics} and frequency = {frequency:g} Hz; give at least 1, and a "
             "frequency above 0 Hz"
         )
-    periods = _whole_periods(time, frequency, discard)
+    periods = _count_whole_periods(time, frequency, discard)
     chosen = time > time[-1] - (periods - 1e-9) / frequency
     time, drive, response = time[chosen], drive[chosen], response[chosen]
-    _check_samples(len(time), periods, harmonics)
+    _check_samples_per_period(len(time), periods, harmonics)
     # Time from the middle of the window leaves the drift independent of the rest.
     middle = time[-1] - 0.5 * periods / frequency
     since = time - middle
@@ -198,7 +198,7 @@ def stage_response(
     )
 
 
-def _whole_periods(time: np.ndarray, frequency: float, discard: float | None) -> int:
+def _count_whole_periods(time: np.ndarray, frequency: float, discard: float | None) -> int:
     duration = float(time[-1] - time[0])
     left = duration - (0.5 * duration if discard is None else discard)
     # A period is whole with the sample that would begin the next one.
@@ -212,7 +212,7 @@ def _whole_periods(time: np.ndarray, frequency: float, discard: float | None) ->
     return periods
 
 
-def _check_samples(samples: int, periods: int, harmonics: int) -> None:
+def _check_samples_per_period(samples: int, periods: int, harmonics: int) -> None:
     least = 2 * harmonics + 3
     if samples < periods * least:
         raise InputError(

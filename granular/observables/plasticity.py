@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.defect_clusters import CORE, Defects
+from granular.observables.defect_clusters import CORE, FrameDefects
 from granular.observables.defect_tracks import (
     DefectEvent,
     DefectTrack,
@@ -159,7 +159,7 @@ class DislocationSlip(NamedTuple):
     rim : float (f, 2, 2)
         By the stretch between the edge of the inner part and where a defect that came in was first
         seen, or one that left was last seen, along its glide line.
-    defects : tuple of Defects
+    defects : tuple of FrameDefects
         Defects of each frame.
     tracks : tuple of DefectTrack
         Paths of the defects.
@@ -170,7 +170,7 @@ class DislocationSlip(NamedTuple):
     moves: np.ndarray
     events: np.ndarray
     rim: np.ndarray
-    defects: tuple[Defects, ...]
+    defects: tuple[FrameDefects, ...]
     tracks: tuple[DefectTrack, ...]
     conserved: float
 

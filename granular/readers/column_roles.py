@@ -81,12 +81,12 @@ def assign_roles(
         chosen[TIME] = _evenly_spaced_times(sheet, float(options.rate))
     calibrations = _calibrations_by_role(sheet, chosen, options.calibrations())
     if HEIGHT in calibrations and calibrations[HEIGHT].raw_unit is not None:
-        _choose_by_unit(sheet, chosen, str(calibrations[HEIGHT].raw_unit))
-    _choose_by_name(sheet, chosen, notes)
+        _choose_height_by_unit(sheet, chosen, str(calibrations[HEIGHT].raw_unit))
+    _choose_columns_by_name(sheet, chosen, notes)
     if TIME not in chosen:
-        _choose_time(sheet, chosen, notes)
+        _choose_time_column(sheet, chosen, notes)
     if HEIGHT not in chosen:
-        _choose_height(sheet, chosen, options, notes)
+        _choose_height_column(sheet, chosen, options, notes)
     return chosen, calibrations
 
 
@@ -141,7 +141,7 @@ def _evenly_spaced_times(sheet: Sheet, rate: float) -> Column:
     return Column("", "s", np.arange(max(lengths, default=0)) / rate)
 
 
-def _choose_by_unit(sheet: Sheet, chosen: dict[str, Column], unit: str) -> None:
+def _choose_height_by_unit(sheet: Sheet, chosen: dict[str, Column], unit: str) -> None:
     """Take the only column in the unit of a calibration for the height, where no name says more."""
     taken = list(map(id, chosen.values()))
     fitting = [
@@ -172,9 +172,9 @@ def find_time_column(sheet: Sheet) -> Column:
         If there is none.
     """
     chosen: dict[str, Column] = {}
-    _choose_by_name(sheet, chosen, [])
+    _choose_columns_by_name(sheet, chosen, [])
     if TIME not in chosen:
-        _choose_time(sheet, chosen, [])
+        _choose_time_column(sheet, chosen, [])
     return chosen[TIME]
 
 
@@ -192,7 +192,7 @@ def _find_named_column(sheet: Sheet, wanted: str | int) -> Column:
     )
 
 
-def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
+def _choose_columns_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
     taken = list(map(id, chosen.values()))
     called: dict[str, list[Column]] = {}
     for column in sheet.columns:
@@ -267,7 +267,7 @@ def _unit_fits_role(column: Column, role: str) -> bool:
     return dimension in wanted or dimension[3] != 0  # of a sensor: said when it is used
 
 
-def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
+def _choose_time_column(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
     """Dates and times of day, else the first column that increases, where no name says more."""
     taken = list(map(id, chosen.values()))
     free = [column for column in sheet.columns if id(column) not in taken and column.values is not None]
@@ -351,7 +351,9 @@ def _is_increasing(column: Column) -> bool:
     return len(known) > 1 and bool((np.diff(known) >= 0.0).all()) and known[-1] > known[0]
 
 
-def _choose_height(sheet: Sheet, chosen: dict[str, Column], options: ReadOptions, notes: list[str]) -> None:
+def _choose_height_column(
+    sheet: Sheet, chosen: dict[str, Column], options: ReadOptions, notes: list[str]
+) -> None:
     """Only other column of numbers, or of those without names the next.
 
     None where the user says which one is a velocity or an acceleration, and no other can be it.

@@ -75,7 +75,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: 
             "is JSON, which is not read; write it as CSV, with pandas: "
             "pandas.read_json(FILE).to_csv('record.csv')"
         )
-    _check_width(lines)
+    _refuse_too_many_columns(lines)
     plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
     if not plain:
         raise RecordError("is empty; a header and samples are wanted")
@@ -104,7 +104,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: 
     return Sheet(columns, numbers, bool(names), words, notes)
 
 
-def _check_width(lines: Sequence[NumberedLine]) -> None:
+def _refuse_too_many_columns(lines: Sequence[NumberedLine]) -> None:
     for line in lines:
         if len(line.text) > 2 * _MOST_COLUMNS:
             width = 1 + max(map(line.text.count, SEPARATORS))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.export.frames import BedFrame
-from granular.observables.forces import compressive_forces, grain_pressures, relative_fluctuation
+from granular.observables.forces import compressive_forces, grain_pressures, relative_force_fluctuation
 from granular.observables.voronoi import VoronoiCells, hexagon_regularity
 from granular.scene.scene import Scene
 from granular.schema.sections import unknown_word_message
@@ -85,7 +85,9 @@ def _voronoi_side_counts(view: ColouringInput) -> np.ndarray:
 
 def _fluctuation_values(view: ColouringInput) -> np.ndarray:
     sizes = np.linalg.norm(view.frame.interaction, axis=1)
-    return relative_fluctuation(np.where(_required_voronoi_cells(view).interior, sizes, np.nan), view.species)
+    return relative_force_fluctuation(
+        np.where(_required_voronoi_cells(view).interior, sizes, np.nan), view.species
+    )
 
 
 def _positions_with_absent(view: ColouringInput) -> np.ndarray:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granular.response.page import PageComparison, response_page
+from granular.response.report_page import PageComparison, response_page
 from granular.response.response import FrequencyResponse
 from granular.shared.errors import InputError
 from granular.shared.html_pages import HtmlPage, format_number

@@ -16,7 +16,7 @@ from granular.observables import (
     polygon_fractions,
     psi6,
     radial_distribution,
-    relative_fluctuation,
+    relative_force_fluctuation,
     spatial_correlation,
     voronoi_cells,
 )
@@ -164,7 +164,7 @@ def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
     made: Figures = {
         "dip": test.dip,
         "dip_p": test.p,
-        "fluctuation": float(np.nanmean(relative_fluctuation(np.where(inside, sizes, np.nan), owner))),
+        "fluctuation": float(np.nanmean(relative_force_fluctuation(np.where(inside, sizes, np.nan), owner))),
         "polar_order": directions.polar,
         "axial_order": directions.axial,
         "axial_p": directions.axial_p,

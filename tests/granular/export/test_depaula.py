@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular.export import to_depaula_files
-from granular.export.depaula import depaula_cadence
+from granular.export.depaula import depaula_time_units
 from granular.observables import per_frame
 from granular.run.trajectory import Trajectory
 
@@ -32,8 +32,8 @@ def blocks(values: np.ndarray, every: int = 1) -> np.ndarray:
 
 def test_units(run: Trajectory, files: dict[str, np.ndarray]) -> None:
     """T is the duration of the compression: 10 mm at 5 mm/s."""
-    assert depaula_cadence(run).time_unit == pytest.approx(T, rel=1e-14)
-    assert depaula_cadence(run).frames == pytest.approx(5e-4, rel=1e-14)
+    assert depaula_time_units(run).time_unit == pytest.approx(T, rel=1e-14)
+    assert depaula_time_units(run).frame_interval == pytest.approx(5e-4, rel=1e-14)
     wanted = [D, T, MASS, D / T, FORCE]
     np.testing.assert_allclose(files["charUnits"], wanted, rtol=1e-14)
     species = run.scene.grains.species_indices()
@@ -115,4 +115,4 @@ def test_absent_grains_are_named(run: Trajectory, tmp_path: Path) -> None:
 
 def test_run_without_compression_has_a_second_for_its_unit(run: Trajectory) -> None:
     scene = run.scene.replace(protocol=[{"kind": "hold", "name": "relax", "duration": 1.0}])
-    assert depaula_cadence(dataclasses.replace(run, scene=scene)).time_unit == 1.0
+    assert depaula_time_units(dataclasses.replace(run, scene=scene)).time_unit == 1.0

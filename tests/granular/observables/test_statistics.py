@@ -14,7 +14,7 @@ from granular.observables import (
     knuth_histogram,
     pearson_correlation,
     per_frame,
-    relative_fluctuation,
+    relative_force_fluctuation,
     voronoi_cells,
 )
 from granular.observables.statistics import knuth_bin_count
@@ -73,7 +73,7 @@ def test_histogram_is_a_density(random: np.random.Generator) -> None:
 def test_fluctuation_is_about_the_mean_of_the_species() -> None:
     magnitudes = np.array([1.0, 3.0, np.nan, 10.0, 10.0, 0.0])
     species = np.array([0, 0, 0, 1, 1, 2])
-    found = relative_fluctuation(magnitudes, species)
+    found = relative_force_fluctuation(magnitudes, species)
     np.testing.assert_allclose(found, [0.5, 0.5, np.nan, 0.0, 0.0, np.nan])
 
 
@@ -93,7 +93,7 @@ def test_forces_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None
     inside = voronoi_cells(run.dataset["position"].values[0]).interior
     np.testing.assert_array_equal(np.isfinite(fluctuation[0]), inside)
     sizes = np.where(inside, np.linalg.norm(magnetic[0], axis=1), np.nan)
-    np.testing.assert_allclose(fluctuation[0], relative_fluctuation(sizes, owner), rtol=1e-10)
+    np.testing.assert_allclose(fluctuation[0], relative_force_fluctuation(sizes, owner), rtol=1e-10)
 
 
 def test_shaken_cells_inertia_is_taken_off(make_run: MakeRun) -> None:

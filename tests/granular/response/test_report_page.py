@@ -19,7 +19,7 @@ from granular.response.linear_system import (
     linear_response,
     slowest_decay_rate,
 )
-from granular.response.page import add_steadiness_notes, energy_losses_per_period, response_page
+from granular.response.report_page import add_steadiness_notes, energy_losses_per_period, response_page
 from granular.response.response import FrequencyResponse, response_dataset
 from granular.response.transients import sweep_rate_at_peak
 from granular.shared.errors import InputError
