@@ -54,7 +54,17 @@ class Manifest:
 
 
 def write_checkpoint(path: Path, mapping: Mapping[str, Any], manifest: Manifest) -> None:
-    """Replace the checkpoint of a run directory atomically."""
+    """Replace the checkpoint of a run directory atomically.
+
+    Parameters
+    ----------
+    path : Path
+        Run directory.
+    mapping : mapping of str to array
+        Arrays of the checkpoint, in natural units.
+    manifest : Manifest
+        Digests of the directory's files and chunks.
+    """
     plain = json.dumps(dataclasses.asdict(manifest)).encode()
     archive = io.BytesIO()
     np.savez(archive, **{**mapping, MANIFEST: np.array(plain)})
@@ -65,7 +75,17 @@ def write_checkpoint(path: Path, mapping: Mapping[str, Any], manifest: Manifest)
 
 
 def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
-    """Checkpoint of a run directory, and the manifest in it.
+    """Read the checkpoint of a run directory, and the manifest in it.
+
+    Parameters
+    ----------
+    path : Path
+        Run directory.
+
+    Returns
+    -------
+    tuple of dict and Manifest
+        Arrays by name, in natural units, and the digests of files and chunks.
 
     Raises
     ------
@@ -93,13 +113,36 @@ def _seal_digest(content: bytes) -> bytes:
 
 
 def digest_files(path: Path) -> dict[str, str]:
-    """Digests of all files of a run directory that holds no records yet, by their names."""
+    """Compute the digests of all files of a run directory that holds no records yet.
+
+    Parameters
+    ----------
+    path : Path
+        Run directory.
+
+    Returns
+    -------
+    dict of str to str
+        SHA-256 of each file, in hexadecimal digits, by its path in the directory.
+    """
     files = {file.relative_to(path).as_posix(): file for file in path.rglob("*") if file.is_file()}
     return {name: _digest_without_length(name, file.read_bytes()) for name, file in files.items()}
 
 
 def read_verified_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
-    """Files that stay as they were first written, by their names.
+    """Read the files that stay as they were first written, and compare their digests.
+
+    Parameters
+    ----------
+    path : Path
+        Run directory.
+    manifest : Manifest
+        Digests of its files.
+
+    Returns
+    -------
+    dict of str to bytes
+        Content of each file, by its path in the directory.
 
     Raises
     ------
@@ -114,7 +157,17 @@ def read_verified_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
 
 
 def read_run_file(file: Path) -> bytes:
-    """Content of a file of a run.
+    """Read a file of a run directory.
+
+    Parameters
+    ----------
+    file : Path
+        Path of the file.
+
+    Returns
+    -------
+    bytes
+        Its content.
 
     Raises
     ------

@@ -36,6 +36,7 @@ class DatasetVariable:
     dims: tuple[str, ...] = ("time",)
 
     def attributes(self) -> dict[str, Any]:
+        """Attributes that the variable has in xarray and Zarr: its SI unit and its meaning, by name."""
         return {"units": self.unit, "long_name": self.meaning}
 
 
@@ -78,7 +79,18 @@ FRAME_HEIGHT = DatasetVariable(
 
 
 def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """Scalar records that a scene has: what does not act is not recorded."""
+    """Scalar variables of a scene's records: those of the effects and parts that it has.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to run.
+
+    Returns
+    -------
+    tuple of DatasetVariable
+        Variables on time, in the order in which they are recorded.
+    """
     effects = scene.effects
     laws = list(enumerate(effects.in_loop_order))
     chosen: list[DatasetVariable] = []
@@ -126,19 +138,52 @@ def _record_variable(
 
 
 def grain_field_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """Grain fields of each frame that a scene has."""
+    """Variables of each grain in the frames of a scene's runs.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to run.
+
+    Returns
+    -------
+    tuple of DatasetVariable
+        Positions, velocities, forces, and what the effects add.
+    """
     brought = (record for effect in scene.effects.in_loop_order for record in effect.grain_records)
     return (*GRAIN_FIELDS, *(_record_variable(column, "", ("frame", "grain")) for column in brought))
 
 
 def all_run_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """All variables of a run, in the order in which they are recorded."""
+    """Variables of a scene's runs, in the order in which they are recorded.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to run.
+
+    Returns
+    -------
+    tuple of DatasetVariable
+        Variables on time, then variables on frames.
+    """
     scalars = (TIME, *scalar_variables(scene), STAGE)
     return (*scalars, FRAME_TIME, FRAME_HEIGHT, *grain_field_variables(scene))
 
 
 def record_column_names(scene: Scene) -> tuple[str, ...]:
-    """Every column of a scene's records."""
+    """Names of the columns of a scene's records, as the compiled loop fills them.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to run.
+
+    Returns
+    -------
+    tuple of str
+        Name of each column.
+    """
     laws = scene.effects.in_loop_order
     return column_names_for_laws(len(laws), sum(len(law.extra_records) for law in laws))
 
@@ -146,7 +191,24 @@ def record_column_names(scene: Scene) -> tuple[str, ...]:
 def column_in_si(
     variable: DatasetVariable, rows: np.ndarray, columns: tuple[str, ...], scales: Scales
 ) -> np.ndarray:
-    """Variable's values in SI from records in natural units, with those columns."""
+    """Convert a variable from the columns of the records to SI.
+
+    Parameters
+    ----------
+    variable : DatasetVariable
+        Scalar variable; the sum of several columns, where it names them.
+    rows : float64 (r, columns)
+        Records in natural units.
+    columns : tuple of str
+        Names of the columns.
+    scales : Scales
+        Natural units in SI.
+
+    Returns
+    -------
+    float64 (r,)
+        Values in the variable's SI unit.
+    """
     first, *others = (rows[:, columns.index(word)] for word in variable.column.split(" + "))
     values = sum(others, start=first)
     return values * getattr(scales, variable.scale) if variable.scale else values

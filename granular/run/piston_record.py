@@ -37,7 +37,7 @@ class PandasOrXarray(Protocol):
     """A Series or DataFrame of pandas, or a DataArray or Dataset of xarray."""
 
     def equals(self, other: Any, /) -> bool:
-        """Return True for a table of the same numbers."""
+        """Return True for an object of the same kind that holds the same numbers."""
         ...
 
 
@@ -211,6 +211,11 @@ class PistonRecord:
             ``skip``, ``sheet``, ``flip``, ``between``, ``scale``, ``zero``, ``calibration``,
             ``rate``, ``sort``, but for ``release``, which `reduced_models.read_record` heeds.
 
+        Returns
+        -------
+        PistonRecord
+            Record with time [s], height [m] or angle [rad], and what else the file holds.
+
         Raises
         ------
         RecordError
@@ -229,9 +234,17 @@ class PistonRecord:
         units : mapping of str to str, optional
             Units of the columns, instead of those in the file.
         **said
-            How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``,
-            ``between``, ``scale``, ``zero``, ``calibration``, ``rate`` and ``sort``, the fields of
-            `granular.readers.read_options.ReadOptions`.
+            Options of `from_file`.
+
+        Returns
+        -------
+        PistonRecord
+            Record with time [s], height [m] or angle [rad], and what else the file holds.
+
+        Raises
+        ------
+        RecordError
+            If the file cannot be read as such; the message names line and column.
         """
         from granular.readers.file_formats import TEXT
 
@@ -253,9 +266,17 @@ class PistonRecord:
         units : mapping of str to str, optional
             Units of the columns, instead of those in the file.
         **said
-            How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``,
-            ``between``, ``scale``, ``zero``, ``calibration``, ``rate`` and ``sort``, the fields of
-            `granular.readers.read_options.ReadOptions`.
+            Options of `from_file`.
+
+        Returns
+        -------
+        PistonRecord
+            Record with time [s], height [m] or angle [rad], and what else the file holds.
+
+        Raises
+        ------
+        RecordError
+            If the file cannot be read as such, or pyarrow is not there.
         """
         from granular.readers.file_formats import PARQUET
 
@@ -272,11 +293,14 @@ class PistonRecord:
         table : DataFrame, xarray object or mapping
             Table with columns of time and height.
         units : mapping of str to str, optional
-            Units of the columns, instead of those in the file.
+            Units of the columns, instead of those in the table.
         **said
-            How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``,
-            ``between``, ``scale``, ``zero``, ``calibration``, ``rate`` and ``sort``, the fields of
-            `granular.readers.read_options.ReadOptions`.
+            Options of `from_file`.
+
+        Returns
+        -------
+        PistonRecord
+            Record with time [s], height [m] or angle [rad], and what else the table holds.
 
         Raises
         ------
@@ -318,12 +342,17 @@ class PistonRecord:
 
     @classmethod
     def from_interpreted_columns(cls, meaning: SheetInterpretation) -> PistonRecord:
-        """Record that columns were taken for; see `granular.readers.sheet_interpretation`.
+        """Make a record of columns whose roles and units were found; see `granular.readers`.
 
         Parameters
         ----------
         meaning : SheetInterpretation
             Columns of a file with their roles and units.
+
+        Returns
+        -------
+        PistonRecord
+            Record in SI units.
 
         Raises
         ------
@@ -399,13 +428,18 @@ class PistonRecord:
 
     @classmethod
     def from_columns(cls, columns: Mapping[str, Sequence[float] | np.ndarray]) -> PistonRecord:
-        """Record of such columns; those that are none of its own are further ones.
+        """Make a record of columns in SI units; those that are none of its own are further ones.
 
         Parameters
         ----------
         columns : mapping of str to array (n,)
             Columns in SI units; ``time`` and ``height`` are needed. In place of the height there
             may be ``velocity`` or ``acceleration``; see ``measured``.
+
+        Returns
+        -------
+        PistonRecord
+            Record whose ``measured`` names the column of the motion that was given.
 
         Raises
         ------

@@ -47,7 +47,7 @@ class ProtocolRunner(RunState):
     threads = ThreadCountTuner(1)
 
     def summary_figures(self) -> dict[str, Any]:
-        """Figures that tell how the run went, in SI."""
+        """Sum up the steps, the energy residual, and the extremes of step and distance so far, in SI."""
         scales, progress, clock = self.system.scales, self.progress, self.state.clock
         figures: dict[str, Any] = {
             "steps": self.steps,
@@ -222,9 +222,19 @@ class ProtocolRunner(RunState):
         self._record_rows(rows)
 
     def finish_last_partial_tick(self) -> float:
-        """Run the part of a tick before ``t_end`` and take a last frame; the time reached [tau].
+        """Run the part of a tick before ``t_end``, and take a last frame.
 
         A snapshot to resume from is taken before this.
+
+        Returns
+        -------
+        float
+            Time that was reached [tau].
+
+        Raises
+        ------
+        RunError
+            If the run cannot be trusted any more.
         """
         if self.finished or not self.progress.started:
             return self.progress.start
@@ -281,7 +291,18 @@ class ProtocolRunner(RunState):
         }
 
     def stage_results(self, until: float) -> list[dict[str, Any]]:
-        """Finished stages, and the present one, cut at the time ``until`` [tau]."""
+        """Results of the finished stages, and of the present one, cut at a time.
+
+        Parameters
+        ----------
+        until : float
+            Time at which the present stage is cut [tau].
+
+        Returns
+        -------
+        list of dict
+            Fields of a `granular.run.trajectory.StageResult` for each stage, in SI.
+        """
         if not self.progress.started:
             return list(self.progress.results)
         cut = self._stage_result("cut", until, float(self.state.piston[HEIGHT]), 0.0)

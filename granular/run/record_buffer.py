@@ -41,10 +41,30 @@ class RecordBuffer:
     frames: list[dict[str, np.ndarray]] = dataclasses.field(default_factory=list)
 
     def add_records(self, rows: np.ndarray, stage: int) -> None:
+        """Append records of one stage.
+
+        Parameters
+        ----------
+        rows : float64 (r, columns)
+            Records in natural units, which are copied.
+        stage : int
+            Index of the stage in the protocol.
+        """
         self.rows.append(rows.copy())
         self.stages.append(np.full(len(rows), stage, dtype=np.int64))
 
     def add_frame(self, time: float, state: State, constants: Constants) -> None:
+        """Append a frame: positions, velocities, forces and the effects' values of all grains.
+
+        Parameters
+        ----------
+        time : float
+            Time of the frame [tau].
+        state : State
+            State of the run, in natural units.
+        constants : Constants
+            Constants of the run, with the number of grains that are in the cell.
+        """
         frame = {
             "frame_time": np.array(time),
             "frame_height": state.piston[HEIGHT].copy(),
@@ -63,15 +83,29 @@ class RecordBuffer:
         return field
 
     def record_and_frame_counts(self) -> tuple[int, int]:
-        """Numbers of records and frames that are held."""
+        """Count the records and the frames that are held: a tuple of two integers."""
         return sum(map(len, self.rows)), len(self.frames)
 
     def clear(self) -> None:
+        """Forget all records and frames."""
         for buffer in (self.rows, self.stages, self.frames):
             buffer.clear()
 
     def variables_in_si(self, scene: Scene, scales: Scales) -> Iterator[tuple[DatasetVariable, np.ndarray]]:
-        """Every variable of the scene with its values in SI."""
+        """Iterate over the scene's variables, with all values that are held converted to SI.
+
+        Parameters
+        ----------
+        scene : Scene
+            Scene that is run.
+        scales : Scales
+            Natural units in SI.
+
+        Yields
+        ------
+        tuple of DatasetVariable and array
+            Variable and its values, (r,) on time or (f, ...) on frames.
+        """
         rows, stages = self.all_records()
         columns = record_column_names(scene)
         for variable in (TIME, *scalar_variables(scene)):
@@ -84,7 +118,7 @@ class RecordBuffer:
             )
 
     def all_records(self) -> tuple[np.ndarray, np.ndarray]:
-        """All records (r, columns), and the stage of each (r,)."""
+        """Join all records, float64 (r, columns) in natural units, and the stage of each, int64 (r,)."""
         own = sum(len(effect.extra_records) for effect in self.effects)
         empty = np.empty((0, ledger_column_count(len(self.effects)) + own))
         return (
@@ -93,7 +127,20 @@ class RecordBuffer:
         )
 
     def stack_frames(self, name: str, dims: tuple[str, ...]) -> np.ndarray:
-        """One field of all frames."""
+        """Join one field of all frames.
+
+        Parameters
+        ----------
+        name : str
+            Name of the field.
+        dims : tuple of str
+            Its dimensions, ``"frame"`` first.
+
+        Returns
+        -------
+        float64 (f, ...)
+            Values in natural units: (f,), (f, n) or (f, n, 2).
+        """
         shape = {"grain": self.count, "axis": 2}
         rest = tuple(shape[dim] for dim in dims[1:])
         return np.array([frame[name] for frame in self.frames]).reshape(len(self.frames), *rest)

@@ -22,10 +22,20 @@ KNOWN = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT + PART}
 
 
 def lock_directory(path: Path) -> int | None:
-    """Keep other processes from writing to a directory; what holds it, for `unlock_directory`.
+    """Lock a directory, so that no other process writes to it.
 
     The lock is the directory's, whatever its name becomes, and ends with the process. None where
     the file system has no locks.
+
+    Parameters
+    ----------
+    path : Path
+        Directory, which exists.
+
+    Returns
+    -------
+    int or None
+        File descriptor for `unlock_directory`; None where the file system has no locks.
 
     Raises
     ------
@@ -47,13 +57,29 @@ def lock_directory(path: Path) -> int | None:
 
 
 def unlock_directory(held: int | None) -> None:
-    """Let others write there."""
+    """Unlock a directory, so that others may write to it.
+
+    Parameters
+    ----------
+    held : int or None
+        File descriptor of `lock_directory`; nothing is done for None.
+    """
     if held is not None:
         os.close(held)
 
 
 def create_partial_directory(path: Path) -> tuple[Path, int | None]:
-    """Empty directory next to a run's path, to which `move_to_final_path` moves it; and its lock.
+    """Make an empty, locked directory next to a run's path, to be moved there by `move_to_final_path`.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the run directory, which is empty or does not exist.
+
+    Returns
+    -------
+    tuple of Path and int or None
+        The directory, and the descriptor that holds its lock.
 
     Raises
     ------
@@ -85,7 +111,14 @@ def create_partial_directory(path: Path) -> tuple[Path, int | None]:
 
 
 def move_to_final_path(part: Path, path: Path) -> None:
-    """Move a complete part to its path.
+    """Move a complete run directory to its path, in one step.
+
+    Parameters
+    ----------
+    part : Path
+        Directory of `create_partial_directory`.
+    path : Path
+        Path of the run directory.
 
     Raises
     ------
@@ -123,14 +156,38 @@ def _remove_abandoned_parts(target: Path) -> None:
 
 
 def replace_run_file(file: Path, content: bytes) -> None:
-    """Write a file of a run atomically."""
+    """Replace a file of a run directory in one step.
+
+    Parameters
+    ----------
+    file : Path
+        Path of the file.
+    content : bytes
+        New content.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
     part = file.with_name(file.name + PART)
     part.write_bytes(content)
     os.replace(part, file)
 
 
 def is_run_directory(path: Path) -> bool:
-    """Return True where a directory holds a run, whole or damaged."""
+    """Test whether a directory holds a run, whole or damaged.
+
+    Parameters
+    ----------
+    path : Path
+        Directory.
+
+    Returns
+    -------
+    bool
+        True where it has a checkpoint or a trajectory.
+    """
     try:
         return (path / CHECKPOINT).is_file() or (path / TRAJECTORY).is_dir()
     except OSError:

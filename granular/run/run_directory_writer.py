@@ -66,7 +66,25 @@ class RunDirectoryWriter:
         settings: dict[str, Any],
         checkpoint: Mapping[str, Any],
     ) -> RunDirectoryWriter:
-        """Start a run directory with its first checkpoint, in one step, and `hold` it.
+        """Make a run directory with its first checkpoint, in one step, and lock it.
+
+        Parameters
+        ----------
+        path : Path
+            Path of the directory, which is empty or does not exist.
+        scene : Scene
+            Scene that is run.
+        system : SceneInNaturalUnits
+            The same in natural units.
+        settings : dict
+            Settings and versions of the run, as plain data.
+        checkpoint : mapping of str to array
+            Arrays of the first checkpoint, in natural units.
+
+        Returns
+        -------
+        RunDirectoryWriter
+            Writer of the new directory.
 
         Raises
         ------
@@ -103,7 +121,7 @@ class RunDirectoryWriter:
         return {"time": self.rows, "frame": self.frames}
 
     def lock(self) -> None:
-        """Keep other processes from writing here, until `release` or the end of this one.
+        """Lock the directory until `unlock`, or the end of this process.
 
         Raises
         ------
@@ -113,12 +131,19 @@ class RunDirectoryWriter:
         self._held = lock_directory(self.path)
 
     def unlock(self) -> None:
-        """Let others write here."""
+        """Let other processes write to the directory."""
         unlock_directory(self._held)
         self._held = None
 
     def read_checkpoint_and_arrays(self) -> dict[str, np.ndarray]:
-        """Last checkpoint; what was written behind it will be written again.
+        """Read the last checkpoint, and open the arrays to go on from it.
+
+        What was written behind the checkpoint will be written again.
+
+        Returns
+        -------
+        dict of str to array
+            Arrays of the checkpoint, in natural units.
 
         Raises
         ------
@@ -133,7 +158,18 @@ class RunDirectoryWriter:
         return checkpoint
 
     def append_records(self, recorder: RecordBuffer) -> None:
-        """Append what the recorder holds, and clear it."""
+        """Append what a buffer holds to the arrays, and clear the buffer.
+
+        Parameters
+        ----------
+        recorder : RecordBuffer
+            Records and frames in natural units.
+
+        Raises
+        ------
+        OSError
+            If they cannot be written.
+        """
         for variable, values in recorder.variables_in_si(self.scene, self.system.scales):
             self._arrays[variable.name].append(values)
         rows, frames = recorder.record_and_frame_counts()
@@ -143,6 +179,17 @@ class RunDirectoryWriter:
         recorder.clear()
 
     def replace_checkpoint(self, mapping: Mapping[str, Any]) -> None:
-        """Replace the checkpoint: all that was written is complete."""
+        """Replace the checkpoint: all that was written counts as complete.
+
+        Parameters
+        ----------
+        mapping : mapping of str to array
+            Arrays of the checkpoint, in natural units.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
         chunks = {name: array.digests() for name, array in self._arrays.items()}
         write_checkpoint(self.path, mapping, Manifest(self._files, self._record_and_frame_counts(), chunks))

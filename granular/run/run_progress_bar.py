@@ -61,7 +61,13 @@ class RunProgressBar:
         self._compiling.set_postfix_str(f"kernel {kernels}")
 
     def show(self, run: ProtocolRunner) -> None:
-        """Show how far the run is."""
+        """Show the stage, its time and the piston, as they are now.
+
+        Parameters
+        ----------
+        run : ProtocolRunner
+            The run.
+        """
         if not self.wanted:
             return
         if self._compiling is not None:
@@ -137,7 +143,13 @@ class RestApproach:
         self._greatest = 0.0
 
     def look(self, run: ProtocolRunner) -> None:
-        """Take in the present state."""
+        """Take in the present heights and speeds.
+
+        Parameters
+        ----------
+        run : ProtocolRunner
+            The run, in a stage that ends at rest.
+        """
         state = run.state
         fastest = float(np.hypot(state.vx, state.vy).max(initial=abs(float(state.piston[SPEED]))))
         self._seen.append((run.time, float(state.piston[HEIGHT]), fastest))
@@ -158,7 +170,18 @@ class RestApproach:
 
 
 def stage_duration(run: ProtocolRunner) -> float | None:
-    """Length of the present stage [s], as far as it is known."""
+    """Duration of the present stage, as far as it is known.
+
+    Parameters
+    ----------
+    run : ProtocolRunner
+        The run.
+
+    Returns
+    -------
+    float or None
+        Duration [s]; None where the stage ends at rest, or has no end that is known.
+    """
     stage = run.scene.protocol[run.progress.stage]
     if isinstance(stage, TimedStage) and stage.until == "rest":
         return None
@@ -167,10 +190,20 @@ def stage_duration(run: ProtocolRunner) -> float | None:
 
 
 def remaining_steps(run: ProtocolRunner) -> float:
-    """Return the steps from here to the end of a run, at the present one.
+    """Count the steps from here to the end of a run, at the present step.
 
     A stage that ends at rest or at a force counts whole, and a later one from the height that the
     piston has now.
+
+    Parameters
+    ----------
+    run : ProtocolRunner
+        The run.
+
+    Returns
+    -------
+    float
+        Number of steps; infinite without an end that is known.
     """
     progress, last = run.progress, run.scene.protocol[-1]
     if run.finished or not progress.started:
@@ -184,7 +217,20 @@ def remaining_steps(run: ProtocolRunner) -> float:
 
 
 def remaining_time_text(steps: float, rate: float) -> str | None:
-    """Duration of so many steps at a rate [1/s], in words; None where it is not long."""
+    """Say the duration of some steps in words.
+
+    Parameters
+    ----------
+    steps : float
+        Number of steps.
+    rate : float
+        Steps a second [1/s].
+
+    Returns
+    -------
+    str or None
+        Steps, duration and rate; None below a minute.
+    """
     seconds = steps / rate
     if seconds < LONG:
         return None

@@ -126,6 +126,7 @@ class RunState:
 
     @property
     def stage(self) -> Stage:
+        """Present stage of the protocol."""
         return self.scene.protocol[self.progress.stage]
 
     @property
@@ -146,14 +147,17 @@ class RunState:
 
     @property
     def steps(self) -> int:
+        """Number of steps made so far."""
         return int(self.state.clock[STEPS])
 
     @property
     def finished(self) -> bool:
+        """True where all stages of the protocol have ended."""
         return self.progress.stage == len(self.scene.protocol)
 
     @property
     def schedule(self) -> StepSchedule:
+        """Ticks, steps and records of the present stage [tau]."""
         assert self.progress.schedule is not None
         return StepSchedule(*self.progress.schedule)
 
@@ -169,7 +173,18 @@ class RunState:
         return before_end and self.whole_ticks_until_end() <= 0
 
     def whole_ticks_until(self, time: float) -> float:
-        """Whole ticks that are left to a time in the stage."""
+        """Count the whole ticks from here to a time in the stage.
+
+        Parameters
+        ----------
+        time : float
+            Time since the start of the stage [tau].
+
+        Returns
+        -------
+        float
+            Number of ticks, negative where the time has passed.
+        """
         return completed_ticks(self.schedule, time) - self.progress.ticks
 
     def whole_ticks_until_end(self) -> float:
@@ -182,7 +197,18 @@ class RunState:
         return self.whole_ticks_until(self.t_end - self.progress.start) - spared
 
     def remaining_stage_time(self, least: float = 1e-6) -> float:
-        """Time [tau] left of the stage behind its last whole tick; 0 below ``least`` steps."""
+        """Time left of the stage behind its last whole tick.
+
+        Parameters
+        ----------
+        least : float
+            Number of steps below which nothing is left.
+
+        Returns
+        -------
+        float
+            Time [tau]; 0 where the stage has no end, or less than ``least`` steps are left.
+        """
         total = self.total
         if math.isinf(total):
             return 0.0
@@ -192,10 +218,22 @@ class RunState:
         return 0.0
 
     def rounding_time(self, fraction: float = 1e-6) -> float:
-        """Time [tau] below which rounding leaves something to an end that was reached."""
+        """Time below which rounding leaves something to an end that was reached.
+
+        Parameters
+        ----------
+        fraction : float
+            Time over the present step.
+
+        Returns
+        -------
+        float
+            Time [tau]; 0 before the first tick of the stage.
+        """
         return fraction * self.schedule.h if self.progress.ticks else 0.0
 
     def ticks_of_next_call(self) -> int:
+        """Count the ticks that may be made at once: up to the end, the next frame or the next review."""
         ticks, schedule = self.progress.ticks, self.schedule
         to_frame = schedule.frames_every - ticks % schedule.frames_every
         to_review = REVIEW - ticks % REVIEW
@@ -204,14 +242,14 @@ class RunState:
 
     @property
     def remedy_for_long_steps(self) -> str:
-        """Remedy for steps that are too long."""
+        """Advice in words against steps that are too long."""
         if self.step.automatic:
             return f"shorten dt (for instance {auto_step_text(0.25 * self.step.factor)!r})"
         return "shorten dt (or leave it 'auto')"
 
     @property
     def remedy_for_non_finite(self) -> str:
-        """Remedy for what is no number any more.
+        """Advice in words against numbers that are not finite any more.
 
         A user's formula or function may be no number at some point or time; no step cures that, and
         one that resolves all swings has not led the grains astray.
@@ -232,7 +270,7 @@ class RunState:
 
     @property
     def too_long_step_text(self) -> str:
-        """Words for a step in seconds that is too long for the stiffest mode, else none."""
+        """Words that blame a given step for being too long for the stiffest mode; empty where it is not."""
         if self.step.seconds is None or self.progress.schedule is None:  # no step was made yet
             return ""
         swings = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * self.schedule.h / math.tau
@@ -241,7 +279,23 @@ class RunState:
         return f"dt = {self.step.seconds:g} s is {swings:.2g} periods of the stiffest swing: "
 
     def look(self, remedy: str) -> np.ndarray:
-        """Return the forces and a record of the present moment."""
+        """Compute the forces, and a record of the present moment.
+
+        Parameters
+        ----------
+        remedy : str
+            Advice for the error's message.
+
+        Returns
+        -------
+        float64 (columns,)
+            Record in natural units, which the next call overwrites.
+
+        Raises
+        ------
+        RunError
+            If a grain is outside of the walls, or a number is not finite.
+        """
         moved = self.progress.start, self.plan, self.state, self.constants, self.motion
         outside = record_present_state(*moved, self.measurement, self._row)
         self._row[columns.TURNED] = self.seen[TURNED]
@@ -250,10 +304,38 @@ class RunState:
         return self._row
 
     def energy(self, remedy: str) -> float:
-        """Energy of the present moment [F* D]; see `record_present_state`."""
+        """Total energy of the present moment, in the ledger's sense.
+
+        Parameters
+        ----------
+        remedy : str
+            Advice for the error's message.
+
+        Returns
+        -------
+        float
+            Energy [F* D].
+
+        Raises
+        ------
+        RunError
+            If a grain is outside of the walls, or a number is not finite.
+        """
         return columns.total_energy(self.look(remedy)[: self._entered])
 
     def misplaced_grain_error(self, remedy: str) -> RunError:
+        """Error for a grain that stands where none can be, with the present step and time.
+
+        Parameters
+        ----------
+        remedy : str
+            Advice for the error's message.
+
+        Returns
+        -------
+        RunError
+            Error to raise.
+        """
         moment = self.steps, self.time * self.system.scales.time
         error = misplaced_grain_error(self.state, self.constants, self.system.scales, *moment, remedy)
         if isinstance(error, NotFiniteError) and remedy == self.remedy_for_long_steps:
@@ -269,7 +351,18 @@ class RunState:
     # The step schedule ---------------------------------------------------------------------------
 
     def set_step_schedule(self, row: np.ndarray) -> None:
-        """Cut the stage into ticks, by the speeds that the bed can reach from its first record."""
+        """Cut the stage into ticks and steps, by the speeds that the bed can reach from its first record.
+
+        Parameters
+        ----------
+        row : float64 (columns,)
+            First record of the stage, in natural units.
+
+        Raises
+        ------
+        StepCountError
+            If there are more steps than can be made, or counted.
+        """
         output, scales, gravity = self.scene.output, self.system.scales, self.system.downward_acceleration
         # A grain may still gain what it loses in height.
         top = float(self.state.y[: self.constants.grains].max(initial=0.0))
@@ -297,7 +390,18 @@ class RunState:
             initialise_step_density(speed, half_tick, self.plan.fraction, self.state, self.constants)
 
     def set_steps_per_tick(self, frequency: float) -> None:
-        """Cut the ticks into steps for another frequency; a variable step does so itself."""
+        """Cut the ticks into steps for another frequency; a variable step does so itself.
+
+        Parameters
+        ----------
+        frequency : float
+            Highest angular frequency [1/tau].
+
+        Raises
+        ------
+        StepCountError
+            If there are more steps from record to record than can be made.
+        """
         if self.plan.fraction is None:
             steps = self.step.steps_per_tick(self.schedule.length, self._frequency_to_resolve(frequency))
             self._apply_schedule(self.schedule.with_steps(steps))
@@ -337,7 +441,7 @@ class RunState:
 
     @property
     def rest_limit(self) -> float:
-        """Limit of motion at rest [D], [D/tau]; negative where the stage does not end so."""
+        """Range of heights [D] and speed [D/tau] that count as rest; negative for other ends."""
         stage = self.stage
         if not isinstance(stage, TimedStage) or stage.until != "rest":
             return -1.0
@@ -346,7 +450,7 @@ class RunState:
         return stage.tolerance / self.system.scales.length
 
     def stop_criteria(self) -> StopCriteria:
-        """Stop criteria of the present stage, for the compiled loop."""
+        """Criteria at which the compiled loop stops in the present stage, in natural units."""
         stage, rest, window = self.stage, self.rest_limit, 0
         if isinstance(stage, TimedStage) and rest >= 0.0:
             ticks = stage.window / self.system.scales.time / self.schedule.length

@@ -61,7 +61,17 @@ class ChosenSettings(NamedTuple):
 
 
 def parse_accuracy(text: str) -> tuple[float, str]:
-    """Tolerance and quantity of a text such as "1e-4 rest height" or "1 % piston force".
+    """Parse an accuracy such as "1e-4 rest height" or "1 % piston force".
+
+    Parameters
+    ----------
+    text : str
+        Error, relative or in percent, and the quantity it is of.
+
+    Returns
+    -------
+    tuple of float and str
+        Greatest relative error, and the name of the quantity.
 
     Raises
     ------
@@ -85,7 +95,19 @@ def parse_accuracy(text: str) -> tuple[float, str]:
 
 
 def choose_settings_for_accuracy(scene: Scene, text: str) -> ChosenSettings:
-    """Cheapest method and step that the table promises an accuracy of, and a sum that keeps it.
+    """Choose the cheapest method and step for an accuracy, by the stored work-precision table.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that is to be run.
+    text : str
+        Accuracy, such as "1e-4 rest height"; see `parse_accuracy`.
+
+    Returns
+    -------
+    ChosenSettings
+        Scene with its pair sum, time step, method, and the reason in words.
 
     Raises
     ------
@@ -170,9 +192,21 @@ def _longest_step_fraction(
 
 
 def step_from_frequency_product(scene: Scene, fraction: float) -> str:
-    """Step of that product with the highest frequency, as a multiple of the automatic one.
+    """Time step with a given product of step and highest frequency, as a multiple of the automatic one.
 
     It is rounded down to hundredths.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that is to be run.
+    fraction : float
+        Step times highest angular frequency, without unit.
+
+    Returns
+    -------
+    str
+        Step such as ``"auto/2"`` or ``"auto*1.5"``, rounded down to hundredths.
     """
     step: StepRequest = parse_time_step("auto", scene)
     factor = min(fraction / step.step_times_frequency, step.greatest_factor)
@@ -195,10 +229,22 @@ def _choose_pair_sum(scene: Scene, quantity: str, tolerance: float, text: str) -
 
 
 def longest_step_hidden_by_scatter(scene: Scene, method: str) -> str:
-    """Longest automatic step whose errors random starts hide; ``"auto"`` where none is known.
+    """Longest automatic step whose errors are hidden by the scatter over random starts.
 
     By the scene of the table that is most like another one: neither the rest height nor the period
     nor the damping ratio stands out from their scatter there, and the method shows its order.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that is to be run.
+    method : str
+        Integration method.
+
+    Returns
+    -------
+    str
+        Step such as ``"auto*2"``; ``"auto"`` where no longer one is known.
     """
     costs = most_similar_measured_scene(scene, MOTION[0])
     fraction = 0.0

@@ -270,7 +270,18 @@ def _run_settings(
 
 
 def custom_code_digests(scene: Scene) -> list[str]:
-    """Digests of a user's own functions in a scene, and of what is derived from formulas."""
+    """Digests of a user's own functions in a scene, and of what is derived from formulas.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with its effects and stages.
+
+    Returns
+    -------
+    list of str
+        Digests in hexadecimal digits, sorted.
+    """
     own = [part.user_code_digests for part in scene.effects.in_loop_order] + [
         stage.user_code_digests for stage in scene.protocol
     ]

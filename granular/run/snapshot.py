@@ -20,7 +20,18 @@ from granular.shared.errors import StoreError
 
 
 def take_snapshot(run: RunState) -> dict[str, Any]:
-    """All that is needed to go on from here, as arrays."""
+    """Copy all that a run needs to go on from here.
+
+    Parameters
+    ----------
+    run : RunState
+        The run.
+
+    Returns
+    -------
+    dict of str to array
+        Arrays of the state in natural units, and the progress as JSON text.
+    """
     saved = copy_persistent_arrays(run.state) | {"band": run.band.copy(), "seen": run.seen.copy()}
     memory = {
         "progress": dataclasses.asdict(run.progress),
@@ -31,7 +42,14 @@ def take_snapshot(run: RunState) -> dict[str, Any]:
 
 
 def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
-    """Go back to a snapshot.
+    """Set a run back to a snapshot.
+
+    Parameters
+    ----------
+    run : RunState
+        The run, which is overwritten.
+    saved : dict of str to array
+        Arrays of `take_snapshot`, in natural units.
 
     Raises
     ------
@@ -101,27 +119,65 @@ def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
 
 
 def copy_persistent_arrays(state: State) -> dict[str, Any]:
-    """Return the copies of the arrays that a state cannot be made again from."""
+    """Copy the arrays that a state cannot be made again from.
+
+    Parameters
+    ----------
+    state : State
+        State of a run.
+
+    Returns
+    -------
+    dict of str to array
+        Copies in natural units, by their names in a checkpoint.
+    """
     saved = {name: array.copy() for name, array in _persistent_arrays_by_name(state).items()}
     return saved | copy_neighbour_list_arrays(state.stripes or state.verlet_list)
 
 
 def restore_persistent_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
-    """Put kept arrays back."""
+    """Put kept arrays back into a state.
+
+    Parameters
+    ----------
+    state : State
+        State of a run, which is overwritten.
+    saved : dict of str to array
+        Arrays of `copy_persistent_arrays`, in natural units.
+    """
     for name, array in _persistent_arrays_by_name(state).items():
         array[:] = saved[name]
     restore_neighbour_lists(state.stripes or state.verlet_list, saved)
 
 
 def copy_neighbour_list_arrays(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
-    """Arrays of the lists of partners in a checkpoint: the positions that they were made at."""
+    """Copy the positions that the neighbour lists were made at, and the lists' memory.
+
+    Parameters
+    ----------
+    lists : Stripes, VerletList or None
+        Lists of partners.
+
+    Returns
+    -------
+    dict of str to array
+        Positions float64 (2, m) [D] and memory, by their names in a checkpoint; empty for None.
+    """
     if lists is None:
         return {}
     return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}
 
 
 def restore_neighbour_lists(lists: Stripes | VerletList | None, saved: dict[str, np.ndarray]) -> None:
-    """Let the lists be made again at the positions that a checkpoint holds."""
+    """Make the neighbour lists be listed again at the positions of a checkpoint.
+
+    Parameters
+    ----------
+    lists : Stripes, VerletList or None
+        Lists of partners, which are overwritten.
+    saved : dict of str to array
+        Arrays of `copy_neighbour_list_arrays`.
+    """
     if lists is not None and "near_built" in saved:
         lists.built[:], lists.memory[:] = saved["near_built"], saved["near_memory"]
         lists.memory[LISTED] = 0.0

@@ -17,13 +17,38 @@ _SHOWN = 1.0
 
 
 def packing_fraction(scene: Scene, height: float) -> float:
-    """Area of the grains over that of the cell below a piston at ``height`` [m] [D, eq. 2.2]."""
+    """Packing fraction: area of the grains over that of the cell below the piston [D, eq. 2.2].
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with grains and a cell.
+    height : float
+        Height of the piston, or of a periodic cell [m].
+
+    Returns
+    -------
+    float
+        Packing fraction, without unit.
+    """
     area = float((math.pi / 4.0 * scene.grains.diameters() ** 2).sum())
     return area / (scene.cell.width * height)
 
 
 def derived_scene_values(scene: Scene) -> dict[str, Any]:
-    """Numbers that follow from a scene, in SI."""
+    """Natural units, numbers of grains and packing fraction of a scene, in SI.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to describe.
+
+    Returns
+    -------
+    dict
+        ``grain_diameter`` [m], ``grain_mass`` [kg], ``force_unit`` [N], ``time_unit`` [s], ``counts`` by
+        species, and ``packing_fraction`` where the cell has a height.
+    """
     scales = Scales.from_grains(scene.grains)
     figures: dict[str, Any] = {
         "grain_diameter": scales.length,
@@ -41,7 +66,18 @@ def derived_scene_values(scene: Scene) -> dict[str, Any]:
 
 
 def active_effect_names(scene: Scene) -> tuple[str, ...]:
-    """Names of the effects that act."""
+    """Names of the effects that act in a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to describe.
+
+    Returns
+    -------
+    tuple of str
+        Keys of its ``[effects]``.
+    """
     return tuple(key for key in scene.effects.key_names() if getattr(scene.effects, key))
 
 
@@ -100,7 +136,18 @@ def scene_text(scene: Scene) -> str:
 
 
 def run_statistics(run: Trajectory) -> dict[str, Any]:
-    """Numbers that tell how a run went, in SI."""
+    """Last values, stages, step counts, residual and timings of a run, in SI.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+
+    Returns
+    -------
+    dict
+        Plain data by name: forces in N, heights in m, times in s, energies in J.
+    """
     data, last = run.dataset, {}
     for name in ("piston_height", "piston_force", "kinetic_energy"):
         if name in data and data.sizes["time"]:

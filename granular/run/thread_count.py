@@ -41,7 +41,15 @@ class ThreadCountTuner:
         self._until, self._wait = 0.0, SHORTEST
 
     def record_step_time(self, steps: int, seconds: float) -> None:
-        """Learn how long steps took with the present number, and set the next one."""
+        """Record how long steps took with the present number of threads, and set the next number.
+
+        Parameters
+        ----------
+        steps : int
+            Number of steps.
+        seconds : float
+            Wall time of all of them [s].
+        """
         if self.most == 1 or steps == 0:
             return
         self._took[self.count] = seconds / steps
@@ -62,12 +70,24 @@ class ThreadCountTuner:
 
 
 def choose_thread_count(scene: Scene, requested: int | None) -> int:
-    """Return the requested number, or the greatest that can pay off.
+    """Choose the number of threads: the requested one, or the greatest that can pay off.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that is to be run.
+    requested : int or None
+        Number of threads; None for a choice by the scene.
+
+    Returns
+    -------
+    int
+        Number of threads, at least 1.
 
     Raises
     ------
     InputError
-        If there are not so many.
+        If the requested number is no integer from 1 to the number that there are.
     """
     available = int(numba.config.NUMBA_NUM_THREADS)
     if requested is None:
@@ -100,7 +120,12 @@ def _has_module(name: str) -> bool:
 
 
 def set_thread_count(count: int) -> None:
-    """Let the kernels take so many threads.
+    """Set the number of threads that compiled kernels use.
+
+    Parameters
+    ----------
+    count : int
+        Number of threads, which is cut to the number that there are.
 
     Raises
     ------

@@ -295,7 +295,26 @@ def load_trajectory(path: str | Path) -> Trajectory:
 def make_trajectory(
     scene: Scene, data: xarray.Dataset, settings: dict[str, Any], outcome: dict[str, Any], path: Path | None
 ) -> Trajectory:
-    """Trajectory from a run's data, with coordinates and attributes."""
+    """Make a trajectory of a run's data, with coordinates and attributes.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that was run.
+    data : xarray.Dataset
+        Variables in SI on ``time`` and ``frame``.
+    settings : dict
+        Settings and versions of the run.
+    outcome : dict
+        ``stages``, ``complete`` and ``figures`` of the run, as plain data in SI.
+    path : Path or None
+        Run directory, where there is one.
+
+    Returns
+    -------
+    Trajectory
+        The run.
+    """
     species = scene.grains.species_indices()
     data = data.assign_coords(
         time=("time", separate_equal_times(data["time"].values), data["time"].attrs),
@@ -319,11 +338,21 @@ def make_trajectory(
 
 
 def separate_equal_times(times: np.ndarray) -> np.ndarray:
-    """Return the times (m,) [s] as stored, as times that grow.
+    """Shift the later one of two equal times, so that the times of the records increase.
 
     Where the piston jumps upwards, one time has two records. Labelled data need times that
     grow: there the record behind the jump stands at the next number of double precision, some
     1e-15 s later.
+
+    Parameters
+    ----------
+    times : float64 (r,)
+        Times as recorded [s]; the piston's jumps have two records each.
+
+    Returns
+    -------
+    float64 (r,)
+        Strictly increasing times [s].
     """
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 0.0):
@@ -332,7 +361,18 @@ def separate_equal_times(times: np.ndarray) -> np.ndarray:
 
 
 def merge_equal_times(times: np.ndarray) -> np.ndarray:
-    """Return the times (m,) [s] that grow, as they are stored."""
+    """Undo `separate_equal_times`: give both records of a jump the same time again.
+
+    Parameters
+    ----------
+    times : float64 (r,)
+        Strictly increasing times [s].
+
+    Returns
+    -------
+    float64 (r,)
+        Times as recorded [s].
+    """
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 2.0 * _least_time_difference(result[:-1])):
         result[k + 1] = result[k]
@@ -373,17 +413,23 @@ def shaken_base_motion(shaking: Shaking, time: np.ndarray) -> dict[str, np.ndarr
 def outer_force(
     protocol: Sequence[Stage], starts: Sequence[float], stage: np.ndarray, time: np.ndarray
 ) -> np.ndarray:
-    """Force from outside on the free piston (n,), upwards [N]; 0 in stages without one.
+    """Force from outside on the free piston in pushed stages, upwards; 0 in stages without one.
 
     Parameters
     ----------
     protocol : sequence of Stage
+        Stages of the scene.
     starts : sequence of float
         Start of each stage that was begun [s].
     stage : int (n,)
-        Place of each sample's stage in the protocol.
+        Index of each sample's stage in the protocol.
     time : float64 (n,)
-        Since the start of the run [s].
+        Time of each sample since the start of the run [s].
+
+    Returns
+    -------
+    float64 (n,)
+        Force [N].
     """
     force = np.zeros(len(time))
     for index, (segment, start) in enumerate(zip(protocol, starts, strict=False)):

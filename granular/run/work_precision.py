@@ -77,12 +77,39 @@ class SceneWorkPrecision(NamedTuple):
     date: str
 
     def scatter_for_grain_count(self, quantity: str, grains: int) -> float:
-        """Scatter for a number of grains: greater for fewer of them, never taken for smaller."""
+        """Scatter of a quantity over random starts, for a number of grains.
+
+        It goes with the inverse square root of the number of grains, and is never taken for less than
+        measured.
+
+        Parameters
+        ----------
+        quantity : str
+            Name of the quantity.
+        grains : int
+            Number of grains.
+
+        Returns
+        -------
+        float
+            Relative standard deviation.
+        """
         return self.floors[quantity] * max(1.0, math.sqrt(self.grains / max(grains, 1)))
 
 
 def damping_kind(scene: Scene) -> str:
-    """Damping of a scene: friction by either scheme, drag, or nothing."""
+    """Kind of damping in a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to describe.
+
+    Returns
+    -------
+    str
+        ``"friction"``, ``"regularised friction"``, ``"drag"`` or ``"nothing"``.
+    """
     friction = scene.effects.friction
     if friction is not None:
         return "friction" if friction.scheme == "velocity" else "regularised friction"
@@ -91,7 +118,7 @@ def damping_kind(scene: Scene) -> str:
 
 @cache
 def load_work_precision_scenes() -> tuple[SceneWorkPrecision, ...]:
-    """Scenes of the stored table."""
+    """Scenes of the stored work-precision table, as a tuple of `SceneWorkPrecision`."""
     plain = parse_toml(TABLE.read_text(encoding="utf-8"))
     return tuple(
         _parse_scene_work_precision(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"]
@@ -106,7 +133,21 @@ def _parse_scene_work_precision(plain: Mapping[str, Any], date: str) -> SceneWor
 
 
 def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecision | None:
-    """Scene of the table that is most like another one; None where none is like it."""
+    """Find the scene of the work-precision table that is most like another one.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that is looked up.
+    quantity : str
+        Quantity that the table must hold for it.
+
+    Returns
+    -------
+    SceneWorkPrecision or None
+        Table of the scene; None where it has other effects or damping, or more than eight times as many or as
+        few grains.
+    """
     if not KNOWN.issuperset(active_effect_names(scene)):
         return None
 
@@ -128,10 +169,20 @@ def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecisi
 
 
 def work_precision_text(run: Trajectory) -> str:
-    """Price of a run: its time, what its step errs, and the same for half the step.
+    """Say in a line how long a run took, its error by the step, and both for half the step.
 
     The error of a quantity is that of the table's scene most like it, scaled from the step used
     there to the one used here by the method's order; without such a scene, the energy's.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run.
+
+    Returns
+    -------
+    str
+        Time [s] and relative errors, in words.
     """
     settings = run.settings()
     seconds, order = settings["seconds"], run.method.order

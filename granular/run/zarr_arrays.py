@@ -47,7 +47,18 @@ class ZarrMetadata:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> ZarrMetadata:
-        """Descriptions of the arrays of a scene, without records and frames."""
+        """Describe the arrays of a scene's runs, without records and frames.
+
+        Parameters
+        ----------
+        scene : Scene
+            Scene that is to be run.
+
+        Returns
+        -------
+        ZarrMetadata
+            Descriptions in Zarr's format 3.
+        """
         count = scene.grains.count
         depth = max(1, FRAME_CHUNK // max(1, 2 * count))
         arrays = {}
@@ -60,7 +71,20 @@ class ZarrMetadata:
         return cls(json.dumps(_FORMAT | group).encode())
 
     def write(self, path: Path, lengths: Mapping[str, int]) -> None:
-        """Let other programs see the lengths of all arrays, by their first dimension."""
+        """Write the descriptions, with the present lengths of all arrays, for other programs.
+
+        Parameters
+        ----------
+        path : Path
+            Run directory.
+        lengths : mapping of str to int
+            Number of records and frames, by dimension.
+
+        Raises
+        ------
+        OSError
+            If they cannot be written.
+        """
         for name, plain in self.arrays.items():
             plain["shape"][0] = lengths[plain["dimension_names"][0]]
             _write_json(path / TRAJECTORY / name / METADATA, plain)
@@ -119,12 +143,25 @@ class ZarrArray:
         self.dtype = np.dtype(plain["data_type"]).newbyteorder("<")
 
     def unwritten_chunk(self) -> np.ndarray:
-        """Chunk of fill values alone."""
+        """Chunk of fill values alone, (depth, ...): NaN, or 0 for integers."""
         fill = np.nan if self.dtype.kind == "f" else 0
         return np.full((self.depth, *self.rest), fill, dtype=self.dtype)
 
     def write(self, index: int, values: np.ndarray) -> None:
-        """Replace a chunk atomically."""
+        """Replace a chunk in one step.
+
+        Parameters
+        ----------
+        index : int
+            Index of the chunk.
+        values : array (depth, ...)
+            Its values, in SI.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
         import google_crc32c
         from numcodecs.zstd import Zstd
 
@@ -134,7 +171,19 @@ class ZarrArray:
         replace_run_file(file, packed + google_crc32c.value(packed).to_bytes(_CHECKSUM, "little"))
 
     def read_chunk(self, index: int, manifest: Manifest) -> np.ndarray:
-        """Values of a chunk (depth, ...), right as far as the manifest calls them complete.
+        """Read a chunk, right as far as the manifest calls it complete.
+
+        Parameters
+        ----------
+        index : int
+            Index of the chunk.
+        manifest : Manifest
+            Lengths of the arrays, and digests of their chunks.
+
+        Returns
+        -------
+        array (depth, ...)
+            Values, in SI.
 
         Raises
         ------
@@ -193,7 +242,18 @@ class AppendableZarrArray:
                 self._chunk[: self._filled] = array.read_chunk(total, manifest)[: self._filled]
 
     def append(self, values: np.ndarray) -> None:
-        """Write values behind those that are there."""
+        """Append values, chunk by chunk.
+
+        Parameters
+        ----------
+        values : array (k, ...)
+            Values in SI, in entries of the first dimension.
+
+        Raises
+        ------
+        OSError
+            If they cannot be written.
+        """
         while values.size:
             part = values[: self.array.depth - self._filled]
             self._chunk[self._filled : self._filled + len(part)] = part
