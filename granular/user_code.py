@@ -32,7 +32,17 @@ class UserCode(NamedTuple):
 
 
 def import_user_code(paths: Iterable[str | Path]) -> UserCode:
-    """Run a user's files: their effects and methods are known by name from then on.
+    """Run a user's Python files, and collect their measures and observables.
+
+    Parameters
+    ----------
+    paths : iterable of str or Path
+        Files that the user names, and so trusts.
+
+    Returns
+    -------
+    UserCode
+        Measures and observables by name; effects and methods are registered.
 
     Raises
     ------

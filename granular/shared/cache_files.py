@@ -16,11 +16,16 @@ from pathlib import Path
 
 
 def toolkit_cache_folder() -> Path | None:
-    """Toolkit's folder among the user's caches; None where the user has no home directory.
+    """Folder of the toolkit among the user's caches.
 
     It is in ``XDG_CACHE_HOME``, or in ``.cache`` in the home directory. An empty or relative
     ``XDG_CACHE_HOME`` is ignored, as its specification says: it would be another folder in every
     working directory.
+
+    Returns
+    -------
+    Path or None
+        ``granular-damper`` in the cache folder; None where the user has no home directory.
     """
     home = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if not home.is_absolute():
@@ -73,9 +78,21 @@ def _belongs_to_user_alone(status: os.stat_result) -> bool:
 
 
 def read_sealed_file(path: Path, label: str) -> bytes | None:
-    """Content that `write_sealed_file` wrote under the same label.
+    """Read the content that `write_sealed_file` wrote under the same label.
 
     None where there is no such file, where it is not the user's own, and where it was damaged.
+
+    Parameters
+    ----------
+    path : Path
+        File to read.
+    label : str
+        Label of the content, which is part of the digest.
+
+    Returns
+    -------
+    bytes or None
+        Content; None where there is no such file, it is not the user's own, or it is damaged.
     """
     try:
         with path.open("rb") as file:
@@ -87,7 +104,16 @@ def read_sealed_file(path: Path, label: str) -> bytes | None:
 
 
 def write_sealed_file(path: Path, label: str, body: bytes) -> None:
-    """Write a file with a digest before its content, atomically.
+    """Write a file with a digest before its content, in one step.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    label : str
+        Label of the content, which is part of the digest.
+    body : bytes
+        Content.
 
     Raises
     ------

@@ -61,7 +61,18 @@ def cite(*things: Any) -> str:
 
 
 def find_dois(text: str) -> list[str]:
-    """DOIs that a text names; a bracket that the text opened before one is not part of it."""
+    """Find the DOIs that a text names; a bracket that the text opened before one is not part of it.
+
+    Parameters
+    ----------
+    text : str
+        Text with DOIs such as ``doi:10.1063/1.463137``.
+
+    Returns
+    -------
+    list of str
+        DOIs, without ``doi:``.
+    """
     return [_strip_sentence_end(doi) for doi in DOI.findall(text)]
 
 
@@ -75,14 +86,14 @@ def _strip_sentence_end(doi: str) -> str:
 
 @functools.cache
 def bibtex_entries() -> dict[str, str]:
-    """Entries of the file by their keys."""
+    """BibTeX entries of the toolkit's bibliography, a dict by their keys."""
     text = FILE.read_text(encoding="utf-8").replace("VERSION", __version__)
     return {match[1]: match[0] for match in _ENTRY.finditer(text)}
 
 
 @functools.cache
 def citation_keys_by_doi() -> dict[str, str]:
-    """Keys of the entries by their DOIs."""
+    """Keys of the BibTeX entries, a dict by their DOIs."""
     result = {}
     for key, entry in bibtex_entries().items():
         if match := re.search(r"doi = \{(.+)\},\n", entry):
@@ -91,5 +102,16 @@ def citation_keys_by_doi() -> dict[str, str]:
 
 
 def module_docstring_of(of: type) -> str:
-    """Docstring of the file that a class is from, where its law and its source stand."""
+    """Docstring of the module that a class is from, where its law and its source stand.
+
+    Parameters
+    ----------
+    of : type
+        The class.
+
+    Returns
+    -------
+    str
+        Docstring; empty where the module has none.
+    """
     return sys.modules[of.__module__].__doc__ or ""

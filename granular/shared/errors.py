@@ -98,7 +98,7 @@ class RunError(GranularError, RuntimeError):
         super().__init__(f"{where}: {cause}; {remedy}")
 
     def with_context(self, words: str) -> Self:
-        """Return the same error, with what is to blame before its cause.
+        """Make the same error with words before its cause that say what is to blame.
 
         Parameters
         ----------
@@ -189,7 +189,18 @@ NEEDED_BY = {
 
 
 def missing_package_error(error: ModuleNotFoundError) -> MissingPackageError | None:
-    """Return same in words that say what to do; None where the module is none of the toolkit's."""
+    """Turn the error of a missing module into one that says what to install.
+
+    Parameters
+    ----------
+    error : ModuleNotFoundError
+        Error of an import.
+
+    Returns
+    -------
+    MissingPackageError or None
+        Error with advice; None where the module is none that the toolkit needs.
+    """
     module = (error.name or "").partition(".")[0]
     if module not in NEEDED_BY:
         return None
@@ -200,7 +211,18 @@ def missing_package_error(error: ModuleNotFoundError) -> MissingPackageError | N
 
 
 def with_missing_package_advice(attribute: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Return the package's ``__getattr__`` that says so where what it imports is not installed."""
+    """Wrap a package's ``__getattr__``, so that a missing module is reported with what to install.
+
+    Parameters
+    ----------
+    attribute : function of str
+        ``__getattr__`` of the package.
+
+    Returns
+    -------
+    function of str
+        The same, which raises `MissingPackageError` where a needed module is missing.
+    """
 
     def get(name: str) -> Any:
         try:

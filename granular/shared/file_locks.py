@@ -17,14 +17,19 @@ WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
 @contextlib.contextmanager
 def lock_file(path: Path, wait: bool) -> Iterator[bool]:
-    """Hold a file until the end, or that of this process; False where somebody else holds it.
+    """Lock a file while the block runs, against other processes.
 
     Parameters
     ----------
     path : Path
-        The file is made, and taken away in the end.
+        The file is made, and removed in the end.
     wait : bool
-        Until the others release it.
+        Wait until others release it.
+
+    Yields
+    ------
+    bool
+        False where another process holds it.
 
     Raises
     ------
@@ -46,7 +51,14 @@ def lock_file(path: Path, wait: bool) -> Iterator[bool]:
 
 
 def hold(opened: int, wait: bool) -> None:
-    """Hold an open file or directory until it is closed; only where `HAS_LOCKS` says so.
+    """Lock an open file or directory until it is closed; only where `HAS_LOCKS` is True.
+
+    Parameters
+    ----------
+    opened : int
+        File descriptor.
+    wait : bool
+        Wait until others release it.
 
     Raises
     ------

@@ -28,9 +28,21 @@ _DOTTED = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")
 
 @contextlib.contextmanager
 def write_atomically(path: Path, overwrite: bool) -> Iterator[Path]:
-    """Temporary path to write a file to, which takes its real name when all went well.
+    """Give a temporary path to write to, which takes the file's name when all went well.
 
     A link stays and what it leads to is replaced; a device or a pipe is written to as it is.
+
+    Parameters
+    ----------
+    path : Path
+        File to write. A link stays, and the file that it leads to is replaced.
+    overwrite : bool
+        True where a file of that name may be replaced.
+
+    Yields
+    ------
+    Path
+        Path to write to: a temporary file, or the device or pipe itself.
 
     Raises
     ------
@@ -71,10 +83,24 @@ def write_atomically(path: Path, overwrite: bool) -> Iterator[Path]:
 def write_files_atomically(
     directory: Path, names: Sequence[str], overwrite: bool
 ) -> Iterator[Callable[[str], Path]]:
-    """Return a function that gives the path to write each file of a directory to, by its name.
+    """Give temporary paths to write several files of a directory to, which take their names together.
 
     The directory is made if there is none. The files take their real names together, when all went
     well; names that cannot be written or may not be are refused before anything is.
+
+    Parameters
+    ----------
+    directory : Path
+        Directory, which is made if there is none.
+    names : sequence of str
+        Names of the files.
+    overwrite : bool
+        True where files of these names may be replaced.
+
+    Yields
+    ------
+    function of str
+        Returns the path to write a file to, by its name.
 
     Raises
     ------
@@ -91,15 +117,21 @@ def write_files_atomically(
 
 
 def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str:
-    """Text of a file in UTF-8, with or without a byte-order mark.
+    """Read a text file in UTF-8, with or without a byte-order mark.
 
     Parameters
     ----------
     path : Path
+        File to read.
     most : int
-        Bytes that are read.
+        Greatest number of bytes.
     kind : type of InputError
         Class of the error that is raised.
+
+    Returns
+    -------
+    str
+        Text of the file.
 
     Raises
     ------
@@ -119,9 +151,23 @@ def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str
 
 @contextlib.contextmanager
 def report_read_errors(path: Path, most: int, kind: type[InputError] = InputError) -> Iterator[None]:
-    """Context in which a file of at most so many bytes is read; what fails is said in one line.
+    """Report errors within the block, which reads a file, in one line.
 
     A pipe, which may never begin or never end, and a device are no files.
+
+    Parameters
+    ----------
+    path : Path
+        File that is read.
+    most : int
+        Greatest number of bytes.
+    kind : type of InputError
+        Class of the error that is raised.
+
+    Yields
+    ------
+    None
+        The block runs where the path is that of a file that is not too long.
 
     Raises
     ------
@@ -158,7 +204,17 @@ def _too_long_error(path: Path, most: int, kind: type[InputError]) -> InputError
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Plain data from a TOML text.
+    """Parse a TOML text.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+
+    Returns
+    -------
+    dict
+        Plain data.
 
     Raises
     ------
@@ -174,7 +230,19 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def read_toml(path: Path, kind: type[InputError] = InputError) -> dict[str, Any]:
-    """Plain data from a TOML file.
+    """Read a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        File to read.
+    kind : type of InputError
+        Class of the error that is raised.
+
+    Returns
+    -------
+    dict
+        Plain data.
 
     Raises
     ------
@@ -189,7 +257,14 @@ def read_toml(path: Path, kind: type[InputError] = InputError) -> dict[str, Any]
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, over one of that name.
+    """Write a text file in UTF-8 in one step; one of that name is replaced.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    text : str
+        Its content.
 
     Raises
     ------
@@ -203,12 +278,38 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, plain: object) -> None:
-    """Write plain data as a JSON file; see `replace_non_finite_by_none` and `write_text`."""
+    """Write plain data as a JSON file; numbers that are not finite become null.
+
+    Parameters
+    ----------
+    path : Path
+        File to write; one of that name is replaced.
+    plain : object
+        Dicts, lists, texts, numbers, truth values and None.
+
+    Raises
+    ------
+    InputError
+        If it is a directory or in none.
+    StoreError
+        If it cannot be written; the former file still stands.
+    """
     write_text(path, json.dumps(replace_non_finite_by_none(plain), indent=2, allow_nan=False) + "\n")
 
 
 def replace_non_finite_by_none(plain: Any) -> Any:
-    """Plain data with None in place of every number that is infinite or NaN."""
+    """Copy plain data, with None in place of every number that is infinite or NaN.
+
+    Parameters
+    ----------
+    plain : object
+        Dicts, lists, texts, numbers, truth values and None.
+
+    Returns
+    -------
+    object
+        The copy.
+    """
     if isinstance(plain, dict):
         return {key: replace_non_finite_by_none(value) for key, value in plain.items()}
     if isinstance(plain, list | tuple):
@@ -219,7 +320,22 @@ def replace_non_finite_by_none(plain: Any) -> Any:
 
 
 def check_output_file(path: Path, overwrite: bool) -> None:
-    """Refuse a file that cannot be written or may not be overwritten; see `replacing`."""
+    """Refuse a path that cannot be written to, or a file that may not be replaced.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    overwrite : bool
+        True where a file of that name may be replaced.
+
+    Raises
+    ------
+    InputError
+        If the path names no file, is a directory, exists and may not be replaced, or is in no directory.
+    StoreError
+        If the path cannot be looked at.
+    """
     if not path.name:
         raise InputError(f"{str(path)!r} names no file; give one, such as out/bed.gsd")
     try:
@@ -241,6 +357,11 @@ def _unwritable_error(path: Path, error: OSError) -> StoreError:
 
 def make_directory(path: Path) -> None:
     """Make a directory, and those above it, where there is none.
+
+    Parameters
+    ----------
+    path : Path
+        Directory.
 
     Raises
     ------

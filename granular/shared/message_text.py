@@ -18,7 +18,18 @@ _SHORT.maxlevel = 3
 
 
 def quote(value: object) -> str:
-    """Value as Python would write it, on one line of at most `LONGEST` characters."""
+    """Quote a value as Python would write it, on one line of at most `LONGEST` characters.
+
+    Parameters
+    ----------
+    value : object
+        Value that a user gave.
+
+    Returns
+    -------
+    str
+        Text for a message.
+    """
     if isinstance(value, str):
         text = repr(str(value[: LONGEST + 1]))
     elif isinstance(value, int) and value.bit_length() > 1000:
@@ -29,14 +40,39 @@ def quote(value: object) -> str:
 
 
 def sanitize(text: object, most: int = LONGEST) -> str:
-    """Text on one line of at most so many characters, control characters as escapes."""
+    """Cut a text to one line of so many characters, with control characters as escapes.
+
+    Parameters
+    ----------
+    text : object
+        Text that a user gave.
+    most : int
+        Greatest number of characters.
+
+    Returns
+    -------
+    str
+        Text for a message.
+    """
     return _shorten("".join(map(_escape, str(text)[: most + 1])), most)
 
 
 def one_line(message: object) -> str:
-    """Message on one line, control characters as escapes, the middle of a very long one left out.
+    """Put a message on one line, with control characters as escapes.
 
     Its end stays: it says what to do.
+
+    The middle of a very long one is left out.
+
+    Parameters
+    ----------
+    message : object
+        The message.
+
+    Returns
+    -------
+    str
+        At most some `MOST` characters, before escapes.
     """
     words = " ".join(str(message).split())
     if len(words) > MOST:
@@ -45,12 +81,36 @@ def one_line(message: object) -> str:
 
 
 def printable(text: object) -> str:
-    """Text of many lines, all other control characters as escapes."""
+    """Replace control characters by escapes, except for line breaks and tabs.
+
+    Parameters
+    ----------
+    text : object
+        Text of many lines.
+
+    Returns
+    -------
+    str
+        Text that cannot steer a terminal.
+    """
     return "".join(sign if sign in "\n\t" else _escape(sign) for sign in str(text))
 
 
 def format_factor(value: float, digits: int = 2) -> str:
-    """Factor without a power of ten; no figure where it is absurd."""
+    """Format a factor without a power of ten; "more than a million" from there on.
+
+    Parameters
+    ----------
+    value : float
+        Factor, without unit.
+    digits : int
+        Number of significant digits.
+
+    Returns
+    -------
+    str
+        Text of the factor.
+    """
     if not value < _MOST_TIMES:
         return "more than a million"
     figure = f"{value:.{digits}g}"

@@ -24,20 +24,26 @@ class Registry(dict[str, Named]):
         return "\n".join(f"{name:{width}}  {words}" for name, words in self.descriptions().items())
 
     def descriptions(self) -> dict[str, str]:
-        """Return the description of each thing, by its name."""
+        """Describe each thing in a line: a dict by its name."""
         return {name: self._said(thing) for name, thing in self.items()}
 
 
 def load_entry_point(group: str, name: str, what: str) -> Any | None:
-    """Load what an installed distribution adds under a name; None where none does.
+    """Load the object that an installed distribution offers under a name.
 
     Parameters
     ----------
     group : str
         Group of the entry points.
     name : str
+        Name of the entry point.
     what : str
-        Kind of the thing, for messages.
+        Kind of the object, for messages.
+
+    Returns
+    -------
+    object or None
+        The object; None where no distribution offers it.
 
     Raises
     ------
@@ -56,5 +62,16 @@ def load_entry_point(group: str, name: str, what: str) -> Any | None:
 
 
 def entry_point_names(group: str) -> tuple[str, ...]:
-    """Names that installed distributions add."""
+    """Names of the entry points that installed distributions offer.
+
+    Parameters
+    ----------
+    group : str
+        Group of the entry points.
+
+    Returns
+    -------
+    tuple of str
+        Names.
+    """
     return tuple(point.name for point in importlib.metadata.entry_points(group=group))

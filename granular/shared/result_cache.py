@@ -19,7 +19,20 @@ from granular.shared.files import make_directory, write_text
 
 
 def digest(content: object, length: int) -> str:
-    """So many hexadecimal digits that are the same for equal plain data, and differ for others."""
+    """Digest plain data: equal data have the same one, other data another one.
+
+    Parameters
+    ----------
+    content : object
+        Plain data; what is not JSON counts by its text.
+    length : int
+        Number of digits.
+
+    Returns
+    -------
+    str
+        First hexadecimal digits of a SHA-256.
+    """
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:length]
 
@@ -37,14 +50,35 @@ class ResultCache:
     directory: Path
 
     def path(self, key: str) -> Path:
-        """File of a result."""
+        """Path of the file that keeps a result.
+
+        Parameters
+        ----------
+        key : str
+            Key of the result.
+
+        Returns
+        -------
+        Path
+            JSON file.
+        """
         return self.directory / f"{key}.json"
 
     def read(self, key: str) -> Any:
-        """Plain data under a key; None where there are none.
+        """Read the result under a key.
 
         What is there but is no JSON, as a disk that failed may leave it, counts as nothing, so
         that it is made anew.
+
+        Parameters
+        ----------
+        key : str
+            Key of the result.
+
+        Returns
+        -------
+        object
+            Plain data; None where there are none.
 
         Raises
         ------
@@ -68,7 +102,14 @@ class ResultCache:
             return None
 
     def keep(self, key: str, plain: object) -> None:
-        """Keep plain data under a key, atomically; its numbers keep every bit, NaN included.
+        """Keep a result under a key, in one step; its numbers keep every bit, NaN included.
+
+        Parameters
+        ----------
+        key : str
+            Key of the result.
+        plain : object
+            Plain data.
 
         Raises
         ------

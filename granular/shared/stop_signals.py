@@ -41,10 +41,17 @@ class StopRequest:
 
     @property
     def asked(self) -> bool:
+        """True once a signal has come."""
         return self.number is not None
 
     def error(self) -> KeyboardInterrupt:
-        """Error that the signal would have raised, with the run that is kept."""
+        """Make the error that the signal would have raised, with the run that is kept.
+
+        Returns
+        -------
+        KeyboardInterrupt
+            `Interrupted` with a run, `Terminated` for SIGTERM without one.
+        """
         terminated = self.number == signal.SIGTERM
         if self.trajectory is not None:
             return Interrupted(self.trajectory, terminated)
@@ -59,11 +66,16 @@ class StopRequest:
 
 @contextlib.contextmanager
 def defer_stop_signals() -> Iterator[StopRequest]:
-    """Let a stop wait to be looked at, instead of breaking off in the middle of something.
+    """Defer stop signals to the end of the block, instead of breaking off in the middle of something.
 
     It is raised at the end of the block, also in place of an error that ends it: whoever goes on
     after that error would lose it. On the command line a compilation, which may take a minute, is
     broken off. Outside the main thread, which alone has signals, none comes.
+
+    Yields
+    ------
+    StopRequest
+        Tells whether a stop was asked for.
 
     Raises
     ------
@@ -105,10 +117,22 @@ def _is_compiling() -> bool:
 
 @contextlib.contextmanager
 def handle_sigterm() -> Iterator[None]:
-    """Let SIGTERM raise `Terminated`, and let no stop be lost.
+    """Raise `Terminated` for SIGTERM while the block runs, and let no stop be lost.
 
     Python drops what is raised in a destructor, or in a callback of the garbage collector: such a
     stop comes again, at the latest when the block ends.
+
+    Yields
+    ------
+    None
+        The block runs.
+
+    Raises
+    ------
+    Terminated
+        For SIGTERM.
+    KeyboardInterrupt
+        For a stop that Python dropped, at the latest at the end of the block.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -36,12 +36,17 @@ class UserFile(NamedTuple):
 
 
 def run_user_file(path: str | Path) -> UserFile:
-    """File, after it was run once.
+    """Read a Python file of the user's own, and run it once.
 
     Parameters
     ----------
     path : str or Path
         Path of a file that the user names, and so trusts.
+
+    Returns
+    -------
+    UserFile
+        The file and its text.
 
     Raises
     ------
@@ -60,7 +65,23 @@ def run_user_file(path: str | Path) -> UserFile:
 
 @functools.lru_cache
 def user_definitions(file: UserFile) -> dict[str, Any]:
-    """Definitions in the file, by their names; it is run once in a process."""
+    """Definitions in a user's file, which is run once in a process.
+
+    Parameters
+    ----------
+    file : UserFile
+        File and its text.
+
+    Returns
+    -------
+    dict of str to object
+        Functions, classes and other values by their names.
+
+    Raises
+    ------
+    Exception
+        If the file fails: its own error.
+    """
     module = ModuleType(file.module)
     module.__file__ = file.path
     sys.modules[module.__name__] = module  # data classes in the file look it up there

@@ -60,15 +60,28 @@ class BackgroundCaseRunner:
     def start(
         self, scene: Scene, changes: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]
     ) -> list[BackgroundCase]:
-        """Hand cases to the executor.
+        """Hand cases to the executor, without waiting for them.
 
         Parameters
         ----------
         scene : Scene
+            Scene that is changed.
         changes : sequence of mapping
             Dotted keys of the scene and their new values, for each case.
         settings : mapping
             ``dt``, ``t_end`` and ``method`` of cases without their own.
+
+        Returns
+        -------
+        list of BackgroundCase
+            Cases with their futures.
+
+        Raises
+        ------
+        InputError
+            If two cases are the same, or a time step or method does not exist.
+        SceneError
+            If a change does not fit the scene.
         """
         started = []
         for case in make_cases(scene, {}, changes, settings, self._measure) if changes else ():
@@ -82,7 +95,22 @@ class BackgroundCaseRunner:
         return started
 
     def finish(self, started: Sequence[BackgroundCase], title: str, progress: bool) -> list[Outcome]:
-        """Wait for cases; their outcomes. Those whose process died are tried again."""
+        """Wait for cases, and return their outcomes; those whose process died are tried again.
+
+        Parameters
+        ----------
+        started : sequence of BackgroundCase
+            Cases of `start`.
+        title : str
+            Title of the progress bar.
+        progress : bool
+            Show a progress bar on standard error.
+
+        Returns
+        -------
+        list of dict
+            Outcome of each case: ``figures`` and ``error``.
+        """
         waiting = {entry.future for entry in started}
         done = {future for future in waiting if future.done()}
         with progress_bar(

@@ -45,9 +45,19 @@ class Case:
 
 
 def keep_measure_name(name: str) -> Callable[[M], M]:
-    """Let a measure that was moved keep its `measure_identity`, and so the cases computed before.
+    """Give a measure a fixed name, by which cases that were computed before are found.
 
     Take it away with any change of what the measure finds.
+
+    Parameters
+    ----------
+    name : str
+        Name that `measure_identity` returns.
+
+    Returns
+    -------
+    function
+        Decorator of the measure.
     """
 
     def named(measure: M) -> M:
@@ -58,7 +68,18 @@ def keep_measure_name(name: str) -> Callable[[M], M]:
 
 
 def measure_identity(measure: Measure) -> str:
-    """Return a measure's module and name, and a digest of its code; see `keep_measure_name`."""
+    """Name of a measure for the key of a case: module, name and a digest of its code.
+
+    Parameters
+    ----------
+    measure : function of Trajectory
+        The measure.
+
+    Returns
+    -------
+    str
+        Name; that of `keep_measure_name` where it has one.
+    """
     if hasattr(measure, "keep_measure_name"):
         return str(measure.keep_measure_name)
     name = f"{measure.__module__}:{getattr(measure, '__qualname__', repr(measure))}"
@@ -76,9 +97,27 @@ def make_cases(
     settings: Mapping[str, Any],
     measure: Measure,
 ) -> list[Case]:
-    """All combinations of the grid's values, followed by the cases given one by one.
+    """Make all combinations of the grid's values, followed by the cases given one by one.
 
     A case's changes are those of the scene, by dotted keys, and of the settings, by their names.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that is changed.
+    grid : mapping of str to values
+        Dotted keys or settings, and the values that each takes.
+    cases : sequence of mapping
+        Further changes, one by one.
+    settings : mapping
+        ``dt``, ``t_end`` and ``method`` of cases without their own.
+    measure : function of Trajectory
+        Results of a run that are stored.
+
+    Returns
+    -------
+    list of Case
+        Cases with their scenes, settings and keys.
 
     Raises
     ------

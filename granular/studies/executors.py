@@ -49,7 +49,22 @@ class ProcessPool(Executor):
         self._pool: Any = None
 
     def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
-        """Return the same as of any executor."""
+        """Submit a task to the processes, which start with the first one.
+
+        Parameters
+        ----------
+        function : function
+            Task.
+        *arguments
+            Arguments of the task.
+        **keywords
+            Keyword arguments of the task.
+
+        Returns
+        -------
+        Future
+            Its result, or the error that it raised.
+        """
         if self._pool is not None:
             with contextlib.suppress(BrokenExecutor):
                 future: Future[T] = self._pool.submit(function, *arguments, **keywords)
@@ -63,16 +78,29 @@ class ProcessPool(Executor):
         return first
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Let the processes end; with ``cancel_futures`` immediately, whatever they do."""
+        """End the processes.
+
+        Parameters
+        ----------
+        wait : bool
+            Wait until they have ended.
+        cancel_futures : bool
+            End them immediately, whatever they do.
+        """
         if self._pool is not None:
             self._pool.shutdown(wait=wait, kill_workers=cancel_futures)
             self._pool = None
 
 
 def exit_with_parent(parent: int) -> None:
-    """Let this process end soon after its parent, whose number this is.
+    """Start a thread that ends this process within a second after its parent.
 
     Who loses its parent belongs to another one from then on. Windows does not tell.
+
+    Parameters
+    ----------
+    parent : int
+        Number of the parent process.
     """
 
     def look() -> None:
@@ -85,9 +113,21 @@ def exit_with_parent(parent: int) -> None:
 
 @contextlib.contextmanager
 def case_executor(executor: Executor | None, count: int | None = None) -> Iterator[Executor]:
-    """Executor for cases: one that is given, or processes that end with the work.
+    """Give an executor for cases: one that is given, or processes that end with the block.
 
     On Ctrl-C and errors they end immediately. An executor that is given is left open for its owner.
+
+    Parameters
+    ----------
+    executor : Executor or None
+        Executor, which is left open.
+    count : int, optional
+        Number of processes; as many as there are processors if not given.
+
+    Yields
+    ------
+    Executor
+        Executor for the cases.
     """
     if executor is not None:
         yield executor
@@ -120,17 +160,46 @@ OF_THE_MACHINE = (OSError, StoreError, MemoryError)
 
 
 def outcome_cache(directory: Path) -> ResultCache:
-    """Outcomes that a study's directory keeps, by the keys of their cases."""
+    """Cache of the outcomes in a study's directory, by the keys of their cases.
+
+    Parameters
+    ----------
+    directory : Path
+        Directory of the study.
+
+    Returns
+    -------
+    ResultCache
+        Cache in its folder ``cases``.
+    """
     return ResultCache(directory / "cases")
 
 
 def compute_case(
     case: Case, measure: Measure, directory: Path | None, keep_runs: bool, wait: bool = True
 ) -> Outcome:
-    """Outcome of a case; one that was done before is read.
+    """Compute the outcome of a case, or read the one that was computed before.
 
     A worker writes what it has done itself: it is not lost when the command that waits for it is.
     A case that another process computes is waited for, or reported.
+
+    Parameters
+    ----------
+    case : Case
+        Case of a study.
+    measure : function of Trajectory
+        Results of the run that are stored.
+    directory : Path or None
+        Directory of the study; None keeps nothing.
+    keep_runs : bool
+        Keep the run in the directory.
+    wait : bool
+        Wait for another process that computes the case.
+
+    Returns
+    -------
+    dict
+        ``figures`` and ``error``; ``warning`` or ``cause`` where there is one.
     """
     try:
         if directory is None:
@@ -148,7 +217,20 @@ def compute_case(
 
 
 def failed_outcome(error: str, cause: str) -> Outcome:
-    """Outcome that is not kept."""
+    """Make the outcome of a case that failed by no error of the physics; it is not kept.
+
+    Parameters
+    ----------
+    error : str
+        Name and message of the error.
+    cause : str
+        `MACHINE`, `PROGRAM` or `ELSEWHERE`.
+
+    Returns
+    -------
+    dict
+        ``figures`` (empty), ``error`` and ``cause``.
+    """
     return {"figures": {}, "error": error, "cause": cause}
 
 
@@ -194,7 +276,19 @@ RETRIES = 2
 
 @contextlib.contextmanager
 def cluster_executor(dask: str | None, mpi: bool) -> Iterator[Executor | None]:
-    """Executor of a Dask cluster or of MPI's ranks; None where neither is asked for.
+    """Connect to a Dask cluster, or to the processes of MPI.
+
+    Parameters
+    ----------
+    dask : str or None
+        Address of a Dask scheduler.
+    mpi : bool
+        True for the processes of MPI.
+
+    Yields
+    ------
+    Executor or None
+        Executor; None where neither is asked for.
 
     Raises
     ------
@@ -228,7 +322,21 @@ class DaskClusterExecutor(Executor):
         self._client = client
 
     def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
-        """As of any executor.
+        """Submit a task to the cluster.
+
+        Parameters
+        ----------
+        function : function
+            Task.
+        *arguments
+            Arguments of the task.
+        **keywords
+            Keyword arguments of the task.
+
+        Returns
+        -------
+        Future
+            Its result; `BrokenExecutor` where the scheduler was lost meanwhile.
 
         Raises
         ------

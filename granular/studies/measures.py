@@ -23,9 +23,19 @@ GROUP = "granular.measures"
 
 @keep_measure_name("granular.studies.measures:last_values#9d0c241c")
 def last_values(run: Trajectory) -> Mapping[str, Any]:
-    """Every scalar record at the end of the run, in SI; height and end of each stage.
+    """Last value of every scalar record, and height and end of each stage, in SI.
 
     They come in the same order whether the run is in memory or on disk.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run.
+
+    Returns
+    -------
+    dict of str to float
+        Values in the units of the dataset's variables, ``<stage>.end`` [s] and ``<stage>.height`` [m].
     """
     data = run.dataset
     names = [scalar_variable.name for scalar_variable in scalar_variables(run.scene)]
@@ -39,20 +49,42 @@ def last_values(run: Trajectory) -> Mapping[str, Any]:
 
 @keep_measure_name("reduced_models.simulated:piston_columns#85abaa33")
 def piston_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Piston's record of a run as lists; `PistonRecord.from_columns` makes it one again."""
+    """Columns of the piston's record as lists; `PistonRecord.from_columns` makes a record of them again.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run of a scene with a piston.
+
+    Returns
+    -------
+    dict of str to list of float (n,)
+        ``time`` [s], ``height`` [m], ``velocity`` [m/s], ``force`` [N] and what drives the piston.
+
+    Raises
+    ------
+    RecordError
+        If the run has no piston, or has not reached the stage of the record.
+    """
     return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
 def find_measure(name: str, own: Mapping[str, Measure] | None = None) -> Measure:
-    """``"last-values"``, one of the user's own, or one that an installed distribution offers.
+    """Find a measure by its name: "last-values", one of the user's own, or an installed entry point.
 
     A name is looked up and never imported: no study's file decides which code runs.
 
     Parameters
     ----------
     name : str
+        Name of the measure.
     own : mapping of str to measure, optional
-        The user's own by their names; see `granular.user_code.import_user_code`.
+        The user's own measures; see `granular.user_code.import_user_code`.
+
+    Returns
+    -------
+    function of Trajectory
+        The measure.
 
     Raises
     ------
@@ -107,7 +139,18 @@ class CustomMeasure:
 
 
 def custom_measures(file: UserFile) -> dict[str, CustomMeasure]:
-    """Functions and observables that a user's file defines, by their names."""
+    """Make measures of the functions and observables that a user's file defines.
+
+    Parameters
+    ----------
+    file : UserFile
+        File that was run.
+
+    Returns
+    -------
+    dict of str to CustomMeasure
+        Measures by name.
+    """
     return {
         name: CustomMeasure(file, name, measure_identity(function))
         for name, function in _functions_in_file(file).items()

@@ -121,6 +121,7 @@ class Study:
 
     @property
     def failed(self) -> tuple[Case, ...]:
+        """Cases that failed, as a tuple of `Case`."""
         pairs = zip(self.cases, self.outcomes, strict=True)
         return tuple(case for case, outcome in pairs if outcome["error"] is not None)
 
@@ -287,10 +288,28 @@ def _stored_outcomes(cases: Sequence[Case], directory: Path | None) -> dict[str,
 def compute_outcomes_with_retries(
     cases: Sequence[Case], measure: Measure, directory: Path | None, keep_runs: bool, pool: Executor
 ) -> Iterator[tuple[Case, Outcome]]:
-    """Each case with its outcome, as they come; what the machine did to one is tried again.
+    """Compute cases as the executor is free, and try again those that failed by the machine.
 
     A worker that dies takes its other cases with it. So where that happens again, the next
     cases, of which one was running then, are tried alone: who dies alone has nobody else to blame.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+        Cases without an outcome.
+    measure : function of Trajectory
+        Results of a run that are stored.
+    directory : Path or None
+        Directory of the study; None keeps nothing.
+    keep_runs : bool
+        Keep the runs in the directory.
+    pool : Executor
+        Executor of the cases.
+
+    Yields
+    ------
+    tuple of Case and dict
+        Case and its outcome, in the order in which they come.
     """
     waiting = {case.key: case for case in cases}
     deaths, alone = 0, 0
@@ -369,7 +388,18 @@ def _store_outcome(case: Case, outcome: Outcome, directory: Path | None) -> Outc
 
 
 def future_outcome(future: Future[Outcome]) -> Outcome | None:
-    """Outcome that a worker returned; None where the worker itself was lost."""
+    """Outcome that a worker returned.
+
+    Parameters
+    ----------
+    future : Future
+        Future of `compute_case`.
+
+    Returns
+    -------
+    dict or None
+        ``figures`` and ``error``; None where the worker itself was lost.
+    """
     try:
         return future.result()
     except (concurrent.futures.BrokenExecutor, concurrent.futures.CancelledError):
@@ -409,13 +439,19 @@ KEYS = ("scene", "measure", "dt", "t_end", "method", "changes", "grid", "cases")
 
 
 def load_study(path: str | Path, own: Mapping[str, Measure] | None = None) -> dict[str, Any]:
-    """Arguments of `sweep` from a study's file.
+    """Read a study's TOML file into the arguments of `sweep`.
 
     Parameters
     ----------
     path : str or Path
+        File to read.
     own : mapping of str to measure, optional
         Measures that the file may name, besides those that are packaged or installed.
+
+    Returns
+    -------
+    dict
+        Keyword arguments of `sweep`.
 
     Raises
     ------
