@@ -6,10 +6,9 @@ import sys
 
 from granular.commands.console import Program, launch
 from reduced_models.commands.dampers import calibrate, design, fall
-from reduced_models.commands.examples import example
 from reduced_models.commands.identification import compare, discover, fit, identify
 from reduced_models.commands.models import export_model, simulate
-from reduced_models.commands.records import look
+from reduced_models.commands.records import example, look
 
 PROGRAM = Program(
     "python -m reduced_models",

@@ -1,4 +1,4 @@
-"""The command ``look``, and the options and sources of all commands that take a record."""
+"""The commands ``look`` and ``example``, and options and sources of all commands that take a record."""
 
 from __future__ import annotations
 
@@ -202,11 +202,10 @@ def look(options: Any) -> None:
         read_record_description,
         write_record_description,
     )
-    from reduced_models.records.record_overview import look as look_at
-    from reduced_models.records.record_overview import plot_overview
+    from reduced_models.records.record_overview import overview_of_record_file, plot_overview
 
     said, path = parse_reading_options(options), Path(options.file)
-    seen = look_at(path, said)
+    seen = overview_of_record_file(path, said)
     if options.plot is not None:
         from granular.render import save_picture
 
@@ -222,3 +221,25 @@ def look(options: Any) -> None:
     if options.write is not None:
         text += f"\nwritten to {options.write}"
     print_result(seen.to_plain() | {"description": options.write}, text, options.json)
+
+
+@command(
+    "example",
+    "write records as instruments write them, made ones and a real one, to try the other commands on",
+    option(
+        "-o", "--out", default="lab", metavar="DIR", help="directory for them (lab); nothing is overwritten"
+    ),
+    OUTPUT,
+    examples="""\
+examples:
+  %(prog)s
+  %(prog)s -o somewhere        # then: identify somewhere/lvdt.toml --law linear""",
+)
+def example(options: Any) -> None:
+    """Write the example records."""
+    from reduced_models.records.example_records import write_example_records
+
+    truths = write_example_records(options.out)
+    lines = [f"written to {options.out}, each with a .toml that says how it is read:"]
+    lines += [f"  {name:18} {truth}" for name, truth in truths.items()]
+    print_result({"directory": options.out, "records": truths}, "\n".join(lines), options.json)

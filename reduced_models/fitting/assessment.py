@@ -47,7 +47,7 @@ from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import Quality
 from reduced_models.records.envelope import envelope
 from reduced_models.records.first_guesses import noise_level
-from reduced_models.records.held_out_swings import SwingError, error_on_swings
+from reduced_models.records.held_out_swings import SwingTestError, error_on_swings
 from reduced_models.records.release import release_sample
 from reduced_models.records.sensor import Sensor
 
@@ -327,7 +327,7 @@ def _small_motion_changes(unknowns: Unknowns, theta: np.ndarray, trained: np.nda
 
 def _error_on_held_out_swings(
     record: PistonRecord, residuals: np.ndarray, unit: float, swings: Sequence[slice], mask: np.ndarray
-) -> SwingError:
+) -> SwingTestError:
     """Error on the test swings of a model that has seen the other samples, which are a mask's."""
     others = record.height[mask]
     # The level of rest at the end of what that model has seen.

@@ -207,7 +207,7 @@ def _collocation_fit(
     if unknowns.map is None or unknowns.law.hidden or problem.own:
         return None
     given = unknowns.map
-    seen = largest_swing_record.guess.mapped(given.shift, given.scale)
+    seen = largest_swing_record.guess.rescaled_to_law(given.shift, given.scale)
     mapped = largest_swing_record.look.mapped(given.shift, given.scale)
     values = np.array(unknowns.physical_values(theta[joint.entries[0]])[0])
     matched = fit_to_accelerations(

@@ -260,7 +260,7 @@ def scale_unknowns(
     """Unknowns of a law, scaled by what a glance at a record tells; no map is a fitted one."""
     guess = data.guess
     given = height_map or HeightMap(guess.rest, guess.amplitude)
-    seen = guess.mapped(given.shift, given.scale)
+    seen = guess.rescaled_to_law(given.shift, given.scale)
     # A rest level near zero says nothing of a parameter's size: the amplitude counts too.
     away = dataclasses.replace(
         seen, rest=abs(seen.rest) + seen.amplitude, crossings=max(seen.crossings, LEAST_CROSSINGS)
@@ -291,7 +291,7 @@ def start_vectors(
     """
     if unknowns.map is not None:
         shift, scale = unknowns.map.shift, unknowns.map.scale
-        seen = data.guess.mapped(shift, scale)
+        seen = data.guess.rescaled_to_law(shift, scale)
         mapped = data.look.mapped(shift, scale)
         draws = start_values(unknowns.law, seen, mapped, random, count, bounds)
     else:
@@ -344,7 +344,7 @@ def draw_swing_parameters(
     """Random parameters (count,) of a swing form; None where it does not hold for the record."""
     guess = data.guess
     swing = (data.look.height - guess.rest) / guess.amplitude
-    seen = guess.mapped(guess.rest, guess.amplitude)
+    seen = guess.rescaled_to_law(guess.rest, guess.amplitude)
     return form.start(data.look.time, swing, seen, random, count)
 
 
@@ -364,7 +364,7 @@ def _draw_parameters_and_maps(
     unknowns: Unknowns, guess: FirstGuesses, count: int, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
     """Parameters with a shift (from the rest level) and a scale, both in amplitudes."""
-    seen = guess.mapped(guess.rest, guess.amplitude)
+    seen = guess.rescaled_to_law(guess.rest, guess.amplitude)
     start = unknowns.law.start
     if start is None:
         raise InputError(
@@ -373,6 +373,6 @@ def _draw_parameters_and_maps(
         )
     scale = np.exp(random.uniform(-1.5, 1.5, count))
     shift = -scale * random.uniform(-2.0, 4.0, count)
-    value = [start(seen.mapped(shift[k], scale[k]), random, 1) for k in range(count)]
+    value = [start(seen.rescaled_to_law(shift[k], scale[k]), random, 1) for k in range(count)]
     draws = {name: np.array([float(draw[name][0]) for draw in value]) for name in unknowns.law.parameters}
     return draws | {"shift": shift, "scale": scale}

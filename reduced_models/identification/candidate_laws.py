@@ -70,10 +70,10 @@ class CandidateLaws(NamedTuple):
             if name not in fitted
         )
 
-    def _exclusion_reason(self, times: float) -> str:
-        if times > _BEYOND_WORDS:
+    def _exclusion_reason(self, misfit_ratio: float) -> str:
+        if misfit_ratio > _BEYOND_WORDS:
             return f"it cannot describe {'heights about zero' if self.contains_zero else 'such a motion'}"
-        excess = format_factor(times)
+        excess = format_factor(misfit_ratio)
         return f"at a glance it leaves {excess} times what the best law leaves (limit {HOPELESS:g})"
 
 
@@ -321,7 +321,7 @@ def _law_along_motion(
         plain, size = law, height_map.scale
     else:
         z, v, size, plain = motion.z, motion.velocity, 1.0, law.swing_form.law
-        inner = guess.mapped(height_map.shift, height_map.scale)
+        inner = guess.rescaled_to_law(height_map.shift, height_map.scale)
         starts = law.swing_form.start(motion.time, motion.smooth, inner, random, _STARTS)
     field = compile_rates(plain.equation, (), "numpy")
 
@@ -355,9 +355,9 @@ def _law_misfit(
             return np.asarray(target - whitening @ (bump @ view.rate(values)))
 
         result = least_squares(left, np.zeros(len(units)), x_scale="jac", max_nfev=_EVALUATIONS)
-        least = min(least, _rms(result.fun, len(units)))
+        least = min(least, _rms_per_degree_of_freedom(result.fun, len(units)))
     return least
 
 
-def _rms(left: np.ndarray, free: int) -> float:
-    return math.sqrt(float(left @ left) / max(1, len(left) - free))
+def _rms_per_degree_of_freedom(residuals: np.ndarray, parameters: int) -> float:
+    return math.sqrt(float(residuals @ residuals) / max(1, len(residuals) - parameters))

@@ -131,20 +131,20 @@ def compare_on_further_records(table: Comparison, test_records: Sequence[PistonR
 
 
 def _score_on_further_records(row: ComparisonRow, test_records: Sequence[PistonRecord]) -> ComparisonRow:
-    judged = list(row.records)
+    roll_outs = list(row.records)
     for record in test_records:
         try:
-            judged.append(roll_out(row.models[0], record))
+            roll_outs.append(roll_out(row.models[0], record))
         except InputError:
-            judged.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
-    error, spread = _total_test_error(row.models, judged)
-    return dataclasses.replace(row, records=tuple(judged), error=error, standard_error=spread)
+            roll_outs.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
+    error, spread = _total_test_error(row.models, roll_outs)
+    return dataclasses.replace(row, records=tuple(roll_outs), error=error, standard_error=spread)
 
 
-def _total_test_error(models: Sequence[ReducedModel], judged: Sequence[RollOut]) -> tuple[float, float]:
+def _total_test_error(models: Sequence[ReducedModel], roll_outs: Sequence[RollOut]) -> tuple[float, float]:
     """Test error over all that was held out, and its standard error; the residual without any."""
     parts = [(model.quality.test_error, model.quality.test_standard_error) for model in models]
-    parts += [(candidate.relative, candidate.standard_error) for candidate in judged]
+    parts += [(candidate.relative, candidate.standard_error) for candidate in roll_outs]
     known = [(value, spread or 0.0) for value, spread in parts if value is not None]
     if not known:
         return root_mean_square([model.quality.relative for model in models]), 0.0
@@ -207,14 +207,14 @@ def _fit_law_to_row(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the models keep their notes
             models = fit(records, law, test_fraction=test_fraction, own=private, starts=starts, **how)
-        judged = tuple(roll_out(models[0], value) for value in test_records)
+        roll_outs = tuple(roll_out(models[0], value) for value in test_records)
     except GranularError as cause:
         return ComparisonRow(law.name, failure=str(cause))
     stretches = tuple(model.quality.test_error for model in models if model.quality.test_error is not None)
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
     count += len(private) * (len(records) - 1)
-    error, spread = _total_test_error(models, judged)
-    return ComparisonRow(law.name, models, count, stretches, judged, error, standard_error=spread)
+    error, spread = _total_test_error(models, roll_outs)
+    return ComparisonRow(law.name, models, count, stretches, roll_outs, error, standard_error=spread)
 
 
 def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) -> Comparison:

@@ -194,7 +194,7 @@ class Comparison:
         return lines
 
     @property
-    def table(self) -> str:
+    def table_text(self) -> str:
         """Text of the table, aligned in columns, without the verdict."""
         rows = [self.header, *self.cells()]
         sound = [row for row in rows if row[-1]]
@@ -207,7 +207,7 @@ class Comparison:
         return "\n".join(lines)
 
     def __str__(self) -> str:
-        return f"{self.table}\n\n{self.verdict}"
+        return f"{self.table_text}\n\n{self.verdict}"
 
     def to_plain(self) -> dict[str, Any]:
         """Table and verdict as plain data.

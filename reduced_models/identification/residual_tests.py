@@ -57,7 +57,7 @@ class ResidualTests:
     after: float
 
     @property
-    def structured(self) -> bool:
+    def has_structure(self) -> bool:
         """True where residuals are surely no white noise, and no rounding."""
         return self.after > _ROUNDING and min(self.whiteness, self.signs) < SURE
 
@@ -66,7 +66,7 @@ class ResidualTests:
         """Words on the residuals: rounding, noise, or a wrong law, and what of the release was left out."""
         if not self.transient:
             return self._verdict_without_transient
-        slight = self.structured and self.after < SLIGHT
+        slight = self.has_structure and self.after < SLIGHT
         verdict = "so the law holds there" if slight else self._verdict_without_transient
         left = f"{100.0 * self.after:.2g} % of the swing"
         return f"after the release's first {1e3 * self.transient:.3g} ms {left}, {verdict}"
@@ -75,7 +75,7 @@ class ResidualTests:
     def _verdict_without_transient(self) -> str:
         if self.after <= _ROUNDING:
             return "rounding"
-        if not self.structured:
+        if not self.has_structure:
             return "noise"
         if self.swing > LOUD and self.swing >= self.double:
             return "wrong: it swings with the motion"
@@ -95,7 +95,7 @@ class ResidualTests:
 
 
 def residual_tests(
-    model: ReducedModel, time: np.ndarray, height: np.ndarray, followed: np.ndarray
+    model: ReducedModel, time: np.ndarray, height: np.ndarray, model_heights: np.ndarray
 ) -> ResidualTests:
     """Test the residuals of a model on the record that it was fitted to.
 
@@ -111,7 +111,7 @@ def residual_tests(
         Times of the samples [s].
     height : float64 (n,)
         Recorded heights [m], or angles [rad].
-    followed : float64 (n,)
+    model_heights : float64 (n,)
         Heights of the model at these times, in the same unit.
 
     Returns
@@ -119,7 +119,7 @@ def residual_tests(
     ResidualTests
         Size of the residuals, and tests of what follows the release's transient.
     """
-    left = height - followed
+    left = height - model_heights
     rms, size = _rms(left), float(height.std())
     swing, double = 1.0, 1.0
     whiteness, signs, start = model.quality.whiteness, model.quality.signs, 0

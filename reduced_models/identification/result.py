@@ -169,7 +169,7 @@ class Identification:
         if self.lift is not None:
             words.append(higher_lift_verdict(self.comparison))
         tests = self.residuals.get(self.best.law.name)
-        if tests is not None and tests.structured:
+        if tests is not None and tests.has_structure:
             words.append(
                 f"What {self.best.law.name} leaves of the record is {100 * tests.relative:.2g} % "
                 f"of its swing ({tests.verdict})."
@@ -221,7 +221,7 @@ class Identification:
         }
 
     def __str__(self) -> str:
-        lines = [*map(str, self.models), "", self.comparison.table]
+        lines = [*map(str, self.models), "", self.comparison.table_text]
         if self.falls is not None:
             lines += ["", "whole falls, errors over the height of the drop:", self.falls.table]
             if self.falls.best.model is not None:

@@ -252,11 +252,11 @@ def _fall_of_same_duration(
 
 def add_check_errors(
     figures: Sequence[QuantityWithError],
-    own: MeasuredSwing | None,
+    measured: MeasuredSwing | None,
     model: ReducedModel,
     mass: float | None,
     duration: float,
-    runs: CheckOutcomes,
+    outcomes: CheckOutcomes,
 ) -> tuple[tuple[QuantityWithError, ...], MeasuredSwing | None, list[CheckFailure]]:
     """Return figures and own swing with errors of step and start, as far as there are runs.
 
@@ -266,7 +266,7 @@ def add_check_errors(
     ----------
     figures : sequence of QuantityWithError
         Figures of the law's swing, each in its unit.
-    own : MeasuredSwing or None
+    measured : MeasuredSwing or None
         Frequency and damping of the record itself.
     model : ReducedModel
         Law that the figures come from.
@@ -274,38 +274,40 @@ def add_check_errors(
         Mass of what moves [kg], where it is known.
     duration : float
         Duration of the record [s].
-    runs : CheckOutcomes
+    outcomes : CheckOutcomes
         Records of the further runs.
 
     Returns
     -------
     figures : tuple of QuantityWithError
         The same figures, with the parts ``step`` and ``start`` of their errors.
-    own : MeasuredSwing or None
+    measured : MeasuredSwing or None
         Likewise.
     failed : list of CheckFailure
         Fits that failed.
     """
-    runs_by_name = [(runs.step_check.check.what, runs.step), *runs.starts]
+    runs_by_name = [(outcomes.step_check.check.what, outcomes.step), *outcomes.starts]
     fits = [
         _quantities_of_further_run(what, swing, duration, model, mass, figures)
         for what, swing in runs_by_name
     ]
     refitted = [None if isinstance(outcome, CheckFailure) else outcome for outcome in fits]
-    factor = runs.step_check.factor
-    if own is not None:
+    factor = outcomes.step_check.factor
+    if measured is not None:
         read = [
             None
             if isinstance(swing, CheckFailure)
-            else quantities_at_amplitudes(_first_seconds(swing, duration), own)
+            else quantities_at_amplitudes(_cut_to_duration(swing, duration), measured)
             for _, swing in runs_by_name
         ]
-        own = dataclasses.replace(own, figures=add_step_and_start_errors(own.figures, factor, *read))
+        measured = dataclasses.replace(
+            measured, figures=add_step_and_start_errors(measured.figures, factor, *read)
+        )
     failed = [outcome for outcome in fits if isinstance(outcome, CheckFailure)]
-    return add_step_and_start_errors(figures, factor, *refitted), own, failed
+    return add_step_and_start_errors(figures, factor, *refitted), measured, failed
 
 
-def _first_seconds(record: PistonRecord, duration: float) -> PistonRecord:
+def _cut_to_duration(record: PistonRecord, duration: float) -> PistonRecord:
     start = float(record.time[0])
     return record.between(start, start + duration * (1.0 + 1e-9))
 
@@ -316,7 +318,7 @@ def _quantities_of_further_run(
     duration: float,
     model: ReducedModel,
     mass: float | None,
-    like: Sequence[QuantityWithError],
+    reference: Sequence[QuantityWithError],
 ) -> Sequence[QuantityWithError] | CheckFailure:
     """Figures of a further run's record, by the law of a model."""
     if isinstance(record, CheckFailure):
@@ -325,7 +327,7 @@ def _quantities_of_further_run(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             again = fit(
-                _first_seconds(record, duration),
+                _cut_to_duration(record, duration),
                 model.law,
                 map="fitted" if model.map.fitted else model.map,
                 starts=model.quality.starts,
@@ -334,7 +336,7 @@ def _quantities_of_further_run(
     except GranularError as error:
         return CheckFailure(what, str(error))
     figures = swing_quantities(again, model.angle, mass)
-    if [figure.symbol for figure in figures] != [figure.symbol for figure in like]:
+    if [figure.symbol for figure in figures] != [figure.symbol for figure in reference]:
         return CheckFailure(what, "its fit has no such figures")
     return figures
 

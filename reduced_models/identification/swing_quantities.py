@@ -238,23 +238,25 @@ def swing_quantities(model: ReducedModel, angle: bool, mass: float | None) -> tu
     units = engineering_units(angle, mass)
     inertia = units.inertia
     figures = [
-        _propagate_to_quantity(
+        _quantity_with_propagated_errors(
             "level of rest", "z", units.length, rest, lambda height, *_: units.scale * height
         ),
-        _propagate_to_quantity("natural frequency", "f", "Hz", rest, lambda _, period, __: 1.0 / period),
+        _quantity_with_propagated_errors(
+            "natural frequency", "f", "Hz", rest, lambda _, period, __: 1.0 / period
+        ),
     ]
     if rest.peaks is None and rest.equivalent is not None:
         figures += _damping_at_two_amplitudes(rest, rest.equivalent, units)
     elif rest.peaks is None:
         figures += _damping_of_small_swing(rest)
     figures.append(
-        _propagate_to_quantity(
+        _quantity_with_propagated_errors(
             "stiffness", "k", units.stiffness, rest, lambda _, period, __: inertia * (math.tau / period) ** 2
         )
     )
     if any(figure.name == DAMPING_RATIO for figure in figures):
         figures.append(
-            _propagate_to_quantity(
+            _quantity_with_propagated_errors(
                 "damping",
                 "c",
                 units.damping,
@@ -267,16 +269,16 @@ def swing_quantities(model: ReducedModel, angle: bool, mass: float | None) -> tu
 
 def _damping_of_small_swing(rest: AtRest) -> list[QuantityWithError]:
     ratio = rest.damping_ratio
-    quantities = [_propagate_to_quantity(DAMPING_RATIO, "ζ", "%", rest, lambda *at: 100.0 * at[2])]
+    quantities = [_quantity_with_propagated_errors(DAMPING_RATIO, "ζ", "%", rest, lambda *at: 100.0 * at[2])]
     if 0.0 < ratio < _UNDERDAMPED:
         quantities += [
-            _propagate_to_quantity(
+            _quantity_with_propagated_errors(
                 "damped frequency", "f_d", "Hz", rest, lambda _, *at: damped_frequency(*at)
             ),
-            _propagate_to_quantity(
+            _quantity_with_propagated_errors(
                 "logarithmic decrement", "δ", "", rest, lambda *at: _logarithmic_decrement(at[2])
             ),
-            _propagate_to_quantity("quality factor", "Q", "", rest, lambda *at: 0.5 / at[2]),
+            _quantity_with_propagated_errors("quality factor", "Q", "", rest, lambda *at: 0.5 / at[2]),
         ]
     return quantities
 
@@ -296,7 +298,7 @@ def _damping_at_two_amplitudes(
         low, high = equivalent.intervals[key]
         return QuantityWithError(name, symbol, unit, scale * value, {"fit": 0.5 * scale * (high - low)})
 
-    quantities = [_propagate_to_quantity(wide, "ζ", "%", rest, lambda *at: 100.0 * at[2])]
+    quantities = [_quantity_with_propagated_errors(wide, "ζ", "%", rest, lambda *at: 100.0 * at[2])]
     quantities.append(quantity(narrow, "ζ", "%", 100.0, equivalent.tenth_ratio, "tenth_ratio"))
     quantities = [figure for figure in quantities if figure.value < 100.0 * _UNDERDAMPED]
     if equivalent.friction > 0.0:
@@ -306,7 +308,7 @@ def _damping_at_two_amplitudes(
     return quantities
 
 
-def _propagate_to_quantity(
+def _quantity_with_propagated_errors(
     name: str, symbol: str, unit: str, rest: AtRest, function: Callable[[float, float, float], float]
 ) -> QuantityWithError:
     """Quantity that follows from height, period and damping ratio, with the errors of these."""

@@ -17,14 +17,14 @@ from reduced_models.records.first_guesses import FirstGuesses
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    omega = guesses.frequencies(random, count)
+    omega = guesses.draw_frequencies(random, count)
     size = 0.5 * np.pi * guesses.frequency * guesses.amplitude
     return {
         "omega": omega * np.exp(random.uniform(-0.2, 0.0, count)),
-        "friction": guesses.decays(random, count) * size,
+        "friction": guesses.draw_decay_rates(random, count) * size,
         "rho": np.exp(random.uniform(-1.0, 2.0, count)) / guesses.amplitude,
         "sigma": np.exp(random.uniform(-0.7, 1.0, count)),
-        "g0": omega**2 * guesses.levels(random, count),
+        "g0": omega**2 * guesses.draw_rest_levels(random, count),
     }
 
 

@@ -18,14 +18,14 @@ from reduced_models.records.first_guesses import FirstGuesses
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    omega = guesses.frequencies(random, count)
+    omega = guesses.draw_frequencies(random, count)
     # A swing of amplitude A loses as much in a period as by 2 lam v where
     # lam = 2 friction/(pi omega A).
     size = 0.5 * np.pi * guesses.frequency * guesses.amplitude
     return {
-        "friction": guesses.decays(random, count) * size,
+        "friction": guesses.draw_decay_rates(random, count) * size,
         "omega": omega,
-        "g0": omega**2 * guesses.levels(random, count),
+        "g0": omega**2 * guesses.draw_rest_levels(random, count),
     }
 
 

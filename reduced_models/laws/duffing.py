@@ -18,11 +18,11 @@ _FEW = 4  # starts, from which each kind has one
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    k = guesses.frequencies(random, count) ** 2
+    k = guesses.draw_frequencies(random, count) ** 2
     result = {
-        "lam": guesses.decays(random, count),
+        "lam": guesses.draw_decay_rates(random, count),
         "k": k,
-        "rest": guesses.levels(random, count),
+        "rest": guesses.draw_rest_levels(random, count),
         "beta": k / guesses.amplitude**2 * random.uniform(-0.2, 0.5, count),
     }
     return _move_last_start_to_two_wells(result, guesses, random)

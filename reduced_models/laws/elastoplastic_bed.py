@@ -26,13 +26,13 @@ from reduced_models.records.first_guesses import FirstGuesses
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    omega = guesses.frequencies(random, count)
+    omega = guesses.draw_frequencies(random, count)
     # The law is for heights above the floor; a record about zero has another law.
-    rest = np.maximum(np.abs(guesses.levels(random, count)), guesses.amplitude)
+    rest = np.maximum(np.abs(guesses.draw_rest_levels(random, count)), guesses.amplitude)
     power = np.exp(random.uniform(0.4, 1.6, count))
     modulus = np.exp(random.uniform(-2.5, 0.5, count))
     return {
-        "lam": guesses.decays(random, count),
+        "lam": guesses.draw_decay_rates(random, count),
         "weight": omega**2 * rest / (power + 0.5 * modulus),
         "rest": rest,
         "power": power,

@@ -11,11 +11,11 @@ from reduced_models.records.first_guesses import FirstGuesses
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    omega = guesses.frequencies(random, count)
+    omega = guesses.draw_frequencies(random, count)
     return {
-        "lam": guesses.decays(random, count),
+        "lam": guesses.draw_decay_rates(random, count),
         "omega": omega,
-        "g0": omega**2 * guesses.levels(random, count),
+        "g0": omega**2 * guesses.draw_rest_levels(random, count),
     }
 
 
@@ -25,7 +25,7 @@ def split_damping(
     """Start values whose damping is split at random between ``name`` and a viscous drag."""
     count = len(values[name])
     fraction = random.uniform(size=count)
-    own, viscous = values[name] * fraction, guesses.decays(random, count) * (1.0 - fraction)
+    own, viscous = values[name] * fraction, guesses.draw_decay_rates(random, count) * (1.0 - fraction)
     return {**values, name: own, "lam": viscous}
 
 

@@ -11,11 +11,11 @@ from reduced_models.records.first_guesses import FirstGuesses
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    k1 = guesses.frequencies(random, count) ** 2
+    k1 = guesses.draw_frequencies(random, count) ** 2
     return {
-        "lam": guesses.decays(random, count),
+        "lam": guesses.draw_decay_rates(random, count),
         "k1": k1,
-        "rest": guesses.levels(random, count),
+        "rest": guesses.draw_rest_levels(random, count),
         "k2": k1 / guesses.amplitude * random.uniform(-0.3, 0.3, count),
         "k3": k1 / guesses.amplitude**2 * random.uniform(-0.2, 0.5, count),
     }

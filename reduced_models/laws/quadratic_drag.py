@@ -12,14 +12,14 @@ from reduced_models.records.first_guesses import FirstGuesses
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    omega = guesses.frequencies(random, count)
+    omega = guesses.draw_frequencies(random, count)
     # The drag c |v| v takes as much energy from a swing of amplitude A as 2 lam v does where
     # lam = 4/(3 pi) c omega A.
     size = 3.0 * np.pi / (4.0 * guesses.frequency * guesses.amplitude)
     return {
-        "c": guesses.decays(random, count) * size,
+        "c": guesses.draw_decay_rates(random, count) * size,
         "omega": omega,
-        "g0": omega**2 * guesses.levels(random, count),
+        "g0": omega**2 * guesses.draw_rest_levels(random, count),
     }
 
 

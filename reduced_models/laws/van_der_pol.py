@@ -15,10 +15,10 @@ from reduced_models.records.first_guesses import FirstGuesses
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    omega = guesses.frequencies(random, count)
+    omega = guesses.draw_frequencies(random, count)
     return {
         "mu": omega * np.exp(random.uniform(-3.0, 0.0, count)),
-        "rest": guesses.levels(random, count),
+        "rest": guesses.draw_rest_levels(random, count),
         "width": 0.5 * guesses.amplitude * np.exp(random.uniform(-0.3, 0.3, count)),
         "omega": omega,
     }

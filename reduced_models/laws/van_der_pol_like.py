@@ -31,11 +31,11 @@ _MOST_BUMPS = 512
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    omega = guesses.frequencies(random, count)
-    level = guesses.levels(random, count)
+    omega = guesses.draw_frequencies(random, count)
+    level = guesses.draw_rest_levels(random, count)
     # Twice the decay is the damping 2 alpha ((level - 1)^2 - 1), where that is positive.
     shape = np.maximum(np.abs((level - 1.0) ** 2 - 1.0), 0.1)
-    alpha = guesses.decays(random, count) / shape
+    alpha = guesses.draw_decay_rates(random, count) / shape
     return {"alpha": alpha, "omega": omega, "g0": omega**2 * level}
 
 

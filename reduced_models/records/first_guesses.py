@@ -49,7 +49,7 @@ class FirstGuesses:
     crossings: int
     rivals: tuple[float, ...] = ()
 
-    def mapped(self, shift: float, scale: float) -> FirstGuesses:
+    def rescaled_to_law(self, shift: float, scale: float) -> FirstGuesses:
         """Return the same guesses for z = (height - shift)/scale.
 
         Parameters
@@ -97,7 +97,7 @@ class FirstGuesses:
         """Period of the quickest swing, that of the rivals included [s]."""
         return 2.0 * math.pi / max(self.frequency, *self.rivals, 0.0)
 
-    def frequencies(self, random: np.random.Generator, count: int) -> np.ndarray:
+    def draw_frequencies(self, random: np.random.Generator, count: int) -> np.ndarray:
         """Random starting frequencies [rad/s], log-uniform about the estimate and its rivals.
 
         Parameters
@@ -116,7 +116,7 @@ class FirstGuesses:
         about = np.resize([self.frequency, *self.rivals], count)
         return np.asarray(about * np.exp(random.uniform(-spread, spread, count)))
 
-    def levels(self, random: np.random.Generator, count: int) -> np.ndarray:
+    def draw_rest_levels(self, random: np.random.Generator, count: int) -> np.ndarray:
         """Random starting levels of rest [m], uniform about the estimate.
 
         Parameters
@@ -134,7 +134,7 @@ class FirstGuesses:
         spread = 1.0 if self.is_poor else 0.1
         return np.asarray(self.rest + self.amplitude * random.uniform(-spread, spread, count))
 
-    def decays(self, random: np.random.Generator, count: int) -> np.ndarray:
+    def draw_decay_rates(self, random: np.random.Generator, count: int) -> np.ndarray:
         """Random starting decay rates [1/s], log-uniform about the estimate.
 
         Parameters

@@ -85,7 +85,7 @@ def choose_test_swings(
     return chosen if len(chosen) >= _FEWEST_TESTED else ()
 
 
-class SwingError(NamedTuple):
+class SwingTestError(NamedTuple):
     """Error of a law on swings that it has not seen, over the rms swing of the record.
 
     Attributes
@@ -103,7 +103,7 @@ class SwingError(NamedTuple):
 
 def error_on_swings(
     residuals: np.ndarray, displacement: np.ndarray, swings: Sequence[slice], rms_swing: float
-) -> SwingError:
+) -> SwingTestError:
     """Return the test error of a law, with its standard error.
 
     The squared errors of the swings are summed, so each counts by what a piston at rest would lose
@@ -124,7 +124,7 @@ def error_on_swings(
 
     Returns
     -------
-    SwingError
+    SwingTestError
         Errors of the law and of a piston at rest, over the rms swing, without unit.
     """
     counts = np.array([swing.stop - swing.start for swing in swings])
@@ -133,7 +133,7 @@ def error_on_swings(
     total, several = float(counts.sum()), len(swings)
     value, at_rest = (math.sqrt(squares.sum() / total) / rms_swing for squares in (lost, at_stake))
     if several < 2 or not 0.0 < value < math.inf or not at_rest > 0.0:
-        return SwingError(value, at_rest, None)
+        return SwingTestError(value, at_rest, None)
     left = [lost - size * lost.sum() / size.sum() for size in (at_stake, counts)]
     spread = math.sqrt(several / (several - 1) * min(float(part @ part) for part in left)) / total
-    return SwingError(value, at_rest, spread / (2.0 * value * rms_swing**2))
+    return SwingTestError(value, at_rest, spread / (2.0 * value * rms_swing**2))

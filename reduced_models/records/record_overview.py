@@ -112,7 +112,7 @@ class RecordOverview:
         return "\n".join([*lines, "", *_motion_in_characters(record)])
 
 
-def look(path: str | Path, options: ReadOptions | None = None) -> RecordOverview:
+def overview_of_record_file(path: str | Path, options: ReadOptions | None = None) -> RecordOverview:
     """Read a file and say what was understood of it.
 
     Parameters

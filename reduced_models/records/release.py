@@ -188,7 +188,7 @@ def _find_release(time: np.ndarray, height: np.ndarray) -> _Release | None:
     slack = _LATER + 2.0 * _SIGMAS * left_noise / (levels[1] - levels[0])
     if _onset_of_quadratic_growth(times[1:], levels[1:]) > since + slack * (times[1] - times[0]):
         return None
-    if since < _SHORTEST * rise or not _is_still(
+    if since < _SHORTEST * rise or not _is_straight_within_noise(
         time[time < since], height[time < since], levels[2] / rise**2, noise
     ):
         return None
@@ -217,7 +217,7 @@ def _onset_of_quadratic_growth(times: np.ndarray, levels: np.ndarray) -> float:
     return float((ratio * times[0] - times[1]) / (ratio - 1.0))
 
 
-def _is_still(time: np.ndarray, height: np.ndarray, curvature: float, noise: float) -> bool:
+def _is_straight_within_noise(time: np.ndarray, height: np.ndarray, curvature: float, noise: float) -> bool:
     """Return whether a height is straight within noise, where the motion has that curvature."""
     if len(time) < 4:
         return False

@@ -125,12 +125,12 @@ class Sensor:
     @property
     def nominal_gain(self) -> float:
         """Gain to start from, signal over quantity: as given, the middle of its bounds, or 1 if free."""
-        return _nominal(self.gain, 1.0)
+        return _nominal_value(self.gain, 1.0)
 
     @property
     def nominal_offset(self) -> float:
         """Offset to start from, in the signal's unit: as given, the middle of its bounds, or 0 if free."""
-        return _nominal(self.offset, 0.0)
+        return _nominal_value(self.offset, 0.0)
 
     def signal(self, columns: Columns) -> np.ndarray:
         """Signal that the columns of a record hold of it.
@@ -369,7 +369,7 @@ def _parse_setting(name: str, text: str) -> Setting:
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
-def _nominal(setting: Setting | None, free: float) -> float:
+def _nominal_value(setting: Setting | None, free: float) -> float:
     if isinstance(setting, tuple):
         return 0.5 * (setting[0] + setting[1])
     return free if setting is None or isinstance(setting, str) else float(setting)

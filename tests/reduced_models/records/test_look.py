@@ -11,7 +11,7 @@ import pytest
 from granular import PistonRecord
 from granular.commands.console import launch
 from reduced_models.__main__ import main
-from reduced_models.records.record_overview import look
+from reduced_models.records.record_overview import overview_of_record_file
 from reduced_models.records.sources import open_source
 
 TIME = 0.01 * np.arange(400)
@@ -27,7 +27,7 @@ def lab(path: Path, height: np.ndarray = HEIGHT, name: str = "dist") -> Path:
 def test_figures_of_a_record(tmp_path: Path) -> None:
     random = np.random.default_rng(1)
     noisy = HEIGHT + 0.01 * random.standard_normal(len(HEIGHT))
-    found = look(lab(tmp_path / "lab.csv", noisy, "height_mm"))
+    found = overview_of_record_file(lab(tmp_path / "lab.csv", noisy, "height_mm"))
     assert found.rate == pytest.approx(100.0)
     assert found.noise == pytest.approx(1e-5, rel=0.2)
     assert found.level is None
@@ -39,7 +39,7 @@ def test_figures_of_a_record(tmp_path: Path) -> None:
 
 def test_a_sensor_that_rounds_is_recognised(tmp_path: Path) -> None:
     rounded = 0.5 * np.round(HEIGHT / 0.5)
-    found = look(lab(tmp_path / "lab.csv", rounded, "height [mm]"))
+    found = overview_of_record_file(lab(tmp_path / "lab.csv", rounded, "height [mm]"))
     assert found.level == pytest.approx(5e-4, rel=1e-6)
     assert "the sensor rounds to 0.0005 m" in str(found)
 
@@ -48,7 +48,7 @@ def test_gaps_are_counted(tmp_path: Path) -> None:
     PistonRecord(np.delete(TIME, slice(50, 60)), np.delete(HEIGHT, slice(50, 60))).to_csv(
         tmp_path / "gap.csv"
     )
-    assert look(tmp_path / "gap.csv").gaps == 1
+    assert overview_of_record_file(tmp_path / "gap.csv").gaps == 1
 
 
 def test_the_command_writes_a_description_that_repeats_it(

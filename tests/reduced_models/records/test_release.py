@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from granular import PistonRecord, simulate
 from granular.shared.errors import RecordWarning
 from reduced_models import cut_at_release, fit, identify, read_record
-from reduced_models.records.record_overview import look
+from reduced_models.records.record_overview import overview_of_record_file
 from reduced_models.records.release import release_sample
 
 FREQUENCY, DAMPING = 4.1, 0.05
@@ -176,15 +176,15 @@ def test_a_file_is_read_from_its_release_on(held: Path) -> None:
         cut = read_record(held)
     assert len(said) == 1
     assert cut.time[0] == pytest.approx(0.4, abs=0.01)
-    assert str(look(held)).count("note: the record stands still until") == 1
-    assert look(held).record.time[0] == cut.time[0]
+    assert str(overview_of_record_file(held)).count("note: the record stands still until") == 1
+    assert overview_of_record_file(held).record.time[0] == cut.time[0]
     (held.parent / "record.toml").write_text('file = "held.csv"\nbetween = [0.1, 3.0]\n')
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert len(PistonRecord.from_file(held)) == 2200
         assert len(read_record(held, between=(-math.inf, math.inf))) == 2200
         assert read_record(held.parent / "record.toml").time[0] == pytest.approx(0.1)
-        assert look(held.parent / "record.toml").record.time[0] == pytest.approx(0.1)
+        assert overview_of_record_file(held.parent / "record.toml").record.time[0] == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("hold", [0.05, pytest.param(0.25, marks=pytest.mark.long), 0.5])
