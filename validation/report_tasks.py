@@ -180,7 +180,7 @@ def _task_key(name: str, task: Task) -> str:
     return f"{name}-{digest(content, KEY_LENGTH)}"
 
 
-_SHOWING = ("report.py", "text_tables.py", "html.py", "plotting.py", "published.py")
+_SHOWING = ("report.py", "text_tables.py", "html_pages.py", "plotting.py", "published.py")
 """Files that only show what was measured, or on which no section depends."""
 
 

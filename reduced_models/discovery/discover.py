@@ -81,7 +81,8 @@ def discover(
     those that no simpler one beats make the Pareto front; the best of them are fitted through their
     differential equation, and the simplest is chosen to which the information criterion does not
     strongly prefer another (Bayesian information criterion; Schwarz 1978,
-    doi:10.1214/aos/1176344136).
+    doi:10.1214/aos/1176344136; extended by the number of structures searched; Chen & Chen 2008,
+    doi:10.1093/biomet/asn034).
 
     Parameters
     ----------

@@ -31,7 +31,33 @@ _MOST_NUMBERS = 16
 def discover_height_formulas(
     time: np.ndarray, height: np.ndarray, search: SymbolicSearch, height_map: HeightMap
 ) -> Discovery:
-    """Expressions of z in t, from the first sample (n,) on; numbers fitted to all samples."""
+    """Discover formulas of z in the time t by symbolic regression.
+
+    Jacobi's elliptic functions are allowed where the program knows them. All numbers are fitted to all
+    samples by least squares, and the formula of the least Bayesian information criterion is chosen
+    (Schwarz 1978, doi:10.1214/aos/1176344136).
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times [s], increasing; the formulas count from the first.
+    height : float64 (n,)
+        Heights [m].
+    search : SymbolicSearch
+        Program, its effort and its seed.
+    height_map : HeightMap
+        From the height [m] to z.
+
+    Returns
+    -------
+    Discovery
+        Pareto front of the formulas, without models, and the chosen one.
+
+    Raises
+    ------
+    InputError
+        If the search finds no formula that is finite, or its program is not installed.
+    """
     import sympy
 
     z = np.asarray(height_map.to_law(height))
@@ -101,6 +127,17 @@ def elliptic_function_variants(expression: sympy.Expr) -> list[sympy.Expr]:
     nodes; least squares finds the rest, once there are numbers to change. Those that are new change
     nothing yet: a rate of 1, a phase of 0. An expression without an elliptic function of t is given
     back alone.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+        Formula in the real symbol t.
+
+    Returns
+    -------
+    list of sympy.Expr
+        The expression itself, then with a rate, and with a rate and a phase, in each call of an elliptic
+        function that is linear in t; the expression alone where there is no such call.
     """
     import sympy
 

@@ -72,7 +72,10 @@ class _HiddenStateScores(NamedTuple):
 def propose_hidden_state_structures(
     weak: WeakForm, search: SymbolicSearch | None, terms: Sequence[str] = (), sparse: bool = True
 ) -> ProposedStructures:
-    """Candidates with the hidden state that sums need most, or with none; z is the height [m].
+    """Propose equations with the hidden state that sums of terms need most, or with none.
+
+    z is the height [m] here, since strains are meant. The hidden state is integrated along the record
+    for each of its scales, and enters the terms as an input does.
 
     Parameters
     ----------
@@ -85,10 +88,17 @@ def propose_hidden_state_structures(
     sparse : bool
         Whether sums of terms are candidates, next to what a search proposes.
 
+    Returns
+    -------
+    ProposedStructures
+        Candidates of the best hidden state, those of the others to be shown, and notes on what was
+        gained.
+
     Raises
     ------
     InputError
-        If a height of a free motion is not above zero, or a text is no term.
+        If a height of a free motion is not above zero, a text is no term, or the search's program is not
+        installed.
     """
     force = isinstance(weak.parts[0], ForceIntegrals)
     states: Sequence[HiddenState] = HIDDEN_STATES
@@ -213,7 +223,24 @@ def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray
 def add_hidden_state(
     candidate: CandidateEquation, hidden_state: ScaledHiddenState | None, scorer: EquationScorer
 ) -> CandidateEquation:
-    """Return a candidate with its hidden state, whose scales cost what other numbers do."""
+    """Candidate with its hidden state, whose scales cost what other numbers do.
+
+    Parameters
+    ----------
+    candidate : CandidateEquation
+        Equation in which u stands for the hidden state.
+    hidden_state : ScaledHiddenState or None
+        State to add; without, the candidate is given back.
+    scorer : EquationScorer
+        Tells the number of samples n; each scale adds ln n to the criterion (Schwarz 1978,
+        doi:10.1214/aos/1176344136).
+
+    Returns
+    -------
+    CandidateEquation
+        The candidate with the state, its complexity and criterion raised by its scales; unchanged where
+        it has one already.
+    """
     if hidden_state is None or candidate.hidden_state is not None:
         return candidate
     count = len(hidden_state.scales)

@@ -53,7 +53,18 @@ class HiddenState(NamedTuple):
     trial_scales: Callable[[float], np.ndarray]
 
     def substitute_into(self, equation: str) -> str:
-        """Equation with what of the state is in the force for its input, and the rates."""
+        """Equation with the state's force variable in place of the input, and the state's rate.
+
+        Parameters
+        ----------
+        equation : str
+            Equation in which ``u`` stands for the hidden state.
+
+        Returns
+        -------
+        str
+            The equation and the rate equations of the state, joined by "; ", with the scales by name.
+        """
         forces = re.sub(rf"\b{INPUT}\b", self.force_variable, equation)
         return f"{forces}; {self.rate_equations}"
 
@@ -194,7 +205,18 @@ class ScaledHiddenState(NamedTuple):
     scales: tuple[float, ...]
 
     def substitute_into(self, equation: str) -> str:
-        """Equation with numbers, the hidden state for its input, and the state's own rate."""
+        """Equation with the hidden state for its input, the state's rate, and numbers for the scales.
+
+        Parameters
+        ----------
+        equation : str
+            Equation in which ``u`` stands for the hidden state.
+
+        Returns
+        -------
+        str
+            The equation and the rate equations of the state, joined by "; ", scales to four digits.
+        """
         text = self.kind.substitute_into(equation)
         for name, value in zip(self.kind.scales, self.scales, strict=True):
             text = re.sub(rf"\b{name}\b", f"{value:.4g}", text)

@@ -30,7 +30,13 @@ _GENERATIONS = 10_000  # more than the evaluations last for
 
 
 def is_operon_installed() -> bool:
-    """Return true where pyoperon is installed."""
+    """Tell if pyoperon is installed, without importing it.
+
+    Returns
+    -------
+    bool
+        True where pyoperon is installed.
+    """
     return importlib.util.find_spec("pyoperon") is not None
 
 
@@ -42,21 +48,31 @@ def search_expressions_with_operon(
     effort: float = 1.0,
     seed: int = 0,
 ) -> list[sympy.Expr]:
-    """Expressions of the Pareto front of error and length.
+    """Find expressions for a target by pyoperon's genetic programming.
+
+    The front of error against length is searched, with numbers fitted by least squares (Burlacu,
+    Kronberger & Kommenda 2020, doi:10.1145/3377929.3398099).
 
     Parameters
     ----------
     inputs : mapping of str to float64 (n,)
-        Samples of each variable.
+        Samples of each variable, in its own unit.
     target : float64 (n,)
+        Samples to be explained, in any unit.
     noise : float
-        Standard deviation of the target's noise.
+        Standard deviation of the target's noise, in the target's unit.
     functions : sequence of str
         Next to sums, differences and products; such as ``"sin"``.
     effort : float
-        Times the usual number of expressions to try. It ends the search, and not the clock, so that
-        a seed repeats it.
+        Times the usual number of expressions to try. It ends the search, and not the clock, so that a
+        seed repeats it.
     seed : int
+        Seed of the search.
+
+    Returns
+    -------
+    list of sympy.Expr
+        Expressions of the Pareto front, in real symbols of the variables' names and their units.
 
     Raises
     ------
@@ -110,7 +126,18 @@ class ScaledSamples:
     target_size: float
 
     def restore_units(self, expression: sympy.Expr) -> sympy.Expr:
-        """Expression of the search in the real symbols and units of the variables."""
+        """Expression of a search in the variables' own names and units.
+
+        Parameters
+        ----------
+        expression : sympy.Expr
+            Scaled target in the symbols x0, x1 ... of the search.
+
+        Returns
+        -------
+        sympy.Expr
+            Target, in its unit, in real symbols of the variables' names.
+        """
         import sympy
 
         back = {
@@ -128,9 +155,22 @@ class ScaledSamples:
     def parse_expressions(
         self, texts: Iterable[str], functions: Mapping[str, FormulaFunction] = MappingProxyType({})
     ) -> list[sympy.Expr]:
-        """Expressions that a search wrote, restored; those that hold a NaN, say, are left out.
+        """Expressions that a search wrote, in the variables' own names and units.
 
         ``functions`` are those that they may name next to the usual ones.
+
+        Parameters
+        ----------
+        texts : iterable of str
+            Formulas in x0, x1 ...
+        functions : mapping of str to Function
+            Functions that they may name next to the usual ones.
+
+        Returns
+        -------
+        list of sympy.Expr
+            One for each text that is a formula in these variables; others, such as one with a NaN, are
+            left out.
         """
         expressions = []
         for text in texts:
@@ -142,7 +182,21 @@ class ScaledSamples:
 
 
 def scale_samples(inputs: Mapping[str, np.ndarray], target: np.ndarray) -> ScaledSamples:
-    """Return the samples (n,) of each variable and of the target, divided by their sizes."""
+    """Divide samples by their rms values, as a search takes them.
+
+    Parameters
+    ----------
+    inputs : mapping of str to float64 (n,)
+        Samples of each variable, in its own unit.
+    target : float64 (n,)
+        Samples of the target, in its unit.
+
+    Returns
+    -------
+    ScaledSamples
+        Columns and target without unit, each with an rms value of 1, and the rms values in the units
+        they had.
+    """
     sizes = {name: _typical_size(values) for name, values in inputs.items()}
     matrix = np.stack([values / sizes[name] for name, values in inputs.items()], axis=1)
     names = tuple(f"x{k}" for k in range(len(inputs)))

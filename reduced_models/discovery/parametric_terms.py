@@ -61,7 +61,29 @@ class ParametricTerms:
     )
 
     def terms_with_best_values(self, weak: WeakForm, library: Sequence[AnyTerm]) -> list[AnyTerm]:
-        """Terms with the numbers that leave least of a weak form, next to a library."""
+        """Terms with the values of their parameters that leave the least residual next to a library.
+
+        The weak residual is whitened for the noise of z'' alone. Each parameter is tried over the sizes
+        of the motion, several together at random points, and is then refined one by one between its
+        neighbours on the grid (Brent's bounded minimisation).
+
+        Parameters
+        ----------
+        weak : WeakForm
+            Integrals of the records.
+        library : sequence of terms
+            Terms whose coefficients are free next to them.
+
+        Returns
+        -------
+        list of terms
+            One for each template that is a single term with these values; none without parameters.
+
+        Raises
+        ------
+        InputError
+            If no values make the templates finite terms that the library does not span.
+        """
         if not self.parameter_names:
             return []
         residual = _LibraryResidual(weak, library, self)
@@ -102,6 +124,18 @@ class ParametricTerms:
         """Term of a template with given numbers; None where it is no single one.
 
         The numbers are exact in it, so that it is the same term everywhere.
+
+        Parameters
+        ----------
+        template : sympy.Expr
+            Term in the symbols of `state_symbols` and of its parameters.
+        values : mapping of str to float
+            Value of each parameter; nine digits are taken.
+
+        Returns
+        -------
+        CustomTerm or None
+            Term with exact numbers; None where it is infinite, no number, or no single term.
         """
         import sympy
 
@@ -114,9 +148,19 @@ class ParametricTerms:
         return only if isinstance(only, CustomTerm) else None
 
     def parametrised_sum(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]] | None:
-        """Sum with c0, c1 ... for its factors and names for the numbers within, and all values.
+        """Sum with c0, c1 ... for its coefficients and names for the parameters within its terms.
 
         None where the candidate holds no such term.
+
+        Parameters
+        ----------
+        candidate : CandidateEquation
+            A sum of terms.
+
+        Returns
+        -------
+        (sympy.Expr, dict of str to float) or None
+            The sum, and the value of each name; None where no term of the candidate has a parameter.
         """
         import sympy
 
@@ -131,7 +175,20 @@ class ParametricTerms:
         return sympy.Add(*parts), values
 
     def sum_with_values(self, candidate: CandidateEquation, numbers: Mapping[str, float]) -> sympy.Expr:
-        """Return the expression of a candidate with the numbers of a fit to `parametrised_sum`."""
+        """Expression of a candidate with the numbers that a fit to `parametrised_sum` gave.
+
+        Parameters
+        ----------
+        candidate : CandidateEquation
+            The sum of terms that was fitted.
+        numbers : mapping of str to float
+            Value of each c0, c1 ... and of each parameter within terms.
+
+        Returns
+        -------
+        sympy.Expr
+            z'' in the symbols of `state_symbols`.
+        """
         import sympy
 
         parts = []
@@ -146,7 +203,23 @@ class ParametricTerms:
     def add_parameter_costs(
         self, candidates: Sequence[CandidateEquation], sample_count: int, left_side: str
     ) -> list[CandidateEquation]:
-        """Candidates for what stands on the left, whose numbers within terms cost what factors cost."""
+        """Candidates whose parameters within terms cost what coefficients cost.
+
+        Parameters
+        ----------
+        candidates : sequence of CandidateEquation
+            Candidates of the same records.
+        sample_count : int
+            Samples of the records, n: each parameter adds ln n to the criterion (Schwarz 1978,
+            doi:10.1214/aos/1176344136).
+        left_side : str
+            Left side of their equations, such as ``"z''"`` or ``"force"``.
+
+        Returns
+        -------
+        list of CandidateEquation
+            The candidates with the criterion raised and this left side.
+        """
         result = []
         for candidate in candidates:
             inner = {
@@ -164,7 +237,20 @@ class ParametricTerms:
     def with_chosen_values(
         self, candidates: Sequence[CandidateEquation], chosen: CandidateEquation
     ) -> list[CandidateEquation]:
-        """Candidates with the numbers within terms that a chosen one has."""
+        """Candidates whose terms take the parameter values that the chosen candidate's terms have.
+
+        Parameters
+        ----------
+        candidates : sequence of CandidateEquation
+            Candidates to change.
+        chosen : CandidateEquation
+            Candidate whose values are taken, by template.
+
+        Returns
+        -------
+        list of CandidateEquation
+            The candidates, with equal terms where they share a template.
+        """
         of_template = {
             self.templates_by_term[term][0]: term
             for term in chosen.terms or {}
@@ -181,12 +267,27 @@ class ParametricTerms:
 def split_parametric_terms(
     texts: Sequence[str], column: str | None, columns: Sequence[str]
 ) -> tuple[list[str], ParametricTerms]:
-    """Terms without open numbers as they are, and those with such.
+    """Separate a user's terms with unknown parameters from those without.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        Terms in z, z' and the input's column, such as ``"max(0, z - d)"``.
+    column : str or None
+        Name of the input.
+    columns : sequence of str
+        Columns of the records, which no parameter may look like.
+
+    Returns
+    -------
+    (list of str, ParametricTerms)
+        Texts without parameters, unread, and the others as templates.
 
     Raises
     ------
     InputError
-        If a name looks like something else than a number.
+        If a parameter has a taken name, or one that looks like a column's, or a term with parameters
+        cannot be read.
     """
     known = {"z", "z'", *(() if column is None else (INPUT, column))}
     plain, opened, names = list[str](), list[str](), dict[str, None]()

@@ -51,20 +51,33 @@ def polish_candidate(
     seed: int = 0,
     open_terms: ParametricTerms | None = None,
 ) -> CandidateEquation:
-    """Candidate with its numbers fitted by `fit`, or with a note that says why there are none.
+    """Fit a candidate's numbers through its differential equation by `fit`.
 
     Parameters
     ----------
     candidate : CandidateEquation
         Of z''. The scales of its hidden state are numbers as well.
     records : sequence of PistonRecord
-        That fraction all numbers but their initial states.
+        Records that share all numbers but their initial states.
     height_map : HeightMap
+        From the height [m] to the z of the equation.
     column : str, optional
-        Of the records, that is the input.
+        Column of the records that is the input.
     seed : int
+        Seed of the random starts of the fit.
     open_terms : ParametricTerms, optional
-        Terms that hold numbers of their own.
+        Terms that hold parameters of their own.
+
+    Returns
+    -------
+    CandidateEquation
+        With fitted numbers and a model for each record; unchanged but for a note that says why, where
+        the fit fails or has more than twelve numbers.
+
+    Raises
+    ------
+    BudgetError
+        If the computing time that the user allows is used up.
     """
     opened = None if open_terms is None else open_terms.parametrised_sum(candidate)
     template, values = opened or replace_numbers_by_symbols(candidate.expression)
@@ -116,7 +129,27 @@ def polish_force_candidate(
     column: str | None = None,
     seed: int = 0,
 ) -> CandidateEquation:
-    """Candidate for a force with its numbers fitted by `fit_force`; arguments as of `polish_candidate`."""
+    """Fit a candidate for a measured force by `fit_force`.
+
+    Parameters
+    ----------
+    candidate : CandidateEquation
+        Of the force [N] in z, z', the input and its hidden state.
+    records : sequence of PistonRecord
+        Records of prescribed strokes with their forces, which share all numbers.
+    height_map : HeightMap
+        From the height [m] to the z of the equation.
+    column : str, optional
+        Column of the records that is the input.
+    seed : int
+        Seed of the random starts of the fit.
+
+    Returns
+    -------
+    CandidateEquation
+        With fitted numbers and one `ForceModel`; unchanged but for a note that says why, where the fit
+        fails.
+    """
     import sympy
 
     template, values = replace_numbers_by_symbols(candidate.expression)
@@ -150,7 +183,18 @@ def polish_force_candidate(
 
 
 def name_candidate_law(candidate: CandidateEquation) -> str:
-    """Name of a law by its terms; how it was found does not matter to who reads of it."""
+    """Name of a candidate's law by its terms, such as "viscous + softening".
+
+    Parameters
+    ----------
+    candidate : CandidateEquation
+        Equation of z'' or of a force.
+
+    Returns
+    -------
+    str
+        Name in an engineer's words; the number of its numbers where it is no sum of terms, or too long.
+    """
     terms = candidate.terms
     if (
         candidate.left_side == "force"
@@ -173,6 +217,16 @@ def replace_numbers_by_symbols(expression: sympy.Expr) -> tuple[sympy.Expr, dict
 
     The coefficients of a sum of library terms come in the order of the terms, so that the same
     structure is the same law; elsewhere every floating-point number is one.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+        Equation's right side with floating-point numbers.
+
+    Returns
+    -------
+    (sympy.Expr, dict of str to float)
+        Expression in c0, c1 ..., and the value of each.
     """
     import sympy
 
@@ -191,7 +245,23 @@ def replace_numbers_by_symbols(expression: sympy.Expr) -> tuple[sympy.Expr, dict
 def replace_sign_by_tanh(
     template: sympy.Expr, records: Sequence[PistonRecord], height_map: HeightMap
 ) -> sympy.Expr:
-    """Expression with a steep tanh(z') for sign(z'), which no solver can step across."""
+    """Expression with a steep tanh(z') for sign(z'), which no solver can step across.
+
+    Parameters
+    ----------
+    template : sympy.Expr
+        z'' in the symbols of `state_symbols`.
+    records : sequence of PistonRecord
+        Records whose typical speed, the standard deviation of z', sets the steepness: about 100 over it,
+        as a power of ten.
+    height_map : HeightMap
+        From the height [m] to the z of the expression.
+
+    Returns
+    -------
+    sympy.Expr
+        The expression, smooth in z'.
+    """
     import sympy
 
     _, v, _ = state_symbols()
@@ -203,7 +273,24 @@ def replace_sign_by_tanh(
 
 
 def law_from_template(template: sympy.Expr, values: dict[str, float], column: str | None, name: str) -> Law:
-    """Law z'' = template, whose fit starts near the given values."""
+    """Law z'' = template, whose fit starts near the given values.
+
+    Parameters
+    ----------
+    template : sympy.Expr
+        z'' in the symbols of `state_symbols` and of the parameters.
+    values : dict of str to float
+        Value of each parameter; random starts scatter by a tenth about it.
+    column : str or None
+        Name of the records' column that the symbol u stands for.
+    name : str
+        Name of the law.
+
+    Returns
+    -------
+    Law
+        Law in z with these parameters.
+    """
     import sympy
 
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:

@@ -72,12 +72,17 @@ ELLIPTIC = {name: FormulaFunction(_scipy_elliptic_function(k), 2, 2) for k, name
 
 
 def elliptic_julia_operators() -> list[str]:
-    """Jacobi's sn, cn, dn of u and m as Julia functions of one line each.
+    """Jacobi's sn, cn, dn of u and the parameter m as Julia functions of one line each.
 
     Six terms of the series in the nome q (Abramowitz & Stegun 16.23), for 1e-6 < m < 0.9999; NaN
     elsewhere, as PySR asks of operators outside their domain. K and q come from five steps of the
     arithmetic-geometric mean. That is right to 3e-5 up to m = 0.9 and to 0.013 at 0.9999: enough
     for a search, and what it finds is fitted with SciPy's functions.
+
+    Returns
+    -------
+    list of str
+        Definitions of ``jacobi_sn``, ``jacobi_cn`` and ``jacobi_dn``.
     """
     low, high = _RANGE
     return [
@@ -88,14 +93,26 @@ def elliptic_julia_operators() -> list[str]:
 
 
 def elliptic_sympy_mappings() -> dict[str, Callable[[Any, Any], Any]]:
-    """Return the same functions for SymPy, as symbols."""
+    """Jacobi's sn, cn, dn as SymPy functions, by the names that PySR writes.
+
+    Returns
+    -------
+    dict of str to callable
+        Undefined SymPy functions of u and m.
+    """
     import sympy
 
     return {name: sympy.Function(name) for name in _SERIES}
 
 
 def require_pysr() -> None:
-    """Raise `InputError`, with the commands that cure it, unless PySR can run."""
+    """Raise an error, with the commands that cure it, unless PySR and Julia can run.
+
+    Raises
+    ------
+    InputError
+        If pysr, Julia or PySR's Julia packages are not installed.
+    """
     lack = missing_pysr_requirements()
     if lack is not None:
         raise InputError(
@@ -105,10 +122,15 @@ def require_pysr() -> None:
 
 
 def import_pysr_regressor() -> Any:
-    """Class ``pysr.PySRRegressor``, imported so that Ctrl-C still comes to Python.
+    """Import the class ``pysr.PySRRegressor`` so that Ctrl-C still comes to Python.
 
     Julia takes the signal over otherwise, and ends the process. Without its signals it may have
     but one thread, and a search that can be repeated has no more. What the user set stands.
+
+    Returns
+    -------
+    type
+        ``pysr.PySRRegressor``.
 
     Raises
     ------
@@ -131,7 +153,24 @@ def import_pysr_regressor() -> Any:
 def pysr_regressor_settings(
     functions: Sequence[str] = (), elliptic: bool = False, effort: float = 1.0, seed: int = 0
 ) -> dict[str, Any]:
-    """Keywords of ``pysr.PySRRegressor`` for a repeatable search."""
+    """Keywords of ``pysr.PySRRegressor`` for a search that a seed repeats.
+
+    Parameters
+    ----------
+    functions : sequence of str
+        Allowed next to sums, differences and products.
+    elliptic : bool
+        Allow Jacobi's sn, cn and dn too, and shorter expressions only.
+    effort : float
+        Times the usual number of iterations, 60.
+    seed : int
+        Seed of the search.
+
+    Returns
+    -------
+    dict of str to Any
+        Keywords and their values.
+    """
     binary = ["+", "-", "*", *(name for name in functions if name in _BINARY)]
     return {
         "binary_operators": binary + (elliptic_julia_operators() if elliptic else []),
@@ -159,7 +198,30 @@ def search_expressions_with_pysr(
     effort: float = 1.0,
     seed: int = 0,
 ) -> list[sympy.Expr]:
-    """Expressions of PySR's hall of fame; arguments as of `search_expressions_with_operon`.
+    """Find expressions for a target by PySR (Cranmer 2023, arXiv:2305.01582).
+
+    Parameters
+    ----------
+    inputs : mapping of str to float64 (n,)
+        Samples of each variable, in its own unit.
+    target : float64 (n,)
+        Samples to be explained, in any unit.
+    noise : float
+        Standard deviation of the target's noise, in the target's unit; the search ends when the mean
+        square error is down to that of the noise.
+    functions : sequence of str
+        Next to sums, differences and products.
+    elliptic : bool
+        Allow Jacobi's sn, cn and dn too.
+    effort : float
+        Times the usual number of iterations.
+    seed : int
+        Seed of the search.
+
+    Returns
+    -------
+    list of sympy.Expr
+        Expressions of PySR's hall of fame, in real symbols of the variables' names and their units.
 
     Raises
     ------
@@ -193,7 +255,13 @@ _MANIFEST = re.compile(r"(Julia)?Manifest(-v[0-9.]+)?\.toml")
 
 
 def missing_pysr_requirements() -> str | None:
-    """Return what PySR lacks here; None where it can run. Never downloads anything."""
+    """Return the requirement that PySR lacks here, in words; nothing is ever downloaded.
+
+    Returns
+    -------
+    str or None
+        For instance "the package pysr is not installed"; None where PySR can run.
+    """
     if importlib.util.find_spec("pysr") is None:
         return "the package pysr is not installed"
     julia, project = os.environ.get(EXE), os.environ.get(PROJECT)

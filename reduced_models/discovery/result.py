@@ -166,7 +166,14 @@ class Discovery:
         return "\n".join(lines)
 
     def to_plain(self) -> dict[str, Any]:
-        """Discovery as plain data (numbers, texts, lists)."""
+        """Discovery as plain data (numbers, texts, lists).
+
+        Returns
+        -------
+        dict of str to Any
+            Method, candidates with equations, errors and models, the chosen one's index, notes, and
+            ``prices``: the rise of the criterion without each term.
+        """
         return {
             "method": self.method,
             "chosen": self.chosen,
@@ -190,7 +197,18 @@ class Discovery:
 
 
 def pareto_front(candidates: list[CandidateEquation]) -> list[CandidateEquation]:
-    """Those that no simpler candidate beats in error, from the simplest on."""
+    """Candidates that no simpler one beats in error, the simplest first.
+
+    Parameters
+    ----------
+    candidates : list of CandidateEquation
+        Candidates of the same records.
+
+    Returns
+    -------
+    list of CandidateEquation
+        Pareto front of complexity and error; errors that are not finite are left out.
+    """
     front: list[CandidateEquation] = []
     order = sorted(candidates, key=lambda candidate: (candidate.complexity, candidate.error))
     for candidate in order:

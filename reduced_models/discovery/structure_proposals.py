@@ -65,9 +65,30 @@ class SymbolicSearch(NamedTuple):
     def find_expressions(
         self, inputs: Mapping[str, np.ndarray], target: np.ndarray, noise: float, elliptic: bool = False
     ) -> list[sympy.Expr]:
-        """Return expressions for a target (n,) with such noise, in inputs (n,) by name.
+        """Find expressions for a target by symbolic regression.
 
         PySR is given Jacobi's functions too, where ``elliptic``.
+
+        Parameters
+        ----------
+        inputs : mapping of str to float64 (n,)
+            Samples of each variable, in its own unit.
+        target : float64 (n,)
+            Samples to be explained, in any unit.
+        noise : float
+            Standard deviation of the target's noise, in the target's unit.
+        elliptic : bool
+            Allow Jacobi's elliptic functions too; PySR alone has them.
+
+        Returns
+        -------
+        list of sympy.Expr
+            Expressions of the program's Pareto front, in real symbols of the variables' names.
+
+        Raises
+        ------
+        InputError
+            If the program is not installed.
         """
         if self.method == "pysr":
             from reduced_models.discovery.pysr_search import search_expressions_with_pysr
@@ -115,23 +136,37 @@ def propose_structures(
     ensemble: bool = False,
     seed: int = 0,
 ) -> ProposedStructures:
-    """Propose sums of terms, and what a symbolic regression finds, judged alike.
+    """Propose sums of terms and expressions of symbolic regression, all scored alike.
 
     Parameters
     ----------
     weak : WeakForm
+        Integrals of the records.
     terms : sequence of terms
-        Of the library.
+        Terms of the library.
     search : SymbolicSearch, optional
-        Of the symbolic regression.
+        Symbolic regression; none without.
     sparse : bool
-        Whether sums of terms are candidates.
+        Propose sums of terms, next to what a search finds.
     form : "weak" or "strong"
-        Of the sums: on integrals of the record, or on an estimate of z''.
+        Choose sums on integrals of the record, or on an estimate of z'' (Brunton, Proctor & Kutz 2016,
+        doi:10.1073/pnas.1517384113).
     ensemble : bool
-        Thresholded least squares on resampled rows.
+        Thresholded least squares on resampled rows (Fasel, Kutz, Brunton & Brunton 2022,
+        doi:10.1098/rspa.2021.0904).
     seed : int
-        Of the resampling.
+        Seed of the resampling.
+
+    Returns
+    -------
+    ProposedStructures
+        Candidates with their errors and criteria, the scorer that gave these, and the fraction of an
+        ensemble that holds each term.
+
+    Raises
+    ------
+    InputError
+        If the search's program is not installed.
     """
     supports, inclusion_fractions = list[np.ndarray](), dict[str, float]()
     if sparse:
@@ -180,9 +215,30 @@ def _add_eliminated_supports(
 def propose_symbolic_candidates(
     weak: WeakForm, terms: Sequence[AnyTerm], search: SymbolicSearch, subsets: Sequence[np.ndarray] = ()
 ) -> tuple[list[CandidateEquation], EquationScorer]:
-    """Expressions of a symbolic regression; of sums of terms also what can be left out of them.
+    """Propose expressions of a symbolic regression, and what each is without some of its terms.
 
-    ``subsets`` of the terms stand next to them, judged alike.
+    Terms are left out by backward elimination on the whitened weak residuals.
+
+    Parameters
+    ----------
+    weak : WeakForm
+        Integrals of the records.
+    terms : sequence of terms
+        Terms of the library; own ones are variables of the search.
+    search : SymbolicSearch
+        Symbolic regression.
+    subsets : sequence of int (s, k)
+        Subsets of the terms, by their indices, that are scored next to what is found.
+
+    Returns
+    -------
+    (list of CandidateEquation, EquationScorer)
+        Candidates, and the scorer that weighed them.
+
+    Raises
+    ------
+    InputError
+        If the search's program is not installed.
     """
     expressions = _find_motion_expressions(weak.motions, terms, search)
     sums = [(expression, split_terms(expression)) for expression in expressions]
@@ -273,6 +329,18 @@ def _search_samples(
 
 
 def candidate_from_terms(scored_terms: ScoredTerms) -> CandidateEquation:
+    """Candidate equation of a scored subset of terms.
+
+    Parameters
+    ----------
+    scored_terms : ScoredTerms
+        Terms with coefficients, misfit and criterion.
+
+    Returns
+    -------
+    CandidateEquation
+        Their linear combination, not polished yet.
+    """
     expression = linear_combination(scored_terms.terms, list(scored_terms.coefficients))
     return CandidateEquation(expression, complexity(expression), scored_terms.misfit, scored_terms.criterion)
 
@@ -315,12 +383,35 @@ class SparseRegression:
         self.target = target / max(float(np.sqrt((target**2).mean())), 1e-300)
 
     def thresholded_optimizer(self, threshold: float) -> Any:
+        """PySINDy's sequentially thresholded least squares (Brunton, Proctor & Kutz 2016).
+
+        See doi:10.1073/pnas.1517384113.
+
+        Parameters
+        ----------
+        threshold : float
+            Least coefficient that is kept, for columns and a target of unit rms value.
+
+        Returns
+        -------
+        pysindy.STLSQ
+            Optimizer, not fitted yet.
+        """
         import pysindy
 
         return pysindy.STLSQ(threshold=float(threshold), alpha=1e-8)
 
     def supports_by_threshold(self) -> list[list[int]]:
-        """Supports along a ladder of thresholds (sequentially thresholded least squares)."""
+        """Terms that thresholded least squares keep, at 24 thresholds from 0.001 to 0.5.
+
+        Sequentially thresholded least squares (Brunton, Proctor & Kutz 2016,
+        doi:10.1073/pnas.1517384113).
+
+        Returns
+        -------
+        list of list of int
+            Indices of the columns that are kept at each threshold.
+        """
         supports = []
         for threshold in _THRESHOLDS:
             with warnings.catch_warnings():
@@ -330,7 +421,22 @@ class SparseRegression:
         return supports
 
     def inclusion_fractions(self, threshold: float, seed: int) -> np.ndarray:
-        """Share (p,) of bootstrap resamples whose fit keeps each term."""
+        """Fraction of a hundred bootstrap resamples whose sparse fit keeps each term.
+
+        Ensemble-SINDy (Fasel, Kutz, Brunton & Brunton 2022, doi:10.1098/rspa.2021.0904).
+
+        Parameters
+        ----------
+        threshold : float
+            Least coefficient that is kept, for columns and a target of unit rms value.
+        seed : int
+            Seed of the resampling.
+
+        Returns
+        -------
+        float64 (p,)
+            Fraction for each column, from 0 to 1.
+        """
         import pysindy
 
         ensemble = pysindy.EnsembleOptimizer(
@@ -348,7 +454,20 @@ class SparseRegression:
 
 
 def strong_form_regression(motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]) -> SparseRegression:
-    """Estimates of z'' against the terms, sample by sample, away from the ends."""
+    """Regression of estimates of z'' on terms, sample by sample, away from the records' ends.
+
+    Parameters
+    ----------
+    motions : sequence of SmoothedMotion
+        Motions with estimates of z, z' and z''.
+    terms : sequence of terms
+        Columns of the regression.
+
+    Returns
+    -------
+    SparseRegression
+        Rows are at most about 4000 samples, evenly taken.
+    """
     rows = [_interior_samples(motion, terms, len(motions)) for motion in motions]
     matrices, targets = zip(*rows, strict=True)
     return SparseRegression(np.concatenate(matrices), np.concatenate(targets))
@@ -365,7 +484,22 @@ def _interior_samples(
 
 
 def weak_form_regression(weak: WeakForm, terms: Sequence[AnyTerm]) -> SparseRegression:
-    """Weak form, whitened for the noise of z''."""
+    """Regression of the weak form, whitened for the noise of z'' alone.
+
+    Weak-form SINDy (Messenger & Bortz 2021, doi:10.1137/20M1343166).
+
+    Parameters
+    ----------
+    weak : WeakForm
+        Integrals of the records.
+    terms : sequence of terms
+        Columns of the regression.
+
+    Returns
+    -------
+    SparseRegression
+        Rows are whitened integrals.
+    """
     whitening = weak.whitening_matrix((), np.zeros(0))
     return SparseRegression(whitening @ weak.term_integral_matrix(terms), whitening @ weak.target)
 
@@ -373,6 +507,24 @@ def weak_form_regression(weak: WeakForm, terms: Sequence[AnyTerm]) -> SparseRegr
 def ensemble_supports(
     regression: SparseRegression, threshold: float, seed: int
 ) -> tuple[list[list[int]], np.ndarray]:
-    """Supports of the terms that most resamples keep, and the shares (p,) that keep each."""
+    """Terms that many resamples keep, and the fraction that keeps each.
+
+    Ensemble-SINDy (Fasel, Kutz, Brunton & Brunton 2022, doi:10.1098/rspa.2021.0904).
+
+    Parameters
+    ----------
+    regression : SparseRegression
+        Terms against z'' or its integrals.
+    threshold : float
+        Least coefficient that is kept, for columns and a target of unit rms value.
+    seed : int
+        Seed of the resampling.
+
+    Returns
+    -------
+    (list of list of int, float64 (p,))
+        Indices of the terms kept by at least 0.9, 0.75, 0.5 and 0.25 of the resamples, and the fraction
+        for each term.
+    """
     fractions = regression.inclusion_fractions(threshold, seed)
     return [np.flatnonzero(fractions >= least).tolist() for least in _INCLUDED], fractions

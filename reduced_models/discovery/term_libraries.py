@@ -86,12 +86,29 @@ FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "m
 def library_terms(
     names: str | Sequence[str], texts: Sequence[str], degree: int, column: str | None
 ) -> tuple[AnyTerm, ...]:
-    """Terms of libraries and of texts, each once, in order.
+    """Terms of named libraries and of a user's texts, each once.
+
+    Parameters
+    ----------
+    names : str or sequence of str
+        Names in `LIBRARIES`.
+    texts : sequence of str
+        Own terms, in z, z' and the input's column.
+    degree : int
+        Greatest power of z in the physical library.
+    column : str or None
+        Name of the input, where there is one.
+
+    Returns
+    -------
+    tuple of terms
+        Powers first, then others.
 
     Raises
     ------
     InputError
-        If there is no such library, or a text is no term.
+        If there is no such library, the driven one has no input, a text is no term, or there are no
+        terms at all.
     """
     terms: dict[AnyTerm, None] = {}
     for name in (names,) if isinstance(names, str) else names:
@@ -115,12 +132,24 @@ def library_terms(
 
 
 def parse_custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
-    """Terms of texts that users write.
+    """Terms that a user writes as texts.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        Such as ``"sin(z)"`` or ``"z'**3"``; a sum gives each of its terms.
+    column : str or None
+        Name of the input, where there is one.
+
+    Returns
+    -------
+    list of terms
+        In the order of the texts.
 
     Raises
     ------
     InputError
-        If a text is no term.
+        If a text cannot be read, names something else, is zero, or has inexact numbers within.
     """
     all_terms: list[AnyTerm] = []
     for text, expression in zip(texts, parse_term_expressions(texts, column), strict=True):
@@ -132,7 +161,19 @@ def parse_custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm
 
 
 def functions_known_to_program(names: Sequence[str], method: str) -> tuple[str, ...]:
-    """Functions by the names that a method's program knows them by.
+    """Functions by the names under which a method's program knows them.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Functions, of `FUNCTIONS`.
+    method : str
+        Method of `discover`.
+
+    Returns
+    -------
+    tuple of str
+        Names for pyoperon or PySR, in the same order.
 
     Raises
     ------
@@ -157,7 +198,20 @@ _GRID = np.linspace(-1.0, 1.0, 33)
 
 
 def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
-    """Return the fault of a term along a motion in words; empty where it has none."""
+    """Fault of a term along a motion, in words.
+
+    Parameters
+    ----------
+    motion : SmoothedMotion
+        Motion with estimates of z and z'.
+    term : term
+        Term of a library or a user's own.
+
+    Returns
+    -------
+    str
+        "is not finite", "has a pole" or "has no finite slope"; empty where it has no fault.
+    """
     drive = motion.drive
     for z in (motion.z, motion.smooth):
         if not np.isfinite(term.values(z, motion.velocity, drive)).all():
@@ -170,10 +224,24 @@ def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
 
 
 def term_has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> bool:
-    """Return true for a term that grows without bound between finite samples.
+    """Tell if a term grows without bound between finite samples.
 
     1/z of a motion through zero is finite at every sample, and says nothing but how near to zero
     the nearest of them happens to be.
+
+    Parameters
+    ----------
+    term : term
+        Term of a library or a user's own.
+    z, v : float64 (n,)
+        Samples of z and z', in the unit of z and that over s.
+    u : float64 (n,) or None
+        Samples of the input.
+
+    Returns
+    -------
+    bool
+        True where it grows a thousandfold between samples, or is not finite there.
     """
     last = len(z) - 1
     sizes = np.abs(term.values(z, v, u))
@@ -367,9 +435,21 @@ def _physical_proposal(weak: WeakForm, column: str | None, least_degree: int) ->
 
 
 def held_out_error_of_terms(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
-    """Rms of every third white residual, with coefficients that have not seen it.
+    """Rms of every third whitened residual, with coefficients fitted to the others.
 
     Infinite where there are fewer integrals than terms.
+
+    Parameters
+    ----------
+    weak : WeakForm
+        Integrals of the records.
+    terms : sequence of terms
+        Terms of the equation.
+
+    Returns
+    -------
+    float
+        In standard deviations of the noise of z''; infinite where there are fewer integrals than terms.
     """
     whitening = weak.whitening_matrix((), np.zeros(0))
     matrix, target = whitening @ weak.term_integral_matrix(terms), whitening @ weak.target

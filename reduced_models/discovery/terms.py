@@ -22,7 +22,13 @@ INPUT = "u"
 
 
 def state_symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
-    """Real symbols z, v (for z') and u (for the input)."""
+    """Real symbols z, v (for z') and u (for the input).
+
+    Returns
+    -------
+    tuple of three sympy.Symbol
+        z, v and u.
+    """
     import sympy
 
     z, v, u = (sympy.Symbol(name, real=True) for name in ("z", "v", INPUT))
@@ -30,7 +36,18 @@ def state_symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
 
 
 def expression_text(expression: sympy.Expr) -> str:
-    """Expression as a law writes it, with z' for v."""
+    """Text of an expression as a law writes it, with z' for v.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+        In the symbols of `state_symbols`.
+
+    Returns
+    -------
+    str
+        Such as ``"z**2*z'"``.
+    """
     return re.sub(r"\bv\b", "z'", str(expression))
 
 
@@ -38,7 +55,18 @@ _LARGEST_DENOMINATOR = 100  # of a fraction that is printed as one
 
 
 def round_fractions_for_print(expression: sympy.Expr) -> sympy.Expr:
-    """Expression for print: fractions that stand for decimal numbers cut to five digits."""
+    """Expression for print: fractions that stand for decimal numbers become five-digit ones.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+        Expression with exact numbers.
+
+    Returns
+    -------
+    sympy.Expr
+        Fractions with a denominator above 100 are replaced by decimals.
+    """
     import sympy
 
     fractions = expression.atoms(sympy.Rational)
@@ -97,13 +125,36 @@ class CustomTerm:
         return None if self.is_speed_independent or factor.has(v) or factor.has(u) else factor
 
     def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Return its values at samples (n,)."""
+        """Values of the term at samples.
+
+        Parameters
+        ----------
+        z, v : float64 (n,)
+            Samples of z and z', in the unit of z and that over s.
+        u : float64 (n,) or None
+            Samples of the input; taken as 0 without.
+
+        Returns
+        -------
+        float64 (n,)
+            Values, in the units of the samples.
+        """
         return _evaluate_term(self.expression, z, v, u)
 
     def antiderivative(self, z: np.ndarray) -> np.ndarray:
-        """G(z), of whose rate a total term is, from the least of the samples on.
+        """Antiderivative G(z) of a term G'(z) z', whose rate the term is, from the least sample on.
 
         By quadrature: many a G has no formula, or one that takes minutes to find.
+
+        Parameters
+        ----------
+        z : float64 (n,)
+            Samples of z, in any order.
+
+        Returns
+        -------
+        float64 (n,)
+            G at each sample, by Gauss-Legendre quadrature with five nodes between neighbours.
         """
         order = np.argsort(z)
         steps = np.diff(z[order], prepend=z[order[:1]])
@@ -114,20 +165,68 @@ class CustomTerm:
         return areas_below
 
     def height_factor(self, z: np.ndarray) -> np.ndarray:
-        """G'(z)."""
+        """Factor G'(z) of a term G'(z) z'.
+
+        Parameters
+        ----------
+        z : float64 (n,)
+            Samples of z.
+
+        Returns
+        -------
+        float64 (n,)
+            G' at each sample.
+        """
         return _evaluate_term(self._height_factor, z, z, None)
 
     def derivative_by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Its derivative by z."""
+        """Compute the derivative of the term by z at samples; that of a jump is left out.
+
+        Parameters
+        ----------
+        z, v : float64 (n,)
+            Samples of z and z', in the unit of z and that over s.
+        u : float64 (n,) or None
+            Samples of the input; taken as 0 without.
+
+        Returns
+        -------
+        float64 (n,)
+            Derivative, in the unit of the term over that of z.
+        """
         return _evaluate_term(_term_derivative(self.expression, 0), z, v, u)
 
     def derivative_by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Its derivative by z'."""
+        """Compute the derivative of the term by z' at samples; that of a jump is left out.
+
+        Parameters
+        ----------
+        z, v : float64 (n,)
+            Samples of z and z', in the unit of z and that over s.
+        u : float64 (n,) or None
+            Samples of the input; taken as 0 without.
+
+        Returns
+        -------
+        float64 (n,)
+            Derivative, in the unit of the term over that of z'.
+        """
         return _evaluate_term(_term_derivative(self.expression, 1), z, v, u)
 
 
 def make_custom_term(expression: sympy.Expr) -> CustomTerm:
-    """Term of an exact expression in the symbols of `state_symbols`; max(z, 0) is max(0, z)."""
+    """Term of an exact expression, with the operands of max and min in one order.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+        In the symbols of `state_symbols`, without floating-point numbers.
+
+    Returns
+    -------
+    CustomTerm
+        Equal for expressions such as max(z, 0) and max(0, z).
+    """
     return CustomTerm(expression.replace(_is_min_or_max, _sort_operands))
 
 
@@ -164,6 +263,11 @@ def parse_term_expressions(
         Name of the input, next to ``u``.
     numbers : sequence of str
         Names that stand for numbers to be found.
+
+    Returns
+    -------
+    list of sympy.Expr
+        Exact expressions in the symbols of `state_symbols` and of the numbers to be found.
 
     Raises
     ------
@@ -260,28 +364,89 @@ class Term(NamedTuple):
         return z**self.power * motion * (u if self.has_input else 1)
 
     def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Return its values at samples (n,)."""
+        """Values of the term at samples.
+
+        Parameters
+        ----------
+        z, v : float64 (n,)
+            Samples of z and z', in the unit of z and that over s.
+        u : float64 (n,) or None
+            Samples of the input; left out where None.
+
+        Returns
+        -------
+        float64 (n,)
+            z^power |z'|^speed, with the sign of z' and the input where the term has them.
+        """
         product = z**self.power * np.abs(v) ** self.speed
         if self.odd:
             product = product * np.sign(v)
         return product * u if self.has_input and u is not None else product
 
     def antiderivative(self, z: np.ndarray) -> np.ndarray:
-        """G(z), of whose rate a total term is."""
+        """Antiderivative z^(power + 1)/(power + 1) of a term z^power z', whose rate the term is.
+
+        Parameters
+        ----------
+        z : float64 (n,)
+            Samples of z.
+
+        Returns
+        -------
+        float64 (n,)
+            Antiderivative at each sample.
+        """
         return z ** (self.power + 1) / (self.power + 1)
 
     def height_factor(self, z: np.ndarray) -> np.ndarray:
-        """G'(z)."""
+        """Factor z^power of a term z^power z'.
+
+        Parameters
+        ----------
+        z : float64 (n,)
+            Samples of z.
+
+        Returns
+        -------
+        float64 (n,)
+            Factor at each sample.
+        """
         return np.asarray(z**self.power)
 
     def derivative_by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray | float:
-        """Its derivative by z."""
+        """Compute the derivative of the term by z at samples.
+
+        Parameters
+        ----------
+        z, v : float64 (n,)
+            Samples of z and z', in the unit of z and that over s.
+        u : float64 (n,) or None
+            Samples of the input; left out where None.
+
+        Returns
+        -------
+        float64 (n,) or float
+            Derivative, in the unit of the term over that of z; 0 for a term without z.
+        """
         if not self.power:
             return 0.0
         return self.power * self._replace(power=self.power - 1).values(z, v, u)
 
     def derivative_by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Its derivative by z'."""
+        """Compute the derivative of the term by z' at samples, for terms with a power of |z'|.
+
+        Parameters
+        ----------
+        z, v : float64 (n,)
+            Samples of z and z', in the unit of z and that over s.
+        u : float64 (n,) or None
+            Samples of the input; left out where None.
+
+        Returns
+        -------
+        float64 (n,)
+            Derivative, in the unit of the term over that of z'.
+        """
         sign = 1.0 if self.odd else np.sign(v)
         product = z**self.power * self.speed * np.abs(v) ** (self.speed - 1) * sign
         return product * u if self.has_input and u is not None else product
@@ -291,7 +456,18 @@ AnyTerm = Term | CustomTerm
 
 
 def sort_terms(terms: Iterable[AnyTerm]) -> list[AnyTerm]:
-    """Sorted, powers before own terms."""
+    """Terms in a fixed order: products of powers first, then a user's own by their texts.
+
+    Parameters
+    ----------
+    terms : iterable of terms
+        Terms in any order.
+
+    Returns
+    -------
+    list of terms
+        The same terms, sorted.
+    """
     return sorted(terms, key=_sort_key)
 
 
@@ -305,6 +481,18 @@ def physical_library_terms(degree: int, has_input: bool = False) -> tuple[Term, 
 
     Springs, dampings that depend on the height, drag and dry friction; and the input where there
     is one.
+
+    Parameters
+    ----------
+    degree : int
+        Greatest power of z.
+    has_input : bool
+        Add the input as a term.
+
+    Returns
+    -------
+    tuple of Term
+        4 (degree + 1) terms, and one more with an input.
     """
     factors = ((0, False), (1, True), (2, True), (0, True))
     terms = tuple(Term(power, *factor) for factor in factors for power in range(degree + 1))
@@ -312,10 +500,21 @@ def physical_library_terms(degree: int, has_input: bool = False) -> tuple[Term, 
 
 
 def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
-    """Terms of an expression with their coefficients.
+    """Terms of a sum, with their coefficients.
 
     None where it is no sum of terms with numbers before them: where a number stands within a
     function, or as an exponent.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+        In the symbols of `state_symbols`.
+
+    Returns
+    -------
+    dict of term to float, or None
+        Coefficient of each term; None where a number stands within a function or as an exponent, so that
+        the expression is no such sum.
     """
     import sympy
 
@@ -357,7 +556,20 @@ def _power_products(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
 
 
 def linear_combination(terms: Sequence[AnyTerm], coefficients: Sequence[float]) -> sympy.Expr:
-    """Expression of a linear combination of terms."""
+    """Linear combination of terms as an expression.
+
+    Parameters
+    ----------
+    terms : sequence of terms
+        Terms.
+    coefficients : sequence of float
+        One for each term.
+
+    Returns
+    -------
+    sympy.Expr
+        Sum of coefficients times terms, in the symbols of `state_symbols`.
+    """
     import sympy
 
     pairs = zip(terms, coefficients, strict=True)
@@ -365,7 +577,18 @@ def linear_combination(terms: Sequence[AnyTerm], coefficients: Sequence[float]) 
 
 
 def structure_text(terms: Sequence[AnyTerm]) -> str:
-    """Structure in words, with a number before each term: "a*z' + b*sin(z)"."""
+    """Structure of a sum as a text, with a letter for each coefficient: "a*z' + b*sin(z)".
+
+    Parameters
+    ----------
+    terms : sequence of terms
+        At most 26 terms.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     parts = zip("abcdefghijklmnopqrstuvwxyz", terms, strict=False)
     return " + ".join(name if term.text == "1" else f"{name}*{term.text}" for name, term in parts)
 
@@ -374,10 +597,20 @@ _BY_SPEED = {1: "viscous", 2: "quadratic drag", 3: "cubic drag"}
 
 
 def describe_law(terms: Mapping[AnyTerm, float]) -> str:
-    """Law in an engineer's words, by its terms and their coefficients in z''.
+    """Describe a law in an engineer's words, by the terms of z'' and their coefficients.
 
     Such as "viscous + dry friction + softening"; a term without such a word is named as it is
     written.
+
+    Parameters
+    ----------
+    terms : mapping of term to float
+        Coefficient of each term.
+
+    Returns
+    -------
+    str
+        Words joined by " + ".
     """
     others = [term for term in sort_terms(terms) if not _is_spring_term(term)]
     others.sort(key=lambda term: isinstance(term, CustomTerm) or abs(term.speed - 1))
@@ -415,12 +648,38 @@ def _spring_words(springs: Mapping[int, float]) -> list[str]:
 
 
 def complexity(expression: sympy.Expr) -> int:
-    """Numbers, symbols and operations of an expression: the nodes of its tree."""
+    """Complexity of an expression: the number of nodes of its tree.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+        Any expression.
+
+    Returns
+    -------
+    int
+        Count of its numbers, symbols and operations.
+    """
     import sympy
 
     return sum(1 for _ in sympy.preorder_traversal(expression))
 
 
 def term_columns(terms: Sequence[AnyTerm], z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-    """Values (n, p) of terms at samples."""
+    """Values of several terms at samples, a column each.
+
+    Parameters
+    ----------
+    terms : sequence of terms
+        The p terms.
+    z, v : float64 (n,)
+        Samples of z and z', in the unit of z and that over s.
+    u : float64 (n,) or None
+        Samples of the input.
+
+    Returns
+    -------
+    float64 (n, p)
+        Values, in the units of the samples.
+    """
     return np.stack([term.values(z, v, u) for term in terms], axis=1)

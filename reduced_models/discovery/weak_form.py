@@ -86,7 +86,21 @@ class MotionIntegrals:
     target: np.ndarray
 
     def term_integrals(self, term: AnyTerm) -> np.ndarray:
-        """Integrals (r,) of a term."""
+        """Integrals of a term against the bumps.
+
+        A term G'(z) z' is integrated by parts, so that it needs no z' (Messenger & Bortz 2021,
+        doi:10.1137/20M1343166).
+
+        Parameters
+        ----------
+        term : term
+            Term in z, z' and the input.
+
+        Returns
+        -------
+        float64 (r,)
+            One for each bump, in the unit of the term times s.
+        """
         motion = self.motion
         if term.is_total_derivative:
             return -np.asarray(self.slope @ term.antiderivative(motion.z))
@@ -94,16 +108,53 @@ class MotionIntegrals:
         return np.asarray(self.bump @ term.values(z, motion.velocity, motion.drive))
 
     def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
-        """Integrals (r, p) of terms."""
+        """Integrals of several terms against the bumps.
+
+        Parameters
+        ----------
+        terms : sequence of terms
+            The p terms.
+
+        Returns
+        -------
+        float64 (r, p)
+            A row for each bump, in the units of the terms times s.
+        """
         return np.stack([self.term_integrals(term) for term in terms], axis=1)
 
     def expression_integrals(self, expression: sympy.Expr) -> np.ndarray:
-        """Integrals (r,) of any expression in z, v and u."""
+        """Integrals of any expression in z, z' and the input against the bumps.
+
+        Parameters
+        ----------
+        expression : sympy.Expr
+            In the symbols of `state_symbols`.
+
+        Returns
+        -------
+        float64 (r,)
+            One for each bump, in the unit of the expression times s.
+        """
         motion = self.motion
         return np.asarray(self.bump @ evaluate_along_motion(expression, motion))
 
     def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
-        """Return the slopes of the residuals by each sample's noise, a sparse (r, n)."""
+        """Compute the derivatives of an equation's weak residuals by the noise of each sample of z.
+
+        To first order in the noise (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
+
+        Parameters
+        ----------
+        terms : sequence of terms
+            Terms of the equation.
+        coefficients : float64 (p,)
+            Coefficient of each.
+
+        Returns
+        -------
+        sparse float64 (r, n)
+            A row for each bump, a column for each sample [1/s].
+        """
         motion, weights = self.motion, self.curvature
         for term, value in zip(terms, coefficients, strict=True):
             if term.is_total_derivative:
@@ -125,7 +176,23 @@ class MotionIntegrals:
         return self.slope.multiply(by_speed) + self.bump.multiply(rate)
 
     def whitening_matrix(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
-        """Matrix (q, r) that makes the residuals of an equation white, of unit variance."""
+        """Matrix that makes the weak residuals of an equation white, of unit variance.
+
+        Inverse square root of their covariance on its numerical range (Bortz, Messenger & Dukic 2023,
+        doi:10.1007/s11538-023-01208-6).
+
+        Parameters
+        ----------
+        terms : sequence of terms
+            Terms of the equation; none for the noise of z'' alone.
+        coefficients : float64 (p,)
+            Coefficient of each.
+
+        Returns
+        -------
+        float64 (q, r)
+            One row for each direction of the residuals that the noise reaches; q is r at most.
+        """
         weights = self.residual_noise_weights(terms, coefficients).tocsr()
         covariance = self.motion.noise**2 * (weights @ weights.T).toarray()
         strengths, directions = np.linalg.eigh(covariance)
@@ -161,22 +228,74 @@ class WeakForm:
         return np.concatenate([part.target for part in self.parts])
 
     def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
-        """Integrals (r, p) of terms."""
+        """Integrals of several terms against the bumps of all motions.
+
+        Parameters
+        ----------
+        terms : sequence of terms
+            The p terms.
+
+        Returns
+        -------
+        float64 (r, p)
+            A row for each bump, motion after motion, in the units of the terms times s.
+        """
         return np.concatenate([part.term_integral_matrix(terms) for part in self.parts])
 
     def expression_integrals(self, expression: sympy.Expr) -> np.ndarray:
-        """Integrals (r,) of any expression in z, v and u."""
+        """Integrals of any expression in z, z' and the input against the bumps of all motions.
+
+        Parameters
+        ----------
+        expression : sympy.Expr
+            In the symbols of `state_symbols`.
+
+        Returns
+        -------
+        float64 (r,)
+            One for each bump, motion after motion, in the unit of the expression times s.
+        """
         return np.concatenate([part.expression_integrals(expression) for part in self.parts])
 
     def whitening_matrix(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
-        """Matrix (q, r) that makes the residuals of an equation white, of unit variance."""
+        """Matrix that makes the weak residuals of all motions white, of unit variance.
+
+        Block-diagonal, a block for each motion (Bortz, Messenger & Dukic 2023,
+        doi:10.1007/s11538-023-01208-6).
+
+        Parameters
+        ----------
+        terms : sequence of terms
+            Terms of the equation; none for the noise of z'' alone.
+        coefficients : float64 (p,)
+            Coefficient of each.
+
+        Returns
+        -------
+        float64 (q, r)
+            Whitening matrix.
+        """
         from scipy.linalg import block_diag
 
         return np.asarray(block_diag(*(part.whitening_matrix(terms, coefficients) for part in self.parts)))
 
 
 def weak_form(*motions: SmoothedMotion) -> WeakForm:
-    """Weak form of some motions."""
+    """Weak form of the equation of motion of some motions.
+
+    Each is integrated against bumps (1 - s^2)^6 of 0.4 periods to either side, a tenth of a period
+    apart, but for short and long records (Messenger & Bortz 2021, doi:10.1137/20M1343166).
+
+    Parameters
+    ----------
+    *motions : SmoothedMotion
+        Motions that obey the same equation.
+
+    Returns
+    -------
+    WeakForm
+        Integrals of each motion.
+    """
     return WeakForm(tuple(map(_motion_integrals, motions)))
 
 
@@ -214,7 +333,20 @@ def _motion_integrals(motion: SmoothedMotion) -> MotionIntegrals:
 
 
 def evaluate_along_motion(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
-    """Values (n,) of an expression along a motion."""
+    """Values of an expression along a motion.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+        In the symbols of `state_symbols`.
+    motion : SmoothedMotion
+        Gives the estimates of z and z', and the input.
+
+    Returns
+    -------
+    float64 (n,)
+        One for each sample, in the unit of the expression.
+    """
     function = compile_function(state_symbols(), expression)
     drive = 0.0 if motion.drive is None else motion.drive
     with np.errstate(all="ignore"):
@@ -228,7 +360,31 @@ _FLOOR = 1e-6  # least noise, in standard deviations of the record or the force:
 def estimate_motion(
     record: PistonRecord, height_map: HeightMap, derivative: DerivativeMethod, drive: str | None = None
 ) -> SmoothedMotion:
-    """Motion of a record in z, with estimates of its derivatives and noise."""
+    """Estimate derivatives, noise and period of a record's motion in z.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Times [s] and heights [m].
+    height_map : HeightMap
+        From the height [m] to z.
+    derivative : str
+        Estimator of z' and z'', see `derivatives`.
+    drive : str, optional
+        Column that is the input.
+
+    Returns
+    -------
+    SmoothedMotion
+        Motion from time 0 on, in units of z and s.
+
+    Raises
+    ------
+    RecordError
+        If the record is too short, its height does not change, or it has no such column.
+    InputError
+        If there is no such estimator.
+    """
     guess = first_guesses(record.time, record.height)
     smooth = derivatives(record, derivative)
     size = abs(height_map.scale)
@@ -247,7 +403,28 @@ def estimate_motion(
 
 
 def choose_height_map(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
-    """Map that is wanted; "auto" is the height, or the swing about rest in amplitudes."""
+    """Map from the height to z: the one asked for, or one by the largest swing.
+
+    Parameters
+    ----------
+    records : sequence of PistonRecord
+        Records that share the map.
+    wanted : HeightMap or "auto"
+        Automatically z is the height [m] where its rest is nearer to zero than the swing is wide, and
+        otherwise the swing about rest in amplitudes.
+
+    Returns
+    -------
+    HeightMap
+        Shift and scale [m].
+
+    Raises
+    ------
+    InputError
+        If it is neither a map nor ``"auto"``.
+    RecordError
+        If a record is too short, or its height does not change.
+    """
     if isinstance(wanted, HeightMap):
         return wanted
     if wanted != "auto":
@@ -273,7 +450,20 @@ class ForceIntegrals(MotionIntegrals):
     deviation: float
 
     def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
-        """Return the slopes by the force's noise alone, in units of the motion's."""
+        """Compute the derivatives of the weak residuals by the force's noise, in units of the motion's.
+
+        Parameters
+        ----------
+        terms : sequence of terms
+            Terms of the equation; without effect here.
+        coefficients : float64 (p,)
+            Coefficient of each; without effect here.
+
+        Returns
+        -------
+        sparse float64 (r, n)
+            A row for each bump, a column for each sample.
+        """
         return self.bump * (self.deviation / self.motion.noise)
 
 
@@ -282,6 +472,18 @@ def force_weak_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedM
 
     Of a piston whose motion is prescribed z'' tells nothing, and a force that was measured tells
     all. Its integrals against bumps take the place of those of z''; the noise is that of the force.
+
+    Parameters
+    ----------
+    records : sequence of PistonRecord
+        Records with their forces [N].
+    motions : sequence of SmoothedMotion
+        Their motions, one each.
+
+    Returns
+    -------
+    WeakForm
+        Integrals of the forces against bumps [N s] in place of those of z''.
 
     Raises
     ------
@@ -312,6 +514,16 @@ def white_noise_weak_form(weak: WeakForm) -> WeakForm:
     Where no equation comes near to a record's noise, as of a simulated bed, which has none, the
     noise says nothing of how errors are to be weighed either: that of heights would count the
     quickest ones most.
+
+    Parameters
+    ----------
+    weak : WeakForm
+        Weak form with the record's noise.
+
+    Returns
+    -------
+    WeakForm
+        The same integrals, with the estimated noise of z'' as the only one.
     """
     return WeakForm(
         tuple(
