@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -591,60 +591,6 @@ def structure_text(terms: Sequence[AnyTerm]) -> str:
     """
     parts = zip("abcdefghijklmnopqrstuvwxyz", terms, strict=False)
     return " + ".join(name if term.text == "1" else f"{name}*{term.text}" for name, term in parts)
-
-
-_BY_SPEED = {1: "viscous", 2: "quadratic drag", 3: "cubic drag"}
-
-
-def describe_law(terms: Mapping[AnyTerm, float]) -> str:
-    """Describe a law in an engineer's words, by the terms of z'' and their coefficients.
-
-    Such as "viscous + dry friction + softening"; a term without such a word is named as it is
-    written.
-
-    Parameters
-    ----------
-    terms : mapping of term to float
-        Coefficient of each term.
-
-    Returns
-    -------
-    str
-        Words joined by " + ".
-    """
-    others = [term for term in sort_terms(terms) if not _is_spring_term(term)]
-    others.sort(key=lambda term: isinstance(term, CustomTerm) or abs(term.speed - 1))
-    words = [_damping_term_words(term, terms[term]) for term in others]
-    springs = {
-        term.power: value for term, value in terms.items() if isinstance(term, Term) and _is_spring_term(term)
-    }
-    return " + ".join(dict.fromkeys([*words, *_spring_words(springs)]))
-
-
-def _is_spring_term(term: AnyTerm) -> bool:
-    return isinstance(term, Term) and term.is_speed_independent and not term.has_input
-
-
-def _damping_term_words(term: AnyTerm, coefficient: float) -> str:
-    if isinstance(term, CustomTerm) or term.has_input or not term.odd or term.speed > max(_BY_SPEED):
-        return term.text
-    word = _BY_SPEED.get(term.speed, "dry friction")
-    if term.power:
-        return f"{word} by {Term(term.power).text}"
-    return word if coefficient < 0.0 else f"negative {word}"
-
-
-def _spring_words(springs: Mapping[int, float]) -> list[str]:
-    """Word for a spring by its coefficients of powers of z; none where there is no spring."""
-    linear, curved = springs.get(1, 0.0), {power: value for power, value in springs.items() if power > 1}
-    if not curved:
-        return ["linear spring"] if linear else []
-    if any(power % 2 == 0 for power in curved):
-        return ["asymmetric spring"]
-    stiffer = curved[max(curved)] < 0.0
-    if linear > 0.0:
-        return ["two wells" if stiffer else "unstable spring"]
-    return ["hardening" if stiffer else "softening"]
 
 
 def complexity(expression: sympy.Expr) -> int:
