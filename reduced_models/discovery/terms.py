@@ -384,68 +384,29 @@ class Term(NamedTuple):
         return product * u if self.has_input and u is not None else product
 
     def antiderivative(self, z: np.ndarray) -> np.ndarray:
-        """Antiderivative z^(power + 1)/(power + 1) of a term z^power z', whose rate the term is.
+        """Antiderivative z^(power + 1)/(power + 1) at samples of z (n,): float64 (n,).
 
-        Parameters
-        ----------
-        z : float64 (n,)
-            Samples of z.
-
-        Returns
-        -------
-        float64 (n,)
-            Antiderivative at each sample.
+        It is that of a term z^power z', whose rate the term is.
         """
         return z ** (self.power + 1) / (self.power + 1)
 
     def height_factor(self, z: np.ndarray) -> np.ndarray:
-        """Factor z^power of a term z^power z'.
-
-        Parameters
-        ----------
-        z : float64 (n,)
-            Samples of z.
-
-        Returns
-        -------
-        float64 (n,)
-            Factor at each sample.
-        """
+        """Factor z^power of a term z^power z' at samples of z (n,): float64 (n,)."""
         return np.asarray(z**self.power)
 
     def derivative_by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray | float:
-        """Compute the derivative of the term by z at samples.
+        """Compute the derivative by z at samples of z, z' and the input (n,): float64 (n,).
 
-        Parameters
-        ----------
-        z, v : float64 (n,)
-            Samples of z and z', in the unit of z and that over s.
-        u : float64 (n,) or None
-            Samples of the input; left out where None.
-
-        Returns
-        -------
-        float64 (n,) or float
-            Derivative, in the unit of the term over that of z; 0 for a term without z.
+        In the unit of the term over that of z; the number 0 for a term without z.
         """
         if not self.power:
             return 0.0
         return self.power * self._replace(power=self.power - 1).values(z, v, u)
 
     def derivative_by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Compute the derivative of the term by z' at samples, for terms with a power of |z'|.
+        """Compute the derivative by z' at samples of z, z' and the input (n,): float64 (n,).
 
-        Parameters
-        ----------
-        z, v : float64 (n,)
-            Samples of z and z', in the unit of z and that over s.
-        u : float64 (n,) or None
-            Samples of the input; left out where None.
-
-        Returns
-        -------
-        float64 (n,)
-            Derivative, in the unit of the term over that of z'.
+        In the unit of the term over that of z'; of a term with a power of |z'|.
         """
         sign = 1.0 if self.odd else np.sign(v)
         product = z**self.power * self.speed * np.abs(v) ** (self.speed - 1) * sign
