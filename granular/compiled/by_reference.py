@@ -34,10 +34,22 @@ class ReferenceType(types.Type):
 
     @property
     def mangling_args(self) -> tuple[str, tuple[()]]:
+        """Name of the type in names of compiled kernels, without parameters."""
         return self.name, ()
 
     def field_position_and_type(self, name: str) -> tuple[int, Any] | None:
-        """Place of a field, and what reading it gives."""
+        """Position of a field, and the type that reading it gives.
+
+        Parameters
+        ----------
+        name : str
+            Name of the field.
+
+        Returns
+        -------
+        tuple of (int, type) or None
+            None where there is no such field.
+        """
         if name not in self.integer.fields:
             return None
         number = self.integer.fields.index(name)

@@ -23,12 +23,26 @@ class CompileTimer(Listener):
         self._thread, self._depth, self._begun = threading.get_ident(), 0, 0.0
 
     def on_start(self, event: Event) -> None:
+        """Start the clock where the thread takes the lock.
+
+        Parameters
+        ----------
+        event : Event
+            Event of Numba.
+        """
         if threading.get_ident() == self._thread:
             if self._depth == 0:
                 self._begun = time.perf_counter()
             self._depth += 1
 
     def on_end(self, event: Event) -> None:
+        """Stop the clock where the thread gives the lock back.
+
+        Parameters
+        ----------
+        event : Event
+            Event of Numba.
+        """
         if threading.get_ident() == self._thread:
             self._depth -= 1
             if self._depth == 0:
@@ -37,7 +51,7 @@ class CompileTimer(Listener):
 
 @contextlib.contextmanager
 def measure_compile_time() -> Iterator[CompileTimer]:
-    """Timer of what is compiled within the block."""
+    """Measure the time in which kernels are compiled or read within the block."""
     with install_listener("numba:compiler_lock", CompileTimer()) as timer:
         yield timer
 
@@ -49,16 +63,36 @@ class CompileReporter(Listener):
         self._report, self._thread, self._begun = report, threading.get_ident(), 0
 
     def on_start(self, event: Event) -> None:
+        """Count a kernel whose compiling the thread begins, and report the number.
+
+        Parameters
+        ----------
+        event : Event
+            Event of Numba.
+        """
         if threading.get_ident() == self._thread:
             self._begun += 1
             self._report(self._begun)
 
     def on_end(self, event: Event) -> None:
+        """Do nothing where a kernel is done.
+
+        Parameters
+        ----------
+        event : Event
+            Event of Numba.
+        """
         pass
 
 
 @contextlib.contextmanager
 def report_compiled_kernels(report: Callable[[int], None]) -> Iterator[None]:
-    """Call a function with the number of each kernel that is compiled within the block."""
+    """Call a function with the number of each kernel that is compiled within the block.
+
+    Parameters
+    ----------
+    report : Callable[[int], None]
+        Function of the number of kernels so far.
+    """
     with install_listener("numba:compile", CompileReporter(report)):
         yield

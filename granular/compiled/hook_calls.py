@@ -31,19 +31,25 @@ OPTIONS: dict[str, Any] = {
 
 
 def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:
-    """Kernel ``(laws, rooms, *rest)`` that adds up what a hook of each law returns.
+    """Make a kernel ``(laws, workspaces, *rest)`` that adds up what a hook of each law returns.
 
-    The hook is called as ``hook(law, room, place, *rest)``, with the law's place in the tuple.
+    The hook is called as ``hook(law, workspace, index, *rest)``, with the law's index in the tuple.
 
     Parameters
     ----------
     hook : str
+        Name of the static method of laws.
     rest : str
         Names of the further arguments.
     empty : float
         The sum where no law has the hook.
     backward : bool
         Take the last law first.
+
+    Returns
+    -------
+    function
+        Kernel, for Python and for kernels.
     """
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
@@ -58,11 +64,24 @@ def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = Fal
         calls = [_resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
         return _emit_unrolled_calls(calls, empty, _emit_sum, (laws, workspaces, *others))
 
-    return _make_intrinsic_wrapper(call, choose, f"laws rooms {rest}")
+    return _make_intrinsic_wrapper(call, choose, f"laws workspaces {rest}")
 
 
 def greatest_of_hooks(hook: str, rest: str) -> Kernel:
-    """As `sum_of_hooks`, for the greatest value; 0 where no law has the hook."""
+    """Make a kernel as of `sum_of_hooks`, for the greatest value; 0 where no law has the hook.
+
+    Parameters
+    ----------
+    hook : str
+        Name of the static method of laws.
+    rest : str
+        Names of the further arguments.
+
+    Returns
+    -------
+    function
+        Kernel, for Python and for kernels.
+    """
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         return max(
@@ -78,13 +97,27 @@ def greatest_of_hooks(hook: str, rest: str) -> Kernel:
         calls = [_resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
         return _emit_unrolled_calls(calls, 0.0, _emit_maximum, (laws, workspaces, *others))
 
-    return _make_intrinsic_wrapper(call, choose, f"laws rooms {rest}")
+    return _make_intrinsic_wrapper(call, choose, f"laws workspaces {rest}")
 
 
 def call_last_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
-    """Kernel that calls the hook of the last law that has it; without one ``otherwise(*rest)``.
+    """Make a kernel that calls the hook of the last law that has it; without one ``otherwise(*rest)``.
 
     It is called as `sum_of_hooks` is.
+
+    Parameters
+    ----------
+    hook : str
+        Name of the static method of laws.
+    rest : str
+        Names of the further arguments.
+    otherwise : Kernel
+        Kernel that is called where no law has the hook.
+
+    Returns
+    -------
+    function
+        Kernel, for Python and for kernels.
     """
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
@@ -98,13 +131,27 @@ def call_last_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
         calls = calls or [_resolve_kernel_call(context, otherwise, others, range(2, 2 + len(others)))]
         return _emit_unrolled_calls(calls, 0, _emit_sum, (laws, workspaces, *others))
 
-    return _make_intrinsic_wrapper(call, choose, f"laws rooms {rest}")
+    return _make_intrinsic_wrapper(call, choose, f"laws workspaces {rest}")
 
 
 def call_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
-    """Kernel ``(law, *rest)`` that calls the hook of one law, or ``otherwise`` where it has none.
+    """Make a kernel ``(law, *rest)`` that calls a law's hook, or ``otherwise`` where it has none.
 
     Both are called with the same arguments.
+
+    Parameters
+    ----------
+    hook : str
+        Name of the static method of laws.
+    rest : str
+        Names of the further arguments.
+    otherwise : Kernel
+        Kernel that is called where the law has no such hook.
+
+    Returns
+    -------
+    function
+        Kernel, for Python and for kernels.
     """
 
     def call(law: Any, *others: Any) -> Any:
@@ -137,8 +184,8 @@ class _KernelCall(NamedTuple):
     sig : Signature
     sources : sequence of int, or of (int, int)
         Where each argument comes from: an argument, or an entry of one that is a tuple.
-    place : int or None
-        The law's place, which is handed over behind law and room.
+    number : int or None
+        The law's index, which is handed over behind law and workspace.
     """
 
     kernel: Any

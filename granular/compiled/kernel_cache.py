@@ -47,6 +47,11 @@ def kernel_cache_folder() -> Path | None:
 
     A folder for each place that the package stands at, and each version of Python. None where
     there is no folder to trust.
+
+    Returns
+    -------
+    Path or None
+        None where there is no folder to trust.
     """
     here = hashlib.sha256(f"{PACKAGE} {sys.implementation.cache_tag}".encode()).hexdigest()
     chosen = numba.config.CACHE_DIR
@@ -56,7 +61,13 @@ def kernel_cache_folder() -> Path | None:
 
 @functools.cache
 def digest_of_sources() -> str:
-    """Digest of all that the code of kernels depends on, but for arguments and processor."""
+    """Digest of all that the code of kernels depends on, but for arguments and processor.
+
+    Returns
+    -------
+    str
+        SHA-256, hexadecimal.
+    """
     versions = f"{sys.version} {numba.__version__} {llvmlite.__version__}"
     return hashlib.sha256(f"{versions} {_load_or_compute_syntax_digest()}".encode()).hexdigest()
 
@@ -142,10 +153,24 @@ class KernelCache(_Cache):
 
     @property
     def cache_path(self) -> str:
+        """Folder of the compiled forms, as Numba asks for it."""
         return str(kernel_cache_folder())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Form for these types of arguments; None where there is none that can be trusted."""
+        """Load the compiled form for these types of arguments.
+
+        Parameters
+        ----------
+        sig : object
+            Types of the arguments.
+        target_context : object
+            Numba's context of the processor.
+
+        Returns
+        -------
+        CompileResult or None
+            None where there is none that can be trusted.
+        """
         target_context.refresh()
         entry = self._kernel_file_and_label(sig, target_context.codegen())
         body = None if entry is None else _read_kernel_file_or_claim(*entry)
@@ -155,7 +180,15 @@ class KernelCache(_Cache):
         return rebuild_kernel(target_context, payload) if types == sig else None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a form."""
+        """Write the compiled form for these types of arguments to its file.
+
+        Parameters
+        ----------
+        sig : object
+            Types of the arguments.
+        data : object
+            Numba's result of the compiling.
+        """
         entry = self._kernel_file_and_label(sig, data.codegen)
         if entry is None:
             return
@@ -175,9 +208,11 @@ class KernelCache(_Cache):
         return folder / f"{self.name}-{key[:16]}-{stamp[:16]}.kernel", label
 
     def enable(self) -> None:
+        """Read and write compiled forms from now on."""
         self.enabled = True
 
     def disable(self) -> None:
+        """Neither read nor write compiled forms from now on."""
         self.enabled = False
 
     def flush(self) -> None:

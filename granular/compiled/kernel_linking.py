@@ -41,6 +41,7 @@ class LinkedLibrary(JITCodeLibrary):
     _shared_module: Any
 
     def finalize(self) -> None:
+        """Close the library without optimising it; its functions may be merged when it is linked."""
         self._raise_if_finalized()
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage == binding.Linkage.external:
@@ -51,6 +52,13 @@ class LinkedLibrary(JITCodeLibrary):
         self._finalized = True
 
     def kernel_module(self) -> Any:
+        """LLVM module of the kernel alone.
+
+        Returns
+        -------
+        ModuleRef
+            Module without what the kernel calls.
+        """
         self._ensure_finalized()
         return self._final_module
 
@@ -65,6 +73,13 @@ class LinkedLibrary(JITCodeLibrary):
         return self._shared_module
 
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        """Bitcode of the kernel with all that it calls, for the cache.
+
+        Returns
+        -------
+        tuple of (str, str, bytes)
+            Name, ``"linked"`` and bitcode.
+        """
         return self.name, "linked", self._get_module_for_linking().as_bitcode()
 
 
@@ -74,6 +89,7 @@ class EntryLibrary(JITCodeLibrary):
     _linking_libraries: list[Any]
 
     def finalize(self) -> None:
+        """Link in all kernels below, and turn all of it into machine code."""
         self._raise_if_finalized()
         for library in _libraries_below(self._linking_libraries):
             self._reload_init.update(library._reload_init)
@@ -92,6 +108,13 @@ class InnerCompiler(Compiler):
     """Numba's compiler, up to what is to be linked."""
 
     def define_pipelines(self) -> Any:
+        """Define Numba's stages of compiling, up to a library that is to be linked.
+
+        Returns
+        -------
+        list
+            Numba's pipelines.
+        """
         state = self.state
         if not state.flags.auto_parallel.enabled:
             codegen = state.targetctx.codegen()
@@ -113,6 +136,13 @@ class EntryCompiler(Compiler):
     """Numba's compiler, with a library that takes in all kernels below."""
 
     def define_pipelines(self) -> Any:
+        """Define Numba's stages of compiling, with a library that takes in the kernels below.
+
+        Returns
+        -------
+        list
+            Numba's pipelines.
+        """
         state = self.state
         codegen = state.targetctx.codegen()
         state.library = EntryLibrary(codegen, state.func_id.func_qualname)
@@ -131,7 +161,20 @@ def _placeholder_entry_point(library: Any, fndesc: Any, env: Any) -> Any:
 
 
 def rebuild_kernel(context: Any, payload: tuple[Any, ...]) -> Any:
-    """Compiled form from what was kept of it."""
+    """Rebuild the compiled form of a kernel from its file's content.
+
+    Parameters
+    ----------
+    context : object
+        Numba's context of the processor.
+    payload : tuple[Any, ...]
+        Parts of Numba's result that were stored.
+
+    Returns
+    -------
+    CompileResult
+        Compiled form.
+    """
     (name, kind, data), fndesc, env, signature, *rest = payload
     if kind != "linked":
         return CompileResult._rebuild(context, *payload)

@@ -18,13 +18,30 @@ _KERNEL = re.compile(rb"^\s*@(compiled|entry|intrinsic)\b", re.MULTILINE)
 
 
 def read_compiled_sources() -> dict[str, bytes]:
-    """Content of every file in `FOLDERS`, by its path in the package."""
+    """Content of every file in `FOLDERS`, by its path in the package.
+
+    Returns
+    -------
+    dict of str to bytes
+        Contents by paths.
+    """
     paths = sorted(path for folder in FOLDERS for path in (PACKAGE / folder).rglob("*.py"))
     return {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
 
 
 def digest_of_bytes(files: dict[str, bytes]) -> str:
-    """Digest of the files to the last byte."""
+    """Digest of the files to the last byte.
+
+    Parameters
+    ----------
+    files : dict[str, bytes]
+        Contents by paths.
+
+    Returns
+    -------
+    str
+        SHA-256, hexadecimal.
+    """
     digest = hashlib.sha256()
     for name, content in files.items():
         digest.update(f"{name}\0{len(content)}\0".encode() + content)
@@ -35,6 +52,16 @@ def digest_of_syntax(files: dict[str, bytes]) -> str:
     """Digest of what the compiler sees of the files that hold kernels, or that these import from.
 
     Comments, docstrings and the places of lines are left out.
+
+    Parameters
+    ----------
+    files : dict[str, bytes]
+        Contents by paths.
+
+    Returns
+    -------
+    str
+        SHA-256, hexadecimal.
     """
     waiting = [name for name, content in files.items() if _KERNEL.search(content)]
     trees: dict[str, ast.Module] = {}

@@ -61,7 +61,20 @@ class EnergyLedger:
 
     @classmethod
     def from_first_record(cls, row: np.ndarray, *, coarse: bool) -> EnergyLedger:
-        """Ledger that begins with this record; for ``coarse`` see `granular.scene.dry_friction`."""
+        """Begin a ledger with this record.
+
+        Parameters
+        ----------
+        row : float64 (columns,)
+            Record, in natural units.
+        coarse : bool
+            Whether the limit is wider; see `granular.scene.dry_friction.has_coarse_friction`.
+
+        Returns
+        -------
+        EnergyLedger
+            Ledger without residual.
+        """
         rows = row[None]
         return cls(
             start=float(columns.total_energies(rows)[0]),
@@ -72,7 +85,20 @@ class EnergyLedger:
         )
 
     def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals of the records beyond rounding [F* D], and over the energy turned over."""
+        """Residuals of the records: what kinetic, potential and lost energy and work do not balance.
+
+        Parameters
+        ----------
+        rows : float64 (r, columns)
+            Records, in natural units.
+
+        Returns
+        -------
+        residual : float64 (r,)
+            Magnitudes beyond rounding [F* D].
+        relative : float64 (r,)
+            The same over the energy turned over, without unit.
+        """
         potential, total = columns.total_potential_energies(rows), columns.total_energies(rows)
         lost, work = columns.total_losses(rows), rows[:, columns.WORK]
         moved = np.maximum(rows[:, columns.TURNED], self.moved)
@@ -86,7 +112,18 @@ class EnergyLedger:
         return excess, relative
 
     def find_unbalanced_record(self, rows: np.ndarray) -> tuple[int, float] | None:
-        """Enter records; the first one that cannot be trusted, if any, and its residual."""
+        """Enter records, and find the first one that cannot be trusted.
+
+        Parameters
+        ----------
+        rows : float64 (r, columns)
+            Records, in natural units.
+
+        Returns
+        -------
+        tuple of (int, float) or None
+            Its index and its residual over the energy turned over; None if all balance.
+        """
         if not len(rows):
             return None
         residual, relative = self.residuals(rows)

@@ -26,7 +26,22 @@ from granular.pairs.multilevel_mesh import MultilevelMesh
 
 @compiled(inline=True)
 def compute_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
-    """Compute the far field at the present positions and time; 1 where its mesh is too small."""
+    """Compute the far field's forces at the present positions.
+
+    Parameters
+    ----------
+    far : FarFieldState or None
+        Far field with its forces; None without one.
+    bed : Bed
+        State of the run, which changes, and its constants.
+    time : float
+        Time since the start of the run [tau].
+
+    Returns
+    -------
+    int
+        Not 0 where the mesh is too small for the bed.
+    """
     if far is None:
         return 0
     far.timing[TIME] = time
@@ -69,6 +84,20 @@ def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
 
     It also stays where grains rub and none has moved by more than a little (see
     `granular.pairs.mesh_far_field.STILL`): grains at rest feel the same force to the last bit.
+
+    Parameters
+    ----------
+    far : FarFieldState or None
+        Far field with its forces; None without one.
+    bed : Bed
+        State of the run, which changes, and its constants.
+    time : float
+        Time since the start of the run [tau].
+
+    Returns
+    -------
+    int
+        Not 0 where the mesh is too small for the bed.
     """
     if far is None:
         return 0
@@ -129,7 +158,19 @@ def _store_far_force_rates(rates: Array, far: FarFieldState, lapse: float) -> No
 
 @compiled(inline=True)
 def add_far_field(far: FarFieldState | None, state: State, count: int, time: float) -> None:
-    """Add the far field to forces and loads; where it acts in impulses, the held one."""
+    """Add the far field to the forces and loads; where it acts in impulses, the held one.
+
+    Parameters
+    ----------
+    far : FarFieldState or None
+        Far field with its forces; None without one.
+    state : State
+        State of the run, whose forces [F*] are changed.
+    count : int
+        Number of grains.
+    time : float
+        Time since the start of the run [tau].
+    """
     if far is not None:
         _add_held_forces(far.held_forces, far, state.load, state, count)
         if far.timing[CHANGING] > 0.0:
@@ -168,13 +209,34 @@ def _add_extrapolated_forces(
 
 @compiled
 def far_energy(far: FarFieldState | None) -> float:
-    """Energy of the far field [F* D] at the positions of its last evaluation; 0 without one."""
+    """Energy of the far field at the positions of its last evaluation.
+
+    Parameters
+    ----------
+    far : FarFieldState or None
+        Far field with its forces; None without one.
+
+    Returns
+    -------
+    float
+        [F* D]; 0 without one.
+    """
     return 0.0 if far is None else far.energy[0]
 
 
 @compiled
 def kick_by_far_field(far: FarFieldState | None, dt: float, bed: Bed) -> None:
-    """Give the impulse over ``dt`` [tau] by which the far field differs from the held one."""
+    """Give the impulse by which the far field differs from the held one.
+
+    Parameters
+    ----------
+    far : FarFieldState or None
+        Far field with its forces; None without one.
+    dt : float
+        Duration that the impulse stands for [tau].
+    bed : Bed
+        State of the run, which changes, and its constants.
+    """
     state, constants = bed.state, bed.constants
     if far is not None:
         _kick_by_change_since_held(
@@ -206,6 +268,11 @@ def update_held_far_field(state: State) -> None:
 
     The energy does not change, but what a symplectic step conserves does, a little: not to be done
     often in a run that dissipates nothing.
+
+    Parameters
+    ----------
+    state : State
+        State of the run, whose held forces are changed.
     """
     far = state.far_forces
     if far is not None and far.held_forces is not None:
@@ -215,7 +282,18 @@ def update_held_far_field(state: State) -> None:
 
 
 def force_with_far_field(state: State) -> tuple[Array, Array]:
-    """Force on the grains [F*], with all of a far field that acts in impulses."""
+    """Force on the grains, with all of a far field that acts in impulses.
+
+    Parameters
+    ----------
+    state : State
+        State of the run.
+
+    Returns
+    -------
+    fx, fy : float64 (m,)
+        [F*], padded.
+    """
     far = state.far_forces
     if far is None or far.held_forces is None:
         return state.fx, state.fy

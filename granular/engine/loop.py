@@ -88,7 +88,21 @@ class StopCriteria(NamedTuple):
 
 @compiled
 def fill_record_row(time: float, bed: Bed, motion: Motion, measurement: Measurement, row: Array) -> None:
-    """Fill one record after a measuring pass, at a time [tau]."""
+    """Fill one record after a measuring pass.
+
+    Parameters
+    ----------
+    time : float
+        Time since the start of the run [tau].
+    bed : Bed
+        State of the run, which changes, and its constants.
+    motion : Motion
+        Motion of the piston in the stage, in natural units.
+    measurement : Measurement
+        Scratch of the measuring pass; filled.
+    row : float64 (columns,)
+        Overwritten, in natural units; see `granular.engine.columns`.
+    """
     state, constants = bed.state, bed.constants
     kinetic, fastest = kinetic_energy(bed)
     laws = state.ledger.size - LOSSES
@@ -248,10 +262,26 @@ def advance_ticks(
     watch: StopCriteria,
     rows: Array,
 ) -> tuple[int, int, int]:
-    """Advance tick by tick; no ticks are a look at the present moment alone.
+    """Advance the run tick by tick; no ticks are a look at the present moment alone.
 
     Parameters
     ----------
+    window : TickRange
+        Ticks to advance by.
+    schedule : StepSchedule
+        Ticks and steps of the stage.
+    plan : StepPlan
+        Tables of the method.
+    state : State
+        State of the run, which changes.
+    constants : Constants
+        Constants of the run.
+    motion : Motion
+        Motion of the piston in the stage, in natural units.
+    measurement : Measurement
+        Scratch of the measuring pass.
+    watch : StopCriteria
+        Criteria for a stop, and their memory.
     rows : float64 (r, columns)
         Filled with the records; the row behind them holds the last tick.
 
@@ -335,10 +365,31 @@ def record_present_state(
     measurement: Measurement,
     row: Array,
 ) -> bool:
-    """Find forces and a record of the present moment; whether a grain is where none can be.
+    """Compute the forces and fill a record of the present moment.
 
-    In a stage that began at ``start`` [tau]. It is a call of the loop without ticks: a kernel of
-    its own would be compiled besides.
+    It is a call of the loop without ticks: a kernel of its own would be compiled besides.
+
+    Parameters
+    ----------
+    start : float
+        Time of the stage's start since that of the run [tau].
+    plan : StepPlan
+        Tables of the method.
+    state : State
+        State of the run; its forces are overwritten.
+    constants : Constants
+        Constants of the run.
+    motion : Motion
+        Motion of the piston in the stage, in natural units.
+    measurement : Measurement
+        Scratch of the measuring pass.
+    row : float64 (columns,)
+        Overwritten, in natural units.
+
+    Returns
+    -------
+    bool
+        True where a grain is where none can be.
     """
     status, _, _ = advance_ticks(
         TickRange(start, 0.0, math.inf, 0, 0),

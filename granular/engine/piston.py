@@ -154,10 +154,25 @@ def _prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) 
 
 @compiled(inline=True)
 def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, opens_step: bool) -> None:
-    """Change the piston's velocity by ``dt`` [tau]; enter the work done from outside meanwhile.
+    """Change the piston's velocity by its forces; enter the work done from outside meanwhile.
 
     Work is the conjugate of what depends on time (the path, an outer force, the shaking), so that
     the ledger has the method's order.
+
+    Parameters
+    ----------
+    dt : float
+        Duration of the kick [tau].
+    bed : Bed
+        State of the run, which changes, and its constants.
+    motion : Motion
+        Motion of the piston in the stage, in natural units.
+    time : float
+        Time in the stage [tau].
+    start : float
+        Time of the stage's start since that of the run [tau].
+    opens_step : bool
+        Whether the kick opens a step; False for one that closes it.
     """
     state, constants = bed.state, bed.constants
     if motion.free:
@@ -176,7 +191,21 @@ def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, 
 
 @compiled(inline=True)
 def drift_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float) -> None:
-    """Move the piston by ``dt`` [tau], up to ``time`` in the stage."""
+    """Move the piston: a free one at its velocity, a driven one along its path.
+
+    Parameters
+    ----------
+    dt : float
+        Duration [tau].
+    bed : Bed
+        State of the run, which changes, and its constants.
+    motion : Motion
+        Motion of the piston in the stage, in natural units.
+    time : float
+        Time in the stage at the end of the drift [tau].
+    start : float
+        Time of the stage's start since that of the run [tau].
+    """
     state = bed.state
     if motion.free:
         _add_to_piston_height(state.rounding, dt * state.piston[SPEED], state)
@@ -190,7 +219,20 @@ def drift_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float)
 
 @compiled(inline=True)
 def piston_energy(bed: Bed, time: float) -> float:
-    """Kinetic and potential energy of the piston [F* D]; zero where it has no mass."""
+    """Kinetic and potential energy of the piston.
+
+    Parameters
+    ----------
+    bed : Bed
+        State of the run and its constants.
+    time : float
+        Time since the start of the run [tau].
+
+    Returns
+    -------
+    float
+        [F* D]; 0 where it has no mass.
+    """
     state, constants = bed.state, bed.constants
     if not constants.piston_mass < math.inf:
         return 0.0

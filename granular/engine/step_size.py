@@ -45,7 +45,18 @@ MOST_COUNT = 2**53
 
 
 def auto_step_text(factor: float) -> str:
-    """Multiple of the automatic step, as users write it."""
+    """Multiple of the automatic step, as users write it: ``auto/2``.
+
+    Parameters
+    ----------
+    factor : float
+        The multiple.
+
+    Returns
+    -------
+    str
+        Text.
+    """
     if factor == 1.0:
         return "auto"
     return f"auto*{factor:g}" if factor > 1.0 else f"auto/{1.0 / factor:g}"
@@ -74,6 +85,7 @@ class StepRequest:
 
     @property
     def automatic(self) -> bool:
+        """True where no length is given."""
         return self.seconds is None
 
     @property
@@ -94,14 +106,43 @@ class StepRequest:
         return LONGEST / DRY_FACTOR if self.dry else LONGEST
 
     def steps_per_tick(self, length: float, frequency: float) -> int:
-        """Automatic steps of a tick of that length [tau], for a highest frequency [1/tau]."""
+        """Automatic steps of a tick, for a highest frequency.
+
+        Parameters
+        ----------
+        length : float
+            Length of the tick [tau].
+        frequency : float
+            Highest angular frequency [1/tau].
+
+        Returns
+        -------
+        int
+            At least 1.
+        """
         return max(1, math.ceil(length * frequency / self.step_times_frequency - 1e-9))
 
     def divide_stage(self, record: float, frame: float, frequency: float, tau: float) -> StepSchedule:
-        """Divide a stage into ticks and steps, for these intervals of records and frames [tau].
+        """Divide a stage into ticks and steps.
 
         A given step stays as it is, and the distances are rounded to whole steps and records; an
         automatic one divides them.
+
+        Parameters
+        ----------
+        record : float
+            From record to record [tau].
+        frame : float
+            From frame to frame [tau].
+        frequency : float
+            Highest angular frequency [1/tau].
+        tau : float
+            Natural unit of time [s].
+
+        Returns
+        -------
+        StepSchedule
+            Ticks and steps, in natural units.
         """
         if self.seconds is not None:
             h = self.seconds / tau
@@ -149,13 +190,37 @@ class StepSchedule(NamedTuple):
     given: int
 
     def with_steps(self, steps: int) -> StepSchedule:
-        """Return the same ticks with another automatic step."""
+        """Return the same ticks with another automatic step.
+
+        Parameters
+        ----------
+        steps : int
+            Steps of a tick.
+
+        Returns
+        -------
+        StepSchedule
+            The changed schedule.
+        """
         return self._replace(steps=steps, h=self.length / steps)
 
 
 @compiled
 def tick_start_time(schedule: StepSchedule, tick: int) -> float:
-    """Time from the stage's start to a tick's start [tau]."""
+    """Time from the stage's start to a tick's start.
+
+    Parameters
+    ----------
+    schedule : StepSchedule
+        Ticks and steps of the stage.
+    tick : int
+        Index of the tick.
+
+    Returns
+    -------
+    float
+        [tau]
+    """
     if schedule.given > 0:
         return steps_before_tick(schedule, tick) * schedule.h
     return tick * schedule.length
@@ -163,9 +228,21 @@ def tick_start_time(schedule: StepSchedule, tick: int) -> float:
 
 @compiled
 def steps_before_tick(schedule: StepSchedule, tick: int) -> int:
-    """Given steps from the stage's start to a tick's start.
+    """Return the number of given steps from the stage's start to a tick's start.
 
     That is tick * given // every, whose product may pass 64 bits.
+
+    Parameters
+    ----------
+    schedule : StepSchedule
+        Ticks and steps of the stage.
+    tick : int
+        Index of the tick.
+
+    Returns
+    -------
+    int
+        Number of steps.
     """
     total, part = tick // schedule.every, tick % schedule.every
     return total * schedule.given + part * schedule.given // schedule.every
@@ -173,14 +250,40 @@ def steps_before_tick(schedule: StepSchedule, tick: int) -> int:
 
 @compiled
 def steps_in_tick(schedule: StepSchedule, tick: int) -> int:
-    """Return the steps of a tick."""
+    """Return the number of steps of a tick.
+
+    Parameters
+    ----------
+    schedule : StepSchedule
+        Ticks and steps of the stage.
+    tick : int
+        Index of the tick.
+
+    Returns
+    -------
+    int
+        Number of steps.
+    """
     if schedule.given > 0:
         return steps_before_tick(schedule, tick + 1) - steps_before_tick(schedule, tick)
     return schedule.steps
 
 
 def completed_ticks(schedule: StepSchedule, time: float) -> float:
-    """Ticks that end by a time in the stage [tau]."""
+    """Return the number of ticks that end by a time in the stage.
+
+    Parameters
+    ----------
+    schedule : StepSchedule
+        Ticks and steps of the stage.
+    time : float
+        Time in the stage [tau].
+
+    Returns
+    -------
+    float
+        Whole number; infinite for an infinite time.
+    """
     if math.isinf(time):
         return math.inf
     if schedule.given > 0:

@@ -25,8 +25,14 @@ def sympy_expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = No
     Parameters
     ----------
     tree : Node
+        Parsed formula.
     symbols : mapping of str to Symbol, optional
         By the names as they are written, primes included; those of others have the same name.
+
+    Returns
+    -------
+    Expr
+        SymPy's expression.
 
     Raises
     ------
@@ -42,7 +48,12 @@ def sympy_expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = No
 
 
 def check_finite_numbers(expression: sympy.Expr) -> None:
-    """Numbers that came about by multiplying out are ones that a computer holds.
+    """Check that the numbers that multiplying out has made are ones that a computer holds.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+        SymPy's expression.
 
     Raises
     ------
@@ -139,14 +150,21 @@ def compile_function(
     expressions: sympy.Expr | Sequence[sympy.Expr],
     modules: str | Sequence[Any] = "numpy",
 ) -> Callable[..., Any]:
-    """Compiled function of symbols, that returns the value of an expression or a list of them.
+    """Compile a function of symbols that returns the value of an expression or a list of them.
 
     Parameters
     ----------
-    arguments : sequence of Symbol
-    expressions : Expr, or a sequence of them
+    arguments : Sequence[sympy.Symbol]
+        Arguments of the function, in order.
+    expressions : sympy.Expr or Sequence[sympy.Expr]
+        Expression, or a sequence of them.
     modules : str, or a sequence of str and mappings
         As for ``sympy.lambdify``.
+
+    Returns
+    -------
+    function
+        Function of numbers or arrays.
     """
     import sympy
 

@@ -19,7 +19,18 @@ _SAME = {"+", "-", "max", "min", "abs"}
 
 
 def unit_text(dimension: Dimension) -> str:
-    """Dimension as the unit that has it: ``kg s^-2``; ``1`` without one."""
+    """Dimension as the unit that has it: ``kg s^-2``; ``1`` without one.
+
+    Parameters
+    ----------
+    dimension : Dimension
+        Powers of metre, kilogram, second and ampere.
+
+    Returns
+    -------
+    str
+        Unit.
+    """
     parts = [
         name if power == 1 else f"{name}^{power}"
         for name, power in zip(BASE, dimension, strict=True)
@@ -29,7 +40,19 @@ def unit_text(dimension: Dimension) -> str:
 
 
 def infer_dimension(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
-    """Dimension of a formula with names of known dimensions.
+    """Infer the dimension of a formula from those of its names.
+
+    Parameters
+    ----------
+    tree : Node
+        Parsed formula.
+    known : Mapping[str, Dimension]
+        Dimensions by names.
+
+    Returns
+    -------
+    tuple of Fraction
+        Powers of metre, kilogram, second and ampere.
 
     Raises
     ------

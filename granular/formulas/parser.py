@@ -40,10 +40,16 @@ def parse(
     Parameters
     ----------
     text : str
+        The formula.
     functions : mapping of str to FormulaFunction
         Those that the formula may name.
     multiplied : bool
         Whether the formula will be multiplied out, so that one too large for it is refused.
+
+    Returns
+    -------
+    Node
+        Tree of the formula.
 
     Raises
     ------

@@ -49,12 +49,34 @@ Node = Number | Name | Operation
 
 
 def variable_names(*trees: Node) -> tuple[Name, ...]:
-    """Names in formulas, each once, in the order of the text."""
+    """Names in formulas, each once, in the order of the text.
+
+    Parameters
+    ----------
+    *trees
+        Parsed formulas.
+
+    Returns
+    -------
+    tuple of Name
+        The names.
+    """
     return tuple(dict.fromkeys(leaf for leaf in _iterate_leaves(trees) if isinstance(leaf, Name)))
 
 
 def constant_names(*trees: Node) -> tuple[str, ...]:
-    """Names of `CONSTANTS` in formulas, each once."""
+    """Names of `CONSTANTS` in formulas, each once.
+
+    Parameters
+    ----------
+    *trees
+        Parsed formulas.
+
+    Returns
+    -------
+    tuple of str
+        The names.
+    """
     numbers = (leaf.text for leaf in _iterate_leaves(trees) if isinstance(leaf, Number))
     return tuple(dict.fromkeys(text for text in numbers if text in CONSTANTS))
 

@@ -31,7 +31,7 @@ class EffectLaws(NamedTuple):
         pass over the pairs takes along.
     cut : CutOffSettings or None
         Where pairs end; with None for this and the next, all pairs are summed.
-    listing : Listing or None
+    listing : VerletSettings or None
         Parameters of de Paula's Verlet list.
     far : FarFieldSettings or None
         Far field beyond the radius where pairs end smoothly.
@@ -102,11 +102,11 @@ class Constants(NamedTuple):
         Cell width [D].
     piston_mass, piston_weight : float
         [m], [F*]; the mass is infinite where none is given.
-    resistance : Resistance or None
+    resistance : PistonResistance or None
         Resistance to the motion of the piston.
     exit : float
         Height below which a grain has left through a gap [D]; minus infinity where there is none.
-    acting : Acting
+    acting : EffectLaws
     threaded : bool or None
         None for one thread.
     """
@@ -128,13 +128,35 @@ class Constants(NamedTuple):
 
 @compiled(inline=True)
 def relative_moments(constants: Constants) -> Array | None:
-    """Magnetic moment of each grain over that of the first species; None where all are alike."""
+    """Magnetic moment of each grain over that of the first species; None where all are alike.
+
+    Parameters
+    ----------
+    constants : Constants
+        Constants of the run.
+
+    Returns
+    -------
+    float64 (m,) or None
+        Without unit; None where all are 1.
+    """
     return _values_or_default(constants.moments, constants.masses)
 
 
 @compiled(inline=True)
 def pair_stiffness_bound(discs: DiscLaw | None) -> float:
-    """Stiffness of a pair over 3 / rho^5, at most; 1 for dipoles."""
+    """Bound of a pair's stiffness over 3 / rho^5, with rho its distance [D].
+
+    Parameters
+    ----------
+    discs : DiscLaw or None
+        Law of discs; None of dipoles.
+
+    Returns
+    -------
+    float
+        Without unit; 1 for dipoles.
+    """
     return 1.0 if discs is None else discs.series[STIFFNESS]
 
 
@@ -147,7 +169,19 @@ def _values_or_default(values: Array | None, otherwise: Array | None) -> Array |
 def multiply_by_moment_over_mass(
     stiffness: Array, moments: Array | None, masses: Array | None, count: int
 ) -> None:
-    """Make stiffnesses of grains of moment 1 such over the mass; the same if moments are masses."""
+    """Turn stiffnesses of grains of moment 1 into those of the grains over their masses.
+
+    Parameters
+    ----------
+    stiffness : float64 (m,)
+        Stiffness [F*/D]; becomes [1/tau^2].
+    moments : float64 (m,) or None
+        Moments over that of the first species; None where they are the masses.
+    masses : float64 (m,) or None
+        Masses over that of the first species; None where all are 1.
+    count : int
+        Number of grains.
+    """
     if moments is not None:
         for i in range(count):
             stiffness[i] *= moments[i] / value_or_one(masses, i)

@@ -13,7 +13,7 @@ from granular.pairs.stripes import Stripes
 from granular.pairs.verlet_list import VerletList
 
 X, Y, VX, VY = range(4)
-"""Rows of what is kept of the grains' places and velocities together."""
+"""Rows of what is kept of the grains: positions and velocities together."""
 
 HEIGHT, SPEED, HEIGHT_ROUNDING, SPEED_ROUNDING = range(4)
 """Entries of the piston."""
@@ -67,7 +67,7 @@ class State(NamedTuple):
         The far field, and its forces.
     close : CloseDiscList or None
         List of close pairs of discs.
-    rooms : tuple
+    workspaces : tuple
         Scratch of each law, or None; arrays of it are zero behind the grains.
     host : HostWorkspace or None
         That of what carries the cell, which moves all the others.
@@ -77,7 +77,7 @@ class State(NamedTuple):
         Scratch of the pair sum.
     rounding : float64 (4, m) or None
         Rounding errors of x, y, vx and vy in compensated sums; None with plain sums.
-    slopes : Slopes or None
+    slopes : StageSlopes or None
         Scratch of a Runge-Kutta method.
     """
 

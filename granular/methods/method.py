@@ -112,6 +112,7 @@ class Method:
 
     @property
     def allows_dry_friction(self) -> bool:
+        """True for compositions of equal steps without parts backward in time."""
         return self.tableau is None and not self.has_backward_parts and not self.variable
 
     def __str__(self) -> str:
@@ -139,6 +140,16 @@ class Method:
 
 def method_from_plain(plain: Mapping[str, Any]) -> Method:
     """Return the method of a table that `Method.to_plain` made, or that stands in a study's file.
+
+    Parameters
+    ----------
+    plain : Mapping[str, Any]
+        Table as plain data.
+
+    Returns
+    -------
+    Method
+        The method, checked.
 
     Raises
     ------

@@ -59,7 +59,18 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
 
 
 def method_as_run_setting(method: Method) -> str | dict[str, Any]:
-    """Entry of a method in a run's settings: the name of a built-in one, else its table."""
+    """Entry of a method in a run's settings: the name of a built-in one, else its table.
+
+    Parameters
+    ----------
+    method : Method
+        Integration method.
+
+    Returns
+    -------
+    str or dict
+        Entry, as `resolve_method` takes it.
+    """
     return method.name if _is_built_in(method) else method.to_plain()
 
 
@@ -100,13 +111,29 @@ def method_named(name: str) -> Method:
 
 
 def all_methods() -> Registry[Method]:
-    """All methods by their names: built in, of the user's own, and of installed distributions."""
+    """All methods by their names: built in, of the user's own, and of installed distributions.
+
+    Returns
+    -------
+    Registry of Method
+        Methods by their names.
+    """
     names = (*METHODS, *_own, *entry_point_names(GROUP))
     return Registry(((name, method_named(name)) for name in dict.fromkeys(names)), str)
 
 
 def with_compensated_sums(method: Method) -> Method:
     """Return the method with compensated sums.
+
+    Parameters
+    ----------
+    method : Method
+        Composition of kicks and drifts.
+
+    Returns
+    -------
+    Method
+        The same, with ``+compensated`` behind its name.
 
     Raises
     ------
@@ -123,6 +150,11 @@ def with_compensated_sums(method: Method) -> Method:
 
 def register_methods(methods: Iterable[Method]) -> None:
     """Let `method_named` know methods of the user's own, for as long as the process lives.
+
+    Parameters
+    ----------
+    methods : Iterable[Method]
+        Methods of the user's own.
 
     Raises
     ------

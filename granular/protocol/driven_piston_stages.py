@@ -20,9 +20,24 @@ class Hold(TimedStage):
 
     @property
     def needs_piston(self) -> bool:
+        """False: a bed without a piston can be held, too."""
         return False
 
     def motion(self, height: float, scales: Scales) -> Motion:
+        """Piston at rest at its present height.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        Motion
+            In natural units.
+        """
         return Motion(start=height / scales.length)
 
 
@@ -48,26 +63,67 @@ class Move(Stage):
     until_force: float | None = quantity("N", above=0.0, default=None, optional=True)
 
     def validate(self) -> None:
+        """Check that one of speed and duration is given.
+
+        Raises
+        ------
+        FieldError
+            If both or none are.
+        """
         if (self.speed is None) == (self.duration is None):
             raise FieldError("give either speed or duration", "speed")
 
     @property
     def ends_at_force(self) -> bool:
+        """True where ``until_force`` is given."""
         return self.until_force is not None
 
     def total_duration(self, height: float) -> float | None:
+        """Duration of the way at the constant speed.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+
+        Returns
+        -------
+        float
+            [s]
+        """
         if self.duration is not None:
             return self.duration
         assert self.speed is not None
         return abs(self.to - height) / self.speed
 
     def motion(self, height: float, scales: Scales) -> Motion:
+        """Straight motion to ``to``.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        Motion
+            In natural units.
+        """
         duration = self.total_duration(height)
         velocity = (self.to - height) / duration if duration else 0.0
         limit = math.inf if self.until_force is None else self.until_force / scales.force
         return Motion(start=height / scales.length, speed=velocity / scales.velocity, limit=limit)
 
     def prescribed_final_height(self) -> float | None:
+        """Height that the stage ends at.
+
+        Returns
+        -------
+        float
+            ``to`` [m].
+        """
         return self.to
 
 
@@ -95,9 +151,35 @@ class Descend(Stage):
     steepness: float = quantity("1", default=5.0, above=0.0)
 
     def total_duration(self, height: float) -> float | None:
+        """Duration of the descent.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+
+        Returns
+        -------
+        float
+            [s]
+        """
         return self.duration
 
     def motion(self, height: float, scales: Scales) -> Motion:
+        """Exponential descent to ``to``, [D, 2.3.2].
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        Motion
+            In natural units.
+        """
         return Motion(
             kind=DESCENT,
             start=height / scales.length,
@@ -107,6 +189,13 @@ class Descend(Stage):
         )
 
     def prescribed_final_height(self) -> float | None:
+        """Height that the stage ends at.
+
+        Returns
+        -------
+        float
+            ``to`` [m].
+        """
         return self.to
 
 
@@ -125,6 +214,13 @@ class Follow(Stage):
     heights: tuple[float, ...] = quantity_list_field("m", above=0.0)
 
     def validate(self) -> None:
+        """Check that the times increase from 0, with a height each.
+
+        Raises
+        ------
+        FieldError
+            If they do not.
+        """
         if len(self.times) != len(self.heights):
             raise FieldError(f"holds {len(self.heights)} values for {len(self.times)} times", "heights")
         if len(self.times) < 2 or self.times[0] != 0.0 or (np.diff(self.times) <= 0.0).any():
@@ -132,12 +228,39 @@ class Follow(Stage):
 
     @property
     def is_tabulated(self) -> bool:
+        """True: the motion is a table."""
         return True
 
     def total_duration(self, height: float) -> float | None:
+        """Duration of the table.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+
+        Returns
+        -------
+        float
+            Its last time [s].
+        """
         return self.times[-1]
 
     def motion(self, height: float, scales: Scales) -> Motion:
+        """Straight lines from row to row of the table.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        Motion
+            In natural units.
+        """
         return Motion(
             kind=TABLE,
             start=self.heights[0] / scales.length,
@@ -146,9 +269,28 @@ class Follow(Stage):
         )
 
     def initial_jump(self, height: float) -> float:
+        """Jump of the piston to the first height of the table.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+
+        Returns
+        -------
+        float
+            [m], upwards.
+        """
         return self.heights[0] - height
 
     def prescribed_final_height(self) -> float | None:
+        """Height that the stage ends at.
+
+        Returns
+        -------
+        float
+            Last height of the table [m].
+        """
         return self.heights[-1]
 
 
@@ -170,6 +312,13 @@ class Oscillate(Stage):
     duration: float | None = quantity("s", above=0.0, default=None, optional=True)
 
     def validate(self) -> None:
+        """Check that the duration is at least a quarter of a period.
+
+        Raises
+        ------
+        FieldError
+            If it is shorter.
+        """
         if self.duration is not None and self.duration * self.frequency < 0.25:
             raise FieldError(
                 f"{self.duration:g} s is less than a quarter of a period, {0.25 / self.frequency:g} s",
@@ -177,9 +326,35 @@ class Oscillate(Stage):
             )
 
     def total_duration(self, height: float) -> float | None:
+        """Duration of the oscillation.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+
+        Returns
+        -------
+        float or None
+            [s]; None is without end.
+        """
         return self.duration
 
     def motion(self, height: float, scales: Scales) -> Motion:
+        """Sine about the present height.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        Motion
+            In natural units.
+        """
         return Motion(
             kind=SINE,
             start=height / scales.length,
@@ -200,12 +375,50 @@ class Lift(Stage):
     by: float = quantity("m")
 
     def initial_jump(self, height: float) -> float:
+        """Jump of the piston.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+
+        Returns
+        -------
+        float
+            ``by`` [m], upwards.
+        """
         return self.by
 
     def total_duration(self, height: float) -> float | None:
+        """Duration of the jump.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+
+        Returns
+        -------
+        float
+            0 s.
+        """
         return 0.0
 
     def motion(self, height: float, scales: Scales) -> Motion:
+        """Piston at rest at the height that it jumped to.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        Motion
+            In natural units.
+        """
         return Motion(start=height / scales.length)
 
 

@@ -18,9 +18,24 @@ class Free(TimedStage):
 
     @property
     def needs_piston_mass(self) -> bool:
+        """True: a free piston has a mass."""
         return True
 
     def motion(self, height: float, scales: Scales) -> Motion:
+        """Free motion from the present height and velocity.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        Motion
+            In natural units.
+        """
         return Motion(free=True, start=height / scales.length)
 
 
@@ -41,9 +56,17 @@ class Push(TimedStage):
 
     @property
     def needs_piston_mass(self) -> bool:
+        """True: a free piston has a mass."""
         return True
 
     def validate(self) -> None:
+        """Check that a force with an amplitude has a frequency, and does not wait for rest.
+
+        Raises
+        ------
+        FieldError
+            If it has none, or waits.
+        """
         super().validate()
         if self.amplitude > 0.0 and self.frequency == 0.0:
             raise FieldError("must be above 0 Hz where the force has an amplitude", "frequency")
@@ -51,6 +74,20 @@ class Push(TimedStage):
             raise FieldError("a piston that is pushed to and fro does not come to rest", "until")
 
     def motion(self, height: float, scales: Scales) -> Motion:
+        """Free motion under a sinusoidal force.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        Motion
+            In natural units.
+        """
         return Motion(
             free=True,
             start=height / scales.length,

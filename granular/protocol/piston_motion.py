@@ -63,7 +63,22 @@ class Motion(NamedTuple):
 
 @entry
 def driven_height_and_velocity(motion: Motion, time: float) -> tuple[float, float]:
-    """Height and velocity of a driven piston at the time in the stage."""
+    """Height and velocity of a driven piston.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion of the piston in the stage, in natural units.
+    time : float
+        Time in the stage [tau].
+
+    Returns
+    -------
+    height : float
+        [D]
+    velocity : float
+        [D/tau]
+    """
     return _driven_height_and_velocity(motion.times, motion.heights, motion, time)
 
 
@@ -132,14 +147,46 @@ def _evaluate_spline(times: Array, heights: Array, time: float) -> tuple[float, 
 
 
 def with_table_arrays(motion: Motion) -> Motion:
-    """Return the same motion, of the type that motions by tables and splines are of."""
+    """Give a motion without a table empty arrays, as motions by tables and splines have arrays.
+
+    All stages of a protocol with a table are then of one type to the compiler.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion of the piston in the stage, in natural units.
+
+    Returns
+    -------
+    Motion
+        The same motion.
+    """
     return motion if motion.times is not None else motion._replace(times=_NONE, heights=_NONE)
 
 
 def greatest_piston_speed(motion: Motion, mass: float, gravity: float, height: float, speed: float) -> float:
-    """Greatest speed of the piston in the stage [D/tau], or a bound of it where it falls freely.
+    """Greatest speed of the piston in the stage, or a bound of it where it falls freely.
 
-    From a height [D] and with a speed [D/tau], for a mass [m] under gravity [F*/m].
+    A free piston of the mass m gains at most the energy that a constant force, its weight and the greatest
+    outer one, gives over its height.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion of the piston in the stage, in natural units.
+    mass : float
+        m [m].
+    gravity : float
+        Downward acceleration [D/tau^2].
+    height : float
+        Height at the stage's start [D].
+    speed : float
+        Speed at the stage's start [D/tau].
+
+    Returns
+    -------
+    float
+        [D/tau]
     """
     if motion.free:
         outer = abs(motion.bias) + abs(motion.push)
@@ -169,7 +216,18 @@ def _table_arrays(motion: Motion) -> tuple[Array, Array]:
 
 
 def drive_angular_frequency(motion: Motion) -> float:
-    """Angular frequency that the drive has, or the rate at which it changes [1/tau]."""
+    """Angular frequency that the drive has, or the rate at which it changes.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion of the piston in the stage, in natural units.
+
+    Returns
+    -------
+    float
+        [1/tau]; 0 of a piston at rest.
+    """
     if motion.kind == DESCENT:
         return motion.steepness / motion.total_duration
     if motion.kind == TABLE:
@@ -185,7 +243,20 @@ def drive_angular_frequency(motion: Motion) -> float:
 
 @compiled
 def outer_force_on_piston(motion: Motion, time: float) -> float:
-    """Force from outside on a free piston, upwards [F*]."""
+    """Force from outside on a free piston.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion of the piston in the stage, in natural units.
+    time : float
+        Time in the stage [tau].
+
+    Returns
+    -------
+    float
+        Upwards [F*].
+    """
     return _outer_force_value(motion.times, motion.heights, motion, time)
 
 

@@ -32,6 +32,7 @@ class Stage(Section):
 
     @property
     def needs_piston(self) -> bool:
+        """True where the scene must have a piston."""
         return True
 
     @property
@@ -41,6 +42,7 @@ class Stage(Section):
 
     @property
     def needs_piston_mass(self) -> bool:
+        """True where the piston must have a mass, for it moves freely."""
         return False
 
     @property
@@ -54,19 +56,60 @@ class Stage(Section):
         return False
 
     def initial_jump(self, height: float) -> float:
-        """Jump of the piston [m] upwards at the stage's start, from a height [m]."""
+        """Jump of the piston at the stage's start.
+
+        Parameters
+        ----------
+        height : float
+            Height before it [m].
+
+        Returns
+        -------
+        float
+            [m], upwards; 0 without one.
+        """
         return 0.0
 
     def total_duration(self, height: float) -> float | None:
-        """Longest duration [s] from the piston height [m]; None is without end."""
+        """Longest duration of the stage.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+
+        Returns
+        -------
+        float or None
+            [s]; None is without end.
+        """
         raise NotImplementedError
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Piston's motion from the height [m] at the stage's start, in natural units."""
+        """Motion of the piston in the stage.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        Motion
+            In natural units.
+        """
         raise NotImplementedError
 
     def prescribed_final_height(self) -> float | None:
-        """Height [m] that the stage ends at exactly; None where it is not prescribed."""
+        """Height that the stage ends at exactly.
+
+        Returns
+        -------
+        float or None
+            [m]; None where it is not prescribed.
+        """
         return None
 
 
@@ -92,6 +135,13 @@ class TimedStage(Stage):
     window: float = quantity("s", default=1.0, above=0.0)
 
     def validate(self) -> None:
+        """Check that tolerance goes with ``until``, and the duration is longer than the window of rest.
+
+        Raises
+        ------
+        FieldError
+            If not.
+        """
         if self.until is None and self.tolerance is not None:
             raise FieldError("only counts with until = 'rest'", "tolerance")
         if self.until is not None and self.duration is not None and self.duration <= self.window:
@@ -100,13 +150,42 @@ class TimedStage(Stage):
             )
 
     def total_duration(self, height: float) -> float | None:
+        """Duration, or the longest wait for rest.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+
+        Returns
+        -------
+        float or None
+            [s]; None is without end.
+        """
         if self.duration is None and self.until is not None:
             return REST_LIMIT
         return self.duration
 
 
 def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales: Scales) -> Motion:
-    """Motion of one stage from a height [m], of the type that all stages of its protocol share."""
+    """Motion of one stage, of the type that all stages of its protocol share.
+
+    Parameters
+    ----------
+    protocol : Sequence[Stage]
+        All stages.
+    stage : Stage
+        The stage.
+    height : float
+        Height of the piston at the stage's start [m].
+    scales : Scales
+        Natural units of the scene, in SI.
+
+    Returns
+    -------
+    Motion
+        In natural units.
+    """
     motion = stage.motion(height, scales)
     return with_table_arrays(motion) if any(stage.is_tabulated for stage in protocol) else motion
 
@@ -134,20 +213,66 @@ class SampledStage(Stage):
 
     @property
     def needs_piston_mass(self) -> bool:
+        """True for a force, which acts on a free piston."""
         return self.driven_quantity == "force"
 
     @property
     def is_tabulated(self) -> bool:
+        """True: the motion is a spline."""
         return True
 
     def total_duration(self, height: float) -> float | None:
+        """Duration of the stage.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+
+        Returns
+        -------
+        float
+            [s]
+        """
         return self.duration
 
     def sample_values_and_slopes(self, times: np.ndarray, height: float) -> np.ndarray:
-        """Values and slopes (2, k) in SI, at equidistant times (k,) [s] since the stage's start."""
+        """Sample the height or force, and its slope.
+
+        Parameters
+        ----------
+        times : float64 (k,)
+            Equidistant times since the stage's start [s].
+        height : float
+            Height of the piston at the stage's start [m].
+
+        Returns
+        -------
+        float64 (2, k)
+            Values [m] or [N], and slopes [m/s] or [N/s].
+        """
         raise NotImplementedError
 
     def motion(self, height: float, scales: Scales) -> Motion:
+        """Cubic spline through samples of the height or force, as dense as it needs.
+
+        Parameters
+        ----------
+        height : float
+            Height of the piston at the stage's start [m].
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        Motion
+            In natural units.
+
+        Raises
+        ------
+        FieldError
+            If a height does not begin at the piston's, or the function is not finite or smooth.
+        """
         times, values = self._resolving_knots(height)
         if not self.needs_piston_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
             raise FieldError(
@@ -192,9 +317,29 @@ class FormulaStage(SectionWithFormula, SampledStage):
 
     @property
     def driven_quantity(self) -> str:
+        """Key of the formula, ``"height"`` or ``"force"``."""
         return self.formula_key
 
     def sample_values_and_slopes(self, times: np.ndarray, height: float) -> np.ndarray:
+        """Sample the formula and its derivative.
+
+        Parameters
+        ----------
+        times : float64 (k,)
+            Equidistant times since the stage's start [s].
+        height : float
+            Height of the piston at the stage's start [m].
+
+        Returns
+        -------
+        float64 (2, k)
+            Values [m] or [N], and slopes [m/s] or [N/s].
+
+        Raises
+        ------
+        FieldError
+            If the formula jumps.
+        """
         given = [self.parameter_value_and_dimension(name)[0] for name, _ in self.values]
         parameter_names = tuple(name for name, _ in self.values)
         functions = _value_and_slope_functions(self.formula, tuple(self.variables), parameter_names)

@@ -40,6 +40,18 @@ def piston_height_of_mixture(reference: float, species: Sequence[Species]) -> fl
 
     H_f = H_r sum_k R_k (D_k/D_1)^2 over the species with fractions R_k; for two species this is
     [1 + R (p - 1)] H_r [D, eq. 4.23].
+
+    Parameters
+    ----------
+    reference : float
+        H_r, of the first species alone [m].
+    species : Sequence[Species]
+        Species with their diameters and fractions.
+
+    Returns
+    -------
+    float
+        H_f [m].
     """
     first = species[0].diameter
     return reference * math.fsum(specy.share * (specy.diameter / first) ** 2 for specy in species)

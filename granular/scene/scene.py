@@ -88,11 +88,36 @@ class Effects(Section):
 
     @classmethod
     def key_names(cls) -> tuple[str, ...]:
+        """Names of all effects that a scene can name.
+
+        Returns
+        -------
+        tuple of str
+            Sorted names.
+        """
         return effect_names()
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """Read them as `Section.from_plain` does."""
+        """Read the effects that act from a table of their keys.
+
+        Parameters
+        ----------
+        plain : object
+            Plain data, as a TOML file holds them.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        Effects
+            The effects.
+
+        Raises
+        ------
+        FieldError
+            If an effect is unknown, or a key of it does not fit.
+        """
         if plain is True:
             plain = {}
         if not isinstance(plain, Mapping):
@@ -102,6 +127,13 @@ class Effects(Section):
         return self
 
     def to_plain(self) -> dict[str, Any]:
+        """Effects that act as a table; `from_plain` makes equal ones of it.
+
+        Returns
+        -------
+        dict
+            Plain data by the effects' names.
+        """
         return {name: effect.to_plain() for name, effect in self._given.items()}
 
 
@@ -168,6 +200,15 @@ class Scene(Section):
         return tuple(module_docstring_of(type(part)) for part in parts)
 
     def validate(self) -> None:
+        """Check that the parts of the scene fit each other.
+
+        Raises
+        ------
+        FieldError
+            If two parts do not; with the path of a key.
+        SceneError
+            If grains overlap each other or a wall at the start.
+        """
         self._check_piston()
         self._check_walls()
         acting = {effect.key: effect for effect in self.effects.acting}
@@ -366,6 +407,16 @@ class Scene(Section):
             Plain data, as `to_plain` makes them.
         diameter : float, optional
             Diameter that the unit D stands for [m].
+
+        Returns
+        -------
+        Scene
+            The scene, checked.
+
+        Raises
+        ------
+        FieldError
+            For an unknown key, a missing or an unfit value.
         """
         return super().from_plain(plain, diameter or _first_species_diameter(plain))
 

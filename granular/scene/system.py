@@ -70,7 +70,21 @@ class SceneInNaturalUnits:
 def scene_in_natural_units(
     scene: Scene, *, threads: int = 1, method: Method | None = None
 ) -> SceneInNaturalUnits:
-    """Scene in natural units, for a method of integration.
+    """Make all that the compiled loop takes of a scene, in natural units.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    threads : int
+        Number of threads; 1 is without threads.
+    method : Method or None
+        Integration method; None where nothing is integrated.
+
+    Returns
+    -------
+    SceneInNaturalUnits
+        Scales, constants, species and effects.
 
     Raises
     ------
@@ -184,7 +198,12 @@ def _effect_context(scene: Scene, scales: Scales, species: np.ndarray) -> Effect
 
 @contextlib.contextmanager
 def explain_compile_errors(scene: Scene) -> Iterator[None]:
-    """Let what the compiler says of a user's function be one line.
+    """Turn the compiler's error of a user's function into one line, within the block.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
 
     Raises
     ------

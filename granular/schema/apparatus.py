@@ -86,6 +86,13 @@ class Grains(Section):
     magnets: str = choice_field("dipoles", "cylinders", default="dipoles")
 
     def validate(self) -> None:
+        """Check that the shares add up to 1, and that the mixing fits the number of species.
+
+        Raises
+        ------
+        FieldError
+            If not.
+        """
         total = sum(specy.share for specy in self.species)
         if abs(total - 1.0) > 1e-9:
             raise FieldError(f"the shares add up to {total:g}; they must add up to 1", "species")
@@ -97,7 +104,13 @@ class Grains(Section):
             )
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`; spread and discs are written where there are any."""
+        """Plain data as of `Section.to_plain`; spread and discs are written where there are any.
+
+        Returns
+        -------
+        dict
+            Keys and plain values.
+        """
         plain = super().to_plain()
         if self.magnets == "dipoles":
             del plain["magnets"]
@@ -106,15 +119,33 @@ class Grains(Section):
         return plain
 
     def species_counts(self) -> tuple[int, ...]:
-        """Return the number of grains of each species."""
+        """Return the number of grains of each species.
+
+        Returns
+        -------
+        tuple of int
+            (s,), in the order of the species.
+        """
         return tuple(np.bincount(self.species_indices(), minlength=len(self.species)).tolist())
 
     def species_fractions(self) -> tuple[float, ...]:
-        """Fraction of each species that the mixing rule really makes."""
+        """Fraction of the grains of each species, as the mixing rule really makes it.
+
+        Returns
+        -------
+        tuple of float
+            (s,), without unit.
+        """
         return tuple(number / max(self.count, 1) for number in self.species_counts())
 
     def species_indices(self) -> np.ndarray:
-        """Species index of each grain (n,)."""
+        """Index of the species of each grain, by the mixing rule [D, 4.2.2].
+
+        Returns
+        -------
+        int64 (n,)
+            Indices of `species`.
+        """
         if self.mixing == "every-kth":
             return _every_kth(self.count, self.species[1].share)
         counts = self._largest_remainder_counts()
@@ -132,31 +163,72 @@ class Grains(Section):
         return tuple(counts)
 
     def diameters(self) -> np.ndarray:
-        """Diameter of each grain (n,) [m]."""
+        """Diameter of each grain.
+
+        Returns
+        -------
+        float64 (n,)
+            [m]
+        """
         return np.array([specy.diameter for specy in self.species])[self.species_indices()]
 
     def species_values(self, name: str) -> np.ndarray:
-        """``thickness``, ``density`` or ``remanence`` of each species (s,) in SI."""
+        """Thickness, density or remanence of each species.
+
+        Parameters
+        ----------
+        name : str
+            ``"thickness"``, ``"density"`` or ``"remanence"``.
+
+        Returns
+        -------
+        float64 (s,)
+            In SI.
+        """
         own = [getattr(specy, name) for specy in self.species]
         return np.array([getattr(self, name) if value is None else value for value in own])
 
     def masses(self) -> np.ndarray:
-        """Mass of each grain (n,) [kg]."""
+        """Mass of each grain, a flat cylinder.
+
+        Returns
+        -------
+        float64 (n,)
+            [kg]
+        """
         sheet = np.pi / 4.0 * self.species_values("density") * self.species_values("thickness")
         value = self.species_indices()
         return np.asarray(sheet[value] * self.diameters() ** 2)
 
     def mass_ratios(self) -> np.ndarray:
-        """Mass of a grain of each species (s,) over that of the first."""
+        """Mass of a grain of each species over that of the first.
+
+        Returns
+        -------
+        float64 (s,)
+            Without unit.
+        """
         return self._ratios_to_first_species("density")
 
     def face_area_ratios(self) -> np.ndarray:
-        """Area of a face of a grain of each species (s,) over that of the first."""
+        """Area of a face of a grain of each species over that of the first.
+
+        Returns
+        -------
+        float64 (s,)
+            Without unit.
+        """
         diameter = np.array([specy.diameter for specy in self.species])
         return np.asarray((diameter / diameter[0]) ** 2)
 
     def moment_ratios(self) -> np.ndarray:
-        """Moment of a grain of each species (s,), without spread, over that of the first."""
+        """Magnetic moment of a grain of each species, without spread, over that of the first.
+
+        Returns
+        -------
+        float64 (s,)
+            Without unit.
+        """
         return self._ratios_to_first_species("remanence")
 
     def _ratios_to_first_species(self, name: str) -> np.ndarray:
@@ -164,7 +236,13 @@ class Grains(Section):
         return self.face_area_ratios() * (thickness / thickness[0]) * (strength / strength[0])
 
     def spread_factors(self) -> np.ndarray:
-        """Factor of each grain's moment over its species' (n,)."""
+        """Factor of each grain's moment over its species'.
+
+        Returns
+        -------
+        float64 (n,)
+            Without unit; 1 without spread.
+        """
         if self.spread == 0.0:
             return np.ones(self.count)
         drawn = np.random.default_rng(self.seed).normal(size=self.count)
@@ -212,7 +290,18 @@ class Cell(Section):
         return None if self.height is None else (self.width, self.height)
 
     def wrap_positions(self, positions: np.ndarray) -> np.ndarray:
-        """Positions (..., 2) [m] of the images within a periodic cell; as given of a closed one."""
+        """Positions of the images within a periodic cell; as given of a closed one.
+
+        Parameters
+        ----------
+        positions : float64 (..., 2)
+            [m]
+
+        Returns
+        -------
+        float64 (..., 2)
+            [m]
+        """
         if self.periods is None:
             return positions
         inside = np.mod(positions, self.periods)
@@ -220,12 +309,32 @@ class Cell(Section):
         return np.asarray(np.where(inside < self.periods, inside, 0.0 * inside))
 
     def nearest_image_displacements(self, displacements: np.ndarray) -> np.ndarray:
-        """Displacements (..., 2) [m] of the nearest images; as given in a closed cell."""
+        """Displacements of the nearest images; as given in a closed cell.
+
+        The minimum-image convention (Allen and Tildesley, Computer Simulation of Liquids, 1987).
+
+        Parameters
+        ----------
+        displacements : float64 (..., 2)
+            [m]
+
+        Returns
+        -------
+        float64 (..., 2)
+            [m]
+        """
         if self.periods is None:
             return displacements
         return np.asarray(displacements - self.periods * np.round(displacements / self.periods))
 
     def validate(self) -> None:
+        """Check that a periodic cell has a height, and a closed one has none.
+
+        Raises
+        ------
+        FieldError
+            If not.
+        """
         if self.sides == "periodic" and self.height is None:
             raise FieldError("must be given where the sides are periodic", "height")
         if self.sides == "closed" and self.height is not None:
@@ -234,7 +343,13 @@ class Cell(Section):
             )
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`; periodic sides are written where there are any."""
+        """Plain data as of `Section.to_plain`; periodic sides are written where there are any.
+
+        Returns
+        -------
+        dict
+            Keys and plain values.
+        """
         plain = super().to_plain()
         if self.height is None:
             del plain["sides"]
@@ -285,6 +400,13 @@ class Output(Section):
         return round(self.frames / self.scalars)
 
     def validate(self) -> None:
+        """Check that frames come at whole multiples of the records' interval.
+
+        Raises
+        ------
+        FieldError
+            If not.
+        """
         ratio = self.frames / self.scalars
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
             near = max(1, round(ratio)) * self.scalars

@@ -44,12 +44,17 @@ class Scales:
 
     @classmethod
     def from_grains(cls, grains: Grains) -> Scales:
-        """Natural units of a bed: those of its first species.
+        """Compute the natural units of a bed: those of its first species, [D, 2.2].
 
         Parameters
         ----------
         grains : Grains
             Grains of the bed.
+
+        Returns
+        -------
+        Scales
+            Sizes of the natural units in SI.
         """
         diameter = grains.species[0].diameter
         thickness, density, remanence = (
@@ -83,20 +88,25 @@ class Scales:
 
     @property
     def time(self) -> float:
+        """Natural unit of time, tau = sqrt(m D / F*) [s]."""
         return math.sqrt(self.mass * self.length / self.force)
 
     @property
     def velocity(self) -> float:
+        """D/tau, the natural unit of velocity [m/s]."""
         return self.length / self.time
 
     @property
     def rate(self) -> float:
+        """1/tau, the natural unit of rates and angular frequencies [1/s]."""
         return 1.0 / self.time
 
     @property
     def acceleration(self) -> float:
+        """F*/m = D/tau^2, the natural unit of acceleration [m/s^2]."""
         return self.force / self.mass
 
     @property
     def energy(self) -> float:
+        """F* D, the natural unit of energy [J]."""
         return self.force * self.length

@@ -33,11 +33,38 @@ class FieldError(SceneError):
         super().__init__(f"{'.'.join(map(sanitize, path))}: {reason}" if path else reason)
 
     def with_outer_path(self, *outer: str) -> FieldError:
+        """Make the same error, with the keys that lead to the section before its path.
+
+        Parameters
+        ----------
+        *outer
+            Keys from the scene on.
+
+        Returns
+        -------
+        FieldError
+            The new error.
+        """
         return FieldError(self.reason, *outer, *self.path)
 
 
 def unknown_word_message(word: str, known: Sequence[str], what: str) -> str:
-    """Message for an unknown word, with the nearest known one."""
+    """Message for an unknown word, with the nearest known one.
+
+    Parameters
+    ----------
+    word : str
+        Word as it was written.
+    known : Sequence[str]
+        Words that there are.
+    what : str
+        Kind of word, as in ``"key"``.
+
+    Returns
+    -------
+    str
+        Message.
+    """
     near = difflib.get_close_matches(word[:_LONGEST], known, 1, cutoff=0.5)
     shown = ", ".join(map(sanitize, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
     advice = f"did you mean {quote(near[0])}?" if near else f"known are {shown}"
@@ -64,6 +91,25 @@ class FieldKind:
     optional: bool = False
 
     def read_value(self, value: Any, diameter: float | None) -> Any:
+        """Read a value, or its absence where the field is optional.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        object
+            Value of the field; None where it is absent.
+
+        Raises
+        ------
+        FieldError
+            If it does not fit.
+        """
         if value is None or (self.optional and value == "none"):
             if self.optional:
                 return None
@@ -71,9 +117,40 @@ class FieldKind:
         return self.parse(value, diameter)
 
     def parse(self, value: Any, diameter: float | None) -> Any:
+        """Read a value that is there.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        object
+            Value of the field.
+
+        Raises
+        ------
+        FieldError
+            If it does not fit.
+        """
         raise NotImplementedError
 
     def to_plain(self, value: Any) -> Any:
+        """Value as plain data.
+
+        Parameters
+        ----------
+        value : object
+            Value of the field.
+
+        Returns
+        -------
+        object
+            Plain data.
+        """
         return value
 
 
@@ -86,6 +163,25 @@ class QuantityKind(FieldKind):
     most: float | None = None
 
     def parse(self, value: Any, diameter: float | None) -> float:
+        """Read a number in the field's SI unit, or a text with a unit of its dimension.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        float
+            In SI.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
         if isinstance(value, str):
             try:
                 number = si_value(value, self.unit, diameter)
@@ -116,6 +212,25 @@ class IntegerKind(FieldKind):
     most: int = 2**63 - 1
 
     def parse(self, value: Any, diameter: float | None) -> int:
+        """Read an integer, also as text or a whole float.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        int
+            The integer.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
         number = _parse_integer(value)
         if number is None:
             raise FieldError(f"{quote(value)} must be an integer")
@@ -141,6 +256,25 @@ def _parse_integer(value: object) -> int | None:
 @dataclasses.dataclass(frozen=True)
 class FlagKind(FieldKind):
     def parse(self, value: Any, diameter: float | None) -> bool:
+        """Read a truth value, also as text.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        bool
+            The value.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
         known = {"true": True, "false": False}
         if isinstance(value, str) and value in known:
             return known[value]
@@ -154,6 +288,25 @@ class ChoiceKind(FieldKind):
     names: tuple[str, ...] = ()
 
     def parse(self, value: Any, diameter: float | None) -> str:
+        """Read one of the field's words.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        str
+            The word.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
         if not isinstance(value, str) or value not in self.names:
             raise FieldError(unknown_word_message(str(value), self.names, "choice"))
         return value
@@ -162,6 +315,25 @@ class ChoiceKind(FieldKind):
 @dataclasses.dataclass(frozen=True)
 class TextKind(FieldKind):
     def parse(self, value: Any, diameter: float | None) -> str:
+        """Read one line of text.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        str
+            The text.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
         if not isinstance(value, str) or not value.strip():
             raise FieldError(f"{quote(value)} must be a text that is not empty")
         if len(value) > _LONGEST or not value.isprintable():
@@ -176,6 +348,25 @@ class PointListKind(FieldKind):
     unit: str = "m"
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[float, float], ...]:
+        """Read a list of pairs of quantities.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        tuple of (float, float)
+            In SI.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
         quantity = QuantityKind(unit=self.unit)
         try:
             rows = [tuple(row) for row in value]
@@ -187,6 +378,18 @@ class PointListKind(FieldKind):
         return tuple((quantity.parse(x, diameter), quantity.parse(y, diameter)) for x, y in rows)
 
     def to_plain(self, value: Any) -> Any:
+        """Pairs as lists.
+
+        Parameters
+        ----------
+        value : object
+            Value of the field.
+
+        Returns
+        -------
+        list
+            Plain data.
+        """
         return [list(row) for row in value]
 
 
@@ -197,6 +400,25 @@ class QuantityListKind(FieldKind):
     element: QuantityKind = QuantityKind()
 
     def parse(self, value: Any, diameter: float | None) -> tuple[float, ...]:
+        """Read a list of quantities.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        tuple of float
+            In SI.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
         if isinstance(value, str) or not isinstance(value, Sequence):
             raise FieldError("must be a list of numbers")
         result = []
@@ -208,6 +430,18 @@ class QuantityListKind(FieldKind):
         return tuple(result)
 
     def to_plain(self, value: Any) -> Any:
+        """Numbers as a list.
+
+        Parameters
+        ----------
+        value : object
+            Value of the field.
+
+        Returns
+        -------
+        list
+            Plain data.
+        """
         return list(value)
 
 
@@ -218,10 +452,41 @@ class NestedSectionKind(FieldKind):
     section: type[Section] | None = None
 
     def parse(self, value: Any, diameter: float | None) -> Any:
+        """Read a section from its table.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        Section
+            The section.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
         assert self.section is not None
         return value if isinstance(value, self.section) else self.section.from_plain(value, diameter)
 
     def to_plain(self, value: Any) -> Any:
+        """Section as a table.
+
+        Parameters
+        ----------
+        value : object
+            Value of the field.
+
+        Returns
+        -------
+        dict
+            Plain data.
+        """
         return value.to_plain()
 
 
@@ -234,6 +499,25 @@ class SectionListKind(FieldKind):
     least: int = 0
 
     def parse(self, value: Any, diameter: float | None) -> tuple[Any, ...]:
+        """Read a list of sections, whose names must differ.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        tuple of Section
+            The sections.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
         if isinstance(value, str | Mapping) or not isinstance(value, Sequence):
             raise FieldError("must be a list of tables")
         if len(value) < self.least:
@@ -266,6 +550,18 @@ class SectionListKind(FieldKind):
         return self.kinds[item["kind"]].from_plain(rest, diameter)
 
     def to_plain(self, value: Any) -> Any:
+        """Sections as tables, with their kinds where there are several.
+
+        Parameters
+        ----------
+        value : object
+            Value of the field.
+
+        Returns
+        -------
+        list
+            Plain data.
+        """
         if self.kinds is None:
             return [item.to_plain() for item in value]
         names = {cls: name for name, cls in self.kinds.items()}
@@ -273,7 +569,20 @@ class SectionListKind(FieldKind):
 
 
 def section_field(kind: FieldKind, default: Any = dataclasses.MISSING) -> Any:
-    """Dataclass field of the given kind."""
+    """Declare a field of a section.
+
+    Parameters
+    ----------
+    kind : FieldKind
+        Kind of the field: it reads, checks and writes its value.
+    default : object
+        Value where a scene gives none; without it the key is needed.
+
+    Returns
+    -------
+    field
+        Field of a section, with its checks.
+    """
     return dataclasses.field(default=default, metadata={"kind": kind})
 
 
@@ -327,39 +636,162 @@ def quantity(
 def integer_field(
     *, default: Any = dataclasses.MISSING, least: int = 0, most: int = 2**63 - 1, optional: bool = False
 ) -> Any:
+    """Declare an integer of a section.
+
+    Parameters
+    ----------
+    default : object
+        Value where a scene gives none; without it the key is needed.
+    least : int
+        Least value.
+    most : int
+        Greatest value.
+    optional : bool
+        Allow None.
+
+    Returns
+    -------
+    field
+        Field of a section, with its checks.
+    """
     return section_field(IntegerKind(optional, least=least, most=most), default)
 
 
 def flag_field(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
+    """Declare a truth value of a section.
+
+    Parameters
+    ----------
+    default : object
+        Value where a scene gives none; without it the key is needed.
+    optional : bool
+        Allow None.
+
+    Returns
+    -------
+    field
+        Field of a section, with its checks.
+    """
     return section_field(FlagKind(optional), default)
 
 
 def choice_field(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
+    """Declare a word of a section, one of several.
+
+    Parameters
+    ----------
+    default : object
+        Value where a scene gives none; without it the key is needed.
+    optional : bool
+        Allow None.
+    *names
+        The words.
+
+    Returns
+    -------
+    field
+        Field of a section, with its checks.
+    """
     return section_field(ChoiceKind(optional, names=names), default)
 
 
 def text_field(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
+    """Declare one line of text of a section.
+
+    Parameters
+    ----------
+    default : object
+        Value where a scene gives none; without it the key is needed.
+    optional : bool
+        Allow None.
+
+    Returns
+    -------
+    field
+        Field of a section, with its checks.
+    """
     return section_field(TextKind(optional), default)
 
 
 def points_field(unit: str = "m", *, default: Any = dataclasses.MISSING) -> Any:
+    """Declare a list of pairs of quantities of a section.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit of the numbers.
+    default : object
+        Value where a scene gives none; without it the key is needed.
+
+    Returns
+    -------
+    field
+        Field of a section, with its checks.
+    """
     return section_field(PointListKind(True, unit=unit), default)
 
 
 def quantity_list_field(
     unit: str, *, default: Any = dataclasses.MISSING, above: float | None = None, least: float | None = None
 ) -> Any:
-    """List of numbers in an SI unit."""
+    """Declare a list of quantities of a section.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit of the numbers.
+    default : object
+        Value where a scene gives none; without it the key is needed.
+    above : float or None
+        Bound in that unit, left out of the range.
+    least : float or None
+        Bound in that unit.
+
+    Returns
+    -------
+    field
+        Field of a section, with its checks.
+    """
     return section_field(QuantityListKind(element=QuantityKind(unit=unit, above=above, least=least)), default)
 
 
 def nested_section_field(
     section: type[Section], *, default: Any = dataclasses.MISSING, optional: bool = False
 ) -> Any:
+    """Declare a section within a section.
+
+    Parameters
+    ----------
+    section : type[Section]
+        Class of the inner section.
+    default : object
+        Value where a scene gives none; without it the key is needed.
+    optional : bool
+        Allow None.
+
+    Returns
+    -------
+    field
+        Field of a section, with its checks.
+    """
     return section_field(NestedSectionKind(optional, section=section), default)
 
 
 def section_list_field(section: type[Section], *, least: int = 0) -> Any:
+    """Declare a list of sections within a section.
+
+    Parameters
+    ----------
+    section : type[Section]
+        Class of the inner sections.
+    least : int
+        Least number of them.
+
+    Returns
+    -------
+    field
+        Field of a section, with its checks.
+    """
     return section_field(SectionListKind(section=section, least=least))
 
 
@@ -404,6 +836,13 @@ class Section:
 
     @classmethod
     def key_names(cls) -> tuple[str, ...]:
+        """Names of the fields, in their order.
+
+        Returns
+        -------
+        tuple of str
+            Keys that a scene may give.
+        """
         return tuple(field.name for field in dataclasses.fields(cls))
 
     @classmethod
@@ -416,6 +855,11 @@ class Section:
             Plain data, as `to_plain` makes them.
         diameter : float, optional
             Diameter that the unit D stands for [m].
+
+        Returns
+        -------
+        Section
+            The section, checked.
 
         Raises
         ------
@@ -457,9 +901,21 @@ class Section:
 
 
 def find_field(section: Any, key: str) -> tuple[Any, FieldKind] | None:
-    """Value and kind of the field that a dotted key leads to; None where it leads to none.
+    """Find the field that a dotted key leads to.
 
     An item of a list is named by its index or its ``name``.
+
+    Parameters
+    ----------
+    section : object
+        Section to begin with.
+    key : str
+        Dotted key, as ``protocol.lift.by``.
+
+    Returns
+    -------
+    tuple of (object, FieldKind) or None
+        Value and kind of the field; None where the key leads to none.
     """
     *path, name = key.split(".")
     for part in path:
