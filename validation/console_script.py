@@ -22,7 +22,7 @@ from granular.commands.console import (
     print_result,
 )
 from granular.commands.options import OUTPUT
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 
 PROG = "granular-damper"

@@ -9,8 +9,8 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.run.trajectory import Trajectory
+from granular.schema.field_kinds import unknown_word_message
 from granular.schema.scales import Scales
-from granular.schema.sections import unknown_word_message
 from granular.shared.errors import InputError, RecordError
 
 _LEAST_SWINGS = 3

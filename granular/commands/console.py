@@ -34,7 +34,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, NoReturn
 
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing_package_error
 from granular.shared.files import replace_non_finite_by_none
 from granular.shared.garbage import rare_garbage_collection

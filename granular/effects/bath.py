@@ -32,8 +32,9 @@ from granular.kernel_data.state import LOSSES, STEPS, Bed
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Cell, Grains, Piston
+from granular.schema.field_kinds import FieldError
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, integer_field, quantity
+from granular.schema.sections import integer_field, quantity
 
 LOW, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
 _FIRST, _SECOND = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)

@@ -91,8 +91,9 @@ from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
 from granular.effects.registry import WALL_LAWS, register_effect
+from granular.schema.field_kinds import IntegerKind, QuantityKind, unknown_word_message
 from granular.schema.scales import Scales
-from granular.schema.sections import IntegerKind, QuantityKind, Section, unknown_word_message
+from granular.schema.sections import Section
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from granular.shared.user_file import UserFile, user_definitions

@@ -30,8 +30,9 @@ from granular.kernel_data.state import LOSSES, VX, VY, Bed
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Cell, Grains, Piston
+from granular.schema.field_kinds import FieldError
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, choice_field, flag_field, integer_field, quantity
+from granular.schema.sections import choice_field, flag_field, integer_field, quantity
 
 SPACING = 1.375
 """Spacing of the lattice by which `Eddy.mutual` is decided [D]: the packaged damper's at rest."""

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import compiled
+from granular.schema.field_kinds import FieldError
 from granular.schema.scales import Scales
 from granular.schema.sections import (
-    FieldError,
     Section,
     choice_field,
     integer_field,

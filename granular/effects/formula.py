@@ -20,9 +20,10 @@ from granular.effects.custom_functions import DEFINITIONS, CustomDefinition
 from granular.effects.effect import Effect
 from granular.effects.force_effect import ForceEffect
 from granular.formulas import parse
+from granular.schema.field_kinds import FieldError
 from granular.schema.parameters import SectionWithFormula
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, text_field
+from granular.schema.sections import text_field
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 

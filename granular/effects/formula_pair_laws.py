@@ -20,7 +20,8 @@ from granular.effects.force_effect import ForceEffect
 from granular.effects.formula import EnergyFormula, FormulaList, Functions
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, NONE, Dimension
-from granular.schema.sections import SectionListKind, quantity, section_field
+from granular.schema.field_kinds import SectionListKind
+from granular.schema.sections import quantity, section_field
 
 
 class PairFormula(EnergyFormula, ForceEffect):

@@ -32,7 +32,8 @@ from granular.effects.friction_law import FrictionLaw
 from granular.kernel_data.state import LOSSES, State
 from granular.pairs.direct_sum import pad_values
 from granular.schema.apparatus import Cell, Grains, Piston
-from granular.schema.sections import FieldError, choice_field, quantity
+from granular.schema.field_kinds import FieldError
+from granular.schema.sections import choice_field, quantity
 
 SCHEMES = ("velocity", "regularised")
 

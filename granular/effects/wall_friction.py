@@ -22,7 +22,8 @@ from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Cell, Grains, Piston
-from granular.schema.sections import FieldError, quantity
+from granular.schema.field_kinds import FieldError
+from granular.schema.sections import quantity
 
 _SIDES = ("left", "right")
 

@@ -27,16 +27,9 @@ from granular.effects.wall_slab import SlabWall
 from granular.effects.walls_law import WallLaws
 from granular.formulas.dimensions import LENGTH, Dimension
 from granular.schema.apparatus import Cell, Grains, Piston
+from granular.schema.field_kinds import FieldError, FieldKind, unknown_word_message
 from granular.schema.scales import Scales
-from granular.schema.sections import (
-    FieldError,
-    FieldKind,
-    Section,
-    nested_section_field,
-    quantity,
-    section_field,
-    unknown_word_message,
-)
+from granular.schema.sections import Section, nested_section_field, quantity, section_field
 
 LAWS = ("experimental", "infinite", "slab", "discs")
 FORMULA = "formula"

@@ -8,7 +8,7 @@ from typing import Any
 
 from granular.methods.method import COMPENSATED, Method, method_from_plain
 from granular.methods.tables import METHODS
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from granular.shared.registry import Registry, entry_point_names, load_entry_point

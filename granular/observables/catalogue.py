@@ -30,7 +30,7 @@ from granular.observables.frame import (
 from granular.observables.packing import least_piston_distance, mean_pair_distance, packing_fraction
 from granular.observables.temperature import fluctuation_energies, kinetic_temperature
 from granular.observables.voronoi import hexagon_regularity, polygon_fractions, voronoi_cells
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import quote
 from granular.shared.registry import load_entry_point

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from granular.pairs.verlet_list import RADIUS, SKIN, VerletSettings
-from granular.schema.sections import FieldError, Section, choice_field, integer_field, quantity
+from granular.schema.field_kinds import FieldError
+from granular.schema.sections import Section, choice_field, integer_field, quantity
 
 MESH_REACH = 0.39
 """Greatest radius of mesh and cut-off over the shorter side of a periodic cell: a pair is met in

@@ -9,8 +9,9 @@ from typing import ClassVar
 from granular.formulas.dimensions import TIME, Dimension
 from granular.protocol.piston_motion import Motion
 from granular.protocol.stage import FormulaStage, TimedStage
+from granular.schema.field_kinds import FieldError
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, quantity, text_field
+from granular.schema.sections import quantity, text_field
 
 
 class Free(TimedStage):

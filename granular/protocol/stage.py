@@ -10,9 +10,10 @@ import numpy as np
 
 from granular.formulas import parse
 from granular.protocol.piston_motion import SPLINE, Motion, with_table_arrays
+from granular.schema.field_kinds import FieldError
 from granular.schema.parameters import SectionWithFormula
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, Section, choice_field, quantity, text_field
+from granular.schema.sections import Section, choice_field, quantity, text_field
 from granular.shared.message_text import quote
 
 REST_LIMIT = 60.0

@@ -17,7 +17,7 @@ import numpy as np
 
 from granular.readers.column_headers import HEIGHT, normalize_unit
 from granular.readers.role_units import ANGLE_UNITS, SI, role_unit_size
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.message_text import quote

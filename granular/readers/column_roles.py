@@ -28,7 +28,7 @@ from granular.readers.column_headers import (
 from granular.readers.read_options import ANGLE, ROLES, STROKE, ReadOptions
 from granular.readers.role_units import SI
 from granular.readers.sheet import Column, Sheet
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.message_text import quote, sanitize

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import si_value
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.files import read_toml, write_text

@@ -22,7 +22,7 @@ from granular.readers.column_roles import assign_roles, motion_role
 from granular.readers.read_options import ANGLE, STROKE, ReadOptions
 from granular.readers.role_units import ANGLE_UNITS, role_unit_size, si_unit_of_role
 from granular.readers.sheet import Column, Sheet
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.message_text import quote, sanitize

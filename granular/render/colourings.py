@@ -16,7 +16,7 @@ from granular.export.frames import BedFrame
 from granular.observables.forces import compressive_forces, grain_pressures, relative_force_fluctuation
 from granular.observables.voronoi import VoronoiCells, hexagon_regularity
 from granular.scene.scene import Scene
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.plotting import SIDES
 

@@ -17,7 +17,7 @@ from granular.run.work_precision import (
     most_similar_measured_scene,
 )
 from granular.scene.scene import Scene
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 

@@ -17,7 +17,7 @@ from granular.protocol import Push, Stage
 from granular.run.piston_record import PistonRecord
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import RecordError
 
 if TYPE_CHECKING:

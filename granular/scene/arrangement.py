@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from granular.schema.apparatus import Cell, Grains, Piston
-from granular.schema.sections import FieldError, Section, integer_field, points_field, quantity
+from granular.schema.field_kinds import FieldError
+from granular.schema.sections import Section, integer_field, points_field, quantity
 from granular.shared.errors import SceneError
 
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}

@@ -17,8 +17,7 @@ from granular.effects.walls import Wall
 from granular.methods.tables import METHODS
 from granular.scene.loading import scene_names
 from granular.scene.scene import Effects, Scene
-from granular.schema.parameters import ParameterValuesKind, SectionWithFormula
-from granular.schema.sections import (
+from granular.schema.field_kinds import (
     ChoiceKind,
     FieldKind,
     FlagKind,
@@ -27,10 +26,11 @@ from granular.schema.sections import (
     PointListKind,
     QuantityKind,
     QuantityListKind,
-    Section,
     SectionListKind,
     TextKind,
 )
+from granular.schema.parameters import ParameterValuesKind, SectionWithFormula
+from granular.schema.sections import Section
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 Schema = dict[str, Any]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from granular.scene.scene import Scene
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import SceneError
 from granular.shared.files import read_toml
 from granular.shared.message_text import quote

@@ -16,16 +16,8 @@ from granular.pairs.pair_sum_settings import PairSumSettings
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_positions_and_velocities
 from granular.schema.apparatus import Cell, Grains, Output, Piston
-from granular.schema.sections import (
-    FieldError,
-    NestedSectionKind,
-    Section,
-    SectionListKind,
-    nested_section_field,
-    section_field,
-    text_field,
-    unknown_word_message,
-)
+from granular.schema.field_kinds import FieldError, NestedSectionKind, SectionListKind, unknown_word_message
+from granular.schema.sections import Section, nested_section_field, section_field, text_field
 from granular.schema.units import si_value
 from granular.shared.citations import module_docstring_of
 from granular.shared.errors import SceneError

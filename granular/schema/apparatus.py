@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from granular.schema.field_kinds import FieldError
 from granular.schema.sections import (
-    FieldError,
     Section,
     choice_field,
     integer_field,

@@ -10,7 +10,8 @@ from typing import Any, ClassVar, Self
 
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import Dimension, infer_dimension, unit_text
-from granular.schema.sections import FieldError, FieldKind, Section, section_field, unknown_word_message
+from granular.schema.field_kinds import FieldError, FieldKind, unknown_word_message
+from granular.schema.sections import Section, section_field
 from granular.schema.units import si_value, unit_size
 from granular.shared.errors import InputError, SceneError
 from granular.shared.message_text import quote

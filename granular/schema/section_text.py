@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from granular.schema.sections import QuantityKind, Section
+from granular.schema.field_kinds import QuantityKind
+from granular.schema.sections import Section
 
 
 def describe_fields(section: Section, *, without: tuple[str, ...] = ()) -> str:

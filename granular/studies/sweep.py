@@ -32,7 +32,8 @@ from granular.methods import Method
 from granular.run.dataset_variables import scalar_variables
 from granular.scene.loading import load_scene, scene_names
 from granular.scene.scene import Scene
-from granular.schema.sections import IntegerKind, QuantityKind, find_field, unknown_word_message
+from granular.schema.field_kinds import IntegerKind, QuantityKind, unknown_word_message
+from granular.schema.sections import find_field
 from granular.shared.errors import InputError, StoreError
 from granular.shared.files import make_directory, read_toml
 from granular.shared.message_text import sanitize

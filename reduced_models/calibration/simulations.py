@@ -17,7 +17,8 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.scene.scene import Scene
-from granular.schema.sections import QuantityKind, find_field
+from granular.schema.field_kinds import QuantityKind
+from granular.schema.sections import find_field
 from granular.shared.errors import InputError, RecordError
 from granular.studies.measures import piston_columns
 from granular.studies.sweep import sweep

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from reduced_models.fitting.fit import fit
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, Bounds

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.problem import Intervals

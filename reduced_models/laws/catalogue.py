@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.registry import Registry
 from reduced_models.laws.annealing_bed import ANNEALING_BED

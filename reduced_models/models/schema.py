@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from granular.formulas import MAX_CHARACTERS
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
 from granular.shared.message_text import quote, sanitize

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from granular.schema.sections import unknown_word_message
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from validation.exact import bounce, closed_forms, driven_piston, scattering
 from validation.exact.problem import ExactProblem, GrainStates

@@ -1,0 +1,574 @@
+"""Kinds of fields: each reads a value from plain data (as of a TOML file), checks it, and writes it back."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import operator
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from granular.schema.units import si_value
+from granular.shared.errors import SceneError
+from granular.shared.message_text import quote, sanitize
+
+_LONGEST = 200  # characters of a name
+_MOST_SHOWN = 30  # known words in a message
+_DIGITS = re.compile(r"[+-]?[0-9]{1,30}")
+
+
+class FieldError(SceneError):
+    """A field cannot take its value; ``path`` leads to it from the scene."""
+
+    def __init__(self, reason: str, *path: str) -> None:
+        self.reason, self.path = reason, path
+        super().__init__(f"{'.'.join(map(sanitize, path))}: {reason}" if path else reason)
+
+    def with_outer_path(self, *outer: str) -> FieldError:
+        """Make the same error, with the keys that lead to the section before its path.
+
+        Parameters
+        ----------
+        *outer
+            Keys from the scene on.
+
+        Returns
+        -------
+        FieldError
+            The new error.
+        """
+        return FieldError(self.reason, *outer, *self.path)
+
+
+def unknown_word_message(word: str, known: Sequence[str], what: str) -> str:
+    """Message for an unknown word, with the nearest known one.
+
+    Parameters
+    ----------
+    word : str
+        Word as it was written.
+    known : Sequence[str]
+        Words that there are.
+    what : str
+        Kind of word, as in ``"key"``.
+
+    Returns
+    -------
+    str
+        Message.
+    """
+    near = difflib.get_close_matches(word[:_LONGEST], known, 1, cutoff=0.5)
+    shown = ", ".join(map(sanitize, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
+    advice = f"did you mean {quote(near[0])}?" if near else f"known are {shown}"
+    return f"unknown {what} {quote(word)}; {advice}"
+
+
+def _parse_number(value: object) -> float:
+    """Parse a number, also NumPy's or as text; no truth value, nothing beyond a float."""
+    if not isinstance(value, bool | np.bool_):
+        try:
+            if not isinstance(value, str) or (value.isascii() and "_" not in value):
+                return float(value)  # type: ignore[arg-type]  # what is no number raises
+        except (TypeError, ValueError):
+            pass
+        except OverflowError:
+            raise FieldError(f"{quote(value)} is beyond all physics; check the unit") from None
+    raise FieldError(f"{quote(value)} is not a number")
+
+
+@dataclasses.dataclass(frozen=True)
+class FieldKind:
+    """Kind of a field: it reads, checks and writes the field's value."""
+
+    optional: bool = False
+
+    def read_value(self, value: Any, diameter: float | None) -> Any:
+        """Read a value, or its absence where the field is optional.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        object
+            Value of the field; None where it is absent.
+
+        Raises
+        ------
+        FieldError
+            If it does not fit.
+        """
+        if value is None or (self.optional and value == "none"):
+            if self.optional:
+                return None
+            raise FieldError("must be given")
+        return self.parse(value, diameter)
+
+    def parse(self, value: Any, diameter: float | None) -> Any:
+        """Read a value that is there.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        object
+            Value of the field.
+
+        Raises
+        ------
+        FieldError
+            If it does not fit.
+        """
+        raise NotImplementedError
+
+    def to_plain(self, value: Any) -> Any:
+        """Value as plain data.
+
+        Parameters
+        ----------
+        value : object
+            Value of the field.
+
+        Returns
+        -------
+        object
+            Plain data.
+        """
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class QuantityKind(FieldKind):
+    """A number in an SI unit, with bounds."""
+
+    unit: str = "1"
+    above: float | None = None
+    least: float | None = None
+    below: float | None = None
+    most: float | None = None
+
+    def parse(self, value: Any, diameter: float | None) -> float:
+        """Read a number in the field's SI unit, or a text with a unit of its dimension.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        float
+            In SI.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
+        if isinstance(value, str):
+            try:
+                number = si_value(value, self.unit, diameter)
+            except SceneError as error:
+                raise FieldError(str(error)) from None
+        else:
+            number = _parse_number(value)
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        if not math.isfinite(number):
+            raise FieldError(f"{number} must be finite; give a number{unit and ' in' + unit}")
+        tiny = self.above is not None and 0.0 < number < 1e-30
+        if self.unit != "1" and (tiny or abs(number) > 1e30):
+            raise FieldError(f"{number:g}{unit} is beyond all physics; check the unit")
+        for limit, words, fits in (
+            (self.above, "above", operator.gt),
+            (self.least, "at least", operator.ge),
+            (self.below, "below", operator.lt),
+            (self.most, "at most", operator.le),
+        ):
+            if limit is not None and not fits(number, limit):
+                raise FieldError(f"{number:g}{unit} must be {words} {limit:g}{unit}")
+        return number
+
+
+@dataclasses.dataclass(frozen=True)
+class IntegerKind(FieldKind):
+    """An integer, with bounds."""
+
+    least: int = 0
+    most: int = 2**63 - 1
+
+    def parse(self, value: Any, diameter: float | None) -> int:
+        """Read an integer, also as text or a whole float.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        int
+            The integer.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
+        number = _parse_integer(value)
+        if number is None:
+            raise FieldError(f"{quote(value)} must be an integer")
+        if number < self.least:
+            raise FieldError(f"{quote(number)} must be at least {self.least}")
+        if number > self.most:
+            raise FieldError(f"{quote(number)} must be at most {self.most:g}")
+        return number
+
+
+def _parse_integer(value: object) -> int | None:
+    """Integer, to its last digit; None where the text is none."""
+    if isinstance(value, str) and _DIGITS.fullmatch(value):
+        return int(value)
+    if isinstance(value, bool | np.bool_):
+        return None
+    if isinstance(value, int | np.integer):
+        return int(value)
+    number = _parse_number(value)
+    return int(number) if math.isfinite(number) and not number % 1.0 else None
+
+
+@dataclasses.dataclass(frozen=True)
+class FlagKind(FieldKind):
+    """A truth value."""
+
+    def parse(self, value: Any, diameter: float | None) -> bool:
+        """Read a truth value, also as text.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        bool
+            The value.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
+        known = {"true": True, "false": False}
+        if isinstance(value, str) and value in known:
+            return known[value]
+        if not isinstance(value, bool | np.bool_):
+            raise FieldError(f"{quote(value)} must be true or false")
+        return bool(value)
+
+
+@dataclasses.dataclass(frozen=True)
+class ChoiceKind(FieldKind):
+    """One of several words."""
+
+    names: tuple[str, ...] = ()
+
+    def parse(self, value: Any, diameter: float | None) -> str:
+        """Read one of the field's words.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        str
+            The word.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
+        if not isinstance(value, str) or value not in self.names:
+            raise FieldError(unknown_word_message(str(value), self.names, "choice"))
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class TextKind(FieldKind):
+    """One line of text."""
+
+    def parse(self, value: Any, diameter: float | None) -> str:
+        """Read one line of text.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        str
+            The text.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
+        if not isinstance(value, str) or not value.strip():
+            raise FieldError(f"{quote(value)} must be a text that is not empty")
+        if len(value) > _LONGEST or not value.isprintable():
+            raise FieldError(f"{quote(value)} must be one line of at most {_LONGEST} printable characters")
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class PointListKind(FieldKind):
+    """Pairs of numbers, one a grain."""
+
+    unit: str = "m"
+
+    def parse(self, value: Any, diameter: float | None) -> tuple[tuple[float, float], ...]:
+        """Read a list of pairs of quantities.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        tuple of (float, float)
+            In SI.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
+        quantity = QuantityKind(unit=self.unit)
+        try:
+            rows = [tuple(row) for row in value]
+        except TypeError:
+            raise FieldError("must be a list of pairs [x, y]") from None
+        for index, row in enumerate(rows):
+            if len(row) != 2 or isinstance(value[index], str):
+                raise FieldError("must be a pair [x, y]", str(index))
+        return tuple((quantity.parse(x, diameter), quantity.parse(y, diameter)) for x, y in rows)
+
+    def to_plain(self, value: Any) -> Any:
+        """Pairs as lists.
+
+        Parameters
+        ----------
+        value : object
+            Value of the field.
+
+        Returns
+        -------
+        list
+            Plain data.
+        """
+        return [list(row) for row in value]
+
+
+@dataclasses.dataclass(frozen=True)
+class QuantityListKind(FieldKind):
+    """A list of quantities."""
+
+    element: QuantityKind = QuantityKind()
+
+    def parse(self, value: Any, diameter: float | None) -> tuple[float, ...]:
+        """Read a list of quantities.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        tuple of float
+            In SI.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
+        if isinstance(value, str) or not isinstance(value, Sequence):
+            raise FieldError("must be a list of numbers")
+        result = []
+        for index, item in enumerate(value):
+            try:
+                result.append(self.element.parse(item, diameter))
+            except FieldError as error:
+                raise error.with_outer_path(str(index)) from None
+        return tuple(result)
+
+    def to_plain(self, value: Any) -> Any:
+        """Numbers as a list.
+
+        Parameters
+        ----------
+        value : object
+            Value of the field.
+
+        Returns
+        -------
+        list
+            Plain data.
+        """
+        return list(value)
+
+
+@dataclasses.dataclass(frozen=True)
+class NestedSectionKind(FieldKind):
+    """A nested section."""
+
+    section: type[Any] | None = None
+
+    def parse(self, value: Any, diameter: float | None) -> Any:
+        """Read a section from its table.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        Section
+            The section.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
+        assert self.section is not None
+        return value if isinstance(value, self.section) else self.section.from_plain(value, diameter)
+
+    def to_plain(self, value: Any) -> Any:
+        """Section as a table.
+
+        Parameters
+        ----------
+        value : object
+            Value of the field.
+
+        Returns
+        -------
+        dict
+            Plain data.
+        """
+        return value.to_plain()
+
+
+@dataclasses.dataclass(frozen=True)
+class SectionListKind(FieldKind):
+    """A list of sections; of several classes, distinguished by their ``kind`` key, where given."""
+
+    section: type[Any] | None = None
+    kinds: Mapping[str, type[Any]] | None = None
+    least: int = 0
+
+    def parse(self, value: Any, diameter: float | None) -> tuple[Any, ...]:
+        """Read a list of sections, whose names must differ.
+
+        Parameters
+        ----------
+        value : object
+            Value as plain data.
+        diameter : float or None
+            Diameter that the unit D stands for [m]; None where D has no meaning.
+
+        Returns
+        -------
+        tuple of Section
+            The sections.
+
+        Raises
+        ------
+        FieldError
+            If it is something else, or beyond the field's limits.
+        """
+        if isinstance(value, str | Mapping) or not isinstance(value, Sequence):
+            raise FieldError("must be a list of tables")
+        if len(value) < self.least:
+            raise FieldError(f"must hold at least {self.least} table")
+        built = []
+        for index, item in enumerate(value):
+            try:
+                built.append(self._item(item, diameter))
+            except FieldError as error:
+                raise error.with_outer_path(str(index)) from None
+        names = [getattr(item, "name", "") for item in built]
+        for name in names:
+            if name and names.count(name) > 1:
+                raise FieldError(f"the name {quote(name)} is given twice; names must differ")
+        return tuple(built)
+
+    def _item(self, item: Any, diameter: float | None) -> Any:
+        if self.kinds is None:
+            assert self.section is not None
+            return NestedSectionKind(section=self.section).parse(item, diameter)
+        if isinstance(item, tuple(self.kinds.values())):
+            return item
+        if not isinstance(item, Mapping):
+            raise FieldError(f"{quote(item)} must be a table")
+        if "kind" not in item:
+            raise FieldError(f"must be given, one of {', '.join(self.kinds)}", "kind")
+        if not isinstance(item["kind"], str) or item["kind"] not in self.kinds:
+            raise FieldError(unknown_word_message(str(item["kind"]), tuple(self.kinds), "kind"), "kind")
+        rest = {key: value for key, value in item.items() if key != "kind"}
+        return self.kinds[item["kind"]].from_plain(rest, diameter)
+
+    def to_plain(self, value: Any) -> Any:
+        """Sections as tables, with their kinds where there are several.
+
+        Parameters
+        ----------
+        value : object
+            Value of the field.
+
+        Returns
+        -------
+        list
+            Plain data.
+        """
+        if self.kinds is None:
+            return [item.to_plain() for item in value]
+        names = {cls: name for name, cls in self.kinds.items()}
+        return [{"kind": names.get(type(item)), **item.to_plain()} for item in value]
