@@ -18,6 +18,7 @@ import numpy as np
 
 from granular.scene.published_beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
+from granular.shared.message_text import quote
 from reduced_models.designs.damper import (
     ASPECT,
     DIAMETER,
@@ -203,9 +204,11 @@ class DamperMaps:
 
         Raises
         ------
-        KeyError
+        InputError
             If there is no figure of that name.
         """
+        if name not in self.surfaces:
+            raise InputError(f"the maps have no figure {quote(name)}; give one of {', '.join(self.surfaces)}")
         return float(_monomials(coordinates, DEGREES[name]) @ self.surfaces[name].coefficients)
 
     def interactive_page(self) -> InteractivePage:

@@ -315,6 +315,20 @@ def fit(
 def resolve_law(law: str | Law, record: PistonRecord, declared: Sequence[str] = ()) -> Law:
     """Law by its name, its equation, or as it is; ``declared`` names are parameters.
 
+    Parameters
+    ----------
+    law : str or Law
+        Name of a packaged law, an equation, or a law.
+    record : PistonRecord
+        Record whose columns may be inputs of the law.
+    declared : collection of str
+        Names that are parameters, whatever they look like.
+
+    Returns
+    -------
+    Law
+        Law to fit.
+
     Raises
     ------
     InputError

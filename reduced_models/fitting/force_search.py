@@ -128,7 +128,13 @@ class ForceFitProblem:
         )
 
     def with_fewer_samples(self) -> ForceFitProblem:
-        """Return the problem with every so many samples."""
+        """Return the problem with every so many samples.
+
+        Returns
+        -------
+        ForceFitProblem
+            Problem with records and forces thinned to about as many samples as a search takes.
+        """
         every = max(1, sum(map(len, self.records)) // _SEARCH_SAMPLES)
         return dataclasses.replace(
             self,
@@ -137,7 +143,20 @@ class ForceFitProblem:
         )
 
     def scaled_strokes(self, strokes: Sequence[Stroke], units: np.ndarray) -> list[ScaledStrokeData]:
-        """Return each record as compiled code takes it."""
+        """Return each record as compiled code takes it.
+
+        Parameters
+        ----------
+        strokes : sequence of Stroke
+            Stroke of each record.
+        units : float64 (p,)
+            Unit of each parameter in SI; 1 for those searched for by logarithms.
+
+        Returns
+        -------
+        list of ScaledStrokeData
+            Arrays of each record; forces count in the rms of the forces.
+        """
         size = self.stroke_speed_and_force_scales[2]
         pairs = zip(strokes, self.forces, strict=True)
         return [
@@ -146,11 +165,33 @@ class ForceFitProblem:
         ]
 
     def strokes_of_records(self, travel: float = FINE) -> list[Stroke]:
-        """Stroke of each record."""
+        """Stroke of each record.
+
+        Parameters
+        ----------
+        travel : float
+            Greatest travel of a step of the hidden states, in half strokes.
+
+        Returns
+        -------
+        list of Stroke
+            Stroke of each record, in SI units.
+        """
         return [stroke_of_record(record, self.field, travel) for record in self.records]
 
     def search_bounds(self, units: np.ndarray) -> Edges:
-        """Least and greatest entries of the search vector."""
+        """Least and greatest entries of the search vector.
+
+        Parameters
+        ----------
+        units : float64 (p,)
+            Unit of each parameter in SI; 1 for those searched for by logarithms.
+
+        Returns
+        -------
+        Bounds
+            Bounds (q,) of the search vector, dimensionless; infinite where there is none.
+        """
         size = 1 + int(self.search_vector_entries[-1].max())
         edges = np.full((2, size), [[-np.inf], [np.inf]])
         for k, name in enumerate(self.field.parameters):
@@ -162,12 +203,30 @@ class ForceFitProblem:
         return Edges(edges[0], edges[1])
 
     def prior(self) -> Prior:
-        """Prior about a start, which keeps what the records leave open from running away."""
+        """Prior about a start, which keeps what the records leave open from running away.
+
+        Returns
+        -------
+        Prior
+            The same precision for each of the q entries, and the number of samples of all records.
+        """
         size = 1 + int(self.search_vector_entries[-1].max())
         return Prior(np.full(size, _PRIOR_SPREAD**-2), float(sum(map(len, self.records))))
 
     def normal_equations(self, data: Sequence[ScaledStrokeData]) -> Normal:
-        """Return the normal equations of all records."""
+        """Return the normal equations of all records.
+
+        Parameters
+        ----------
+        data : sequence of ScaledStrokeData
+            Arrays of each record.
+
+        Returns
+        -------
+        callable
+            From search vectors (s, q) to costs (s,), gradients (s, q) and matrices J'J (s, q, q),
+            dimensionless.
+        """
         function = self._compiled_functions()[0]
         return joint_normal_equations(
             [functools.partial(function, data=item) for item in data], self.search_vector_entries
@@ -176,7 +235,20 @@ class ForceFitProblem:
     def linearised_residuals(
         self, data: Sequence[ScaledStrokeData], theta: np.ndarray
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Residuals (n,) of each record in units of the force's size, and their derivatives (n, p)."""
+        """Residuals (n,) of each record in units of the force's size, and their derivatives (n, p).
+
+        Parameters
+        ----------
+        data : sequence of ScaledStrokeData
+            Arrays of each record.
+        theta : float64 (q,)
+            Search vector, dimensionless.
+
+        Returns
+        -------
+        list of (float64 (n,), float64 (n, p))
+            Residuals of each record in the rms of the forces, and their derivatives by its own entries.
+        """
         function = self._compiled_functions()[1]
         both = [
             function(theta[here][None], data=item)
@@ -250,7 +322,22 @@ class ForceSearchResult(NamedTuple):
 
 
 def search_force_parameters(problem: ForceFitProblem, near: Mapping[str, float]) -> ForceSearchResult:
-    """Fit all records together; ``near`` are values about which parameters are looked for first.
+    """Fit the parameters of a force's law to all records together.
+
+    Starts are drawn by Latin hypercube sampling, factors follow by linear least squares, and all go on by
+    Levenberg-Marquardt steps (Marquardt 1963, doi:10.1137/0111030).
+
+    Parameters
+    ----------
+    problem : ForceFitProblem
+        Records, law, bounds and number of starts.
+    near : mapping of str to float
+        Values in SI units about which parameters are looked for first.
+
+    Returns
+    -------
+    ForceSearchResult
+        Best search vector, its units, and how many starts led to it.
 
     Raises
     ------

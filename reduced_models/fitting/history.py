@@ -35,7 +35,18 @@ _SAME = 1e-7  # change of a search vector that is none
 def is_motion_history(
     initial: Initial | PistonRecord | Sequence[PistonRecord] | None,
 ) -> TypeGuard[PistonRecord | Sequence[PistonRecord]]:
-    """Tell a motion before the record from other starts."""
+    """Tell a motion before the record from other starts.
+
+    Parameters
+    ----------
+    initial : str, mapping, PistonRecord, sequence of PistonRecord, or None
+        Option ``initial`` of `fit`.
+
+    Returns
+    -------
+    bool
+        True where it holds the motion before the record.
+    """
     if isinstance(initial, Sequence) and not isinstance(initial, str) and initial:
         return all(isinstance(entry, PistonRecord) for entry in initial)
     return isinstance(initial, PistonRecord)
@@ -45,6 +56,20 @@ def prepend_histories(
     law: Law, histories: PistonRecord | Sequence[PistonRecord], records: Sequence[PistonRecord]
 ) -> list[PistonRecord]:
     """Each record with its history before it, from time 0 at the record's own start.
+
+    Parameters
+    ----------
+    law : Law
+        Law with hidden states.
+    histories : PistonRecord, or a sequence of them
+        Motion before each record.
+    records : sequence of PistonRecord
+        Records that are fitted, times in s and heights in m.
+
+    Returns
+    -------
+    list of PistonRecord
+        History and record in one; times before the record's start are negative [s].
 
     Raises
     ------
@@ -84,7 +109,21 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
 
 
 def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
-    """Fit with hidden states held where the records' histories end."""
+    """Fit with hidden states held where the records' histories end.
+
+    Parameters
+    ----------
+    result : SearchResult
+        Fit from which the iteration starts.
+    histories : sequence of PistonRecord
+        History and record in one, time 0 at the record's start, as `prepend_histories` gives them.
+
+    Returns
+    -------
+    SearchResult
+        Fit whose hidden states at the start are those at the end of the histories, by fixed-point
+        iteration.
+    """
     problem, joint, theta = result.problem, result.joint, result.trained
     first = joint.unknowns.parameter_and_map_count + 2
     hidden = slice(first, first + len(problem.law.hidden))

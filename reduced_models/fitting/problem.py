@@ -117,7 +117,18 @@ class FitProblem:
     untold: tuple[str, ...] = ()
 
     def bounds_of_record(self, data: TrainingData) -> Pairs:
-        """Bounds of the parameters of one of the records."""
+        """Bounds of the parameters of one of the records.
+
+        Parameters
+        ----------
+        data : TrainingData
+            Record with the values that are fixed for it.
+
+        Returns
+        -------
+        dict of str to (float, float)
+            Least and greatest value by name, in SI units; equal ones where a value is fixed.
+        """
         return {**self.bounds, **{name: (value, value) for name, value in data.fixed.items()}}
 
     @property
@@ -145,7 +156,20 @@ class FitProblem:
         return tuple(data.noise if self.known_noise else None for data in self.data)
 
     def loss_of_record(self, data: TrainingData, unit: float) -> Loss:
-        """Loss of a record's residuals, which count in a unit."""
+        """Loss of a record's residuals, which count in a unit.
+
+        Parameters
+        ----------
+        data : TrainingData
+            Record with its noise [m].
+        unit : float
+            Unit of the residuals, in that of the record [m].
+
+        Returns
+        -------
+        Loss
+            Loss with its scale in units of the residuals.
+        """
         scale = _SCALES[self.loss] * max(data.noise / unit, _LEAST_SCALE)
         return Loss(self.loss, scale)
 
@@ -166,6 +190,30 @@ def split_training_data(
     The fraction that is held out is one of the motion: what follows where that has come to rest
     would say nothing of a law. It is made of whole swings spread over the motion, or is the
     motion's end where there are too few of them.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Record to fit, times in s and heights in m.
+    test_fraction : float
+        Fraction of the motion that is held out, from 0 to 0.9.
+    weights : float64 (n,), optional
+        Weight of each residual; ones if not given.
+    noise : float, optional
+        Standard deviation of the noise of a residual with the weight 1 [m].
+    loss : str
+        Name of the loss.
+    fixed : mapping of str to float, optional
+        Parameters that are given for this record, in SI units.
+    sensor : Sensor, optional
+        Sensor whose signal is compared, instead of the height.
+    about_rest : bool
+        True where the heights behind the sensor's signal are taken about their rest.
+
+    Returns
+    -------
+    TrainingData
+        Record from time 0 on, its training stretch, test swings and first guesses.
 
     Raises
     ------
@@ -209,6 +257,19 @@ def clip_outliers(record: PistonRecord) -> PistonRecord:
 
     Far is above five standard deviations of the noise, which third differences tell; where samples
     are so few that the motion itself goes as far between them, none is moved.
+
+    The running median and the limit by the noise are those of the Hampel filter (Pearson 2002,
+    doi:10.1109/87.974338), with noise from third differences instead of the median deviation.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Record, times in s and heights in m.
+
+    Returns
+    -------
+    PistonRecord
+        Record with the median of five samples in place of each outlier.
     """
     height = record.height
     if len(height) < _WINDOW:
@@ -224,6 +285,16 @@ def clip_outliers(record: PistonRecord) -> PistonRecord:
 def record_from_table(source: Any) -> Any:
     """Record in a table of pandas or xarray; anything else as it is.
 
+    Parameters
+    ----------
+    source : DataFrame, Dataset, or anything else
+        Table of pandas or xarray with the columns of a record.
+
+    Returns
+    -------
+    PistonRecord, or the source itself
+        Record of the table [s, m]; what is no table comes back unchanged.
+
     Raises
     ------
     RecordError
@@ -235,10 +306,22 @@ def record_from_table(source: Any) -> Any:
 def list_of_records(record: Any) -> list[PistonRecord]:
     """One record or table, or a sequence of them, as a list of records.
 
+    Parameters
+    ----------
+    record : PistonRecord, table, or a sequence of them
+        Records that a user gave.
+
+    Returns
+    -------
+    list of PistonRecord
+        Records, one at least.
+
     Raises
     ------
     InputError
         If it is neither.
+    RecordError
+        If a table holds no record.
     """
     if isinstance(single := record_from_table(record), PistonRecord):
         return [single]
@@ -257,6 +340,13 @@ def list_of_records(record: Any) -> list[PistonRecord]:
 
 def refuse_integrated_heights(records: Sequence[PistonRecord], action: str) -> None:
     """Refuse records whose heights are integrated ones.
+
+    Parameters
+    ----------
+    records : sequence of PistonRecord
+        Records to check.
+    action : str
+        Name of the function that needs measured heights, for the message.
 
     Raises
     ------
@@ -280,6 +370,20 @@ def weights_and_noise(
     records: Sequence[PistonRecord], weights: Any, noise: Any
 ) -> list[tuple[np.ndarray | None, float | None]]:
     """Weights (n,) of each record's residuals, and the noise [m] of one with the weight 1.
+
+    Parameters
+    ----------
+    records : sequence of PistonRecord
+        Records to fit.
+    weights : None, float64 (n,), or a sequence of them
+        Weights of the residuals of each sample.
+    noise : None, float, float64 (n,), or a sequence of them
+        Standard deviations of the noise [m].
+
+    Returns
+    -------
+    list of (float64 (n,) or None, float or None)
+        Weights of each record, and its noise [m] at the weight 1.
 
     Raises
     ------

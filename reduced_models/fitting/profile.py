@@ -38,6 +38,25 @@ def profile_intervals(
 
     The variance by which a parameter's profile is measured is that with which the linearisation
     has its ``covariance`` (q, q).
+
+    The profile t function is that of Bates and Watts (1988, Nonlinear Regression Analysis and Its
+    Applications, chapter 6).
+
+    Parameters
+    ----------
+    joint : JointRecords
+        Records on their grids, at the fit.
+    theta : float64 (q,)
+        Joint search vector at the fit, dimensionless.
+    covariance : float64 (q, q)
+        Covariance of the joint search vector by the linearisation.
+    quantile : float
+        Student's t at the ends of the intervals.
+
+    Returns
+    -------
+    list of dict of str to (float, float)
+        Interval of each parameter of each record, in SI units.
     """
     unknowns = joint.unknowns
     count = len(search_entry_names(unknowns, theta[joint.entries[0]])[0])
@@ -73,6 +92,11 @@ def profile_interval_ends(
         Of a residual, as each entry feels it.
     quantile : float
         Profile t at the ends.
+
+    Returns
+    -------
+    Bounds
+        Ends (p,) of the intervals, dimensionless; NaN for entries that were not asked for.
     """
     # Both sides of each entry are looked for together: s of them.
     entry = np.repeat(np.array(entries, dtype=int), 2)

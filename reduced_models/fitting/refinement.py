@@ -83,7 +83,20 @@ class SearchResult:
     solver_errors: tuple[float, ...] = ()
 
     def with_training_fit(self, joint: JointRecords, trained: np.ndarray) -> SearchResult:
-        """Return the result with another fit to the training stretches."""
+        """Return the result with another fit to the training stretches.
+
+        Parameters
+        ----------
+        joint : JointRecords
+            Records of the other fit, on their grids.
+        trained : float64 (q,)
+            Joint search vector fitted to the training stretches, dimensionless.
+
+        Returns
+        -------
+        SearchResult
+            Copy with that fit.
+        """
         return dataclasses.replace(self, joint=joint, trained=trained, theta=trained)
 
 
@@ -91,6 +104,16 @@ def fine_grids_over_records(problem: FitProblem) -> list[StepGrid]:
     """Fine grid over each record.
 
     One of a driven law, whose steps end at the samples, is no finer than need be at first.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        Records to fit, and the law.
+
+    Returns
+    -------
+    list of StepGrid
+        Grid over each record: its step [s] and number of steps.
 
     Raises
     ------
@@ -108,9 +131,23 @@ def fine_grids_over_records(problem: FitProblem) -> list[StepGrid]:
 def refine_best_start(
     problem: FitProblem, coarse: JointRecords, vectors: tuple[np.ndarray, np.ndarray]
 ) -> SearchResult:
-    """Fit on fine grids from the best start of a search, compared with collocation's estimate.
+    """Fit on fine grids from the best start of a search, compared with the fit to accelerations.
 
     ``vectors`` are the search vectors (s, q) that starts led to on coarse grids, and their costs.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        Records to fit, and what is asked.
+    coarse : JointRecords
+        Records on the coarse grids of the search.
+    vectors : (float64 (s, q), float64 (s,))
+        Search vectors that starts led to on coarse grids, and their costs, dimensionless.
+
+    Returns
+    -------
+    SearchResult
+        Fit to the training stretches, and how it compares with collocation.
     """
     thetas, costs = vectors
     unknowns = coarse.unknowns
@@ -247,6 +284,17 @@ def _agrees_with_parabola(normal: Normal, theta: np.ndarray, adjacent: np.ndarra
 
 def solve_on_verified_grids(result: SearchResult) -> SearchResult:
     """Fit all of the records, on grids whose solutions agree with the adaptive ones.
+
+    Parameters
+    ----------
+    result : SearchResult
+        Fit to the training stretches.
+
+    Returns
+    -------
+    SearchResult
+        Fit to all samples, and to the training samples, on grids with half the step until the solver's
+        error is small.
 
     Raises
     ------

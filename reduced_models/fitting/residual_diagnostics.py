@@ -76,7 +76,18 @@ def diagnose_residuals(
 
 
 def ljung_box_p_value(residuals: np.ndarray) -> float:
-    """Probability that white noise is correlated as much as residuals (n,) that are not all zero."""
+    """Probability that white noise is correlated at least as much as residuals that are not all zero.
+
+    Parameters
+    ----------
+    residuals : float64 (n,)
+        Residuals at even times, in any unit.
+
+    Returns
+    -------
+    float
+        p-value of the test of Ljung and Box (1978, doi:10.1093/biomet/65.2.297), from 0 to 1.
+    """
     from scipy.stats import chi2
 
     count = len(residuals)
@@ -91,6 +102,16 @@ def autocorrelation_time(values: np.ndarray) -> float:
     """Integrated autocorrelation time, in samples; at least 1.
 
     A. Sokal (1997), doi:10.1007/978-1-4899-0319-8_6.
+
+    Parameters
+    ----------
+    values : float64 (n,)
+        Series at even times, in any unit.
+
+    Returns
+    -------
+    float
+        Integrated autocorrelation time, in samples, with a self-consistent window.
     """
     count = len(values)
     centred = values - values.mean()
@@ -138,17 +159,53 @@ class Autoregression(NamedTuple):
         return np.concatenate([[1.0], -self.weights])
 
     def power_spectrum(self, size: int) -> np.ndarray:
-        """Power (size//2 + 1,) at the frequencies of a real transform of that size."""
+        """Power (size//2 + 1,) at the frequencies of a real transform of that size.
+
+        Parameters
+        ----------
+        size : int
+            Length of the real Fourier transform.
+
+        Returns
+        -------
+        float64 (size//2 + 1,)
+            Power spectrum, in the squared unit of the residuals.
+        """
         return np.asarray(self.variance / np.abs(np.fft.rfft(self.whitening_filter, size)) ** 2)
 
     def innovations(self, residuals: np.ndarray) -> np.ndarray:
-        """Return the new part of residuals (n,), from the first that has enough before it on."""
+        """Return the new part of residuals (n,), from the first that has enough before it on.
+
+        Parameters
+        ----------
+        residuals : float64 (n,)
+            Residuals at even times, in any unit.
+
+        Returns
+        -------
+        float64 (n - k,)
+            Innovations in the same unit, k the order of the autoregression.
+        """
         result = np.convolve(residuals, self.whitening_filter)[: len(residuals)]
         return np.asarray(result[len(self.weights) :])
 
 
 def fit_autoregression(residuals: np.ndarray) -> Autoregression:
-    """Autoregression of residuals (n,) about zero."""
+    """Autoregression of residuals (n,) about zero.
+
+    Reflection coefficients are Burg's, which make a stable process (Kay 1988, Modern Spectral
+    Estimation).
+
+    Parameters
+    ----------
+    residuals : float64 (n,)
+        Residuals at even times, in any unit.
+
+    Returns
+    -------
+    Autoregression
+        Weights and variance of the innovations, of the order with the least information criterion.
+    """
     count = len(residuals)
     power = float((residuals**2).mean())
     if power <= 0.0:
@@ -188,7 +245,20 @@ def _correct_autoregression_bias(autoregression: Autoregression, count: int) -> 
 
 
 def gradient_covariance(slopes: np.ndarray, noise: Autoregression) -> np.ndarray:
-    """J' S J (p, p) for slopes J (n, p) and the covariance S of the residuals."""
+    """Covariance J'SJ of a gradient, for slopes J and the covariance S of the residuals.
+
+    Parameters
+    ----------
+    slopes : float64 (n, p)
+        Derivatives of the residuals by the search entries.
+    noise : Autoregression
+        Process of the residuals.
+
+    Returns
+    -------
+    float64 (p, p)
+        Covariance of the gradient, in the squared unit of the residuals.
+    """
     from scipy.fft import next_fast_len, rfft
 
     if not len(noise.weights):

@@ -66,7 +66,19 @@ Vectors = tuple[np.ndarray, np.ndarray]
 
 
 def multistart_search(problem: FitProblem) -> SearchResult:
-    """Fit the training stretches, with the map that is asked for, or that the data ask for."""
+    """Fit the training stretches, with the map that is asked for, or that the data ask for.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        Records to fit, the law and its map, and the number of starts.
+
+    Returns
+    -------
+    SearchResult
+        Fit to the training stretches; of a given and a fitted map the one with the less Bayesian
+        information criterion.
+    """
     law, wanted = problem.law, problem.map
     if not law.mapped or isinstance(wanted, HeightMap):
         given = wanted if isinstance(wanted, HeightMap) and law.mapped else HeightMap()
@@ -237,7 +249,24 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
 
 
 def coarse_normal_equations(problem: FitProblem, joint: JointRecords, swings: float) -> tuple[Normal, Prior]:
-    """Return the normal equations of the first swings of coarse records, with the prior."""
+    """Return the normal equations of the first swings of coarse records, with the prior.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        Records to fit, with their first guesses.
+    joint : JointRecords
+        Records on coarse grids.
+    swings : float
+        Number of swings from the start that count.
+
+    Returns
+    -------
+    normal : callable
+        From joint search vectors (s, q) to costs (s,), gradients (s, q) and matrices J'J (s, q, q).
+    prior : Prior
+        Prior of the joint search vector for as many samples.
+    """
     normals, total = [], 0.0
     for data, grid in zip(problem.data, joint.grids, strict=True):
         means = grid.samples

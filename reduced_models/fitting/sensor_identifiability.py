@@ -39,7 +39,24 @@ class IdentifiableSensor(NamedTuple):
 def identifiable_sensor(
     law: Law, sensor: Sensor, declared: Collection[str], initial: Mapping[str, float]
 ) -> IdentifiableSensor:
-    """View of a law through a sensor; ``declared`` parameters are known to the user."""
+    """Sensor as a fit of a law can take it, and what of the law its signal leaves open.
+
+    Parameters
+    ----------
+    law : Law
+        Law to fit.
+    sensor : Sensor
+        Sensor of the record, gain and offset given or free.
+    declared : collection of str
+        Parameters whose values the user gave.
+    initial : mapping of str to float
+        State at the start that is held, by name.
+
+    Returns
+    -------
+    IdentifiableSensor
+        Sensor with a gain that is held where the law takes up its scale, and the names left open.
+    """
     held: tuple[str, ...] = ()
     untold: list[str] = []
     shift = similarity(law, "shift") if not law.mapped else None

@@ -59,6 +59,26 @@ def start_values(
 
     Those with equal ``bounds`` are known. ``record`` is the motion of z: the heights where the law
     holds for the height itself.
+
+    Parameters
+    ----------
+    law : Law
+        Law whose parameters start.
+    guess : FirstGuesses
+        First guesses of the motion, in units of z.
+    record : PistonRecord
+        Motion of z: the heights where the law holds for the height itself.
+    random : Generator
+        Source of random numbers.
+    count : int
+        Number of starts.
+    bounds : mapping of str to (float, float), optional
+        Bounds in the parameters' units; equal ones where a value is known.
+
+    Returns
+    -------
+    dict of str to float64 (count,)
+        Start values of each parameter, in its unit.
     """
     if law.start is not None:
         return law.start(guess, random, count)
@@ -82,6 +102,24 @@ def fit_to_accelerations(
     """Parameters (p,) of a law without hidden states from accelerations in a record alone.
 
     ``values`` are where it looks for them first; random draws follow.
+
+    Parameters
+    ----------
+    law : Law
+        Law without hidden states.
+    guess : FirstGuesses
+        First guesses of the motion, in units of z.
+    record : PistonRecord
+        Motion of z.
+    values : float64 (p,)
+        Values in the parameters' units that are tried first; random draws follow.
+    bounds : mapping of str to (float, float), optional
+        Bounds in the parameters' units.
+
+    Returns
+    -------
+    float64 (p,)
+        Parameters whose accelerations agree best with the smoothed record's (collocation).
     """
     units = np.where(np.abs(values) > 0.0, values, 1.0)
     draws = _random_draws(law, guess, np.random.default_rng(0), _OTHER_DRAWS, bounds)
@@ -89,7 +127,20 @@ def fit_to_accelerations(
 
 
 def start_values_near(values: dict[str, float], spread: float = 0.1) -> Starts:
-    """Start values of a law about parameters that are known roughly."""
+    """Start values of a law about parameters that are known roughly.
+
+    Parameters
+    ----------
+    values : dict of str to float
+        Rough values of the parameters, in their units.
+    spread : float
+        Standard deviation of the logarithms of the starts, dimensionless.
+
+    Returns
+    -------
+    callable
+        Start function of a law: first guesses, random numbers and a count give arrays (count,).
+    """
 
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         return {name: value * np.exp(spread * random.normal(size=count)) for name, value in values.items()}
@@ -202,10 +253,25 @@ def _hidden_starts(
 def acceleration_function(
     law: Law, motion: np.ndarray, drive: np.ndarray
 ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Return a function of parameters (p, m): accelerations (n, m), last hidden states (h, m).
+    """Return a function of parameters that gives accelerations along a motion, and the last hidden states.
 
     Hidden states go from zero along the motion (4, n) that `smoothed` gives, by Heun's method;
     ``drive`` (n, inputs) holds the inputs.
+
+    Parameters
+    ----------
+    law : Law
+        Law with p parameters and h hidden states.
+    motion : float64 (4, n)
+        Coordinate z, its velocity, its acceleration and time [s] of a smoothed motion.
+    drive : float64 (n, inputs)
+        Inputs at these times.
+
+    Returns
+    -------
+    callable
+        From parameters (p, m) to accelerations (n, m) in the unit of z'' and hidden states (h, m) at
+        the end.
     """
     field = compile_rates(law.equation, law.inputs, "numpy")
     z, v, _, time = motion
@@ -257,7 +323,24 @@ def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndar
 def scale_unknowns(
     law: Law, height_map: HeightMap | None, data: TrainingData, sensor: Sensor | None = None
 ) -> Unknowns:
-    """Unknowns of a law, scaled by what a glance at a record tells; no map is a fitted one."""
+    """Unknowns of a law, scaled by what a glance at a record tells; no map is a fitted one.
+
+    Parameters
+    ----------
+    law : Law
+        Law to fit.
+    height_map : HeightMap or None
+        Map of the height; None where it is fitted.
+    data : TrainingData
+        Record with its first guesses.
+    sensor : Sensor, optional
+        Sensor whose signal is compared.
+
+    Returns
+    -------
+    Unknowns
+        Law with rest [m], amplitude [m], speed [m/s] and a unit for each parameter.
+    """
     guess = data.guess
     given = height_map or HeightMap(guess.rest, guess.amplitude)
     seen = guess.rescaled_to_law(given.shift, given.scale)
@@ -288,6 +371,26 @@ def start_vectors(
 
     Parameters in ``near`` are looked for about the values there, the first time at them; those with
     equal ``bounds`` are known.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+        Law and scales of the search vector.
+    data : TrainingData
+        Record with its first guesses.
+    count : int
+        Number of starts.
+    random : Generator
+        Source of random numbers.
+    near : mapping of str to float, optional
+        Rough values of parameters, in their units.
+    bounds : mapping of str to (float, float), optional
+        Bounds in the parameters' units; equal ones where a value is known.
+
+    Returns
+    -------
+    float64 (count, p)
+        Start vectors, dimensionless.
     """
     if unknowns.map is not None:
         shift, scale = unknowns.map.shift, unknowns.map.scale
@@ -305,7 +408,22 @@ def start_vectors(
 
 
 def append_initial_state(unknowns: Unknowns, data: TrainingData, free: np.ndarray) -> np.ndarray:
-    """Parameters and map (count, k) with the initial state of record and sensor behind them."""
+    """Parameters and map (count, k) with the initial state of record and sensor behind them.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+        Law and scales of the search vector.
+    data : TrainingData
+        Record with its first guesses.
+    free : float64 (count, k)
+        Entries of parameters and map.
+
+    Returns
+    -------
+    float64 (count, p)
+        Search vectors, dimensionless: these entries, then height, velocity, hidden states and sensor.
+    """
     count, guess = len(free), data.guess
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
     velocity = np.full(count, guess.velocity / unknowns.speed)
@@ -328,7 +446,21 @@ def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
 
 
 def search_entries_from_draws(unknowns: Unknowns, draws: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Entries (count, k) of search vectors, initial states left out, of parameters and map."""
+    """Entries (count, k) of search vectors, initial states left out, of parameters and map.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+        Law and scales of the search vector.
+    draws : mapping of str to float64 (count,)
+        Values of the parameters in their units, and of ``shift`` and ``scale`` in amplitudes where the
+        map is fitted.
+
+    Returns
+    -------
+    float64 (count, k)
+        Entries of the search vector: logarithms of positive parameters, the others in their units.
+    """
     result = [
         np.log(draws[name]) if name in unknowns.law.positive else draws[name] / unit
         for name, unit in zip(unknowns.law.parameters, unknowns.units, strict=True)
@@ -341,7 +473,24 @@ def search_entries_from_draws(unknowns: Unknowns, draws: Mapping[str, np.ndarray
 def draw_swing_parameters(
     form: NormalizedSwingLaw, data: TrainingData, count: int, random: np.random.Generator
 ) -> dict[str, np.ndarray] | None:
-    """Random parameters (count,) of a swing form; None where it does not hold for the record."""
+    """Random parameters (count,) of a swing form; None where it does not hold for the record.
+
+    Parameters
+    ----------
+    form : NormalizedSwingLaw
+        Law of the swing about rest, in amplitudes.
+    data : TrainingData
+        Record with its first guesses.
+    count : int
+        Number of starts.
+    random : Generator
+        Source of random numbers.
+
+    Returns
+    -------
+    dict of str to float64 (count,), or None
+        Parameters of the swing form; None where it does not hold for the record.
+    """
     guess = data.guess
     swing = (data.look.height - guess.rest) / guess.amplitude
     seen = guess.rescaled_to_law(guess.rest, guess.amplitude)
@@ -351,7 +500,22 @@ def draw_swing_parameters(
 def swing_form_unknowns(
     unknowns: Unknowns, form: NormalizedSwingLaw, draws: Mapping[str, np.ndarray]
 ) -> Unknowns:
-    """Unknowns of a swing form, in units that some draws tell."""
+    """Unknowns of a swing form, in units that some draws tell.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+        Unknowns of the mapped law.
+    form : NormalizedSwingLaw
+        Law of the swing about rest, in amplitudes.
+    draws : mapping of str to float64 (count,)
+        Start values of its parameters.
+
+    Returns
+    -------
+    Unknowns
+        Unknowns of the swing form; each unit is the mean size of the draws.
+    """
     units = tuple(
         1.0 if name in form.law.positive else float(np.abs(draws[name]).mean()) or 1.0
         for name in form.law.parameters

@@ -52,7 +52,18 @@ class EllipticMotion(NamedTuple):
     m: float
 
     def text(self, digits: int = 4) -> str:
-        """Motion as a formula, at any phase."""
+        """Motion as a formula, at any phase.
+
+        Parameters
+        ----------
+        digits : int
+            Significant digits of the numbers.
+
+        Returns
+        -------
+        str
+            Formula of z(t), in m and s.
+        """
         numbers = (f"{value:.{digits}g}" for value in (self.amplitude, self.rate, self.m))
         amplitude, rate, m = numbers
         rest = f"{self.rest:.{digits}g} + " if abs(self.rest) > 1e-3 * abs(self.amplitude) else ""
@@ -139,7 +150,22 @@ OSCILLATORS: Mapping[str, Callable[[Mapping[str, float], HeightMap], DuffingVanD
 def averaged_amplitude(
     time: np.ndarray, amplitude: float, oscillator: DuffingVanDerPolOscillator
 ) -> np.ndarray:
-    """Amplitudes (n,) [m] at increasing times (n,) [s], from that at the first."""
+    """Amplitudes (n,) [m] at increasing times (n,) [s], from that at the first.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Increasing times [s].
+    amplitude : float
+        Amplitude at the first of them [m].
+    oscillator : DuffingVanDerPolOscillator
+        Oscillator in SI units.
+
+    Returns
+    -------
+    float64 (n,)
+        Amplitudes [m], by averaging over the undamped elliptic motion.
+    """
     from scipy.integrate import solve_ivp
 
     ivp = solve_ivp(
@@ -154,7 +180,20 @@ def averaged_amplitude(
 
 
 def averaged_frequency(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> np.ndarray:
-    """Backbone (n,) [Hz] at amplitudes (n,) [m]."""
+    """Backbone (n,) [Hz] at amplitudes (n,) [m].
+
+    Parameters
+    ----------
+    amplitude : float64 (n,)
+        Amplitudes [m].
+    oscillator : DuffingVanDerPolOscillator
+        Oscillator in SI units.
+
+    Returns
+    -------
+    float64 (n,)
+        Frequency of the undamped motion of each amplitude [Hz].
+    """
     from scipy.special import ellipk
 
     rate, m = _elliptic_rate_and_parameter(amplitude, oscillator)
@@ -162,14 +201,40 @@ def averaged_frequency(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscill
 
 
 def greatest_damping_over_rate(amplitude: float, oscillator: DuffingVanDerPolOscillator) -> float:
-    """Greatest damping within a swing over its rate: averaging holds well below 1."""
+    """Greatest damping within a swing over the rate of its elliptic function.
+
+    Parameters
+    ----------
+    amplitude : float
+        Amplitude of the swing [m].
+    oscillator : DuffingVanDerPolOscillator
+        Oscillator in SI units.
+
+    Returns
+    -------
+    float
+        Dimensionless ratio; averaging holds where it is well below 1.
+    """
     x = amplitude * np.linspace(-1.0, 1.0, _ALONG)
     rate, _ = _elliptic_rate_and_parameter(np.array([amplitude]), oscillator)
     return float(np.abs(oscillator.decay + oscillator.tilt * x + oscillator.bend * x**2).max() / rate[0])
 
 
 def swings_through_rest(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> bool:
-    """Return True where swings go through rest and turn back."""
+    """Tell whether swings of these amplitudes go through rest and turn back.
+
+    Parameters
+    ----------
+    amplitude : float64 (n,)
+        Amplitudes [m].
+    oscillator : DuffingVanDerPolOscillator
+        Oscillator in SI units.
+
+    Returns
+    -------
+    bool
+        True where all of them do.
+    """
     stiffening = oscillator.beta * amplitude**2
     return bool((np.minimum(oscillator.k + 0.5 * stiffening, oscillator.k + stiffening) > 0.0).all())
 

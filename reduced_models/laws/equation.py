@@ -78,6 +78,18 @@ class EquationTrees(NamedTuple):
 def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquation:
     """Take an equation of motion apart.
 
+    Parameters
+    ----------
+    equation : str
+        Equation of motion, then the rates of hidden states behind semicolons.
+    inputs : tuple of str
+        Names that are inputs.
+
+    Returns
+    -------
+    ParsedEquation
+        Acceleration and rates as SymPy expressions, and the names in them.
+
     Raises
     ------
     InputError
@@ -119,7 +131,23 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
 
 
 def parse_law_formulas(equation: str) -> EquationTrees:
-    """Formulas of a law; names and primes mean something in each of them."""
+    """Read the formulas of a law, and check the names and primes in each of them.
+
+    Parameters
+    ----------
+    equation : str
+        Equation of motion, then the rates of hidden states behind semicolons.
+
+    Returns
+    -------
+    EquationTrees
+        Syntax trees of both sides and of each rate, the coordinate named z.
+
+    Raises
+    ------
+    InputError
+        If the text is no equation, or a name or prime stands where it means nothing.
+    """
     law = f"the law {quote(equation)}"
     if len(equation) > formulas.MAX_CHARACTERS:
         raise InputError(f"{law} has {len(equation)} characters; at most {formulas.MAX_CHARACTERS} are read")
@@ -197,7 +225,28 @@ def _parse_hidden_state(law: str, text: str) -> tuple[str, formulas.Node]:
 
 @functools.lru_cache(maxsize=COMPILED)
 def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "jax") -> Callable[..., Any]:
-    """[z'', rates of the hidden states], of z, z', hidden states, inputs and parameters."""
+    """Compile the acceleration z'' and the rates of the hidden states as a function.
+
+    Parameters
+    ----------
+    equation : str
+        Equation of motion, then the rates of hidden states behind semicolons.
+    inputs : tuple of str
+        Names that are inputs.
+    modules : str
+        ``"jax"`` or ``"numpy"``.
+
+    Returns
+    -------
+    callable
+        From z, z', hidden states, inputs and parameters (numbers or arrays, in the law's units) to a
+        list of z'' and the rates.
+
+    Raises
+    ------
+    InputError
+        If the equation cannot be read.
+    """
     parsed = parse_equation(equation, inputs)
     rates = [parsed.acceleration, *parsed.hidden.values()]
     return algebra.compile_function(parsed.arguments, rates, modules)
@@ -205,10 +254,28 @@ def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "j
 
 @functools.lru_cache(maxsize=COMPILED)
 def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
-    """Return the derivatives of z'' and of the hidden states' rates, as a function.
+    """Compile the derivatives of z'' and of the hidden states' rates by the state.
 
     An array (1 + hidden, 2 + hidden): by z, z' and the hidden states. All of it is NaN where one
     jumps, as dry friction does at z' = 0.
+
+    Parameters
+    ----------
+    equation : str
+        Equation of motion, then the rates of hidden states behind semicolons.
+    inputs : tuple of str
+        Names that are inputs.
+
+    Returns
+    -------
+    callable
+        From z, z', hidden states, inputs and parameters (numbers, in the law's units) to float64 (1 +
+        hidden, 2 + hidden).
+
+    Raises
+    ------
+    InputError
+        If the equation cannot be read.
     """
     import sympy
 
@@ -223,7 +290,22 @@ def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..
 def jacobian_function(
     rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
 ) -> Callable[..., np.ndarray]:
-    """Return the derivatives of rates as a function of real symbols; see `compile_jacobian`."""
+    """Compile derivatives of rates as a function of real symbols; see `compile_jacobian`.
+
+    Parameters
+    ----------
+    rates : sequence of Expr
+        Rates to differentiate, m of them.
+    by : sequence of Symbol
+        Symbols to differentiate by, k of them.
+    arguments : sequence of Symbol
+        Arguments of the function, in their order.
+
+    Returns
+    -------
+    callable
+        From the arguments to float64 (m, k); all NaN where a derivative does not exist.
+    """
     # The derivative of a sign is an impulse.
     names = [{"DiracDelta": lambda position: math.nan if position == 0.0 else 0.0}, "numpy"]
     function = algebra.compile_function(arguments, rate_derivatives(rates, by), names)
@@ -241,7 +323,20 @@ def jacobian_function(
 
 
 def rate_derivatives(rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol]) -> list[sympy.Expr]:
-    """Return derivatives of each rate by each real symbol, a rate after the other."""
+    """Return the derivatives of each rate by each real symbol, one rate after the other.
+
+    Parameters
+    ----------
+    rates : sequence of Expr
+        Rates to differentiate, m of them.
+    by : sequence of Symbol
+        Symbols to differentiate by, k of them.
+
+    Returns
+    -------
+    list of Expr
+        The m k derivatives.
+    """
     import sympy
 
     def step(inner: sympy.Expr) -> sympy.Expr:

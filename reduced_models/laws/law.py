@@ -188,6 +188,20 @@ def law_from_text(equation: str, columns: Collection[str] = (), declared: Collec
     All other names are parameters. One that looks like a column or a constant, and is none, is
     refused unless it is among the ``declared`` parameters.
 
+    Parameters
+    ----------
+    equation : str
+        Equation of motion, then the rates of hidden states behind semicolons.
+    columns : collection of str
+        Columns of the record.
+    declared : collection of str
+        Names that are parameters, whatever they look like.
+
+    Returns
+    -------
+    Law
+        Law whose name is the equation.
+
     Raises
     ------
     InputError
@@ -235,6 +249,15 @@ _NUMBERS = ("pi", "e", "inf", "nan", "infinity")
 
 def refuse_suspicious_name(law: str, name: str, columns: Collection[str]) -> None:
     """Refuse a parameter whose name says that it is something else.
+
+    Parameters
+    ----------
+    law : str
+        Law in words, for the message.
+    name : str
+        Name of the parameter.
+    columns : collection of str
+        Columns of the record.
 
     Raises
     ------

@@ -48,7 +48,18 @@ _NAME = re.compile(r"([A-Za-z]+?)_?(\d*)")
 
 
 def parameter_symbol(name: str) -> str:
-    """Parameter's name as formulas have it: Greek letters, and a number behind it as an index."""
+    """Parameter's name as formulas have it: Greek letters, and a number behind it as an index.
+
+    Parameters
+    ----------
+    name : str
+        Name of a parameter.
+
+    Returns
+    -------
+    str
+        Symbol, as "k₂" for "k2".
+    """
     match = _NAME.fullmatch(name)
     if match is None:
         return name
@@ -56,12 +67,38 @@ def parameter_symbol(name: str) -> str:
 
 
 def round_significant(value: float, digits: int) -> float:
-    """Return the number cut to so many significant digits."""
+    """Round a number to so many significant digits.
+
+    Parameters
+    ----------
+    value : float
+        Number in any unit.
+    digits : int
+        Number of significant digits.
+
+    Returns
+    -------
+    float
+        Rounded number in the same unit.
+    """
     return float(f"{value:.{digits}g}")
 
 
 def round_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
-    """Equation with all its numbers, unchanged in the end, cut to so many digits."""
+    """Equation with all its numbers rounded to so many significant digits; not simplified.
+
+    Parameters
+    ----------
+    equation : Eq
+        Equation with numbers.
+    digits : int
+        Number of significant digits.
+
+    Returns
+    -------
+    Eq
+        Equation with the rounded numbers.
+    """
     import sympy
 
     sides = (round_expression(side, digits) for side in (equation.lhs, equation.rhs))
@@ -69,7 +106,20 @@ def round_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
 
 
 def round_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
-    """Round one side as `round_equation` does."""
+    """Expression with all its numbers rounded to so many significant digits.
+
+    Parameters
+    ----------
+    expression : Expr
+        Expression with numbers.
+    digits : int
+        Number of significant digits.
+
+    Returns
+    -------
+    Expr
+        Expression with the rounded numbers.
+    """
     import sympy
 
     result = expression.atoms(sympy.Float)
@@ -97,7 +147,18 @@ def _terms(side: Any) -> list[Any]:
 
 
 def latex(equation: sympy.Eq) -> str:
-    """Equation in z(t) as LaTeX."""
+    """Equation in z(t) as LaTeX.
+
+    Parameters
+    ----------
+    equation : Eq
+        Equation in z(t).
+
+    Returns
+    -------
+    str
+        LaTeX without dollar signs, the highest derivative first.
+    """
     import sympy
 
     def side(expression: Any) -> str:
@@ -115,12 +176,36 @@ def latex(equation: sympy.Eq) -> str:
 
 
 def mathml(equation: sympy.Eq) -> str:
-    """Equation in z(t) as presentation MathML, a formula a term: lines break between them."""
+    """Equation in z(t) as presentation MathML, a formula a term: lines break between them.
+
+    Parameters
+    ----------
+    equation : Eq
+        Equation in z(t).
+
+    Returns
+    -------
+    str
+        Presentation MathML.
+    """
     return _mathml_equation(_signed_terms(equation.lhs), _signed_terms(equation.rhs))
 
 
 def mathml_of_rate(name: str, rate: sympy.Expr) -> str:
-    """Equation of a hidden state, whose rate is an expression in z(t), as `mathml`."""
+    """Equation of a hidden state, whose rate is an expression in z(t), as `mathml`.
+
+    Parameters
+    ----------
+    name : str
+        Name of the hidden state.
+    rate : Expr
+        Its rate, an expression in z(t) and z'(t).
+
+    Returns
+    -------
+    str
+        Presentation MathML.
+    """
     return _mathml_equation([f"<mover><mi>{name}</mi><mo>{_DOT}</mo></mover>"], _signed_terms(rate))
 
 

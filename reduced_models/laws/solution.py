@@ -64,7 +64,21 @@ MOST_STEPS = 2**18
 
 
 def count_grid_steps(duration: float, period: float, per_period: int) -> int:
-    """Return the steps of a grid over a record with at least that many steps a period.
+    """Return the number of steps of a grid over a record, with at least so many steps a period.
+
+    Parameters
+    ----------
+    duration : float
+        Duration of the record [s].
+    period : float
+        Period of the swing [s].
+    per_period : int
+        Least number of steps in a period.
+
+    Returns
+    -------
+    int
+        Number of steps, a whole number of chunks.
 
     Raises
     ------
@@ -81,12 +95,34 @@ def count_grid_steps(duration: float, period: float, per_period: int) -> int:
 
 
 def round_up_to_chunks(steps: float) -> int:
-    """Return the number of steps in whole chunks, at least that many."""
+    """Round a number of steps up to whole chunks, two at least.
+
+    Parameters
+    ----------
+    steps : float
+        Number of steps.
+
+    Returns
+    -------
+    int
+        Number of steps in whole chunks.
+    """
     return CHUNK * max(2, math.ceil(steps / CHUNK))
 
 
 def padded_step_count(steps: int) -> int:
-    """Return the number of grid steps that code is compiled for, which records share."""
+    """Return the number of grid steps that code is compiled for, a power of two times two chunks.
+
+    Parameters
+    ----------
+    steps : int
+        Number of steps.
+
+    Returns
+    -------
+    int
+        Padded number of steps.
+    """
     size = 2 * CHUNK
     while size < steps:
         size *= 2
@@ -110,6 +146,29 @@ def solve_on_grid(
     ``start`` holds z, its velocity and the hidden states, each of a shape (...) that the three
     (points, ...) keep; ``drive`` (points, stages, inputs) the inputs at the stages of each step.
     Only the first ``chunks`` of the grid are solved; behind them all three are zero.
+
+    The method is explicit Runge-Kutta of sixth order in seven stages (Butcher 1964, J. Austral. Math. Soc.
+    4, 179).
+
+    Parameters
+    ----------
+    field : callable
+        From z, z', hidden states, inputs and parameters to z'' and the hidden states' rates.
+    start : sequence of Array (...)
+        Coordinate z, its velocity and the hidden states at the start, in the law's units.
+    values : sequence of float or Array (...)
+        Parameters in the law's units.
+    drive : float64 (points, stages, inputs)
+        Inputs at the stages of each step.
+    step : float
+        Step [s].
+    chunks : int
+        Number of chunks that are solved.
+
+    Returns
+    -------
+    three Array (points, ...)
+        Coordinate z, its velocity [1/s] and its acceleration [1/s^2] in units of z.
     """
 
     def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
@@ -156,7 +215,24 @@ def _advance_state(
 
 
 def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Data) -> A:
-    """Quintic Hermite values of z, a fraction of a step behind grid points."""
+    """Quintic Hermite values of z, a fraction of a step behind grid points.
+
+    Parameters
+    ----------
+    z, v, a : float64 (points, ...)
+        Coordinate, velocity and acceleration at the grid points, in units of z and s.
+    step : float
+        Step of the grid [s].
+    point : int (n,)
+        Grid point before each place.
+    fraction : float64 (n, ...)
+        Fraction of a step behind it, from 0 to 1.
+
+    Returns
+    -------
+    float64 (n, ...)
+        Coordinate there, by the polynomial of fifth degree that fits z, z' and z'' at both ends.
+    """
     s = fraction
     s3 = s * s * s
     late = s3 * (10.0 - s * (15.0 - 6.0 * s))
@@ -245,6 +321,32 @@ def solve_law(
     the law, each (n,) at the times, and ``how`` what they do between them; ``hidden`` the hidden
     states at the start, zero if not given. diffrax solves a law without inputs by steps that adapt,
     one with inputs by steps that end at the samples.
+
+    Both use the method Dopri8 of diffrax (Prince and Dormand 1981, doi:10.1016/0771-050X(81)90010-3).
+
+    Parameters
+    ----------
+    law : Law
+        Law of motion.
+    times : float64 (n,)
+        Increasing times [s].
+    z0, v0 : float
+        Coordinate and its velocity at the first of them, in units of z and s.
+    parameters : sequence of float
+        Parameters in the law's units.
+    size : float
+        Amplitude of z, which the absolute tolerance refers to.
+    inputs : sequence of float64 (n,)
+        Inputs of the law at the times.
+    hidden : sequence of float
+        Hidden states at the start; zero if not given.
+    how : str
+        Course of the inputs between samples.
+
+    Returns
+    -------
+    Solution
+        Coordinate (n,), its velocity (n,), and how the solution ended.
     """
     values = tuple(map(float, parameters))
     start = (float(z0), float(v0), *map(float, hidden or (0.0,) * len(law.hidden)))

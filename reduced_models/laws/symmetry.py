@@ -41,7 +41,18 @@ class Symmetries(NamedTuple):
 
 
 def symmetries(law: Law) -> Symmetries:
-    """Symmetries of a law, by trial."""
+    """Symmetries of a law, by trial.
+
+    Parameters
+    ----------
+    law : Law
+        Law of motion.
+
+    Returns
+    -------
+    Symmetries
+        Parameters that may turn by 2 pi, and those that may change their sign.
+    """
     return _symmetries(law.equation, law.inputs, law.parameters, len(law.hidden))
 
 
@@ -103,7 +114,20 @@ class Similarity(NamedTuple):
 
 
 def similarity(law: Law, change: Literal["shift", "scale"]) -> Similarity | None:
-    """Parameters that take up a shift or another unit of the coordinate; None where none can."""
+    """Parameters that take up a shift or another unit of the coordinate; None where none can.
+
+    Parameters
+    ----------
+    law : Law
+        Law of motion.
+    change : str
+        ``"shift"`` for another origin of z, ``"scale"`` for another unit.
+
+    Returns
+    -------
+    Similarity or None
+        Parameters that take up the change; None where none can.
+    """
     return _similarity(law.equation, law.inputs, law.parameters, law.positive, change)
 
 
@@ -160,18 +184,34 @@ def _similarity(
 def canonical_parameters(
     law: Law,
     values: Mapping[str, np.ndarray],
-    collection: Collection[str] = (),
+    unchanged: Collection[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, np.ndarray]:
     """Values (...) of parameters in their canonical form, or as near to it as bounds let them.
 
-    Those that are ``kept``, or that bounds hold at one value, stay.
+    Those in ``unchanged``, and those that bounds hold at one value, stay.
+
+    Parameters
+    ----------
+    law : Law
+        Law of motion.
+    values : mapping of str to float64 (...)
+        Parameters in their units.
+    unchanged : collection of str
+        Parameters that stay as they are.
+    bounds : mapping of str to (float, float), optional
+        Bounds in the parameters' units.
+
+    Returns
+    -------
+    dict of str to float64 (...)
+        Parameters in the same units: angles in (-pi, pi], signs positive.
     """
     result = {name: np.asarray(value, dtype=np.float64) for name, value in values.items()}
     known, edges = symmetries(law), bounds or {}
-    collection = {*collection, *law.positive, *(name for name, (low, high) in edges.items() if low == high)}
+    unchanged = {*unchanged, *law.positive, *(name for name, (low, high) in edges.items() if low == high)}
     for name, other in known.flipping:
-        if name in collection or other in collection:
+        if name in unchanged or other in unchanged:
             continue
         low, high = edges.get(name, _OPEN)
         outside = (result[name] < low) | (result[name] > high)
@@ -181,7 +221,7 @@ def canonical_parameters(
         if other is not None:
             result[other] = result[other] + math.pi * flipped
     for name in known.turning:
-        if name in collection:
+        if name in unchanged:
             continue
         low, high = edges.get(name, _OPEN)
         home = result[name] - _TURN * np.ceil((result[name] - math.pi) / _TURN)

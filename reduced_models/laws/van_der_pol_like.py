@@ -119,6 +119,21 @@ def fit_quadratic_damping(time: np.ndarray, u: np.ndarray, period: float) -> Qua
     and the equation of motion is integrated against smooth bumps that vanish with their derivatives
     at both ends: no derivative of the data is taken, and the coefficients follow by linear least
     squares (Messenger & Bortz 2021, doi:10.1137/20M1343166).
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Increasing times [s].
+    u : float64 (n,)
+        Swing about rest, in amplitudes.
+    period : float
+        Period of the swing [s].
+
+    Returns
+    -------
+    QuadraticDamping
+        Coefficients of the damping (3,) [1/s], stiffness and force [1/s^2], and the fraction that is
+        unexplained.
     """
     half = min(_WIDTH * period, 0.3 * float(time[-1] - time[0]))
     count = int(np.clip(8 * (time[-1] - time[0]) / half, 16, _MOST_BUMPS))

@@ -55,6 +55,13 @@ def time_budget(seconds: float, words: str) -> Iterator[None]:
 
     Time of the processor, so that other work on the machine does not change what comes out; of two
     budgets, one within the other, the one that ends first counts.
+
+    Parameters
+    ----------
+    seconds : float
+        Processor time that the searches may take [s].
+    words : str
+        Message of the error.
     """
     token = _END.set(min(_END.get(), (time.process_time() + seconds, words)))
     try:
@@ -184,12 +191,38 @@ def _search_is_over(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, s
 
 
 def agreeing_cost_limit(cost: np.ndarray, samples: float) -> float:
-    """Cost up to which starts have led to the best fit."""
+    """Cost up to which starts have led to the best fit.
+
+    Parameters
+    ----------
+    cost : float64 (s,)
+        Costs of the starts, dimensionless sums of squares.
+    samples : float
+        Number of samples behind a cost.
+
+    Returns
+    -------
+    float
+        Cost a hundredth above the least one, with the rounding of the residuals.
+    """
     return float((1.0 + _AGREE) * cost.min() + samples * TIE**2)
 
 
 def promising_starts(cost: np.ndarray, samples: float) -> np.ndarray:
-    """Return the starts (s,) that may still lead to the best fit."""
+    """Mask of the starts that may still lead to the best fit.
+
+    Parameters
+    ----------
+    cost : float64 (s,)
+        Costs of the starts, dimensionless sums of squares.
+    samples : float
+        Number of samples behind a cost.
+
+    Returns
+    -------
+    bool (s,)
+        True where the cost is at most four times the least one.
+    """
     return np.asarray(cost <= _IN_THE_RUNNING * cost.min() + samples * TIE**2)
 
 

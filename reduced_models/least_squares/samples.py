@@ -54,13 +54,39 @@ class Samples(NamedTuple):
     sensor: SensorSignalTables | None = None
 
     def with_weights(self, weight: np.ndarray) -> Samples:
-        """Return same with other weights; the solution ends behind the last that is not zero."""
+        """Return same with other weights; the solution ends behind the last that is not zero.
+
+        Parameters
+        ----------
+        weight : float64 (n,)
+            Weight of each sample; zero leaves it out.
+
+        Returns
+        -------
+        Samples
+            Copy with these weights.
+        """
         used = self.point[weight > 0.0]
         last = int(used.max()) + 1 if len(used) else 1
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
 
     def through_sensor(self, sensor: Sensor | None, record: PistonRecord, grid: StepGrid) -> Samples:
-        """Return same for a sensor whose signal the record has for its height."""
+        """Return same for a sensor whose signal the record has for its height.
+
+        Parameters
+        ----------
+        sensor : Sensor or None
+            Sensor with its filter; None changes nothing.
+        record : PistonRecord
+            Record with the motion of the sensor's base, times in s.
+        grid : StepGrid
+            Step [s] and number of steps.
+
+        Returns
+        -------
+        Samples
+            Copy with the tables of the sensor's signal.
+        """
         if sensor is None:
             return self
         behind = filter_by_sensor(sensor, record.time, sensor.base_motion(record.columns))
@@ -79,6 +105,24 @@ def grid_over_record(
 
     Where something drives the law, and samples are even, steps end at the samples: what an input
     does between them is smooth, not at them.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Record from time 0 on [s].
+    names : tuple of str
+        Inputs of the law.
+    period : float
+        Period of the swing [s].
+    per_period : int
+        Least number of steps in a period.
+    how : str
+        Course of the inputs between samples.
+
+    Returns
+    -------
+    StepGrid
+        Step [s] and number of steps, a whole number of chunks.
 
     Raises
     ------
@@ -100,7 +144,24 @@ def grid_over_record(
 def samples_on_grid(
     record: PistonRecord, grid: StepGrid, names: tuple[str, ...], how: Interpolation
 ) -> Samples:
-    """Every sample of a record that starts at time 0, on a grid over all of it."""
+    """Every sample of a record that starts at time 0, on a grid over all of it.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Record from time 0 on [s], heights in m.
+    grid : StepGrid
+        Step [s] and number of steps.
+    names : tuple of str
+        Inputs of the law.
+    how : str
+        Course of the inputs between samples.
+
+    Returns
+    -------
+    Samples
+        All samples with the weight 1, padded to a length that records share.
+    """
     count = len(record)
     point, fraction = _grid_points(record.time, grid)
     size = padded_sample_count(count)
@@ -118,7 +179,26 @@ def means_on_grid(
     how: Interpolation,
     weights: np.ndarray | None = None,
 ) -> Samples:
-    """Weighted means of the samples around each grid point, weighted by how many there are."""
+    """Weighted means of the samples around each grid point, weighted by how many there are.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Record from time 0 on [s], heights in m.
+    grid : StepGrid
+        Step [s] and number of steps.
+    names : tuple of str
+        Inputs of the law.
+    how : str
+        Course of the inputs between samples.
+    weights : float64 (n,), optional
+        Weight of each residual; ones if not given.
+
+    Returns
+    -------
+    Samples
+        Mean height [m] at each grid point; its weight is the root of the sum of the squared weights.
+    """
     time, height = record.time, record.height
     points = padded_step_count(grid.steps) + 1
     near = np.rint(time / grid.step).astype(np.int64)
@@ -153,7 +233,18 @@ def _padded_drive(
 
 
 def padded_sample_count(count: int) -> int:
-    """Length of the arrays for samples: few values, so that records share compiled code."""
+    """Length of the arrays for samples: few values, so that records share compiled code.
+
+    Parameters
+    ----------
+    count : int
+        Number of samples.
+
+    Returns
+    -------
+    int
+        Length of the arrays: 256 times a power of two, or one and a half times that.
+    """
     size = 256
     while size < count:
         size = size * 3 // 2 if size & (size - 1) == 0 else size // 3 * 4

@@ -127,9 +127,22 @@ def _hermite_cubic(
 
 @functools.lru_cache(maxsize=PROGRAMS)
 def force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]:
-    """Return the forces of a law's field along a stroke, as a function (for JAX).
+    """Return a function that gives the forces of a law along a stroke (for JAX).
 
     (values (p, s), hidden states at the start (h, s), stroke) -> forces (n, s).
+
+    Parameters
+    ----------
+    equation : str
+        Equation whose z'' stands for the force.
+    inputs : tuple of str
+        Inputs of the equation.
+
+    Returns
+    -------
+    callable
+        From values (p, s) in SI units, hidden states at the start (h, s) and a Stroke to forces (n, s)
+        [N].
     """
     field = compile_rates(equation, inputs)
 
@@ -161,5 +174,18 @@ def force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]
 
 @functools.lru_cache(maxsize=PROGRAMS)
 def compiled_force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]:
-    """Return `force_function` compiled."""
+    """Compile `force_function`, once for each equation.
+
+    Parameters
+    ----------
+    equation : str
+        Equation whose z'' stands for the force.
+    inputs : tuple of str
+        Inputs of the equation.
+
+    Returns
+    -------
+    callable
+        Function of the same arguments, compiled by JAX; forces (n, s) in N.
+    """
     return jax.jit(force_function(equation, inputs))

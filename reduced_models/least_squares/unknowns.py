@@ -99,12 +99,40 @@ class Unknowns:
         return len(self.law.parameters) + (2 if self.map is None else 0)
 
     def physical_values(self, theta: np.ndarray) -> Any:
-        """Parameters, shift and scale of the map; z, its velocity and hidden states at first."""
+        """Parameters, shift and scale of the map; z, its velocity and hidden states at first.
+
+        Parameters
+        ----------
+        theta : float64 (p,)
+            Search vector, dimensionless.
+
+        Returns
+        -------
+        values : tuple of float
+            Parameters, in their SI units.
+        shift, scale : float
+            Map of the height [m].
+        z0, v0 : float
+            Coordinate and its velocity at the start, in units of z (m without a map) and s.
+        hidden : tuple of float
+            Hidden states at the start.
+        """
         motion = theta[: len(theta) - self.sensor_entry_count]
         return physical_values(motion, self.scales, self.logarithmic_parameters, self.map is None, np)
 
     def gain_and_offset(self, theta: np.ndarray) -> tuple[float, float]:
-        """Gain and offset of the sensor by a search vector (p,)."""
+        """Gain and offset of the sensor by a search vector (p,).
+
+        Parameters
+        ----------
+        theta : float64 (p,)
+            Search vector, dimensionless.
+
+        Returns
+        -------
+        (float, float)
+            Gain, in units of the signal per SI unit, and offset, in units of the signal.
+        """
         gain, offset, _ = sensor_values(
             theta[len(theta) - self.sensor_entry_count :], self.scales, self.open_gain_and_offset
         )
@@ -118,6 +146,20 @@ def theta_bounds(
     """Least and greatest entries (p,) of the search vector; equal ones hold an entry.
 
     ``initial`` holds ``height`` [m], ``velocity`` [m/s] and hidden states at the start by name.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+        Law and scales of the search vector.
+    bounds : mapping of str to (float, float)
+        Least and greatest value of parameters, in their SI units.
+    initial : mapping of str to float, optional
+        Held height [m], velocity [m/s] and hidden states at the start, by name.
+
+    Returns
+    -------
+    (float64 (p,), float64 (p,))
+        Least and greatest entries, dimensionless; infinite where open.
     """
     edges = np.full((2, len(unknowns.prior)), [[-np.inf], [np.inf]])
     for k, name in enumerate(unknowns.law.parameters):
@@ -157,7 +199,32 @@ def _bound_sensor(unknowns: Unknowns, edges: np.ndarray) -> None:
 
 
 def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], fits_map: bool, np_: Any) -> Any:
-    """Parameters, shift and scale of the map; z, its velocity and hidden states at first."""
+    """Parameters, shift and scale of the map; z, its velocity and hidden states at first.
+
+    Parameters
+    ----------
+    theta : float64 (p, ...)
+        Search vectors, entries first, dimensionless.
+    scales : float64 (k,)
+        Scales of `Unknowns.scales`, in SI units.
+    logarithmic : tuple of bool
+        True for each parameter that is searched for by its logarithm.
+    fits_map : bool
+        True where shift and scale are entries of the search vector.
+    np_ : module
+        NumPy, or that of JAX.
+
+    Returns
+    -------
+    values : tuple of float64 (...)
+        Parameters, in their SI units.
+    shift, scale : float64 (...)
+        Map of the height [m].
+    z0, v0 : float64 (...)
+        Coordinate and its velocity at the start.
+    hidden : tuple of float64 (...)
+        Hidden states at the start.
+    """
     rest, amplitude, speed, shift, scale = (scales[k] for k in range(5))
     count = len(logarithmic)
     values = tuple(
@@ -173,7 +240,24 @@ def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], fits
 
 
 def sensor_values(entries: Any, scales: Any, is_open: tuple[bool, bool]) -> tuple[Any, Any, Any]:
-    """Gain with its sign, offset, and the filter's state at the start, from a sensor's entries."""
+    """Gain with its sign, offset, and the filter's state at the start, from a sensor's entries.
+
+    Parameters
+    ----------
+    entries : float64 (k, ...)
+        Entries of the sensor in the search vector, dimensionless.
+    scales : float64 (m,)
+        Scales of `Unknowns.scales`; the last three are the sensor's.
+    is_open : (bool, bool)
+        True where the gain, and where the offset, is an entry.
+
+    Returns
+    -------
+    gain, offset : float64 (...)
+        Signed gain and offset, in units of the signal.
+    states : float64 (h, ...)
+        States of the filter at the start, per unit of gain.
+    """
     signal, gain, offset = scales[-3], scales[-2], scales[-1]
     if is_open[0]:
         gain, entries = gain * entries[0], entries[1:]

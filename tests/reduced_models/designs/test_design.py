@@ -240,6 +240,11 @@ def simulate_as_promised(monkeypatch, frequency, damping):
     monkeypatch.setattr("reduced_models.designs.design._run_checks", checks)
 
 
+def test_unknown_figures_of_maps_are_refused_by_those_there_are():
+    with pytest.raises(InputError, match="no figure 'period'; give one of rest_height, frequency"):
+        damper_maps().figure_at("period", np.zeros(4))
+
+
 def test_a_design_that_is_off_to_one_side_is_centred(monkeypatch):
     """Maps that promise 4 % more damping than beds have: within the tolerance, but always low."""
     simulate_as_promised(monkeypatch, 1.012, 0.96)
