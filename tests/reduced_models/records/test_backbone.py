@@ -66,7 +66,7 @@ def test_errors_of_a_noisy_linear_decay_hold_the_truth() -> None:
     for seed in range(20):
         noise = np.random.default_rng(seed).normal(0.0, 2e-5, len(time))
         record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.4 * time) * np.cos(20.0 * time) + noise)
-        swing = free_backbone(record).at(5e-4)
+        swing = free_backbone(record).interpolate_at(5e-4)
         inside.append(abs(swing.damping_ratio - 0.02) < swing.damping_error)
         inside.append(abs(swing.frequency - 20.0) < swing.frequency_error)
     assert np.mean(inside) > 0.8

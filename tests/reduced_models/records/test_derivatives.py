@@ -55,11 +55,11 @@ def test_noise_figures_are_those_of_the_weights() -> None:
 
 def test_the_noise_figure_of_the_spline_is_the_scatter_of_records() -> None:
     """At one penalty, over records that differ in their noise alone."""
-    from reduced_models.records.derivatives import _output_noise, _spline_derivatives
+    from reduced_models.records.derivatives import _choose_smoothing_spline, _noise_of_derivatives
 
     height = noisy(TIME, 1e-4).height
-    smoother, _ = _spline_derivatives(TIME, height, 1e-4)
-    figures = _output_noise(smoother, len(TIME), 1e-4)
+    smoother, _ = _choose_smoothing_spline(TIME, height, 1e-4)
+    figures = _noise_of_derivatives(smoother, len(TIME), 1e-4)
     found = [smoother(noisy(TIME, 1e-4, seed).height)[:, INNER] for seed in range(1, 13)]
     scatter = np.sqrt((np.std(found, axis=0, ddof=1) ** 2).mean(axis=1))
     assert scatter == pytest.approx(np.array(figures), rel=0.1)
@@ -90,10 +90,10 @@ def test_uneven_samples_do_as_well_as_even_ones() -> None:
 
 
 def test_even_and_uneven_fits_are_the_same() -> None:
-    from reduced_models.records.derivatives import _EvenPolynomials, _polynomials_at_uneven_times
+    from reduced_models.records.derivatives import _polynomials_at_uneven_times, _SavitzkyGolayFilter
 
     record = noisy(TIME, 1e-4)
-    even = _EvenPolynomials(float(TIME[-1] - TIME[0]) / (len(TIME) - 1), 41)(record.height)
+    even = _SavitzkyGolayFilter(float(TIME[-1] - TIME[0]) / (len(TIME) - 1), 41)(record.height)
     uneven = _polynomials_at_uneven_times(record.height, TIME, 41)
     np.testing.assert_allclose(uneven[:, 25:-25], even[:, 25:-25], rtol=1e-6, atol=1e-8)
 
