@@ -30,7 +30,7 @@ class BedFrame(NamedTuple):
     grains : int (k,)
         Index of each grain in the scene.
     position, velocity, force : float64 (k, 2)
-        [m], within the cell where it is periodic; [m/s], [N]; the force is magnetic, weight and
+        Positions [m], within the cell where it is periodic; velocities [m/s]; forces [N]: the force is magnetic, weight and
         contact.
     interaction : float64 (k, 2)
         The force of grains and walls alone [N]: without weight.

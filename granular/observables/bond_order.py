@@ -192,7 +192,7 @@ def block_susceptibilities(frames: np.ndarray, blocks: Sequence[int] = (1, 2, 4,
     Parameters
     ----------
     frames : float (f, n, 2)
-        Positions [m]; NaN for absent grains.
+        Positions of the grains in each frame [m]; NaN for absent grains.
     blocks : sequence of int
         Blocks along each side.
 
@@ -245,7 +245,7 @@ def bond_correlation(
     Parameters
     ----------
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent grains.
     edges : float (k + 1,), optional
         Edges of the bins [m]; as for `radial_distribution` if not given.
     cells : VoronoiCells, optional
@@ -254,12 +254,13 @@ def bond_correlation(
     Returns
     -------
     PairDistanceFunction
-        Mean of each bin, without unit, and the number of its pairs.
+        Mean of each bin (k,), without unit, and the number of its pairs.
 
     Raises
     ------
     InputError
-        If the edges do not increase, or fewer than two grains have an interior cell.
+        If the positions have another shape, the edges do not increase, or fewer than two grains have
+        an interior cell.
     """
     positions = check_positions(positions)
     edges = default_bin_edges(positions) if edges is None else check_bin_edges(edges)
@@ -285,7 +286,7 @@ def bond_relaxation(
     Parameters
     ----------
     frames : float (f, n, 2)
-        Positions [m]; NaN for absent grains.
+        Positions of the grains in each frame [m]; NaN for absent grains.
     lags : int (k,), optional
         Numbers of frames; about 30 at even ratios if not given.
     periods : (float, float), optional

@@ -157,7 +157,7 @@ def box_spanning_frames(frames: np.ndarray) -> list[np.ndarray]:
     Parameters
     ----------
     frames : float (f, n, 2)
-        Positions [m]; NaN for absent grains.
+        Positions of the grains in each frame [m]; NaN for absent grains.
 
     Returns
     -------
@@ -278,7 +278,7 @@ def radial_distribution(
     Parameters
     ----------
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent grains.
     edges : float (k + 1,), optional
         Edges of the bins [m]; 100 bins up to half the shorter side of the box of the outermost
         centres (or 10 mean spacings, where that is less) if not given.
@@ -289,7 +289,7 @@ def radial_distribution(
     Returns
     -------
     PairDistanceFunction
-        Function g of each bin, without unit, and the number of its pairs.
+        Function g of each bin (k,), without unit, and the number of its pairs.
 
     Raises
     ------
@@ -357,7 +357,7 @@ def spatial_correlation(
     Returns
     -------
     PairDistanceFunction
-        Correlation of each bin, 1 for equal deviations and NaN in bins without pairs, and the number
+        Correlation of each bin (k,), 1 for equal deviations and NaN in bins without pairs, and the number
         of its pairs.
 
     Raises

@@ -100,7 +100,7 @@ def detect_defects(
     Parameters
     ----------
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent grains.
     angle : float, optional
         Direction of the lattice [rad], which is known up to 60 degrees; that of the mean bond order
         if not given. Parts of the bed should be turned by less than 25 degrees against it.

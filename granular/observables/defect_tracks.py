@@ -346,7 +346,7 @@ def detect_defects_in_frames(frames: np.ndarray) -> list[FrameDefects]:
     Parameters
     ----------
     frames : float (f, n, 2)
-        Positions [m]; NaN for absent grains.
+        Positions of the grains in each frame [m]; NaN for absent grains.
 
     Returns
     -------

@@ -197,7 +197,8 @@ class Dislocations(NamedTuple):
 def disclination_charges(cells: VoronoiCells) -> np.ndarray:
     """Charge of each grain, 6 minus the number of its neighbours, int (n,).
 
-    Pentagons have the charge 1 and heptagons -1; grains without an interior cell have 0.
+    Pentagons have the charge 1 and heptagons -1; grains without an interior cell have 0 (Nelson and
+    Halperin, Phys. Rev. B 19, 2457, 1979).
 
     Parameters
     ----------
@@ -246,7 +247,7 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     Parameters
     ----------
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent grains.
     cells : VoronoiCells, optional
         Voronoi cells of the same positions, if known.
 

@@ -117,7 +117,7 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
     Parameters
     ----------
     frames : float (f, n, 2)
-        Positions [m]; NaN for absent grains.
+        Positions of the grains in each frame [m]; NaN for absent grains.
     lags : int (k,), optional
         Numbers of frames; about 30 at even ratios if not given.
 
@@ -194,7 +194,7 @@ def lindemann_parameter(
     Parameters
     ----------
     frames : float (f, n, 2)
-        Positions [m]; NaN for absent grains.
+        Positions of the grains in each frame [m]; NaN for absent grains.
     lags : int (k,), optional
         Numbers of frames; about 30 at even ratios if not given.
     periods : (float, float), optional

@@ -117,14 +117,14 @@ def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: float
     scene : Scene
         Scene that the grains belong to.
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent grains.
     piston_height : float, optional
-        [m]; the scene's where not given.
+        Height of the piston [m]; the scene's where not given.
 
     Returns
     -------
     float (n,)
-        [N]; NaN for absent grains.
+        Compressive force [N]; NaN for absent grains.
 
     Raises
     ------
@@ -184,14 +184,14 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: float | No
     scene : Scene
         Scene that the grains belong to.
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent grains.
     piston_height : float, optional
-        [m]; the scene's where not given.
+        Height of the piston [m]; the scene's where not given.
 
     Returns
     -------
     float (n, 2, 2)
-        [J], positive where the grain is pressed; NaN for absent grains.
+        Virial [J], positive where the grain is pressed; NaN for absent grains.
 
     Raises
     ------

@@ -32,13 +32,13 @@ class Frame(NamedTuple):
     time : float
         Time in the run [s].
     positions, velocities, forces : float (n, 2)
-        [m], within the cell where it is periodic; [m/s], [N]
+        Positions [m], within the cell where it is periodic; velocities [m/s]; forces [N]
     piston_height : float
-        [m]; NaN without a piston.
+        Height of the piston [m]; NaN without a piston.
     species : int (n,)
         Index of each grain's species.
     diameters, masses : float (n,)
-        [m], [kg]
+        Diameters [m]; masses [kg]
     """
 
     scene: Scene
@@ -277,7 +277,7 @@ def check_frames(frames: np.ndarray, least: int = 0) -> np.ndarray:
     Parameters
     ----------
     frames : float (f, n, 2)
-        Positions [m]; NaN for absent grains.
+        Positions of the grains in each frame [m]; NaN for absent grains.
     least : int
         Number of frames that are needed.
 

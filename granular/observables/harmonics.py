@@ -62,18 +62,19 @@ def harmonic_response(
     harmonics: int = 3,
     discard: float | None = None,
 ) -> HarmonicResponse:
-    """Amplitude ratio and phase of an response to a sinusoidal drive.
+    """Amplitude ratio and phase of a response to a sinusoidal drive.
 
-    Mean, slow drift (linear in time) and harmonics are fitted together by least squares over the
-    last whole periods after the transient. The standard errors are those of the mean over single
-    periods, taken as independent; a transient that goes on shows in them.
+    Mean, slow drift (linear in time) and harmonics are fitted together by least squares, as the sine
+    fits of IEEE Std 1057, over the last whole periods after the transient. The standard errors are
+    those of the mean over single periods, taken as independent; a transient that goes on shows in
+    them.
 
     Parameters
     ----------
     time : float (n,)
-        [s], not decreasing.
+        Times [s], not decreasing.
     drive, response : float (n,)
-        Driving quantity at these times.
+        Driving and responding quantity at these times, each in its own unit.
     frequency : float
         Frequency of the drive [Hz].
     harmonics : int
@@ -84,7 +85,8 @@ def harmonic_response(
     Returns
     -------
     HarmonicResponse
-        Amplitude ratio and phase [rad] of each harmonic, with standard errors.
+        Amplitude ratio (K,), in the unit of the response over that of the drive, and phase (K,) [rad]
+        of each harmonic, with standard errors.
 
     Raises
     ------

@@ -29,6 +29,8 @@ class CompressionCycle(NamedTuple):
 def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     """Work of the piston on the bed over one cycle, the area of the loop of force over height.
 
+    The loop is that of [D, Fig. 3.4].
+
     Parameters
     ----------
     height : float (n,)

@@ -79,7 +79,7 @@ def iterate_pair_forces(scene: Scene, positions: np.ndarray) -> Iterator[Branche
     scene : Scene
         Scene that the grains belong to.
     positions : float (n, 2)
-        [m]; NaN for absent grains, which take no part.
+        Positions of the grains [m]; NaN for absent grains, which take no part.
 
     Yields
     ------
@@ -128,14 +128,15 @@ def iterate_wall_forces(
 ) -> BranchesAndForces:
     """Evaluate the forces of the walls on each grain: left, right, bottom and piston, as far as they act.
 
-    The branch is the displacement from the wall, at a right angle to it.
+    The branch is the displacement from the wall, at a right angle to it; the laws are those of
+    `granular.effects.walls`.
 
     Parameters
     ----------
     scene : Scene
         Scene that the grains belong to.
     positions : float (n, 2)
-        [m]; NaN for absent grains, which take no part.
+        Positions of the grains [m]; NaN for absent grains, which take no part.
     piston_height : float, optional
         Height of the piston [m]; the scene's where not given.
 

@@ -257,7 +257,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     scene : Scene
         Only dipoles count: contact, walls and weight are left out.
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent grains.
     reach : float
         In mean spacings.
 

@@ -120,7 +120,7 @@ def area_fraction_profile(
     Parameters
     ----------
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent grains.
     diameters : float (n,)
         Diameters of the grains [m].
     width : float
@@ -164,7 +164,7 @@ def area_fraction_profile(
 
 
 def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> xarray.DataArray:
-    """Local area fraction of every frame by depth below the piston, on (``frame``, ``depth``).
+    """Local area fraction of every frame by depth below the piston [D, Fig. 3.2].
 
     Parameters
     ----------
@@ -176,7 +176,8 @@ def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> x
     Returns
     -------
     xarray.DataArray
-        ``depth`` is the middle of each strip below the piston [m]. A strip that the bottom cuts
+        Fraction without unit on (``frame``, ``depth``); ``depth`` is the middle of each strip below
+        the piston [m]. A strip that the bottom cuts
         counts with the part that is in the cell; below the bottom stands NaN.
 
     Raises
@@ -234,12 +235,12 @@ def mean_pair_distance(positions: np.ndarray) -> float:
     Parameters
     ----------
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent grains.
 
     Returns
     -------
     float
-        [m]; NaN for fewer than two grains.
+        Distance [m]; NaN for fewer than two grains.
 
     Raises
     ------
@@ -317,14 +318,14 @@ def least_piston_distance(positions: np.ndarray, piston_height: float) -> float:
     Parameters
     ----------
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent grains.
     piston_height : float
         Height of the piston [m].
 
     Returns
     -------
     float
-        [m]; NaN without grains.
+        Distance [m]; NaN without grains.
 
     Raises
     ------

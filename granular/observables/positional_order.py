@@ -149,7 +149,7 @@ def translational_correlation(
     Parameters
     ----------
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent grains.
     edges : float (k + 1,), optional
         Edges of the bins [m]; as for `radial_distribution` if not given.
     vector : float (2,), optional
@@ -158,7 +158,7 @@ def translational_correlation(
     Returns
     -------
     PairDistanceFunction
-        Correlation of each bin, without unit, and the number of its pairs.
+        Correlation of each bin (k,), without unit, and the number of its pairs.
 
     Raises
     ------

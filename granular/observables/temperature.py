@@ -61,6 +61,8 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
 def fluctuation_energies(velocities: np.ndarray, masses: np.ndarray) -> np.ndarray:
     """Kinetic energy (1/2) m |v - V|^2 of each grain against the centre of mass of all.
 
+    (Goldhirsch, Annu. Rev. Fluid Mech. 35, 267, 2003, without the mass.)
+
     Parameters
     ----------
     velocities : float64 (n, 2)
@@ -103,7 +105,7 @@ def configurational_temperature(
     scene : Scene
         Scene that the grains belong to.
     frames : float (f, n, 2)
-        Positions [m]; NaN for absent grains.
+        Positions of the grains in each frame [m]; NaN for absent grains.
     piston_height : float or float (f,), optional
         Height of the piston [m]; the scene's where not given.
     forces : float (f, n, 2), optional

@@ -82,7 +82,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     Parameters
     ----------
     positions : float (n, 2)
-        [m]; NaN for absent grains.
+        Positions of the grains [m]; NaN for absent grains.
 
     Returns
     -------

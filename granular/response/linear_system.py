@@ -81,8 +81,8 @@ def dynamic_stiffness_of_hanging_mass(
 def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> np.ndarray:
     """Steady displacement of each body of a linear host over its base, for the host's sine.
 
-    The equations of motion of the chain of bodies are solved for each frequency. The phase is that of
-    the force, or of the base's acceleration.
+    The equations of motion of the chain of bodies are solved for each frequency (Den Hartog, Mechanical
+    Vibrations, 1956, chapter 4). The phase is that of the force, or of the base's acceleration.
 
     Parameters
     ----------

@@ -23,6 +23,8 @@ LEAST_PERIODS = 4
 def complex_amplitude(time: np.ndarray, values: np.ndarray, frequency: float) -> complex:
     """Complex amplitude A of a signal Im(A exp(i omega t)) + constant + slope t, by least squares.
 
+    With the frequency known the fit is linear, as the three-parameter sine fit of IEEE Std 1057.
+
     Parameters
     ----------
     time : float64 (n,)
