@@ -117,7 +117,7 @@ def defects(options: Any) -> None:
     given = {name: getattr(options, name) for name in ("stop", "reach", "memory", "least")}
     chosen = {name: value for name, value in given.items() if value is not None}
     motion = track_defects(run, options.start, **chosen)
-    tracks, events = _track_rows(motion), _event_rows(motion)
+    tracks, events = _defect_track_table(motion), _defect_event_table(motion)
     if options.out is not None:
         times = motion["frame_time"].values
         last = run.dataset["frame_time"].values.searchsorted(times[-1])
@@ -134,7 +134,7 @@ def defects(options: Any) -> None:
     print_result(result, text if options.out is None else f"written to {options.out}", options.json)
 
 
-def _track_rows(motion: xarray.Dataset) -> pandas.DataFrame:
+def _defect_track_table(motion: xarray.Dataset) -> pandas.DataFrame:
     import pandas
 
     columns = {"kind": motion["kind"].values}
@@ -146,7 +146,7 @@ def _track_rows(motion: xarray.Dataset) -> pandas.DataFrame:
     return pandas.DataFrame(columns)
 
 
-def _event_rows(motion: xarray.Dataset) -> pandas.DataFrame:
+def _defect_event_table(motion: xarray.Dataset) -> pandas.DataFrame:
     import pandas
 
     columns = {"kind": motion["event_kind"].values, "time [s]": motion["event_time"].values}
@@ -156,7 +156,7 @@ def _event_rows(motion: xarray.Dataset) -> pandas.DataFrame:
     return pandas.DataFrame(columns)
 
 
-def _path_rows(motion: xarray.Dataset) -> pandas.DataFrame:
+def _defect_path_table(motion: xarray.Dataset) -> pandas.DataFrame:
     table = motion["position"].to_dataframe()["position"].unstack("axis").dropna()
     times = motion["frame_time"].to_series()
     table.insert(0, "time [s]", times.loc[table.index.get_level_values("frame")].to_numpy())
@@ -169,7 +169,11 @@ def _write_defect_tables(directory: Path, motion: xarray.Dataset, positions: Any
     from granular.shared.plotting import figure
 
     make_directory(directory)
-    for name, table in (("tracks", _track_rows), ("events", _event_rows), ("paths", _path_rows)):
+    for name, table in (
+        ("tracks", _defect_track_table),
+        ("events", _defect_event_table),
+        ("paths", _defect_path_table),
+    ):
         write_text(directory / f"{name}.csv", table(motion).to_csv(index=False))
     with figure(width=7.2, height=5.4) as (drawing, axes):
         plot_defect_paths(motion, positions, axes)

@@ -137,7 +137,7 @@ def _measure_frequency_response(options: Any) -> None:
             f"--from {options.lowest:g} --to {options.highest:g} --points {points}: give "
             "two frequencies, the lower one first, and at least 2 points"
         )
-    scene, sizes = _driven_scene(options)
+    scene, sizes = _scene_and_drive_amplitudes(options)
     result = (
         _run_stepped_sines(options, scene, sizes)
         if options.sweep is None
@@ -203,7 +203,7 @@ def _write_impulse_response(result: ImpulseResponse, path: Path) -> str:
     return f"written to {path}: impulse.csv, impulse.png"
 
 
-def _driven_scene(options: Any) -> tuple[Scene, list[float] | None]:
+def _scene_and_drive_amplitudes(options: Any) -> tuple[Scene, list[float] | None]:
     """Scene under the first amplitude that was given, and all of them."""
     from granular.response.response import AMPLITUDES
 

@@ -189,7 +189,7 @@ def _particle_files(
 
     def add(name: str, every: int, table: tuple[str, Callable[[BedFrame], np.ndarray]]) -> None:
         bar = f"{name}.dat" if progress else None
-        files[name] = _frame_lines(run, depaula_time, every, chosen[every], *table, bar)
+        files[name] = _particle_file_lines(run, depaula_time, every, chosen[every], *table, bar)
 
     for name, table in tables.items():
         add(name, USUAL, table)
@@ -219,7 +219,7 @@ def _compressive_forces_of_frame(run: Trajectory, frame: BedFrame) -> np.ndarray
     return compressive_forces(run.scene, positions, frame.height)[frame.grains][:, None]
 
 
-def _frame_lines(
+def _particle_file_lines(
     run: Trajectory,
     depaula_time: DepaulaTimeUnits,
     every: int,

@@ -30,8 +30,8 @@ class BedFrame(NamedTuple):
     grains : int (k,)
         Index of each grain in the scene.
     position, velocity, force : float64 (k, 2)
-        Positions [m], within the cell where it is periodic; velocities [m/s]; forces [N]: the force is magnetic, weight and
-        contact.
+        Position [m], within the cell where it is periodic; velocity [m/s]; force [N], which is magnetic,
+        weight and contact.
     interaction : float64 (k, 2)
         The force of grains and walls alone [N]: without weight.
     """

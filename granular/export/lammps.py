@@ -107,7 +107,7 @@ def to_lammps(
         "pairs.table": _pair_table_lines(deck),
         "walls.table": _wall_table_lines(deck),
     }
-    return _write(directory, contents, overwrite)
+    return _write_deck_files(directory, contents, overwrite)
 
 
 def _open_source(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajectory | None]:
@@ -168,8 +168,8 @@ def _make_deck(scene: Scene, start: _DeckStart, dt: float | str) -> LammpsDeck:
     deck = LammpsDeck(
         scene=scene,
         scales=scales,
-        charges=tuple(scene.grains.moment_ratios().tolist()),
-        masses=tuple(scene.grains.mass_ratios().tolist()),
+        moment_ratios=tuple(scene.grains.moment_ratios().tolist()),
+        mass_ratios=tuple(scene.grains.mass_ratios().tolist()),
         remaining_stages=start.remaining_stages,
         piston_start=start.height,
         highest=max([top, *(path.highest for path in paths)]),
@@ -199,14 +199,14 @@ def _mode_frequency_under_compression(deck: LammpsDeck, start: _DeckStart) -> fl
     position, width = start.positions / unit, deck.scene.cell.width / unit
     species = deck.scene.grains.species_indices()[start.grains]
     cylinders = deck.scene.grains.magnets == "cylinders"
-    charge, mass = np.array(deck.charges)[species], np.array(deck.masses)[species]
+    moment_ratio, mass = np.array(deck.moment_ratios)[species], np.array(deck.mass_ratios)[species]
     height = deck.highest if start.height is None else start.height
     heights = [stage.path.lowest for stage in deck.remaining_stages if stage.path is not None]
     fractions = {1.0, *(low / height for low in heights)}
     return max(
         mode_frequency_bound(
             position * [1.0, fraction],
-            charge,
+            moment_ratio,
             mass,
             deck.wall_laws,
             width,
@@ -228,8 +228,8 @@ def _highest_collision_frequency(deck: LammpsDeck, start: _DeckStart) -> float:
     speed += max((stage.path.speed for stage in deck.remaining_stages if stage.path is not None), default=0.0)
     return collision_stiffness_frequency(
         speed / deck.scales.velocity,
-        deck.charges,
-        deck.masses,
+        deck.moment_ratios,
+        deck.mass_ratios,
         set(deck.wall_laws.values()),
         pairs=deck.pair_cutoff is not None,
         discs=discs_unless_dipoles(deck.scene.grains, deck.scales.length),
@@ -241,7 +241,7 @@ def _data_file_lines(deck: LammpsDeck, start: _DeckStart) -> Iterator[str]:
     species = deck.scene.grains.species_indices()[start.grains] + 1
     depth = deck.scene.cell.separation
     yield f"Scene {deck.scene.name!r} at {start.time:.9g} s\n\n"
-    yield f"{len(species)} atoms\n{len(deck.charges)} atom types\n\n"
+    yield f"{len(species)} atoms\n{len(deck.moment_ratios)} atom types\n\n"
     sizes = (deck.scene.cell.width, deck.highest)
     for axis, size, position in zip("xy", sizes, start.positions.T, strict=True):
         low, high = _box_bounds_along_axis(position, size, deck.scales.length)
@@ -263,27 +263,31 @@ def _box_bounds_along_axis(position: np.ndarray, cell: float, margin: float) -> 
 def _pair_table_lines(deck: LammpsDeck) -> Iterator[str]:
     if deck.pair_cutoff is None:
         return
-    nearest = NEAREST_PAIR * math.sqrt(min(deck.charges))
+    nearest = NEAREST_PAIR * math.sqrt(min(deck.moment_ratios))
     discs = discs_unless_dipoles(deck.scene.grains, deck.scales.length)
     for first, second in deck.species_pairs():
-        charge = deck.charges[first - 1] * deck.charges[second - 1]
+        moment_product = deck.moment_ratios[first - 1] * deck.moment_ratios[second - 1]
         name = pair_table_name(first, second)
         pair = (discs[first - 1], discs[second - 1]) if discs else None
-        yield from pair_force_table(name, charge, nearest, deck.pair_cutoff, deck.scales, pair).section_lines(
-            "FPRIME"
-        )
+        yield from pair_force_table(
+            name, moment_product, nearest, deck.pair_cutoff, deck.scales, pair
+        ).section_lines("FPRIME")
 
 
 def _wall_table_lines(deck: LammpsDeck) -> Iterator[str]:
     # LAMMPS reads one row beyond the last distance.
-    nearest, farthest = NEAREST_WALL * math.sqrt(min(deck.charges)), 1.001 * deck.wall_cutoff
+    nearest, farthest = NEAREST_WALL * math.sqrt(min(deck.moment_ratios)), 1.001 * deck.wall_cutoff
     for law in dict.fromkeys(deck.wall_laws.values()):
-        for number, charge in enumerate(deck.charges, start=1):
+        for number, moment_ratio in enumerate(deck.moment_ratios, start=1):
             name = wall_table_name(law, number)
-            yield from wall_force_table(name, law, charge, nearest, farthest, deck.scales).section_lines("FP")
+            yield from wall_force_table(
+                name, law, moment_ratio, nearest, farthest, deck.scales
+            ).section_lines("FP")
 
 
-def _write(directory: Path, contents: Mapping[str, Iterable[str]], overwrite: bool) -> tuple[Path, ...]:
+def _write_deck_files(
+    directory: Path, contents: Mapping[str, Iterable[str]], overwrite: bool
+) -> tuple[Path, ...]:
     """All files appear together when the last one is complete."""
     paths = {name: directory / name for name in contents}
     make_directory(directory)
@@ -304,9 +308,9 @@ _WALLS = {"experimental": wall_experimental, "infinite": wall_infinite}
 
 
 def mode_frequency_bound(
-    position: np.ndarray,
-    charge: np.ndarray,
-    mass: np.ndarray,
+    positions: np.ndarray,
+    moment_ratio: np.ndarray,
+    mass_ratio: np.ndarray,
     walls: Mapping[str, str],
     width: float,
     height: float,
@@ -322,9 +326,9 @@ def mode_frequency_bound(
 
     Parameters
     ----------
-    position : float (n, 2)
+    positions : float (n, 2)
         Positions of the grains [D].
-    charge, mass : float (n,)
+    moment_ratio, mass_ratio : float (n,)
         Magnetic moment and mass of each grain over those of the first species.
     walls : mapping of str to str
         Law (``"experimental"`` or ``"infinite"``) of each wall, by its side: ``left``, ``right``,
@@ -343,33 +347,33 @@ def mode_frequency_bound(
     """
     from scipy.spatial import cKDTree
 
-    near = cKDTree(position).query_pairs(REACH if pairs else 0.0, output_type="ndarray")
+    near = cKDTree(positions).query_pairs(REACH if pairs else 0.0, output_type="ndarray")
     i, j = near[:, 0], near[:, 1]
-    r = np.linalg.norm(position[i] - position[j], axis=1)
+    r = np.linalg.norm(positions[i] - positions[j], axis=1)
     fifth = r**-5.0
     if discs:
         of_pairs = [(discs[first], discs[second]) for first, second in near]
         for pair in set(of_pairs):
             alike = np.array([other == pair for other in of_pairs])
             fifth[alike] *= disc_over_dipole_stiffness(r[alike], pair)
-    size = len(position)
-    sums = np.bincount(i, charge[j] * fifth, size) + np.bincount(j, charge[i] * fifth, size)
+    size = len(positions)
+    sums = np.bincount(i, moment_ratio[j] * fifth, size) + np.bincount(j, moment_ratio[i] * fifth, size)
     # A pair's stiffness 4 * 3/4 q_i q_j/r^5 enters a row twice.
     rows = np.multiply(8.0 * dipole_law.STRENGTH, sums)
     gaps = {
-        "left": position[:, 0],
-        "right": width - position[:, 0],
-        "bottom": position[:, 1],
-        "top": height - position[:, 1],
+        "left": positions[:, 0],
+        "right": width - positions[:, 0],
+        "bottom": positions[:, 1],
+        "top": height - positions[:, 1],
     }
     for side, law in walls.items():
         rows += [_WALLS[law].stiffness(gap) for gap in gaps[side]]
-    return math.sqrt(float((rows * (charge / mass)).max()))
+    return math.sqrt(float((rows * (moment_ratio / mass_ratio)).max()))
 
 
 def collision_stiffness_frequency(
     speed: float,
-    charges: Sequence[float],
+    moment_ratios: Sequence[float],
     masses: Sequence[float],
     laws: set[str],
     *,
@@ -385,7 +389,7 @@ def collision_stiffness_frequency(
     ----------
     speed : float
         Speed of each grain far from the other one, or from the wall [D/tau].
-    charges, masses : sequence of float, a species each
+    moment_ratios, masses : sequence of float, a species each
         Magnetic moment and mass over those of the first species.
     laws : set of str
         Laws of the walls that act: ``"experimental"``, ``"infinite"``.
@@ -400,15 +404,15 @@ def collision_stiffness_frequency(
         Angular frequency [1/tau]; 0 where nothing repels.
     """
     squares = []
-    for charge, mass in zip(charges, masses, strict=True):
-        ratio = charge / mass
+    for moment_ratio, mass in zip(moment_ratios, masses, strict=True):
+        ratio = moment_ratio / mass
         scaled_speed = speed / math.sqrt(ratio)
         squares += [ratio * _WALLS[law].turning_point_stiffness(scaled_speed) for law in laws]
         if pairs and not discs:
-            squares.append(dipole_law.head_on_frequency_squared(speed, mass, charge))
+            squares.append(dipole_law.head_on_frequency_squared(speed, mass, moment_ratio))
         elif pairs:
             meeting = make_disc_law(discs, np.zeros(0, dtype=np.int64), 8).collision
-            strength = charge * ratio
+            strength = moment_ratio * ratio
             row = min(np.searchsorted(meeting[SQUARES], speed**2 / strength), meeting.shape[1] - 1)
             squares.append(strength * meeting[STIFFNESSES, row])
     return math.sqrt(max(squares, default=0.0))

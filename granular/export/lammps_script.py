@@ -76,7 +76,7 @@ class ForceTable(NamedTuple):
 
 def pair_force_table(
     name: str,
-    charge: float,
+    moment_product: float,
     nearest: float,
     farthest: float,
     scales: Scales,
@@ -90,7 +90,7 @@ def pair_force_table(
     ----------
     name : str
         Keyword of the section in the table file.
-    charge : float
+    moment_product : float
         Product of both magnetic moments, each over that of the first species.
     nearest, farthest : float
         Range of the distance [D], D being the diameter of the first species.
@@ -112,11 +112,13 @@ def pair_force_table(
         slopes = np.array(
             [dipole_law.ENERGY * force_slope_at_contact(*discs), -_PAIR_EXPONENT * force[-1] / r[-1]]
         )
-    return _force_table_in_si(name, r, charge * energy, charge * force, charge * slopes, scales)
+    return _force_table_in_si(
+        name, r, moment_product * energy, moment_product * force, moment_product * slopes, scales
+    )
 
 
 def wall_force_table(
-    name: str, law: str, charge: float, nearest: float, farthest: float, scales: Scales
+    name: str, law: str, moment_ratio: float, nearest: float, farthest: float, scales: Scales
 ) -> ForceTable:
     """Tabulate the repulsion of a grain from a wall over their distance, a power law.
 
@@ -126,7 +128,7 @@ def wall_force_table(
         Keyword of the section in the table file.
     law : str
         ``"experimental"`` (force as distance^-3.5) or ``"infinite"`` (as distance^-3).
-    charge : float
+    moment_ratio : float
         Magnetic moment of the grain over that of the first species.
     nearest, farthest : float
         Range of the distance [D], D being the diameter of the first species.
@@ -141,7 +143,7 @@ def wall_force_table(
     w = np.geomspace(nearest, farthest, ROWS)
     exponent = WALL_EXPONENTS[law]
     strength = {"experimental": wall_experimental, "infinite": wall_infinite}[law].force(1.0)
-    force = charge * strength / w**exponent
+    force = moment_ratio * strength / w**exponent
     slopes = -exponent * force[[0, -1]] / w[[0, -1]]
     return _force_table_in_si(name, w, force * w / (exponent - 1.0), force, slopes, scales)
 
@@ -227,9 +229,9 @@ class LammpsDeck(NamedTuple):
         Scene that the script runs.
     scales : Scales
         Natural units in SI.
-    charges : tuple of float
+    moment_ratios : tuple of float
         Magnetic moment of each species over that of the first one.
-    masses : tuple of float
+    mass_ratios : tuple of float
         Mass of each species over that of the first one.
     remaining_stages : tuple of RemainingStage
         Stages that the script runs.
@@ -245,8 +247,8 @@ class LammpsDeck(NamedTuple):
 
     scene: Scene
     scales: Scales
-    charges: tuple[float, ...]
-    masses: tuple[float, ...]
+    moment_ratios: tuple[float, ...]
+    mass_ratios: tuple[float, ...]
     remaining_stages: tuple[RemainingStage, ...]
     piston_start: float | None
     highest: float
@@ -274,7 +276,7 @@ class LammpsDeck(NamedTuple):
         drag, grains = self.scene.effects.drag, self.scene.grains
         if drag is None or (grains.face_area_ratios() == grains.mass_ratios()).all():
             return [("", "all", 0)]
-        return [(str(k + 1), f"species{k + 1}", k) for k in range(len(self.masses))]
+        return [(str(k + 1), f"species{k + 1}", k) for k in range(len(self.mass_ratios))]
 
     @property
     def pair_cutoff(self) -> float | None:
@@ -299,7 +301,7 @@ class LammpsDeck(NamedTuple):
 
     def species_pairs(self) -> list[tuple[int, int]]:
         """List the unordered pairs of species (first <= second), counted from 1 as LAMMPS does."""
-        return list(itertools.combinations_with_replacement(range(1, len(self.charges) + 1), 2))
+        return list(itertools.combinations_with_replacement(range(1, len(self.moment_ratios) + 1), 2))
 
 
 def pair_table_name(first: int, second: int) -> str:
@@ -371,7 +373,7 @@ def _initialization_lines(deck: LammpsDeck) -> Iterator[str]:
     yield "atom_style atomic"
     yield "read_data bed.data"
     yield f"reset_timestep 0 time {deck.start_time!r}"
-    for number in range(1, len(deck.charges) + 1):
+    for number in range(1, len(deck.moment_ratios) + 1):
         yield f"group species{number} type {number}"
     yield ""
 
@@ -400,7 +402,7 @@ def _wall_force_lines(deck: LammpsDeck) -> Iterator[str]:
     if "top" in deck.wall_laws:
         yield f"variable height equal {deck.piston_start!r}"
     reach = deck.wall_cutoff * deck.scales.length
-    for number in range(1, len(deck.charges) + 1):
+    for number in range(1, len(deck.moment_ratios) + 1):
         walls = " ".join(
             f"{FACES[side]} {coordinates.get(side, 'v_height')} walls.table "
             f"{wall_table_name(law, number)} {reach!r}"
@@ -409,7 +411,7 @@ def _wall_force_lines(deck: LammpsDeck) -> Iterator[str]:
         yield f"fix walls{number} species{number} wall/table spline {WALL_ROWS} {walls}"
         yield f"fix_modify walls{number} energy yes"
     for position, side in enumerate(deck.wall_laws, start=1):
-        terms = "+".join(f"f_walls{k}[{position}]" for k in range(1, len(deck.charges) + 1))
+        terms = "+".join(f"f_walls{k}[{position}]" for k in range(1, len(deck.moment_ratios) + 1))
         # LAMMPS counts forces along the axes, the record outwards.
         outwards = "" if side in ("right", "top") else "-"
         yield f"variable force_{side} equal {outwards}({terms})"
@@ -425,14 +427,14 @@ def _drag_lines(deck: LammpsDeck) -> Iterator[str]:
         yield "# fix viscous is the exact flow of force and drag; gravity is smaller by as much."
         faces = deck.scene.grains.face_area_ratios().tolist()
         for suffix, _, species in deck.decay_rate_groups:
-            relative = faces[species] / deck.masses[species]
+            relative = faces[species] / deck.mass_ratios[species]
             yield f"variable rate{suffix} equal {relative * drag.coefficient / deck.scales.mass!r}"
         fractions = "".join(f" scale {k} {face!r}" for k, face in enumerate(faces, start=1))
         yield f"fix drag all viscous {drag.coefficient!r}{fractions}"
     for suffix, _, _ in deck.decay_rate_groups:
         stretch = f"v_rate{suffix}*dt/(1.0-exp(-v_rate{suffix}*dt))" if moving else "1.0"
         yield f"variable stretch{suffix} equal {stretch}"
-    for number, mass in enumerate(deck.masses, start=1):
+    for number, mass in enumerate(deck.mass_ratios, start=1):
         suffix = deck.decay_rate_groups[number - 1 if len(deck.decay_rate_groups) > 1 else 0][0]
         yield f"variable mass{number} equal {mass * deck.scales.mass!r}*v_stretch{suffix}"
     for suffix, group, _ in deck.decay_rate_groups:
@@ -497,7 +499,7 @@ def _output_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 def _mass_lines(deck: LammpsDeck) -> Iterator[str]:
-    for number in range(1, len(deck.charges) + 1):
+    for number in range(1, len(deck.moment_ratios) + 1):
         yield f"mass {number} ${{mass{number}}}"
 
 
