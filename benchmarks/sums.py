@@ -185,7 +185,7 @@ def _in_motion(positions: np.ndarray, steps: Any, lists: Any) -> TimedSum:
 def by_cut_off(positions: np.ndarray) -> TimedSum:
     """`BATCH` sums of moving grains a call."""
     size = PaddedGrains(positions).x.size
-    return _in_motion(positions, _cut_off_steps, stripes_workspace(size, moments=False, loaded=False))
+    return _in_motion(positions, _cut_off_steps, stripes_workspace(size, moments=False, with_loads=False))
 
 
 def by_plain_list(positions: np.ndarray) -> TimedSum:

@@ -41,7 +41,9 @@ def _magnetic_forces(
 
 
 @compiled(inline=True)
-def _pair_forces(dipole: bool | None, bed: Bed, stiffness: Array | None, extremes: Array | None) -> int:
+def _pair_forces(
+    dipole: bool | None, bed: Bed, stiffness: Array | None, energy_and_closest: Array | None
+) -> int:
     """Compute the magnetic forces; the number of pairs that are where none can be."""
     state, constants = bed.state, bed.constants
     weight = constants.acting.weight
@@ -52,7 +54,7 @@ def _pair_forces(dipole: bool | None, bed: Bed, stiffness: Array | None, extreme
         state.fy,
         relative_moments(constants),
         stiffness,
-        extremes,
+        energy_and_closest,
         array_if_wanted(weight, state.load),
         weight,
         constants.acting.series,
@@ -122,7 +124,7 @@ def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) 
     """
     state, constants = bed.state, bed.constants
     acting = constants.acting
-    crowded = _pair_forces(acting.dipole, bed, measurement.stiffness, measurement.extremes)
+    crowded = _pair_forces(acting.dipole, bed, measurement.stiffness, measurement.energy_and_closest)
     crowded += compute_far_field(state.far_forces, bed, time)
     add_far_field(state.far_forces, state, constants.grains, time)
     return crowded + _add_forces(acting.laws, state.workspaces, bed, time)
@@ -194,7 +196,7 @@ def potential_energies(bed: Bed, time: float, measurement: Measurement, energies
     multiply_by_moment_over_mass(stiffness, constants.moments, constants.masses, constants.grains)
     energies[:] = 0.0
     _measure(constants.acting.laws, state.workspaces, bed, time, stiffness, energies)
-    return ENERGY * measurement.extremes[0] + far_energy(state.far_forces)
+    return ENERGY * measurement.energy_and_closest[0] + far_energy(state.far_forces)
 
 
 @entry

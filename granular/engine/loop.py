@@ -120,7 +120,7 @@ def fill_record_row(time: float, bed: Bed, motion: Motion, measurement: Measurem
     row[columns.PISTON_LOSS] = state.ledger[PISTON]
     for law in range(laws):
         row[columns.ENERGIES + laws + law] = state.ledger[LOSSES + law]
-    fifth = measurement.extremes[1]  # power of the inverse distance
+    fifth = measurement.energy_and_closest[1]  # power of the inverse distance
     row[columns.CLOSEST] = fifth**-0.2 if fifth > 0.0 else math.inf
     row[columns.FASTEST] = math.sqrt(fastest)
     row[columns.STIFFEST] = highest_frequency_bound(row[columns.FASTEST], bed, motion, measurement)

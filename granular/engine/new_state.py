@@ -86,7 +86,7 @@ def _new_stripes(size: int, acting: EffectLaws) -> Stripes | None:
     return stripes_workspace(
         size,
         moments=cut.moments,
-        loaded=acting.weight is not None,
+        with_loads=acting.weight is not None,
         shifted=acting.shift is not None,
         periods=cut.periods,
     )
@@ -95,7 +95,7 @@ def _new_stripes(size: int, acting: EffectLaws) -> Stripes | None:
 def _new_far_forces(size: int, acting: EffectLaws) -> FarFieldState | None:
     if acting.far is None:
         return None
-    return far_field_state(acting.far, size, loaded=acting.weight is not None)
+    return far_field_state(acting.far, size, with_loads=acting.weight is not None)
 
 
 def _new_slopes(rows: int, size: int) -> StageSlopes:

@@ -157,7 +157,7 @@ def pair_stiffness_bound(discs: DiscLaw | None) -> float:
     float
         Without unit; 1 for dipoles.
     """
-    return 1.0 if discs is None else discs.series[STIFFNESS]
+    return 1.0 if discs is None else discs.coefficients[STIFFNESS]
 
 
 @compiled(inline=True)

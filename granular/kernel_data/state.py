@@ -112,14 +112,14 @@ class Measurement(NamedTuple):
     ----------
     stiffness : float64 (m,)
         Row sums that bound the stiffest mode.
-    extremes : float64 (2,)
+    energy_and_closest : float64 (2,)
         Pair sums: see `granular.pairs.direct_sum`.
     against_piston : float64 (m,)
         Stiffness of each grain against the piston.
     """
 
     stiffness: np.ndarray
-    extremes: np.ndarray
+    energy_and_closest: np.ndarray
     against_piston: np.ndarray
 
 

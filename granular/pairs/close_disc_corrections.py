@@ -293,7 +293,7 @@ def _singular_contact_part(tables: CloseDiscTables, row: int, u: float) -> tuple
 @compiled
 def _stiffness_above_bound(discs: DiscLaw, row: int, u: float) -> float:
     """Stiffness of a close pair less the bound that stands for it, over the moments."""
-    tables, force = discs.close, 8.0 / 3.0 * discs.series[TERM]
+    tables, force = discs.close, 8.0 / 3.0 * discs.coefficients[TERM]
     rho2 = u - tables.pairs[row, SHIFT]
     fifth = 1.0 / (rho2 * rho2 * math.sqrt(rho2))
     ratio = STRENGTH * fifth * (1.0 + force * fifth) + _spline_force_ratio(
@@ -303,7 +303,7 @@ def _stiffness_above_bound(discs: DiscLaw, row: int, u: float) -> float:
     if u < tables.pairs[row, SMOOTH]:
         more, _, by_u = _singular_contact_part(tables, row, u)
         ratio, slope = ratio + more, slope + by_u
-    bound = 3.0 * discs.series[STIFFNESS] * fifth
+    bound = 3.0 * discs.coefficients[STIFFNESS] * fifth
     return max(abs(ratio + 2.0 * u * slope), abs(ratio)) - bound
 
 
@@ -438,8 +438,8 @@ def _add_energy_load_stiffness(discs: DiscLaw, close: CloseDiscList, arrays: Gra
             first, second = value_or_one(arrays.moments, i), value_or_one(arrays.moments, j)
             # As 1/r^3 in the sums, and the stiffness as 1/r^5.
             cube = 3.0 / STRENGTH * _tabulated_energy(tables, row, u)
-            fifth = _stiffness_above_bound(discs, row, u) / (3.0 * discs.series[STIFFNESS])
-            add_to_entry_if_given(arrays.extremes, 0, first * second * cube)
+            fifth = _stiffness_above_bound(discs, row, u) / (3.0 * discs.coefficients[STIFFNESS])
+            add_to_entry_if_given(arrays.energy_and_closest, 0, first * second * cube)
             add_to_entry_if_given(arrays.load, i, value_or_one(arrays.weight, j) * cube)
             add_to_entry_if_given(arrays.load, j, value_or_one(arrays.weight, i) * cube)
             add_to_entry_if_given(arrays.stiffness, i, second * fifth)
@@ -483,6 +483,6 @@ def add_close_disc_corrections(discs: DiscLaw, close: CloseDiscList, grains: int
     touching, crowded = _add_spline_forces(discs, close, arrays), 0
     if touching > 0:
         crowded = _add_singular_contact_forces(discs, close, arrays)
-    if not _add_energy_load_stiffness_if_wanted(arrays.extremes, discs, close, arrays):
+    if not _add_energy_load_stiffness_if_wanted(arrays.energy_and_closest, discs, close, arrays):
         _add_energy_load_stiffness_if_wanted(arrays.load, discs, close, arrays)
     return crowded

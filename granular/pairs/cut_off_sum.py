@@ -90,30 +90,30 @@ def _vector_width_constant() -> ir.Constant:
 
 
 @compiled
-def _load_positions_of_part(stripes: Stripes, asked: GrainArrays, part: int) -> None:
+def _load_positions_of_part(stripes: Stripes, requested: GrainArrays, part: int) -> None:
     """Put the grains of a part where they are now, and clear its sums."""
     for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
-        stripes.x[stripes.slot[k]] = asked.x[stripes.order[k]]
-        stripes.y[stripes.slot[k]] = asked.y[stripes.order[k]]
+        stripes.x[stripes.slot[k]] = requested.x[stripes.order[k]]
+        stripes.y[stripes.slot[k]] = requested.y[stripes.order[k]]
     _wrap_into_cell(stripes.cell_offsets, stripes, part)
-    _clear_sums_of_part(asked.fx, stripes.fx, stripes, part)
-    _clear_sums_of_part(asked.fy, stripes.fy, stripes, part)
-    _clear_sums_of_part(asked.stiffness, stripes.stiffness, stripes, part)
-    _clear_sums_of_part(asked.load, stripes.load, stripes, part)
+    _clear_sums_of_part(requested.fx, stripes.fx, stripes, part)
+    _clear_sums_of_part(requested.fy, stripes.fy, stripes, part)
+    _clear_sums_of_part(requested.stiffness, stripes.stiffness, stripes, part)
+    _clear_sums_of_part(requested.load, stripes.load, stripes, part)
 
 
 @compiled(inline=True)
-def _wrap_into_cell(homes: Array | None, stripes: Stripes, part: int) -> None:
+def _wrap_into_cell(cell_offsets: Array | None, stripes: Stripes, part: int) -> None:
     """In a periodic cell, replace the grains by their images within it."""
-    if homes is not None:
+    if cell_offsets is not None:
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
-            stripes.x[stripes.slot[k]] -= homes[0, stripes.order[k]]
-            stripes.y[stripes.slot[k]] -= homes[1, stripes.order[k]]
+            stripes.x[stripes.slot[k]] -= cell_offsets[0, stripes.order[k]]
+            stripes.y[stripes.slot[k]] -= cell_offsets[1, stripes.order[k]]
 
 
 @compiled(inline=True)
-def _clear_sums_of_part(asked: Array | None, sums: Array | None, stripes: Stripes, part: int) -> None:
-    if asked is not None:
+def _clear_sums_of_part(requested: Array | None, sums: Array | None, stripes: Stripes, part: int) -> None:
+    if requested is not None:
         _clear_row_of_part(sums, stripes, part)
 
 
@@ -125,7 +125,7 @@ def _clear_row_of_part(sums: Array | None, stripes: Stripes, part: int) -> None:
 
 @compiled
 def _sum_pairs_of_part(
-    stripes: Stripes, asked: GrainArrays, part: int, radius: float, smooth: bool | None
+    stripes: Stripes, requested: GrainArrays, part: int, radius: float, smooth: bool | None
 ) -> None:
     """Meet the partners of a part's rows."""
     sums = GrainArrays(
@@ -134,11 +134,11 @@ def _sum_pairs_of_part(
         stripes.fx,
         stripes.fy,
         stripes.moments,
-        array_if_wanted(asked.stiffness, stripes.stiffness),
-        asked.extremes,
-        array_if_wanted(asked.load, stripes.load),
+        array_if_wanted(requested.stiffness, stripes.stiffness),
+        requested.energy_and_closest,
+        array_if_wanted(requested.load, stripes.load),
         stripes.weight,
-        asked.series,
+        requested.disc_law,
         stripes.shift,
     )
     first, stop = stripes.rows[part], stripes.rows[part + 1]
@@ -173,23 +173,26 @@ def _copy_sums_to_grains(out: Array, sums: Array | None, scale: float, stripes: 
 
 
 @compiled
-def _copy_all_sums_of_part(stripes: Stripes, asked: GrainArrays, part: int) -> None:
-    scale, strength = unscaled_sum_factor(asked.series), STRENGTH * unscaled_force_factor(asked.series)
-    _copy_sums_if_wanted(asked.fx, stripes.fx, strength, stripes, part)
-    _copy_sums_if_wanted(asked.fy, stripes.fy, strength, stripes, part)
-    _copy_sums_if_wanted(asked.stiffness, stripes.stiffness, scale, stripes, part)
-    _copy_sums_if_wanted(asked.load, stripes.load, scale, stripes, part)
+def _copy_all_sums_of_part(stripes: Stripes, requested: GrainArrays, part: int) -> None:
+    scale, strength = (
+        unscaled_sum_factor(requested.disc_law),
+        STRENGTH * unscaled_force_factor(requested.disc_law),
+    )
+    _copy_sums_if_wanted(requested.fx, stripes.fx, strength, stripes, part)
+    _copy_sums_if_wanted(requested.fy, stripes.fy, strength, stripes, part)
+    _copy_sums_if_wanted(requested.stiffness, stripes.stiffness, scale, stripes, part)
+    _copy_sums_if_wanted(requested.load, stripes.load, scale, stripes, part)
 
 
 @compiled
-def _sum_all_parts(stripes: Stripes, asked: GrainArrays, radius: float, smooth: bool | None) -> None:
+def _sum_all_parts(stripes: Stripes, requested: GrainArrays, radius: float, smooth: bool | None) -> None:
     parts = stripes.ends.size
     for part in range(parts):
-        _load_positions_of_part(stripes, asked, part)
+        _load_positions_of_part(stripes, requested, part)
     for part in range(parts):
-        _sum_pairs_of_part(stripes, asked, part, radius, smooth)
+        _sum_pairs_of_part(stripes, requested, part, radius, smooth)
     for part in range(parts):
-        _copy_all_sums_of_part(stripes, asked, part)
+        _copy_all_sums_of_part(stripes, requested, part)
 
 
 # A kernel each: Numba runs two loops as one where it sees nothing that the second takes from the
@@ -197,38 +200,38 @@ def _sum_all_parts(stripes: Stripes, asked: GrainArrays, radius: float, smooth: 
 
 
 @compiled(parallel=True)
-def _load_positions_threaded(stripes: Stripes, asked: GrainArrays) -> None:
+def _load_positions_threaded(stripes: Stripes, requested: GrainArrays) -> None:
     for part in numba.prange(stripes.ends.size):
-        _load_positions_of_part(stripes, asked, part)
+        _load_positions_of_part(stripes, requested, part)
 
 
 @compiled(parallel=True)
-def _sum_pairs_threaded(stripes: Stripes, asked: GrainArrays, radius: float, smooth: bool | None) -> None:
+def _sum_pairs_threaded(stripes: Stripes, requested: GrainArrays, radius: float, smooth: bool | None) -> None:
     for part in numba.prange(stripes.ends.size):
-        _sum_pairs_of_part(stripes, asked, part, radius, smooth)
+        _sum_pairs_of_part(stripes, requested, part, radius, smooth)
 
 
 @compiled(parallel=True)
-def _copy_sums_threaded(stripes: Stripes, asked: GrainArrays) -> None:
+def _copy_sums_threaded(stripes: Stripes, requested: GrainArrays) -> None:
     for part in numba.prange(stripes.ends.size):
-        _copy_all_sums_of_part(stripes, asked, part)
+        _copy_all_sums_of_part(stripes, requested, part)
 
 
 @compiled
 def _sum_parts_or_threaded(
-    threaded: bool | None, stripes: Stripes, asked: GrainArrays, radius: float, smooth: bool | None
+    threaded: bool | None, stripes: Stripes, requested: GrainArrays, radius: float, smooth: bool | None
 ) -> None:
     if threaded is None:
-        _sum_all_parts(stripes, asked, radius, smooth)
+        _sum_all_parts(stripes, requested, radius, smooth)
     else:
-        _load_positions_threaded(stripes, asked)
-        _sum_pairs_threaded(stripes, asked, radius, smooth)
-        _copy_sums_threaded(stripes, asked)
+        _load_positions_threaded(stripes, requested)
+        _sum_pairs_threaded(stripes, requested, radius, smooth)
+        _copy_sums_threaded(stripes, requested)
 
 
 @compiled(inline=True)
 def _sum_with_energy_and_closest(
-    extremes: Array | None,
+    energy_and_closest: Array | None,
     threaded: bool | None,
     stripes: Stripes,
     arrays: GrainArrays,
@@ -236,17 +239,17 @@ def _sum_with_energy_and_closest(
     smooth: bool | None,
 ) -> None:
     """Sum the pairs; extremes, where they are asked for, by a row for each part."""
-    if extremes is None:
+    if energy_and_closest is None:
         _sum_parts_or_threaded(threaded, stripes, arrays, radius, smooth)
     else:
         parts = np.zeros((stripes.ends.size, 2))
         measured = replace_energy_and_closest(arrays, parts)
         _sum_parts_or_threaded(threaded, stripes, measured, radius, smooth)
-        extremes[:] = 0.0
-        scale = unscaled_sum_factor(arrays.series)
+        energy_and_closest[:] = 0.0
+        scale = unscaled_sum_factor(arrays.disc_law)
         for part in range(len(parts)):
-            extremes[0] += scale * parts[part, 0]
-            extremes[1] = max(extremes[1], scale * parts[part, 1])
+            energy_and_closest[0] += scale * parts[part, 0]
+            energy_and_closest[1] = max(energy_and_closest[1], scale * parts[part, 1])
 
 
 @compiled
@@ -259,7 +262,7 @@ def _compiled_cut_off_sum(
     arrays: GrainArrays,
 ) -> None:
     if refresh_partner_lists(stripes, arrays, grains, radius):
-        _sum_with_energy_and_closest(arrays.extremes, threaded, stripes, arrays, radius, smooth)
+        _sum_with_energy_and_closest(arrays.energy_and_closest, threaded, stripes, arrays, radius, smooth)
     else:
         set_forces_to_nan(arrays, grains)
 

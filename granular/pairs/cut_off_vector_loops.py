@@ -42,30 +42,30 @@ class _RowSums(NamedTuple):
     arrays: GrainArrayPointers
     grains: list[GrainVectors]
     totals: list[list[Any]]
-    extremes: EnergyAndClosestPair
+    energy_and_closest: EnergyAndClosestPair
     cut: CutOffVectors
 
 
-def _add_eight_partners(code: VectorBuilder, sweep: _RowSums, j: ir.Value, *, own: bool) -> None:
+def _add_eight_partners(code: VectorBuilder, row_sums: _RowSums, j: ir.Value, *, own: bool) -> None:
     """Rows against the partners from j on.
 
     ``own``: j is the second row itself. It is a partner of the first one alone.
     """
-    pointers = computed_sums(sweep.arrays.sums)
-    partners = load_eight_grains(code, sweep.arrays, j)
+    pointers = computed_sums(row_sums.arrays.sums)
+    partners = load_eight_grains(code, row_sums.arrays, j)
     reactions = [code.load_vector(pointer, j) for pointer in pointers]
-    for row, (grain, sums) in enumerate(zip(sweep.grains, sweep.totals, strict=True)):
+    for row, (grain, sums) in enumerate(zip(row_sums.grains, row_sums.totals, strict=True)):
         lanes = [lane >= row for lane in range(WIDTH)] if own and row else None
         pairs = pair_contributions(
             code,
             grain,
             partners,
-            sweep.arrays.sums,
-            sweep.extremes,
+            row_sums.arrays.sums,
+            row_sums.energy_and_closest,
             lanes,
-            sweep.cut,
+            row_sums.cut,
             None,
-            sweep.arrays.series,
+            row_sums.arrays.disc_law,
         )
         for total, value in zip(sums, computed_sums(pairs[0]), strict=True):
             code.add_to_variable(total, value)
@@ -74,37 +74,40 @@ def _add_eight_partners(code: VectorBuilder, sweep: _RowSums, j: ir.Value, *, ow
         code.store_vector(reaction, pointer, j)
 
 
-def _shift_rows_by_image(code: VectorBuilder, sweep: _RowSums, shifts: Any, index: ir.Value) -> _RowSums:
+def _shift_rows_by_image(code: VectorBuilder, row_sums: _RowSums, shifts: Any, index: ir.Value) -> _RowSums:
     """Rows as the images of a run's partners see them."""
     if shifts is None:
-        return sweep
+        return row_sums
     b = code.builder
     across = code.broadcast_scalar(code.load_scalar(shifts, index))
     up = code.broadcast_scalar(code.load_scalar(shifts, b.add(index, ir.Constant(INDEX, 1))))
-    grains = [grain._replace(x=b.fsub(grain.x, across), y=b.fsub(grain.y, up)) for grain in sweep.grains]
-    return sweep._replace(grains=grains)
+    grains = [grain._replace(x=b.fsub(grain.x, across), y=b.fsub(grain.y, up)) for grain in row_sums.grains]
+    return row_sums._replace(grains=grains)
 
 
 def _sum_two_rows(
-    code: VectorBuilder, all_rows: _RowSums, first: ir.Value, runs: ir.Value, shifts: Any
+    code: VectorBuilder, all_rows: _RowSums, first: ir.Value, partner_ranges: ir.Value, shifts: Any
 ) -> None:
-    b, sweep = code.builder, all_rows
+    b, row_sums = code.builder, all_rows
     second = b.add(first, ir.Constant(INDEX, 1))
-    _add_eight_partners(code, sweep, second, own=True)
+    _add_eight_partners(code, row_sums, second, own=True)
     number = RANGES if shifts is None else RANGES * IMAGES
     many, item = ir.Constant(INDEX, number), ir.Constant(INDEX, 1)
     begin = b.mul(first, many)  # two places for each run, two rows
     zero = ir.Constant(INDEX, 0)
     with cgutils.for_range_slice(b, zero, many, item, INDEX) as (run, _):
         index = b.add(begin, b.mul(run, ir.Constant(INDEX, 2)))
-        start, stop = code.load_scalar(runs, index), code.load_scalar(runs, b.add(index, item))
-        sweep = _shift_rows_by_image(code, all_rows, shifts, index)
+        start, stop = (
+            code.load_scalar(partner_ranges, index),
+            code.load_scalar(partner_ranges, b.add(index, item)),
+        )
+        row_sums = _shift_rows_by_image(code, all_rows, shifts, index)
         with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
-            _add_eight_partners(code, sweep, j, own=False)
+            _add_eight_partners(code, row_sums, j, own=False)
     for which, pointer in enumerate(computed_sums(all_rows.arrays.sums)):
         vectors = [b.load(sums[which]) for sums in all_rows.totals]
         code.add_vector_to_entries(code.sum_lanes_of_vectors(vectors), pointer, first)
-    all_rows.extremes.store_results()
+    all_rows.energy_and_closest.store_results()
 
 
 def _rescaled_coefficients(
@@ -146,7 +149,7 @@ def _make_smooth_cut_off(
 def sum_row_ranges(
     typing: Any,
     arrays: Any,
-    runs: Any,
+    partner_ranges: Any,
     part: Any,
     first: Any,
     stop: Any,
@@ -165,7 +168,7 @@ def sum_row_ranges(
     arrays : GrainArrays
         Grains in stripes [D]; fx, fy, stiffness, extremes and load have a row for each part. All sums lack
         the factors of `granular.pairs.grain_arrays.unscaled_sum_factor`.
-    runs : int64 (rows / 2, RANGES, 2)
+    partner_ranges : int64 (rows / 2, RANGES, 2)
         Start and stop of each range of partners; `IMAGES` times as many ranges in a periodic cell.
     part : int
         Row of the sums that is added to.
@@ -179,7 +182,9 @@ def sum_row_ranges(
     shifts : float64 (rows / 2, RANGES * IMAGES, 2) or None
         Displacement of the images of each range's partners in a periodic cell [D].
     """
-    signature = types.void(arrays, runs, types.intp, types.intp, types.intp, types.float64, smooth, shifts)
+    signature = types.void(
+        arrays, partner_ranges, types.intp, types.intp, types.intp, types.float64, smooth, shifts
+    )
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = VectorBuilder(context, builder)
@@ -193,14 +198,14 @@ def sum_row_ranges(
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
             indices = [builder.add(row, ir.Constant(INDEX, item)) for item in range(ROWS)]
             count = len(computed_sums(arrays.sums))
-            sweep = _RowSums(
+            row_sums = _RowSums(
                 arrays,
                 [broadcast_grain(code, arrays, position) for position in indices],
                 [[code.new_variable(broadcast_constant(0.0)) for _ in range(count)] for _ in indices],
-                EnergyAndClosestPair(code, arrays.extremes),
+                EnergyAndClosestPair(code, arrays.energy_and_closest),
                 cut,
             )
-            _sum_two_rows(code, sweep, row, listed, away)
+            _sum_two_rows(code, row_sums, row, listed, away)
         return context.get_dummy_value()
 
     return signature, generate

@@ -26,7 +26,7 @@ class DirectFarFieldWorkspace(NamedTuple):
     ----------
     near : float64 (2, m)
         Forces of the near part.
-    extremes : float64 (2, 2)
+    energy_and_closest : float64 (2, 2)
         Extremes of all pairs, and of the near ones; see `granular.pairs.direct_sum.direct_sum`.
     buffers : float64 (parts, 5, m) or None
         See `granular.pairs.direct_sum.partial_sum_buffers`.
@@ -35,19 +35,19 @@ class DirectFarFieldWorkspace(NamedTuple):
     """
 
     near: np.ndarray
-    extremes: np.ndarray
+    energy_and_closest: np.ndarray
     buffers: np.ndarray | None
     load: np.ndarray | None
 
 
-def direct_far_field_workspace(size: int, *, loaded: bool) -> DirectFarFieldWorkspace:
+def direct_far_field_workspace(size: int, *, with_loads: bool) -> DirectFarFieldWorkspace:
     """Allocate the arrays of a far field that is the sum over all pairs less that over near pairs.
 
     Parameters
     ----------
     size : int
         Padded number of grains, m.
-    loaded : bool
+    with_loads : bool
         True where friction needs the far part of the normal loads.
 
     Returns
@@ -57,9 +57,9 @@ def direct_far_field_workspace(size: int, *, loaded: bool) -> DirectFarFieldWork
     """
     return DirectFarFieldWorkspace(
         near=np.zeros((2, size)),
-        extremes=np.zeros((2, 2)),
+        energy_and_closest=np.zeros((2, 2)),
         buffers=partial_sum_buffers(size),
-        load=np.zeros(size) if loaded else None,
+        load=np.zeros(size) if with_loads else None,
     )
 
 
@@ -102,7 +102,7 @@ def compute_direct_far_field(
     if not positions_are_finite(arrays.x, arrays.y, grains):
         set_forces_to_nan(arrays, grains)
         return
-    forces, every, near = workspace.near, workspace.extremes[0], workspace.extremes[1]
+    forces, every, near = workspace.near, workspace.energy_and_closest[0], workspace.energy_and_closest[1]
     direct_sum(replace_energy_and_closest(arrays, every), workspace.buffers, threaded, None)
     close = GrainArrays(
         arrays.x,
@@ -114,7 +114,7 @@ def compute_direct_far_field(
         near,
         workspace.load,
         arrays.weight,
-        arrays.series,
+        arrays.disc_law,
         arrays.shift,
     )
     cut_off_sum(stripes, radius, True, threaded, grains, close)

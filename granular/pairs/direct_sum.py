@@ -91,15 +91,17 @@ def partial_sum_buffers(size: int) -> np.ndarray | None:
 
 
 @compiled
-def _sum_pairs_of_part(arrays: GrainArrays, nearest: Array | None, part: int, parts: int) -> None:
+def _sum_pairs_of_part(arrays: GrainArrays, periodic_cut_off: Array | None, part: int, parts: int) -> None:
     size = arrays.x.size
     for first in range(part * WIDTH, size, parts * WIDTH):
-        sum_pairs_within_block(arrays, first, nearest)
-        sum_rows_with_partners(arrays, first, first + WIDTH, size, nearest)
+        sum_pairs_within_block(arrays, first, periodic_cut_off)
+        sum_rows_with_partners(arrays, first, first + WIDTH, size, periodic_cut_off)
 
 
 @compiled
-def _sum_part_into_buffer(arrays: GrainArrays, nearest: Array | None, buffer: Array, part: int) -> None:
+def _sum_part_into_buffer(
+    arrays: GrainArrays, periodic_cut_off: Array | None, buffer: Array, part: int
+) -> None:
     buffer[:4] = 0.0
     buffer[4, :2] = 0.0
     sums = GrainArrays(
@@ -109,25 +111,27 @@ def _sum_part_into_buffer(arrays: GrainArrays, nearest: Array | None, buffer: Ar
         buffer[1],
         arrays.moments,
         array_if_wanted(arrays.stiffness, buffer[2]),
-        array_if_wanted(arrays.extremes, buffer[4]),
+        array_if_wanted(arrays.energy_and_closest, buffer[4]),
         array_if_wanted(arrays.load, buffer[3]),
         arrays.weight,
-        arrays.series,
+        arrays.disc_law,
         arrays.shift,
     )
-    _sum_pairs_of_part(sums, nearest, part, PARTS)
+    _sum_pairs_of_part(sums, periodic_cut_off, part, PARTS)
 
 
 @compiled
-def _sum_parts_into_buffers(arrays: GrainArrays, nearest: Array | None, buffers: Array) -> None:
+def _sum_parts_into_buffers(arrays: GrainArrays, periodic_cut_off: Array | None, buffers: Array) -> None:
     for part in range(PARTS):
-        _sum_part_into_buffer(arrays, nearest, buffers[part], part)
+        _sum_part_into_buffer(arrays, periodic_cut_off, buffers[part], part)
 
 
 @compiled(parallel=True)
-def _sum_parts_into_buffers_threaded(arrays: GrainArrays, nearest: Array | None, buffers: Array) -> None:
+def _sum_parts_into_buffers_threaded(
+    arrays: GrainArrays, periodic_cut_off: Array | None, buffers: Array
+) -> None:
     for part in numba.prange(PARTS):
-        _sum_part_into_buffer(arrays, nearest, buffers[part], part)
+        _sum_part_into_buffer(arrays, periodic_cut_off, buffers[part], part)
 
 
 @compiled
@@ -141,37 +145,37 @@ def _add_buffers(buffers: Array, row: int, out: Array | None) -> None:
 
 
 @compiled
-def _combine_energy_and_closest(buffers: Array, extremes: Array | None) -> None:
-    if extremes is not None:
+def _combine_energy_and_closest(buffers: Array, energy_and_closest: Array | None) -> None:
+    if energy_and_closest is not None:
         for part in range(PARTS):
-            extremes[0] += buffers[part, 4, 0]
-            extremes[1] = max(extremes[1], buffers[part, 4, 1])
+            energy_and_closest[0] += buffers[part, 4, 0]
+            energy_and_closest[1] = max(energy_and_closest[1], buffers[part, 4, 1])
 
 
 @compiled
 def _compiled_direct_sum(
-    arrays: GrainArrays, buffers: Array | None, threaded: bool | None, nearest: Array | None
+    arrays: GrainArrays, buffers: Array | None, threaded: bool | None, periodic_cut_off: Array | None
 ) -> None:
     if buffers is None:
         clear_sums(arrays)
-        _sum_pairs_of_part(arrays, nearest, 0, 1)
+        _sum_pairs_of_part(arrays, periodic_cut_off, 0, 1)
     else:
         if threaded is None:
-            _sum_parts_into_buffers(arrays, nearest, buffers)
+            _sum_parts_into_buffers(arrays, periodic_cut_off, buffers)
         else:
-            _sum_parts_into_buffers_threaded(arrays, nearest, buffers)
+            _sum_parts_into_buffers_threaded(arrays, periodic_cut_off, buffers)
         _add_buffers(buffers, 0, arrays.fx)
         _add_buffers(buffers, 1, arrays.fy)
         _add_buffers(buffers, 2, arrays.stiffness)
         _add_buffers(buffers, 3, arrays.load)
-        clear_array_if_given(arrays.extremes)
-        _combine_energy_and_closest(buffers, arrays.extremes)
-    scale, strength = unscaled_sum_factor(arrays.series), STRENGTH * unscaled_force_factor(arrays.series)
+        clear_array_if_given(arrays.energy_and_closest)
+        _combine_energy_and_closest(buffers, arrays.energy_and_closest)
+    scale, strength = unscaled_sum_factor(arrays.disc_law), STRENGTH * unscaled_force_factor(arrays.disc_law)
     scale_array_if_given(arrays.fx, strength)
     scale_array_if_given(arrays.fy, strength)
     scale_array_if_given(arrays.stiffness, scale)
     scale_array_if_given(arrays.load, scale)
-    scale_array_if_given(arrays.extremes, scale)
+    scale_array_if_given(arrays.energy_and_closest, scale)
 
 
 direct_sum = pure_python_direct_sum if numba.config.DISABLE_JIT else _compiled_direct_sum
@@ -184,7 +188,7 @@ buffers : float64 (PARTS, 5, m) or None
     From `partial_sum_buffers`.
 threaded : bool or None
     None runs the parts one after another, anything else on Numba's threads.
-nearest : float64 (3,) or None
+periodic_cut_off : float64 (3,) or None
     Of a periodic cell, where each grain meets the nearest image of every other one: its width and
     height, and the radius where pairs end [D], at most half the shorter side. The energy of a pair
     is taken as zero there.

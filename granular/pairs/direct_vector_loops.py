@@ -45,13 +45,13 @@ class _PeriodicCutOff(NamedTuple):
 
 
 def _make_periodic_cut_off(
-    code: VectorBuilder, arrays: GrainArrayPointers, kind: Any, nearest: Any
+    code: VectorBuilder, arrays: GrainArrayPointers, kind: Any, periodic_cut_off: Any
 ) -> _PeriodicCutOff:
     """Make it from width, height and radius [D]."""
     if isinstance(kind, types.NoneType):
         return _PeriodicCutOff(None, None)
     b, item = code.builder, ir.Constant(ir.DoubleType(), 1.0)
-    pointer = code.array_pointer(kind, nearest)
+    pointer = code.array_pointer(kind, periodic_cut_off)
     width, height, radius = (code.load_scalar(pointer, ir.Constant(INDEX, k)) for k in range(3))
     square = b.fmul(radius, radius)
     rest = b.fdiv(ir.Constant(square.type, 1.0 / arrays.scale), b.fmul(square, radius))
@@ -75,13 +75,13 @@ def _emit_rows_with_partners(
     grains = [broadcast_grain(code, arrays, position) for position in indices]
     pointers = computed_sums(arrays.sums)
     totals = [[code.new_variable(broadcast_constant(0.0)) for _ in pointers] for _ in range(rows)]
-    extremes = EnergyAndClosestPair(code, arrays.extremes)
+    energy_and_closest = EnergyAndClosestPair(code, arrays.energy_and_closest)
     with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
         partners = load_eight_grains(code, arrays, j)
         reactions = [code.load_vector(pointer, j) for pointer in pointers]
         for grain, sums in zip(grains, totals, strict=True):
             own, other = pair_contributions(
-                code, grain, partners, arrays.sums, extremes, None, *ends, arrays.series
+                code, grain, partners, arrays.sums, energy_and_closest, None, *ends, arrays.disc_law
             )
             for total, value in zip(sums, computed_sums(own), strict=True):
                 code.add_to_variable(total, value)
@@ -91,7 +91,7 @@ def _emit_rows_with_partners(
     for which, pointer in enumerate(pointers):
         vectors = [b.load(sums[which]) for sums in totals]
         code.add_vector_to_entries(code.sum_lanes_of_vectors(vectors), pointer, first)
-    extremes.store_results()
+    energy_and_closest.store_results()
 
 
 def _emit_pairs_within_block(
@@ -101,7 +101,7 @@ def _emit_pairs_within_block(
     grains = load_eight_grains(code, arrays, first)
     pointers = computed_sums(arrays.sums)
     totals = [code.load_vector(pointer, first) for pointer in pointers]
-    extremes = EnergyAndClosestPair(code, arrays.extremes)
+    energy_and_closest = EnergyAndClosestPair(code, arrays.energy_and_closest)
     for by in range(1, WIDTH // 2 + 1):
         partners = GrainVectors(
             *(None if grain is None else code.rotate_lanes(grain, by) for grain in grains)
@@ -109,18 +109,20 @@ def _emit_pairs_within_block(
         # Half way round, each pair would be met from both ends.
         lanes = [lane < WIDTH // 2 for lane in range(WIDTH)] if by == WIDTH // 2 else None
         own, other = pair_contributions(
-            code, grains, partners, arrays.sums, extremes, lanes, *ends, arrays.series
+            code, grains, partners, arrays.sums, energy_and_closest, lanes, *ends, arrays.disc_law
         )
         totals = add_vectors(code, totals, computed_sums(own))
         back = [code.rotate_lanes(value, WIDTH - by) for value in computed_sums(other)]
         totals = add_vectors(code, totals, back)
     for pointer, total in zip(pointers, totals, strict=True):
         code.store_vector(total, pointer, first)
-    extremes.store_results()
+    energy_and_closest.store_results()
 
 
 @intrinsic
-def sum_rows_with_partners(typing: Any, arrays: Any, first: Any, start: Any, stop: Any, nearest: Any) -> Any:
+def sum_rows_with_partners(
+    typing: Any, arrays: Any, first: Any, start: Any, stop: Any, periodic_cut_off: Any
+) -> Any:
     """Sum the pairs of eight grains with the partners start .. stop - 1 (Numba intrinsic).
 
     Parameters
@@ -131,16 +133,16 @@ def sum_rows_with_partners(typing: Any, arrays: Any, first: Any, start: Any, sto
         Index of the first of the eight grains.
     start, stop : int
         Range of the partners, both multiples of `WIDTH`.
-    nearest : float64 (3,) or None
+    periodic_cut_off : float64 (3,) or None
         Width, height and cut-off radius of a periodic cell [D].
     """
-    signature = types.void(arrays, types.intp, types.intp, types.intp, nearest)
+    signature = types.void(arrays, types.intp, types.intp, types.intp, periodic_cut_off)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = VectorBuilder(context, builder)
         arrays = GrainArrayPointers(code, signature.args[0], values[0])
-        first, start, stop, nearest = values[1:]
-        ends = _make_periodic_cut_off(code, arrays, signature.args[4], nearest)
+        first, start, stop, periodic_cut_off = values[1:]
+        ends = _make_periodic_cut_off(code, arrays, signature.args[4], periodic_cut_off)
         rows = _rows_at_once(context)
         last = builder.add(first, ir.Constant(INDEX, WIDTH))
         step = ir.Constant(INDEX, rows)
@@ -152,7 +154,7 @@ def sum_rows_with_partners(typing: Any, arrays: Any, first: Any, start: Any, sto
 
 
 @intrinsic
-def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, nearest: Any) -> Any:
+def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, periodic_cut_off: Any) -> Any:
     """Sum the pairs of eight successive grains among themselves (Numba intrinsic).
 
     Parameters
@@ -161,10 +163,10 @@ def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, nearest: Any) -
         Positions [D], and the sums that are added to, without the factors of `granular.pairs.grain_arrays`.
     first : int
         Index of the first of the eight grains.
-    nearest : float64 (3,) or None
+    periodic_cut_off : float64 (3,) or None
         Width, height and cut-off radius of a periodic cell [D].
     """
-    signature = types.void(arrays, types.intp, nearest)
+    signature = types.void(arrays, types.intp, periodic_cut_off)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = VectorBuilder(context, builder)

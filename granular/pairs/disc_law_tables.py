@@ -61,8 +61,8 @@ _LEAST_TERM = 0.004
 """Lower bound of c: the square leaves rounding errors of 1e-17 / c of the force at D."""
 
 COMMON, TERM, CENTRE, FORCE_SCALE, FAR, STIFFNESS = range(6)
-"""Entries of a series: b of all pairs (of alike discs); c; g / `DISC_SCALE`; what sums of forces lack as
-a factor, besides `STRENGTH`; the factor of r^-5 that the far field has beside r^-3; the greatest
+"""Coefficients of the law: b of all pairs (of alike discs); c; g / `DISC_SCALE`; what sums of forces lack
+as a factor, besides `STRENGTH`; the factor of r^-5 that the far field has beside r^-3; the greatest
 stiffness beyond the tables over that of dipoles at rho."""
 
 START, PER_PIECE, CONTACT, HEIGHT, SINGULAR, LEAST, SMOOTH, END, SHIFT = range(9)
@@ -100,7 +100,7 @@ class DiscLaw(NamedTuple):
 
     Attributes
     ----------
-    series : float64 (6,)
+    coefficients : float64 (6,)
         See `COMMON` and the others.
     shift : float64 (m,) or None
         Part of each grain in b [D^2]; None where all are alike.
@@ -115,7 +115,7 @@ class DiscLaw(NamedTuple):
         See `TOUCH` and the others.
     """
 
-    series: np.ndarray
+    coefficients: np.ndarray
     shift: np.ndarray | None
     species: np.ndarray | None
     kinds: int
@@ -136,7 +136,7 @@ class _ExactDiscPair(NamedTuple):
     def shift(self) -> float:
         return pair_squared_distance_shift(*self.discs)
 
-    def errors(self, begin: float, c: float) -> Samples:
+    def errors_over_tolerance(self, begin: float, c: float) -> Samples:
         """Errors of the law of `DiscLaw` from a distance on, over what is allowed."""
         energy, force = _all_pairs_law(self.r, self.shift, c)
         chosen = self.r >= begin
@@ -181,11 +181,13 @@ def make_disc_law(discs: Sequence[Disc], species: np.ndarray, size: int) -> Disc
         len(discs) == 1,
         [squared_distance_shift(d) for d in discs],
     )
-    series = made.series.copy()
-    series[FAR] = 3.0 * float(np.mean([own[k] for k in species])) if len(species) else 0.0
+    coefficients = made.coefficients.copy()
+    coefficients[FAR] = 3.0 * float(np.mean([own[k] for k in species])) if len(species) else 0.0
     shift, index = np.zeros(size), np.zeros(size, dtype=np.int64)
     shift[: len(species)], index[: len(species)] = [own[k] for k in species], species
-    return made._replace(series=series, shift=None if alike else shift, species=None if alike else index)
+    return made._replace(
+        coefficients=coefficients, shift=None if alike else shift, species=None if alike else index
+    )
 
 
 @functools.cache
@@ -202,7 +204,7 @@ def _make_disc_law_of_species(discs: tuple[Disc, ...]) -> DiscLaw:
     common = 2.0 * squared_distance_shift(discs[0]) if len(discs) == 1 else 0.0
     slope = max(_greatest_stiffness(pair, begins[key], c) for key, pair in pairs.items())
     return DiscLaw(
-        series=np.array([common, c, centre, 0.5 * DISC_SCALE / centre, 0.0, slope]),
+        coefficients=np.array([common, c, centre, 0.5 * DISC_SCALE / centre, 0.0, slope]),
         shift=None,
         species=None,
         kinds=len(discs),
@@ -240,8 +242,8 @@ def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
     """Return the c that makes the law good enough from the least distance on."""
     longest = max(pair.r[0] for pair in pairs)
     for begin in _REACHES * longest:
-        at_zero = np.concatenate([pair.errors(begin, 0.0) for pair in pairs])
-        slopes = np.concatenate([pair.errors(begin, 1.0) for pair in pairs]) - at_zero
+        at_zero = np.concatenate([pair.errors_over_tolerance(begin, 0.0) for pair in pairs])
+        slopes = np.concatenate([pair.errors_over_tolerance(begin, 1.0) for pair in pairs]) - at_zero
         # A few weighted least squares make the greatest error least (Lawson 1961).
         weights = np.ones(len(at_zero))
         for _ in range(30):
@@ -268,7 +270,7 @@ def _complete_the_square(c: float) -> tuple[float, float]:
 
 def _law_validity_distance(pair: _ExactDiscPair, c: float) -> float:
     """Distance from which on the law with that c is good enough."""
-    wrong = np.abs(pair.errors(0.0, c)).reshape(2, -1).max(axis=0) > 1.0
+    wrong = np.abs(pair.errors_over_tolerance(0.0, c)).reshape(2, -1).max(axis=0) > 1.0
     return float(pair.r[np.flatnonzero(wrong).max(initial=0) + 1])
 
 

@@ -27,12 +27,12 @@ class GrainArrays(NamedTuple):
         Moment of each grain over the first species'; None where all are alike.
     stiffness : float64 (m,) or None
         Overwritten by sum_j q_j / r^5.
-    extremes : float64 (2,) or None
+    energy_and_closest : float64 (2,) or None
         Overwritten by the sum over pairs of q_i q_j / r^3 and by the largest 1 / r^5. The sweeps of
         the parts of a sum take a row for each part.
     load, weight : float64 (m,) or None
         ``load`` is overwritten by sum_j weight_j / r^3.
-    series : float64 (6,) or None
+    disc_law : float64 (6,) or None
         Law of all pairs of discs, which stands for 1/r^3 and its slope; None for dipoles.
     shift : float64 (m,) or None
         Of unlike discs; see `granular.pairs.disc_law_tables.DiscLaw`.
@@ -44,23 +44,23 @@ class GrainArrays(NamedTuple):
     fy: np.ndarray
     moments: np.ndarray | None = None
     stiffness: np.ndarray | None = None
-    extremes: np.ndarray | None = None
+    energy_and_closest: np.ndarray | None = None
     load: np.ndarray | None = None
     weight: np.ndarray | None = None
-    series: np.ndarray | None = None
+    disc_law: np.ndarray | None = None
     shift: np.ndarray | None = None
 
 
 @compiled(inline=True)
-def replace_energy_and_closest(arrays: GrainArrays, extremes: Array) -> GrainArrays:
+def replace_energy_and_closest(arrays: GrainArrays, energy_and_closest: Array) -> GrainArrays:
     """Copy the arrays, with another array for the energy and the closest pair.
 
     Parameters
     ----------
     arrays : GrainArrays
         Arrays of a sum over pairs.
-    extremes : float64 (2,) or (parts, 2)
-        Array that stands for ``extremes``.
+    energy_and_closest : float64 (2,) or (parts, 2)
+        Array that stands for ``energy_and_closest``.
 
     Returns
     -------
@@ -74,10 +74,10 @@ def replace_energy_and_closest(arrays: GrainArrays, extremes: Array) -> GrainArr
         arrays.fy,
         arrays.moments,
         arrays.stiffness,
-        extremes,
+        energy_and_closest,
         arrays.load,
         arrays.weight,
-        arrays.series,
+        arrays.disc_law,
         arrays.shift,
     )
 
@@ -110,7 +110,7 @@ def clear_sums(arrays: GrainArrays) -> None:
     clear_array_if_given(arrays.fx)
     clear_array_if_given(arrays.fy)
     clear_array_if_given(arrays.stiffness)
-    clear_array_if_given(arrays.extremes)
+    clear_array_if_given(arrays.energy_and_closest)
     clear_array_if_given(arrays.load)
 
 
@@ -150,12 +150,12 @@ def value_or_one(values: Array | None, i: int) -> float:
 
 
 @compiled(inline=True)
-def unscaled_sum_factor(series: Array | None) -> float:
+def unscaled_sum_factor(disc_law: Array | None) -> float:
     """Factor that vectorised sums of energies, stiffnesses and loads still lack.
 
     Parameters
     ----------
-    series : float64 (6,) or None
+    disc_law : float64 (6,) or None
         Law of discs; None for dipoles.
 
     Returns
@@ -163,16 +163,16 @@ def unscaled_sum_factor(series: Array | None) -> float:
     float
         Factor, without unit: `SCALE` or `DISC_SCALE` of `granular.pairs.simd`.
     """
-    return SCALE if series is None else DISC_SCALE
+    return SCALE if disc_law is None else DISC_SCALE
 
 
 @compiled(inline=True)
-def unscaled_force_factor(series: Array | None) -> float:
+def unscaled_force_factor(disc_law: Array | None) -> float:
     """Factor that vectorised sums of forces still lack, besides `granular.pairs.dipole_law.STRENGTH`.
 
     Parameters
     ----------
-    series : float64 (6,) or None
+    disc_law : float64 (6,) or None
         Law of discs; None for dipoles.
 
     Returns
@@ -180,7 +180,7 @@ def unscaled_force_factor(series: Array | None) -> float:
     float
         Factor, without unit.
     """
-    return SCALE if series is None else series[FORCE_SCALE]
+    return SCALE if disc_law is None else disc_law[FORCE_SCALE]
 
 
 @compiled(inline=True)
@@ -215,20 +215,20 @@ def set_forces_to_nan(arrays: GrainArrays, grains: int) -> None:
     arrays.fy[:grains] = np.nan
 
 
-def _pure_python_array_if_wanted(asked: Array | None, sums: Array | None) -> Array | None:
-    return None if asked is None else sums
+def _pure_python_array_if_wanted(requested: Array | None, sums: Array | None) -> Array | None:
+    return None if requested is None else sums
 
 
 @intrinsic
-def _compiled_array_if_wanted(typing: Any, asked: Any, sums: Any) -> Any:
-    kind = types.none if isinstance(asked, types.NoneType) else sums
+def _compiled_array_if_wanted(typing: Any, requested: Any, sums: Any) -> Any:
+    kind = types.none if isinstance(requested, types.NoneType) else sums
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         if kind is types.none:
             return context.get_dummy_value()
         return impl_ret_borrowed(context, builder, kind, values[1])
 
-    return kind(asked, sums), generate
+    return kind(requested, sums), generate
 
 
 array_if_wanted = _pure_python_array_if_wanted if config.DISABLE_JIT else _compiled_array_if_wanted

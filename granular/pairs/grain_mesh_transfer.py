@@ -118,7 +118,7 @@ def spread_grains(
 
 @compiled(inline=True)
 def _spread_on_window(
-    around: Array | None,
+    points_per_length: Array | None,
     mesh: MultilevelMesh,
     threaded: bool | None,
     x: Array,
@@ -127,8 +127,8 @@ def _spread_on_window(
     order: Array,
     grains: int,
 ) -> None:
-    if around is not None:
-        spread_on_periodic_mesh(mesh, around, x, y, amounts, order, grains)
+    if points_per_length is not None:
+        spread_on_periodic_mesh(mesh, points_per_length, x, y, amounts, order, grains)
     elif threaded is None:
         for part in range(len(mesh.part_sources)):
             _spread_grains_of_part(mesh, x, y, amounts, order, grains, part)
@@ -160,10 +160,10 @@ def interpolate_potential(mesh: MultilevelMesh, x: float, y: float) -> tuple[flo
 
 @compiled(inline=True)
 def _interpolate_on_window(
-    around: Array | None, mesh: MultilevelMesh, x: float, y: float
+    points_per_length: Array | None, mesh: MultilevelMesh, x: float, y: float
 ) -> tuple[float, float, float]:
-    if around is not None:
-        return interpolate_on_periodic_mesh(mesh, around, x, y)
+    if points_per_length is not None:
+        return interpolate_on_periodic_mesh(mesh, points_per_length, x, y)
     window, fineness, stride = mesh.windows[0], 1.0 / mesh.spacing, mesh.strides[0]
     u, v = x * fineness, y * fineness
     column, line = math.floor(u), math.floor(v)

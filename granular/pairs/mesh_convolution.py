@@ -147,7 +147,7 @@ def _emit_column_convolution(
     lines: Any,
     first: Any,
     scale: Any,
-    around: Any,
+    points_per_length: Any,
 ) -> Any:
     signature = types.void(
         source,
@@ -160,7 +160,7 @@ def _emit_column_convolution(
         types.intp,
         types.boolean,
         types.float64,
-        around,
+        points_per_length,
     )
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -214,14 +214,24 @@ def _compiled_convolve(
     stride: int,
     lines: int,
     scale: float,
-    around: Array | None,
+    points_per_length: Array | None,
 ) -> None:
     reach, block = along.shape[1], TERMS * WIDTH
     rows[: reach * block] = 0.0
     rows[(reach + lines) * block : (2 * reach + lines) * block] = 0.0
     for group in range(len(along)):
         _emit_column_convolution(
-            source, out, along[group], across[group], rows, at, stride, lines, group == 0, scale, around
+            source,
+            out,
+            along[group],
+            across[group],
+            rows,
+            at,
+            stride,
+            lines,
+            group == 0,
+            scale,
+            points_per_length,
         )
 
 
@@ -235,7 +245,7 @@ def _pure_python_convolve(
     stride: int,
     lines: int,
     scale: float,
-    around: Array | None,
+    points_per_length: Array | None,
 ) -> None:
     reach = along.shape[1]
     indices = at + stride * np.arange(lines)[:, None] + np.arange(WIDTH)
@@ -245,7 +255,7 @@ def _pure_python_convolve(
             fraction = (along[:, abs(here)] * across[:, abs(there)]).sum()
             fraction *= (2.0 if here == 0 else 1.0) * (2.0 if there == 0 else 1.0)
             chosen = np.arange(lines)
-            if around is None:
+            if points_per_length is None:
                 chosen = np.arange(max(0, -there), min(lines, lines - there))
             others = indices[(chosen + there) % lines]
             out[indices[chosen]] += scale * fraction * source[others + here]
@@ -267,6 +277,6 @@ at : int
 stride, lines : int
     From line to line, and how many lines.
 scale : float
-around : float64 (2,) or None
+points_per_length : float64 (2,) or None
     Anything but None where the first line stands again behind the last one.
 """

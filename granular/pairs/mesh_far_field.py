@@ -72,7 +72,7 @@ class FarFieldSettings(NamedTuple):
         while they slide every so many steps. None: for every force.
     periodic : bool
         True where the mesh goes round a periodic cell of that size.
-    fifth : float
+    inverse_fifth_factor : float
         Factor of r^-5 beside r^-3 in the far part, of discs.
     """
 
@@ -81,7 +81,7 @@ class FarFieldSettings(NamedTuple):
     every: int | None
     rubbing: int | None = None
     periodic: bool = False
-    fifth: float = 0.0
+    inverse_fifth_factor: float = 0.0
 
 
 class FarFieldState(NamedTuple):
@@ -134,7 +134,7 @@ class FarFieldState(NamedTuple):
     part_totals: np.ndarray
 
 
-def far_field_state(field: FarFieldSettings, size: int, *, loaded: bool) -> FarFieldState:
+def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> FarFieldState:
     """Allocate the far field of a scene, with the mesh or the direct sum that computes it.
 
     Parameters
@@ -143,7 +143,7 @@ def far_field_state(field: FarFieldSettings, size: int, *, loaded: bool) -> FarF
         Radius, size of the mesh and steps between evaluations.
     size : int
         Padded number of grains, m.
-    loaded : bool
+    with_loads : bool
         True where friction needs the far part of the normal loads.
 
     Returns
@@ -153,19 +153,19 @@ def far_field_state(field: FarFieldSettings, size: int, *, loaded: bool) -> FarF
     """
     mesh, spacing = None, field.radius / SPACINGS
     if field.size is not None and field.periodic:
-        mesh = periodic_mesh_workspace(*field.size, field.radius, spacing, field.fifth)
+        mesh = periodic_mesh_workspace(*field.size, field.radius, spacing, field.inverse_fifth_factor)
     elif field.size is not None:
-        mesh = multilevel_mesh_workspace(*field.size, field.radius, spacing, size, field.fifth)
+        mesh = multilevel_mesh_workspace(*field.size, field.radius, spacing, size, field.inverse_fifth_factor)
     return FarFieldState(
         mesh=mesh,
-        direct=direct_far_field_workspace(size, loaded=loaded) if mesh is None else None,
+        direct=direct_far_field_workspace(size, with_loads=with_loads) if mesh is None else None,
         radius=field.radius,
         self_potential=CUBE[0] / (field.radius * field.radius * field.radius)
-        + FIFTH_ENERGY[0] * field.fifth / field.radius**5,
+        + FIFTH_ENERGY[0] * field.inverse_fifth_factor / field.radius**5,
         fx=np.zeros(size),
         fy=np.zeros(size),
         held_forces=None if field.every is None else np.zeros((2, size)),
-        load=np.zeros(size) if loaded else None,
+        load=np.zeros(size) if with_loads else None,
         evaluated_at=None if field.rubbing is None else np.full((2, size), np.nan),
         rates=np.zeros((3, size)) if field.rubbing is not None and field.rubbing > 1 else None,
         extrapolation_steps=field.rubbing or 0,
@@ -205,70 +205,74 @@ def _store_load_if_wanted(load: Array | None, i: int, value: float) -> None:
 
 
 @compiled
-def _interpolate_forces_of_part(mesh: MultilevelMesh, asked: MeshFarFieldArrays, part: int) -> None:
+def _interpolate_forces_of_part(mesh: MultilevelMesh, requested: MeshFarFieldArrays, part: int) -> None:
     """Return the forces of a part of the grains, and loads of grains that are all alike."""
-    grains, total = asked.grains, 0.0
+    grains, total = requested.grains, 0.0
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
-        i = asked.order[k]
-        value, by_x, by_y = interpolate_potential(mesh, asked.x[i], asked.y[i])
-        q = value_or_one(asked.moments, i)
-        asked.fx[i] = -ENERGY * q * by_x
-        asked.fy[i] = -ENERGY * q * by_y
-        total += q * (value - asked.self_potential * q)
-        _store_load_if_wanted(asked.load, i, value_or_one(asked.weight, i) * (value - asked.self_potential))
-    asked.part_totals[part] = total
+        i = requested.order[k]
+        value, by_x, by_y = interpolate_potential(mesh, requested.x[i], requested.y[i])
+        q = value_or_one(requested.moments, i)
+        requested.fx[i] = -ENERGY * q * by_x
+        requested.fy[i] = -ENERGY * q * by_y
+        total += q * (value - requested.self_potential * q)
+        _store_load_if_wanted(
+            requested.load, i, value_or_one(requested.weight, i) * (value - requested.self_potential)
+        )
+    requested.part_totals[part] = total
 
 
 @compiled
-def _interpolate_loads_of_part(mesh: MultilevelMesh, asked: MeshFarFieldArrays, part: int) -> None:
+def _interpolate_loads_of_part(mesh: MultilevelMesh, requested: MeshFarFieldArrays, part: int) -> None:
     """Return the loads of grains that differ, from a mesh of their weights."""
-    grains = asked.grains
+    grains = requested.grains
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
-        i = asked.order[k]
-        value, _, _ = interpolate_potential(mesh, asked.x[i], asked.y[i])
-        _store_load_if_wanted(asked.load, i, value - asked.self_potential * value_or_one(asked.weight, i))
+        i = requested.order[k]
+        value, _, _ = interpolate_potential(mesh, requested.x[i], requested.y[i])
+        _store_load_if_wanted(
+            requested.load, i, value - requested.self_potential * value_or_one(requested.weight, i)
+        )
 
 
 @compiled(parallel=True)
-def _interpolate_forces_threaded(mesh: MultilevelMesh, asked: MeshFarFieldArrays) -> None:
+def _interpolate_forces_threaded(mesh: MultilevelMesh, requested: MeshFarFieldArrays) -> None:
     for part in numba.prange(PARTS):
-        _interpolate_forces_of_part(mesh, asked, part)
+        _interpolate_forces_of_part(mesh, requested, part)
 
 
 @compiled(parallel=True)
-def _interpolate_loads_threaded(mesh: MultilevelMesh, asked: MeshFarFieldArrays) -> None:
+def _interpolate_loads_threaded(mesh: MultilevelMesh, requested: MeshFarFieldArrays) -> None:
     for part in numba.prange(PARTS):
-        _interpolate_loads_of_part(mesh, asked, part)
+        _interpolate_loads_of_part(mesh, requested, part)
 
 
 @compiled
-def _interpolate_forces(threaded: bool | None, mesh: MultilevelMesh, asked: MeshFarFieldArrays) -> float:
+def _interpolate_forces(threaded: bool | None, mesh: MultilevelMesh, requested: MeshFarFieldArrays) -> float:
     """Fill forces and loads; the energy."""
     if threaded is None:
         for part in range(PARTS):
-            _interpolate_forces_of_part(mesh, asked, part)
+            _interpolate_forces_of_part(mesh, requested, part)
     else:
-        _interpolate_forces_threaded(mesh, asked)
+        _interpolate_forces_threaded(mesh, requested)
     total = 0.0
     for part in range(PARTS):
-        total += asked.part_totals[part]
+        total += requested.part_totals[part]
     return 0.5 * ENERGY * total
 
 
 @compiled
-def _interpolate_loads(threaded: bool | None, mesh: MultilevelMesh, asked: MeshFarFieldArrays) -> None:
+def _interpolate_loads(threaded: bool | None, mesh: MultilevelMesh, requested: MeshFarFieldArrays) -> None:
     if threaded is None:
         for part in range(PARTS):
-            _interpolate_loads_of_part(mesh, asked, part)
+            _interpolate_loads_of_part(mesh, requested, part)
     else:
-        _interpolate_loads_threaded(mesh, asked)
+        _interpolate_loads_threaded(mesh, requested)
 
 
 @compiled(inline=True)
-def _choose_windows_unless_periodic(
-    around: Array | None, mesh: MultilevelMesh, x: Array, y: Array, grains: int
+def _fit_windows_unless_periodic(
+    points_per_length: Array | None, mesh: MultilevelMesh, x: Array, y: Array, grains: int
 ) -> bool:
-    return True if around is not None else fit_windows_to_grains(mesh, x, y, grains)
+    return True if points_per_length is not None else fit_windows_to_grains(mesh, x, y, grains)
 
 
 @compiled(inline=True)
@@ -323,7 +327,7 @@ def compute_mesh_far_field(
     if not positions_are_finite(x, y, grains):
         set_forces_to_nan(arrays, grains)
         return 0
-    if not _choose_windows_unless_periodic(mesh.points_per_length, mesh, x, y, grains):
+    if not _fit_windows_unless_periodic(mesh.points_per_length, mesh, x, y, grains):
         far.energy[0] = np.nan
         return 1
     sums = MeshFarFieldArrays(
@@ -348,18 +352,18 @@ def compute_mesh_far_field(
 
 
 @compiled
-def any_grain_moved(met: Array, x: Array, y: Array, grains: int, still: float) -> bool:
+def any_grain_moved(evaluated_at: Array, x: Array, y: Array, grains: int, unchanged_distance: float) -> bool:
     """Test whether a grain has moved so far since the last evaluation that the far field has changed.
 
     Parameters
     ----------
-    met : float64 (2, m)
+    evaluated_at : float64 (2, m)
         Positions of the last evaluation [D].
     x, y : float64 (m,)
         Present positions [D].
     grains : int
         Number of grains.
-    still : float
+    unchanged_distance : float
         Distance that counts as unmoved [D].
 
     Returns
@@ -369,25 +373,25 @@ def any_grain_moved(met: Array, x: Array, y: Array, grains: int, still: float) -
     """
     moved = 0
     for i in range(grains):
-        dx, dy = x[i] - met[0, i], y[i] - met[1, i]
-        moved += not dx * dx + dy * dy <= still * still
+        dx, dy = x[i] - evaluated_at[0, i], y[i] - evaluated_at[1, i]
+        moved += not dx * dx + dy * dy <= unchanged_distance * unchanged_distance
     return moved > 0
 
 
 @compiled(inline=True)
-def store_positions(met: Array | None, x: Array, y: Array, grains: int) -> None:
+def store_positions(evaluated_at: Array | None, x: Array, y: Array, grains: int) -> None:
     """Store the positions of this evaluation, where they are kept.
 
     Parameters
     ----------
-    met : float64 (2, m) or None
+    evaluated_at : float64 (2, m) or None
         Overwritten by the positions [D].
     x, y : float64 (m,)
         Positions [D].
     grains : int
         Number of grains.
     """
-    if met is not None:
+    if evaluated_at is not None:
         for i in range(grains):
-            met[0, i] = x[i]
-            met[1, i] = y[i]
+            evaluated_at[0, i] = x[i]
+            evaluated_at[1, i] = y[i]

@@ -113,9 +113,9 @@ def _convolve_columns_of_part(mesh: MultilevelMesh, part: int) -> None:
 
 
 @compiled(inline=True)
-def _index_of_first_point(around: Array | None, mesh: MultilevelMesh, level: int) -> int:
+def _index_of_first_point(points_per_length: Array | None, mesh: MultilevelMesh, level: int) -> int:
     """Place of a level's first point."""
-    if around is not None:
+    if points_per_length is not None:
         return index_of_first_mesh_point(mesh, level)
     return mesh.begins[level] + mesh.margin
 
@@ -175,10 +175,10 @@ def compute_mesh_potential(mesh: MultilevelMesh, threaded: bool | None) -> None:
 
 
 @compiled(inline=True)
-def _compute_potential(around: Array | None, mesh: MultilevelMesh, threaded: bool | None) -> None:
+def _compute_potential(points_per_length: Array | None, mesh: MultilevelMesh, threaded: bool | None) -> None:
     levels = len(mesh.windows)
     for level in range(1, levels):
-        if around is None:
+        if points_per_length is None:
             _restrict_sources(mesh, level)
         else:
             restrict_periodic_sources(mesh, level)
@@ -188,9 +188,9 @@ def _compute_potential(around: Array | None, mesh: MultilevelMesh, threaded: boo
     else:
         _convolve_threaded(mesh)
     for level in range(levels - 1, 0, -1):
-        if around is None:
+        if points_per_length is None:
             _prolong_potential(mesh, level)
         else:
             prolong_periodic_potential(mesh, level)
-    if around is not None:
+    if points_per_length is not None:
         copy_periodic_margin(mesh, mesh.potential, 0)

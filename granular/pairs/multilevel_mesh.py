@@ -148,10 +148,10 @@ def _factor_into_products(table: Samples) -> SeparableTable:
 
 
 @functools.cache
-def mesh_tables(radius: float, spacing: float, levels: int, fifth: float = 0.0) -> MeshTables:
+def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor: float = 0.0) -> MeshTables:
     """Tables of the multilevel summation: one band for each level, and the rest on the coarsest one.
 
-    ``fifth`` is the factor of r^-5 in the far part.
+    ``inverse_fifth_factor`` is the factor of r^-5 in the far part.
 
     Sources: Brandt and Lubrecht 1990, doi:10.1016/0021-9991(90)90002-I; Hardy et al. 2016,
     doi:10.1063/1.4943868.
@@ -164,7 +164,7 @@ def mesh_tables(radius: float, spacing: float, levels: int, fifth: float = 0.0) 
         Spacing of the finest level [D].
     levels : int
         Number of levels.
-    fifth : float
+    inverse_fifth_factor : float
         Factor of r^-5 beside r^-3 in the far part [D^2].
 
     Returns
@@ -179,21 +179,21 @@ def mesh_tables(radius: float, spacing: float, levels: int, fifth: float = 0.0) 
     bands = [
         far_part_of_inverse_cube(square, radius, factor)
         - far_part_of_inverse_cube(square, 2.0 * radius, factor)
-        for factor in inverse_fifth_factor_by_level(fifth, levels)
+        for factor in inverse_fifth_factor_by_level(inverse_fifth_factor, levels)
     ]
-    rest = far_part_of_inverse_cube(square, radius, 0.25 ** (levels - 1) * fifth)
+    rest = far_part_of_inverse_cube(square, radius, 0.25 ** (levels - 1) * inverse_fifth_factor)
     made = [_factor_into_products(_middle_of_divided_table(band, reach)) for band in bands]
     return MeshTables(
         repeat_for_levels(made, levels), _factor_into_products(_middle_of_divided_table(rest, most))
     )
 
 
-def inverse_fifth_factor_by_level(fifth: float, levels: int) -> list[float]:
+def inverse_fifth_factor_by_level(inverse_fifth_factor: float, levels: int) -> list[float]:
     """Factor of r^-5 at each level, in units of the level's spacing.
 
     Parameters
     ----------
-    fifth : float
+    inverse_fifth_factor : float
         Factor at the finest level [D^2]; 0 for dipoles.
     levels : int
         Number of levels.
@@ -203,7 +203,7 @@ def inverse_fifth_factor_by_level(fifth: float, levels: int) -> list[float]:
     list of float
         One factor a level, each 1/4 of the one before [D^2]; a single 0 for dipoles, as all levels are alike.
     """
-    return [0.25**level * fifth for level in range(levels if fifth else 1)]
+    return [0.25**level * inverse_fifth_factor for level in range(levels if inverse_fifth_factor else 1)]
 
 
 def repeat_for_levels(bands: list[SeparableTable], levels: int) -> list[SeparableTable]:
@@ -284,7 +284,7 @@ class MultilevelMesh(NamedTuple):
 
 
 def multilevel_mesh_workspace(
-    width: float, height: float, radius: float, spacing: float, grains: int, fifth: float = 0.0
+    width: float, height: float, radius: float, spacing: float, grains: int, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
     """Allocate a mesh of several levels for grains in a closed cell.
 
@@ -298,7 +298,7 @@ def multilevel_mesh_workspace(
         Spacing of the finest level [D].
     grains : int
         Padded number of grains; from `PARTED_FROM` on they are spread in parts.
-    fifth : float
+    inverse_fifth_factor : float
         Factor of r^-5 beside r^-3 in the far part [D^2].
 
     Returns
@@ -307,7 +307,7 @@ def multilevel_mesh_workspace(
         Tables, and arrays of zeros.
     """
     levels = mesh_level_count(max(width, height), radius, spacing)
-    tables = mesh_tables(radius, spacing, levels, fifth)
+    tables = mesh_tables(radius, spacing, levels, inverse_fifth_factor)
     bands = tables.stack_band_tables()
     reach = tables.rest.along.shape[1]
     margin = pad_to_vectors(reach)

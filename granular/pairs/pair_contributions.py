@@ -71,9 +71,9 @@ class GrainArrayPointers:
         ]
         self.x, self.y = pointers[:2]
         self.sums = PairSums(pointers[2], pointers[3], pointers[5], pointers[7])
-        self.moments, self.extremes, self.weight = pointers[4], pointers[6], pointers[8]
-        self.series, self.shift = _load_disc_law(code, pointers[9]), pointers[10]
-        self.scale = SCALE if self.series is None else DISC_SCALE
+        self.moments, self.energy_and_closest, self.weight = pointers[4], pointers[6], pointers[8]
+        self.disc_law, self.shift = _load_disc_law(code, pointers[9]), pointers[10]
+        self.scale = SCALE if self.disc_law is None else DISC_SCALE
         self.far = pointers[9] and code.load_scalar(pointers[9], ir.Constant(INDEX, FAR))
         self.unscaled_force_factor = pointers[9] and code.load_scalar(
             pointers[9], ir.Constant(INDEX, FORCE_SCALE)
@@ -325,11 +325,11 @@ def _masked_inverse_fifth_power(
     r2: ir.Value,
     lanes: list[bool] | None,
     cut: CutOffVectors | None,
-    series: DiscLawVectors | None,
+    disc_law: DiscLawVectors | None,
 ) -> ir.Value:
     """Return ``argument``^(-5/2), and 0 where a pair does not count."""
     b, zero = code.builder, broadcast_constant(0.0)
-    s = inverse_fifth_power(code, argument) if series is None else rough_inverse_fifth_power(code, argument)
+    s = inverse_fifth_power(code, argument) if disc_law is None else rough_inverse_fifth_power(code, argument)
     if lanes is not None:
         s = b.select(lane_mask(lanes), s, zero)
     if cut is not None:
@@ -342,11 +342,11 @@ def pair_contributions(
     first: GrainVectors,
     second: GrainVectors,
     wanted: PairSums,
-    extremes: EnergyAndClosestPair,
+    energy_and_closest: EnergyAndClosestPair,
     lanes: list[bool] | None = None,
     cut: CutOffVectors | None = None,
     images: PeriodicCellVectors | None = None,
-    series: DiscLawVectors | None = None,
+    disc_law: DiscLawVectors | None = None,
 ) -> tuple[PairSums, PairSums]:
     """Emit the contributions of eight pairs to the sums of both grains; see the head of this file.
 
@@ -360,7 +360,7 @@ def pair_contributions(
         Grains of the pairs, <8 x double> each [D].
     wanted : PairSums
         Sums that are computed: those that are not None.
-    extremes : EnergyAndClosestPair
+    energy_and_closest : EnergyAndClosestPair
         Energy and closest pair so far, which are updated.
     lanes : list of bool (8,), optional
         Lanes whose pairs count; all if not given.
@@ -368,7 +368,7 @@ def pair_contributions(
         Cut-off of the pairs.
     images : PeriodicCellVectors, optional
         Periodic cell, for the nearest images.
-    series : DiscLawVectors, optional
+    disc_law : DiscLawVectors, optional
         Law of discs; dipoles if not given.
 
     Returns
@@ -385,32 +385,34 @@ def pair_contributions(
     r2 = code.fused_multiply_add(dx, dx, b.fmul(dy, dy))
     # Of dipoles, all of these are the same; of discs, s stands for rho^-5.
     argument, shift = r2, None
-    if series is not None:
-        shift = series.common if first.shift is None else b.fadd(first.shift, second.shift)
+    if disc_law is not None:
+        shift = disc_law.common if first.shift is None else b.fadd(first.shift, second.shift)
         # Without a cut-off nothing else needs r2.
         within = code.fused_multiply_add(dx, dx, code.fused_multiply_add(dy, dy, b.fneg(shift)))
         argument = within if cut is None else b.fsub(r2, shift)
-    s = _masked_inverse_fifth_power(code, argument, r2, lanes, cut, series)
+    s = _masked_inverse_fifth_power(code, argument, r2, lanes, cut, disc_law)
     slope = energy = near = s
-    if series is not None:
-        root = b.fadd(s, series.centre)
-        slope = near = code.fused_multiply_add(root, root, series.rest)
-        energy = code.fused_multiply_add(b.fmul(s, series.energy), s, s)
+    if disc_law is not None:
+        root = b.fadd(s, disc_law.centre)
+        slope = near = code.fused_multiply_add(root, root, disc_law.rest)
+        energy = code.fused_multiply_add(b.fmul(s, disc_law.energy), s, s)
     cube = None
     if cut is not None and cut.smooth is not None:
         # Not zero, and so inside, also where two grains are at one place and s is no number.
         inside = b.fcmp_unordered("!=", s, zero)
         fifth = _evaluate_polynomial(code, cut.smooth.fifth, r2)
         near = b.select(inside, b.fsub(slope, fifth), zero)
-    if extremes.pointer is not None or wanted.load is not None:
+    if energy_and_closest.pointer is not None or wanted.load is not None:
         cube = _inverse_cube_in_energy(code, r2, argument, energy, shift, cut)
     pair, strength = None, near
     if first.moments is not None:
         pair = b.fmul(first.moments, second.moments)
         strength = b.fmul(near, pair)
-    if extremes.pointer is not None:
-        closest = s if series is None else _masked_inverse_fifth_power(code, r2, r2, lanes, cut, series)
-        extremes.include_pairs(closest, _pair_energies(code, r2, s, strength, pair, cut, cube, shift))
+    if energy_and_closest.pointer is not None:
+        closest = s if disc_law is None else _masked_inverse_fifth_power(code, r2, r2, lanes, cut, disc_law)
+        energy_and_closest.include_pairs(
+            closest, _pair_energies(code, r2, s, strength, pair, cut, cube, shift)
+        )
     # Products and sums apart: action and reaction are equal to the last bit, and processors with
     # units for sums of their own are faster.
     fx, fy = b.fmul(strength, dx), b.fmul(strength, dy)

@@ -86,9 +86,9 @@ def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tu
 
 
 def sum_far_part_over_images(
-    dx: Samples, dy: Samples, width: float, height: float, radius: float, fifth: float = 0.0
+    dx: Samples, dy: Samples, width: float, height: float, radius: float, inverse_fifth_factor: float = 0.0
 ) -> Samples:
-    """Sum the far part of r^-3 + ``fifth`` r^-5 over all periodic images of a point, by Ewald's method.
+    """Sum the far part of a point and all its periodic images by Ewald's method, for r^-3 and r^-5.
 
     Source: the head of this file; Ewald 1921, doi:10.1002/andp.19213690304.
 
@@ -100,7 +100,7 @@ def sum_far_part_over_images(
         Size of the cell [D].
     radius : float
         Split radius [D].
-    fifth : float
+    inverse_fifth_factor : float
         Factor of r^-5 [D^2].
 
     Returns
@@ -134,20 +134,24 @@ def sum_far_part_over_images(
                 fraction -= math.sqrt(math.pi) * k * erfc(k / (2.0 * sharp))
                 series += fraction * np.cos(m * waves[0] * dx + n * waves[1] * dy)
     total += 2.0 * math.sqrt(math.pi) / (width * height) * series
-    return total + _sum_inverse_fifth_over_images(dx, dy, (width, height), radius, fifth) if fifth else total
+    return (
+        total + _sum_inverse_fifth_over_images(dx, dy, (width, height), radius, inverse_fifth_factor)
+        if inverse_fifth_factor
+        else total
+    )
 
 
 def _sum_inverse_fifth_over_images(
-    dx: Samples, dy: Samples, sides: tuple[float, float], radius: float, fifth: float
+    dx: Samples, dy: Samples, sides: tuple[float, float], radius: float, inverse_fifth_factor: float
 ) -> Samples:
-    """Sum over images of the far part of ``fifth`` r^-5; farther ones are the same everywhere."""
+    """Sum over images of the far part of r^-5; farther ones are the same everywhere."""
     total = np.zeros(np.broadcast(dx, dy).shape)
     for column in _image_numbers(max(radius, _CELLS * max(sides)), sides[0]):
         for row in _image_numbers(max(radius, _CELLS * max(sides)), sides[1]):
             square = (dx + column * sides[0]) ** 2 + (dy + row * sides[1]) ** 2
-            total += far_part_of_inverse_cube(square, radius, fifth) - far_part_of_inverse_cube(
-                square, radius
-            )
+            total += far_part_of_inverse_cube(
+                square, radius, inverse_fifth_factor
+            ) - far_part_of_inverse_cube(square, radius)
     return total
 
 
@@ -181,13 +185,13 @@ def _factor_into_products(table: Samples, reach: int) -> SeparableTable:
     return SeparableTable(along, across)
 
 
-def _band_table(radius: float, spacings: tuple[float, float], fifth: float) -> Samples:
+def _band_table(radius: float, spacings: tuple[float, float], inverse_fifth_factor: float) -> Samples:
     """Quarter of the band's table, up and across."""
     reach = math.ceil(2.0 * radius / min(spacings)) + REACH
     n = np.arange(-reach - _MARGIN, reach + _MARGIN + 1)
     square = (n[:, None] * spacings[1]) ** 2 + (n[None, :] * spacings[0]) ** 2
-    samples = far_part_of_inverse_cube(square, radius, fifth) - far_part_of_inverse_cube(
-        square, 2.0 * radius, fifth
+    samples = far_part_of_inverse_cube(square, radius, inverse_fifth_factor) - far_part_of_inverse_cube(
+        square, 2.0 * radius, inverse_fifth_factor
     )
     table = np.fft.fftshift(_divide_by_splines(np.fft.ifftshift(samples)))
     middle = len(n) // 2
@@ -195,11 +199,11 @@ def _band_table(radius: float, spacings: tuple[float, float], fifth: float) -> S
 
 
 def _coarsest_level_table(
-    width: float, height: float, radius: float, across: int, up: int, fifth: float
+    width: float, height: float, radius: float, across: int, up: int, inverse_fifth_factor: float
 ) -> Samples:
     """Quarter of the rest's table; what lies half round the cell is met from both sides."""
     dx, dy = np.meshgrid(np.arange(across) * width / across, np.arange(up) * height / up)
-    table = _divide_by_splines(sum_far_part_over_images(dx, dy, width, height, radius, fifth))
+    table = _divide_by_splines(sum_far_part_over_images(dx, dy, width, height, radius, inverse_fifth_factor))
     quarter = table[: up // 2 + 1, : across // 2 + 1].copy()
     if up % 2 == 0:
         quarter[-1] *= 0.5
@@ -210,11 +214,11 @@ def _coarsest_level_table(
 
 @functools.cache
 def periodic_mesh_tables(
-    width: float, height: float, radius: float, spacing: float, fifth: float = 0.0
+    width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MeshTables:
     """Tables of the multilevel summation on a mesh that goes round a periodic cell.
 
-    ``fifth`` is the factor of r^-5 in the far part.
+    ``inverse_fifth_factor`` is the factor of r^-5 in the far part.
 
     Parameters
     ----------
@@ -224,7 +228,7 @@ def periodic_mesh_tables(
         Split radius [D].
     spacing : float
         Greatest distance of neighbouring points on the finest level [D].
-    fifth : float
+    inverse_fifth_factor : float
         Factor of r^-5 beside r^-3 in the far part [D^2].
 
     Returns
@@ -237,9 +241,10 @@ def periodic_mesh_tables(
     scale = 2.0 ** (len(points) - 1)
     spacings = (width / fine[0], height / fine[1])
     bands = [
-        _band_table(radius, spacings, factor) for factor in inverse_fifth_factor_by_level(fifth, len(points))
+        _band_table(radius, spacings, factor)
+        for factor in inverse_fifth_factor_by_level(inverse_fifth_factor, len(points))
     ]
-    rest = _coarsest_level_table(width, height, radius * scale, *coarse, fifth) * scale**3
+    rest = _coarsest_level_table(width, height, radius * scale, *coarse, inverse_fifth_factor) * scale**3
     reach = max(*bands[0].shape, *rest.shape)
     made = [_factor_into_products(band, reach) for band in bands]
     return MeshTables(repeat_for_levels(made, len(points)), _factor_into_products(rest, reach))
@@ -452,7 +457,7 @@ def prolong_periodic_potential(mesh: MultilevelMesh, level: int) -> None:
 
 
 def periodic_mesh_workspace(
-    width: float, height: float, radius: float, spacing: float, fifth: float = 0.0
+    width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
     """Allocate a mesh that goes round a periodic cell.
 
@@ -464,7 +469,7 @@ def periodic_mesh_workspace(
         Split radius [D].
     spacing : float
         Greatest distance of neighbouring points on the finest level [D].
-    fifth : float
+    inverse_fifth_factor : float
         Factor of r^-5 beside r^-3 in the far part [D^2].
 
     Returns
@@ -472,7 +477,7 @@ def periodic_mesh_workspace(
     MultilevelMesh
         Tables, and arrays of zeros.
     """
-    tables = periodic_mesh_tables(width, height, radius, spacing, fifth)
+    tables = periodic_mesh_tables(width, height, radius, spacing, inverse_fifth_factor)
     bands = tables.stack_band_tables()
     points = periodic_mesh_points(width, height, spacing)
     reach = tables.rest.along.shape[1]

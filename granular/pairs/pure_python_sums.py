@@ -34,31 +34,31 @@ class _PairLawValues(NamedTuple):
 
 
 def _pair_law_values(arrays: GrainArrays, i: int, j: int, r: float) -> _PairLawValues:
-    if arrays.series is None:
+    if arrays.disc_law is None:
         fifth = pair_force(r) / (STRENGTH * r)
         return _PairLawValues(fifth, pair_energy(r) / ENERGY, fifth)
-    rho2 = r * r - _pair_shift(arrays, i, j)
+    rho2 = r * r - _pair_squared_distance_shift(arrays, i, j)
     fifth = np.abs(rho2) ** -2.5
-    slope, cube = (1.0 + factor * arrays.series[TERM] * fifth for factor in (8.0 / 3.0, 1.0))
+    slope, cube = (1.0 + factor * arrays.disc_law[TERM] * fifth for factor in (8.0 / 3.0, 1.0))
     return _PairLawValues(slope * fifth, cube * rho2 * fifth, fifth)
 
 
-def _pair_shift(arrays: GrainArrays, i: int, j: int) -> float:
-    assert arrays.series is not None
-    return float(arrays.series[COMMON] if arrays.shift is None else arrays.shift[i] + arrays.shift[j])
+def _pair_squared_distance_shift(arrays: GrainArrays, i: int, j: int) -> float:
+    assert arrays.disc_law is not None
+    return float(arrays.disc_law[COMMON] if arrays.shift is None else arrays.shift[i] + arrays.shift[j])
 
 
 def _energy_at_cut_off(arrays: GrainArrays, i: int, j: int, radius: float) -> float:
     """Value that stands for 1/r^3 where pairs end."""
     rest = pair_energy(radius) / ENERGY
-    if arrays.series is None:
+    if arrays.disc_law is None:
         return rest
-    b = _pair_shift(arrays, i, j) / radius**2
+    b = _pair_squared_distance_shift(arrays, i, j) / radius**2
     return rest * (1.0 + b * (1.5 + 1.875 * b))
 
 
 def pure_python_direct_sum(
-    arrays: GrainArrays, buffers: Array | None, threaded: bool | None, nearest: Array | None
+    arrays: GrainArrays, buffers: Array | None, threaded: bool | None, periodic_cut_off: Array | None
 ) -> None:
     """Pair forces and sums of all grains, one pair at a time.
 
@@ -70,7 +70,7 @@ def pure_python_direct_sum(
         Not used; as of `granular.pairs.direct_sum.direct_sum`.
     threaded : bool or None
         Not used.
-    nearest : float64 (3,) or None
+    periodic_cut_off : float64 (3,) or None
         Width, height and cut-off radius of a periodic cell [D].
     """
     _clear_all_sums(arrays)
@@ -80,14 +80,14 @@ def pure_python_direct_sum(
         for j in range(i + 1, arrays.x.size):
             dx, dy = arrays.x[i] - arrays.x[j], arrays.y[i] - arrays.y[j]
             rest = 0.0
-            if nearest is not None and max(arrays.x[i], arrays.x[j]) < PADDING:
-                dx -= nearest[0] * np.rint(dx / nearest[0])
-                dy -= nearest[1] * np.rint(dy / nearest[1])
+            if periodic_cut_off is not None and max(arrays.x[i], arrays.x[j]) < PADDING:
+                dx -= periodic_cut_off[0] * np.rint(dx / periodic_cut_off[0])
+                dy -= periodic_cut_off[1] * np.rint(dy / periodic_cut_off[1])
             r = np.sqrt(dx * dx + dy * dy)
-            if nearest is not None:
-                if r >= nearest[2]:
+            if periodic_cut_off is not None:
+                if r >= periodic_cut_off[2]:
                     continue
-                rest = _energy_at_cut_off(arrays, i, j, nearest[2])
+                rest = _energy_at_cut_off(arrays, i, j, periodic_cut_off[2])
             law = _pair_law_values(arrays, i, j, r)
             _add_pair_to_sums(arrays, (i, j), (dx, dy), law.fifth, law.slope, law.cube, rest)
     np.seterr(**old)
@@ -123,7 +123,7 @@ def pure_python_cut_off_sum(
     """
     _clear_all_sums(arrays)
     periods = getattr(stripes, "periods", None)
-    fifth = 0.0 if arrays.series is None else float(arrays.series[FAR])
+    fifth = 0.0 if arrays.disc_law is None else float(arrays.disc_law[FAR])
     for i in range(grains):
         for j in range(i + 1, grains):
             dx, dy = arrays.x[i] - arrays.x[j], arrays.y[i] - arrays.y[j]
@@ -142,7 +142,7 @@ def pure_python_cut_off_sum(
 
 
 def _clear_all_sums(arrays: GrainArrays) -> None:
-    for out in (arrays.fx, arrays.fy, arrays.stiffness, arrays.extremes, arrays.load):
+    for out in (arrays.fx, arrays.fy, arrays.stiffness, arrays.energy_and_closest, arrays.load):
         if out is not None:
             out[:] = 0.0
 
@@ -166,10 +166,10 @@ def _add_pair_to_sums(
     if arrays.stiffness is not None:
         arrays.stiffness[i] += q[j] * fifth
         arrays.stiffness[j] += q[i] * fifth
-    if arrays.extremes is not None:
-        arrays.extremes[0] += q[i] * q[j] * (cube - rest)
+    if arrays.energy_and_closest is not None:
+        arrays.energy_and_closest[0] += q[i] * q[j] * (cube - rest)
         r = np.hypot(*apart)
-        arrays.extremes[1] = max(arrays.extremes[1], pair_force(r) / (STRENGTH * r))
+        arrays.energy_and_closest[1] = max(arrays.energy_and_closest[1], pair_force(r) / (STRENGTH * r))
     if arrays.load is not None and arrays.weight is not None:
         arrays.load[i] += arrays.weight[j] * cube
         arrays.load[j] += arrays.weight[i] * cube

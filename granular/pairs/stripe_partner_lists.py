@@ -55,7 +55,7 @@ def _list_partner_ranges(stripes: Stripes, number: int, reach: float) -> None:
 @compiled
 def _list_ranges_of_stripe(stripes: Stripes, k: int, there: int, number: int, up: int, far: float) -> None:
     """List the partners of a stripe's rows in itself or in one above, which may be none."""
-    x, y, runs = stripes.x, stripes.y, stripes.partner_ranges
+    x, y, partner_ranges = stripes.x, stripes.y, stripes.partner_ranges
     begin = stripes.begins[there]
     end, lowest = begin, math.inf
     while there < number and end < stripes.begins[there + 1] and x[end] < PADDING:
@@ -78,11 +78,11 @@ def _list_ranges_of_stripe(stripes: Stripes, k: int, there: int, number: int, up
             while stop < end and x[stop] <= right + wide:
                 stop += 1
             # The seven behind the second row are met with it.
-            runs[pair, up, 0] = first + 1 + WIDTH if up == 0 else start
-            runs[pair, up, 1] = stop if apart < far or up == 0 else start
+            partner_ranges[pair, up, 0] = first + 1 + WIDTH if up == 0 else start
+            partner_ranges[pair, up, 1] = stop if apart < far or up == 0 else start
         else:
-            runs[pair, up, 0] = 0
-            runs[pair, up, 1] = 0
+            partner_ranges[pair, up, 0] = 0
+            partner_ranges[pair, up, 1] = 0
 
 
 @compiled(inline=True)
@@ -282,7 +282,7 @@ def _list_ranges_of_image(
     stripes: Stripes, k: int, there: int, turns: int, up: int, image: int, far: float
 ) -> None:
     """List one image of the partners of a stripe's rows, in itself or in one above."""
-    x, y, runs, periods, shifts = (
+    x, y, partner_ranges, periods, shifts = (
         stripes.x,
         stripes.y,
         stripes.partner_ranges,
@@ -301,7 +301,7 @@ def _list_ranges_of_image(
     start, stop = begin, begin
     for first in range(stripes.begins[k], stripes.begins[k + 1], ROWS):
         pair = first // ROWS
-        runs[pair, run, 0] = runs[pair, run, 1] = 0
+        partner_ranges[pair, run, 0] = partner_ranges[pair, run, 1] = 0
         shifts[pair, run, 0], shifts[pair, run, 1] = across, rise
         # In its own stripe a grain meets those behind it, the images on the right among them.
         if x[first] < PADDING and not (up == 0 and image == _LEFT):
@@ -320,5 +320,5 @@ def _list_ranges_of_image(
             if apart < far or up == 0:
                 # The seven behind the second row are met with it.
                 own = up == 0 and image == _HERE
-                runs[pair, run, 0] = first + 1 + WIDTH if own else start
-                runs[pair, run, 1] = stop
+                partner_ranges[pair, run, 0] = first + 1 + WIDTH if own else start
+                partner_ranges[pair, run, 1] = stop

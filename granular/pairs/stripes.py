@@ -114,7 +114,7 @@ def stripes_workspace(
     size: int,
     *,
     moments: bool,
-    loaded: bool,
+    with_loads: bool,
     shifted: bool = False,
     periods: tuple[float, float] | None = None,
 ) -> Stripes:
@@ -126,7 +126,7 @@ def stripes_workspace(
         Padded number of grains, m.
     moments : bool
         True where the grains' moments differ.
-    loaded : bool
+    with_loads : bool
         True where friction needs normal loads.
     shifted : bool
         True where grains are unlike discs.
@@ -147,12 +147,12 @@ def stripes_workspace(
         x=np.zeros(length),
         y=np.zeros(length),
         moments=np.zeros(length) if moments else None,
-        weight=np.zeros(length) if loaded else None,
+        weight=np.zeros(length) if with_loads else None,
         shift=np.zeros(length) if shifted else None,
         fx=np.zeros((parts, length)),
         fy=np.zeros((parts, length)),
         stiffness=np.zeros((parts, length)),
-        load=np.zeros((parts, length)) if loaded else None,
+        load=np.zeros((parts, length)) if with_loads else None,
         rows=np.zeros(parts + 1, dtype=np.int64),
         firsts=np.zeros(parts + 1, dtype=np.int64),
         lows=np.zeros(parts, dtype=np.int64),
@@ -258,15 +258,15 @@ def sort_into_periodic_stripes(stripes: Stripes, grains: int, reach: float) -> i
     int
         Number of stripes.
     """
-    periods, homes = stripes.periods, stripes.cell_offsets
+    periods, cell_offsets = stripes.periods, stripes.cell_offsets
     assert periods is not None
-    assert homes is not None
+    assert cell_offsets is not None
     inside = np.empty((2, grains))
     for axis in range(2):
         for i in range(grains):
             index = stripes.built[axis, i]
-            homes[axis, i] = periods[axis] * np.floor(index / periods[axis])
-            inside[axis, i] = index - homes[axis, i]
+            cell_offsets[axis, i] = periods[axis] * np.floor(index / periods[axis])
+            inside[axis, i] = index - cell_offsets[axis, i]
     most = min(stripes.begins.size - 2, grains // LEAST_IN_STRIPE)
     number = min(int(periods[1] * (RANGES - 1) / reach), most)
     _sort_into_equal_stripes(stripes, inside[0], inside[1], grains, 0.0, periods[1] / number, number)

@@ -81,25 +81,27 @@ def verlet_list_workspace(size: int, radius: float) -> VerletList:
 
 @compiled
 def _refresh_verlet_list(
-    listed: VerletList, listing: VerletSettings, x: Array, y: Array, grains: int
+    pair_list: VerletList, listing: VerletSettings, x: Array, y: Array, grains: int
 ) -> None:
-    stale = listed.memory[GRAINS] != grains
+    stale = pair_list.memory[GRAINS] != grains
     for i in range(grains):
-        dx, dy = x[i] - listed.built[0, i], y[i] - listed.built[1, i]
+        dx, dy = x[i] - pair_list.built[0, i], y[i] - pair_list.built[1, i]
         stale |= not dx * dx + dy * dy < listing.skin * listing.skin
     if stale:
         for i in range(grains):
-            listed.built[0, i] = x[i]
-            listed.built[1, i] = y[i]
-        listed.memory[GRAINS] = grains
-        listed.memory[BUILDS] += 1.0
-    if stale or listed.memory[LISTED] == 0.0:
-        find_close_pairs(listed.pairs, listed.built[0], listed.built[1], grains, listing.radius, None)
-        listed.memory[LISTED] = 1.0
+            pair_list.built[0, i] = x[i]
+            pair_list.built[1, i] = y[i]
+        pair_list.memory[GRAINS] = grains
+        pair_list.memory[BUILDS] += 1.0
+    if stale or pair_list.memory[LISTED] == 0.0:
+        find_close_pairs(
+            pair_list.pairs, pair_list.built[0], pair_list.built[1], grains, listing.radius, None
+        )
+        pair_list.memory[LISTED] = 1.0
 
 
 @compiled
-def verlet_list_sum(listed: VerletList, listing: VerletSettings, grains: int, arrays: GrainArrays) -> None:
+def verlet_list_sum(pair_list: VerletList, listing: VerletSettings, grains: int, arrays: GrainArrays) -> None:
     """Compute forces and sums over the listed pairs; list them anew where a grain has moved by the skin.
 
     Forces are no numbers where there are more pairs than the list holds.
@@ -108,7 +110,7 @@ def verlet_list_sum(listed: VerletList, listing: VerletSettings, grains: int, ar
 
     Parameters
     ----------
-    listed : VerletList
+    pair_list : VerletList
         List, overwritten where it is made anew.
     listing : VerletSettings
         Radius and skin [D].
@@ -117,13 +119,13 @@ def verlet_list_sum(listed: VerletList, listing: VerletSettings, grains: int, ar
     arrays : GrainArrays
         Positions [D]; forces [F*] and the sums that are not None are overwritten.
     """
-    _refresh_verlet_list(listed, listing, arrays.x, arrays.y, grains)
+    _refresh_verlet_list(pair_list, listing, arrays.x, arrays.y, grains)
     clear_sums(arrays)
     rest = pair_energy(listing.radius)
-    if listed.pairs.filled[0] < 0:
+    if pair_list.pairs.filled[0] < 0:
         set_forces_to_nan(arrays, grains)
-    for p in range(listed.pairs.filled[0]):
-        i, j = listed.pairs.first[p], listed.pairs.second[p]
+    for p in range(pair_list.pairs.filled[0]):
+        i, j = pair_list.pairs.first[p], pair_list.pairs.second[p]
         dx, dy = arrays.x[i] - arrays.x[j], arrays.y[i] - arrays.y[j]
         r = math.sqrt(dx * dx + dy * dy)
         force, energy = pair_force(r), pair_energy(r)
@@ -136,13 +138,15 @@ def verlet_list_sum(listed: VerletList, listing: VerletSettings, grains: int, ar
         fifth = force / (3.0 * ENERGY * r)
         add_to_entry_if_given(arrays.stiffness, i, fifth * second)
         add_to_entry_if_given(arrays.stiffness, j, fifth * first)
-        _update_energy_and_closest(arrays.extremes, first * second * (energy - rest) / ENERGY, fifth)
+        _update_energy_and_closest(
+            arrays.energy_and_closest, first * second * (energy - rest) / ENERGY, fifth
+        )
         add_to_entry_if_given(arrays.load, i, value_or_one(arrays.weight, j) * energy / ENERGY)
         add_to_entry_if_given(arrays.load, j, value_or_one(arrays.weight, i) * energy / ENERGY)
 
 
 @compiled(inline=True)
-def _update_energy_and_closest(extremes: Array | None, energy: float, fifth: float) -> None:
-    if extremes is not None:
-        extremes[0] += energy
-        extremes[1] = max(extremes[1], fifth)
+def _update_energy_and_closest(energy_and_closest: Array | None, energy: float, fifth: float) -> None:
+    if energy_and_closest is not None:
+        energy_and_closest[0] += energy
+        energy_and_closest[1] = max(energy_and_closest[1], fifth)

@@ -133,7 +133,7 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
     discs = None if dipole is None else _disc_laws(scene, scales, species)
     far = _far_field(scene, scales, summed, method)
     if far is not None and discs is not None:
-        far = far._replace(fifth=float(discs.series[FAR]))
+        far = far._replace(inverse_fifth_factor=float(discs.coefficients[FAR]))
     periods = _periodic_sides(scene, scales)
     workspace = None if periods is None else min(periods)
     radius = scene.pairs.near_pair_radius(summed, scales.length, workspace) if far is None else far.radius
@@ -159,7 +159,7 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
         far=far,
         nearest=nearest,
         discs=discs,
-        series=None if discs is None else discs.series,
+        series=None if discs is None else discs.coefficients,
         shift=None if discs is None else discs.shift,
     )
 

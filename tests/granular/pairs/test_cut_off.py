@@ -42,7 +42,7 @@ class Bed:
         self.stripes = self.workspace()
 
     def workspace(self) -> Stripes:
-        return stripes_workspace(self.x.size, moments=self.moments is not None, loaded=True)
+        return stripes_workspace(self.x.size, moments=self.moments is not None, with_loads=True)
 
     def sums(self, function=cut_off_sum) -> np.ndarray:
         out, extremes = np.zeros((4, self.x.size)), np.zeros(2)
@@ -141,7 +141,7 @@ def test_threads_give_the_same_bits() -> None:
 def test_memory_is_linear() -> None:
     sizes = []
     for count in (10_000, 100_000):
-        arrays = stripes_workspace(count, moments=True, loaded=True)
+        arrays = stripes_workspace(count, moments=True, with_loads=True)
         sizes.append(sum(one.nbytes for one in arrays if one is not None) / count)
     assert sizes[1] == pytest.approx(sizes[0], rel=0.01)
     assert sizes[1] < 1500.0

@@ -148,12 +148,12 @@ class Bed:
             self.moments,
             out[2],
             extremes,
-            series=self.discs.series,
+            disc_law=self.discs.coefficients,
             shift=self.discs.shift,
         )
         direct_sum(arrays, None, None, self.nearest)
         crowded = add_close_disc_corrections(self.discs, self.close, self.count, arrays)
-        stiffness = 6.0 * self.discs.series[STIFFNESS] * out[2] * pad_values(self.q)
+        stiffness = 6.0 * self.discs.coefficients[STIFFNESS] * out[2] * pad_values(self.q)
         return out[:2, : self.count].T, 0.25 * extremes[0], stiffness[: self.count], crowded
 
 

@@ -35,8 +35,8 @@ def found(differing: bool) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
     x, y = pad_coordinates(places())
     fx, fy, load, energy = np.zeros_like(x), np.zeros_like(x), np.zeros_like(x), np.zeros(1)
     compute_direct_far_field(
-        direct_far_field_workspace(x.size, loaded=True),
-        stripes_workspace(x.size, moments=differing, loaded=True),
+        direct_far_field_workspace(x.size, with_loads=True),
+        stripes_workspace(x.size, moments=differing, with_loads=True),
         RADIUS,
         None,
         COUNT,

@@ -80,7 +80,7 @@ class Bed:
 
     def workspace(self) -> FarFieldState:
         field = FarFieldSettings(RADIUS, (self.width + 6.0, self.height + 6.0), None)
-        return far_field_state(field, self.x.size, loaded=True)
+        return far_field_state(field, self.x.size, with_loads=True)
 
     def far(self) -> FarFieldState:
         far = self.workspace()
@@ -193,7 +193,7 @@ def test_no_room_and_no_number() -> None:
 
 def test_one_grain_feels_nothing_but_the_mesh_s_error() -> None:
     x, y = pad_coordinates(np.array([[3.3, 4.4]]))
-    far = far_field_state(FarFieldSettings(RADIUS, (20.0, 20.0), None), x.size, loaded=False)
+    far = far_field_state(FarFieldSettings(RADIUS, (20.0, 20.0), None), x.size, with_loads=False)
     assert compute_mesh_far_field(far.mesh, far, None, 1, far_arrays(far, x, y), np.arange(1)) == 0
     neighbour = 0.75 / 1.8**4
     assert np.hypot(far.fx[0], far.fy[0]) < 1e-3 * neighbour
@@ -203,7 +203,7 @@ def test_room_is_linear_in_the_cell() -> None:
     sizes = []
     for count in (10_000, 1_000_000):
         side = (count / 0.3) ** 0.5
-        workspace = far_field_state(FarFieldSettings(RADIUS, (side, side), None), count, loaded=True)
+        workspace = far_field_state(FarFieldSettings(RADIUS, (side, side), None), count, with_loads=True)
         assert workspace.mesh is not None
         arrays = [*workspace.mesh, *workspace]
         sizes.append(sum(one.nbytes for one in arrays if isinstance(one, np.ndarray)) / count)
