@@ -110,8 +110,29 @@ def round_up_to_chunks(steps: float) -> int:
     return CHUNK * max(2, math.ceil(steps / CHUNK))
 
 
+def padded_length(count: int, least: int) -> int:
+    """Return the length that code is compiled for, which records of similar lengths share.
+
+    Parameters
+    ----------
+    count : int
+        Number of entries.
+    least : int
+        Least length, which further ones are a power of two of.
+
+    Returns
+    -------
+    int
+        Length of the padded arrays.
+    """
+    size = least
+    while size < count:
+        size *= 2
+    return size
+
+
 def padded_step_count(steps: int) -> int:
-    """Return the number of grid steps that code is compiled for, a power of two times two chunks.
+    """Return the number of grid steps that code is compiled for; see `padded_length`.
 
     Parameters
     ----------
@@ -123,14 +144,13 @@ def padded_step_count(steps: int) -> int:
     int
         Padded number of steps.
     """
-    size = 2 * CHUNK
-    while size < steps:
-        size *= 2
-    return size
+    return padded_length(steps, _LEAST_STEPS)
 
 
 CHUNK = 64
 """Grid steps that are solved together; every grid has an integer of such chunks."""
+_LEAST_STEPS, _LEAST_TIMES = 512, 4096
+"""Least lengths that code is compiled for: what is left empty costs less than another compilation."""
 
 
 def solve_on_grid(
@@ -353,7 +373,7 @@ def solve_law(
     if law.inputs:
         return _driven_solution(law, times, start, values, size, list(inputs), how)
     count = len(times)
-    padded = np.full(-(-count // 1024) * 1024, times[-1])
+    padded = np.full(padded_length(count, _LEAST_TIMES), times[-1])
     padded[:count] = times
     for budget in STEP_BUDGETS:
         solve = _adaptive_solver(law.equation, budget)

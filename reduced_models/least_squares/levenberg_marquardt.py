@@ -38,6 +38,7 @@ _IN_THE_RUNNING = 4.0  # times the least cost: starts above it are not waited fo
 _LONGEST, _SHORTEST = 1e6, 1e-12  # steps: one over the damping
 _VAIN = 0.01  # of the tolerance: a promise below it is not worth a trial
 _LONG = 1e4  # steps that damping hardly shortens: what they promise is what there is to gain
+_SHARED_STARTS, _SHARED_ENTRIES = 16, 8  # multiples that a batch and its vectors are filled up to
 _TRUST: optimistix.ClassicalTrustRegion[Any] = optimistix.ClassicalTrustRegion(
     high_cutoff=0.25, low_cutoff=0.0, high_constant=10.0, low_constant=0.1
 )
@@ -164,7 +165,7 @@ def levenberg_marquardt(
         _check_budget()
         theta, cost = best[:2]
         precision = cost[:, None] / prior.samples * prior.precision
-        moved, gain = map(np.asarray, _next_vectors(best, start, precision, sizes, bounds))
+        moved, gain = _padded_call(_next_vectors, best, start, precision, sizes, bounds)
         moved = np.where(np.isfinite(moved), moved, theta)
         total = cost + (precision * (theta - start) ** 2).sum(axis=1)
         idle = np.where((gain <= _VAIN * tolerance * total) & (sizes >= _LONG), patience, idle)
@@ -172,8 +173,7 @@ def levenberg_marquardt(
             break
         trial = _evaluate_point(normal, moved)
         trial_total = trial[1] + (precision * (moved - start) ** 2).sum(axis=1)
-        judged = _judge_steps(best, start, precision, sizes, moved, total, trial_total)
-        better, sizes = map(np.asarray, judged)
+        better, sizes = _padded_call(_judge_steps, best, start, precision, sizes, moved, total, trial_total)
         sizes = np.clip(sizes, _SHORTEST, _LONGEST)
         small = np.abs(total - trial_total) <= tolerance * total
         idle = np.where(better & ~small, 0, idle + 1)
@@ -224,6 +224,26 @@ def promising_starts(cost: np.ndarray, samples: float) -> np.ndarray:
         True where the cost is at most four times the least one.
     """
     return np.asarray(cost <= _IN_THE_RUNNING * cost.min() + samples * TIE**2)
+
+
+def _padded_call(function: Callable[..., Any], *arguments: Any) -> list[np.ndarray]:
+    """Results of a compiled step, whose code is shared by all batches and search vectors of similar size.
+
+    Entries that fill up are at rest between equal bounds, where they change no other.
+    """
+    starts, entries = arguments[0][0].shape
+    sizes = (
+        1 if starts == 1 else -(-starts // _SHARED_STARTS) * _SHARED_STARTS,
+        *2 * (-(-entries // _SHARED_ENTRIES) * _SHARED_ENTRIES,),
+    )
+
+    def fill(array: np.ndarray) -> np.ndarray:
+        result = np.zeros(sizes[: array.ndim])
+        result[tuple(map(slice, array.shape))] = array
+        return result
+
+    results = map(np.asarray, function(*jax.tree.map(fill, arguments)))
+    return [result[tuple(map(slice, (starts, entries)[: result.ndim]))] for result in results]
 
 
 def _evaluate_point(normal: Normal, theta: np.ndarray) -> Point:

@@ -8,7 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from reduced_models.laws.solution import CHUNK, count_grid_steps, padded_step_count, round_up_to_chunks
+from reduced_models.laws.solution import (
+    CHUNK,
+    count_grid_steps,
+    padded_length,
+    padded_step_count,
+    round_up_to_chunks,
+)
 from reduced_models.least_squares.sensor_signal import (
     SensorSignalTables,
     filter_by_sensor,
@@ -23,6 +29,9 @@ from reduced_models.records.inputs import (
     inputs_on_grid,
 )
 from reduced_models.records.sensor import Sensor
+
+LEAST_SAMPLES = 1024
+"""Least length of arrays of samples; see `reduced_models.laws.solution.padded_length`."""
 
 
 class Samples(NamedTuple):
@@ -164,7 +173,7 @@ def samples_on_grid(
     """
     count = len(record)
     point, fraction = _grid_points(record.time, grid)
-    size = padded_sample_count(count)
+    size = padded_length(count, LEAST_SAMPLES)
     grid_points, fractions, heights, weight = np.zeros(size, np.int64), *np.zeros((3, size))
     grid_points[:count], fractions[:count] = point, fraction
     heights[:count], weight[:count] = record.height, 1.0
@@ -230,22 +239,3 @@ def _padded_drive(
     if names:
         drive[: grid.steps + 1] = inputs_on_grid(record, names, grid, how)
     return drive
-
-
-def padded_sample_count(count: int) -> int:
-    """Length of the arrays for samples: few values, so that records share compiled code.
-
-    Parameters
-    ----------
-    count : int
-        Number of samples.
-
-    Returns
-    -------
-    int
-        Length of the arrays: 256 times a power of two, or one and a half times that.
-    """
-    size = 256
-    while size < count:
-        size = size * 3 // 2 if size & (size - 1) == 0 else size // 3 * 4
-    return size
