@@ -227,15 +227,14 @@ def promising_starts(cost: np.ndarray, samples: float) -> np.ndarray:
 
 
 def _padded_call(function: Callable[..., Any], *arguments: Any) -> list[np.ndarray]:
-    """Results of a compiled step, whose code is shared by all batches and search vectors of similar size.
+    """Results of a compiled function, filled up so that batches and vectors of similar size share its code.
 
-    Entries that fill up are at rest between equal bounds, where they change no other.
+    The entries that fill up rest between equal bounds, where they change no other.
     """
     starts, entries = arguments[0][0].shape
-    sizes = (
-        1 if starts == 1 else -(-starts // _SHARED_STARTS) * _SHARED_STARTS,
-        *2 * (-(-entries // _SHARED_ENTRIES) * _SHARED_ENTRIES,),
-    )
+    rows = 1 if starts == 1 else _SHARED_STARTS * math.ceil(starts / _SHARED_STARTS)
+    columns = _SHARED_ENTRIES * math.ceil(entries / _SHARED_ENTRIES)
+    sizes = rows, columns, columns
 
     def fill(array: np.ndarray) -> np.ndarray:
         result = np.zeros(sizes[: array.ndim])
