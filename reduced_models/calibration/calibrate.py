@@ -177,6 +177,24 @@ def run_calibration(
 ) -> Calibration:
     """Numbers for which a scene's simulations have the wanted features of a record.
 
+    Parameters
+    ----------
+    simulator : SceneSimulator
+        Scene with the numbers to calibrate, and the random starts.
+    record : PistonRecord
+        Record, times in s and heights in m.
+    wanted : RecordFeatures
+        Features of the record.
+    confidence : float
+        Confidence level of the intervals, between 0 and 1.
+    checks : bool
+        True where the error of the time step is estimated by further simulations.
+
+    Returns
+    -------
+    Calibration
+        Numbers in the units of the scene's keys, their intervals, and what does not fit.
+
     Raises
     ------
     InputError

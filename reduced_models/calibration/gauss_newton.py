@@ -44,7 +44,28 @@ class GaussNewtonResult(NamedTuple):
 
 
 def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> GaussNewtonResult:
-    """Gauss-Newton steps until they are smaller than what is known."""
+    """Take Gauss-Newton steps on the features' logarithms until they are smaller than their errors.
+
+    Slopes are by differences with common random starts, and are updated by Broyden's formula (Broyden 1965,
+    doi:10.1090/S0025-5718-1965-0198670-6).
+
+    Parameters
+    ----------
+    simulator : SceneSimulator
+        Scene with the numbers to calibrate, and the random starts.
+    wanted : RecordFeatures
+        Features of the record.
+
+    Returns
+    -------
+    GaussNewtonResult
+        Last position, its linear estimate, and the scatter over random starts.
+
+    Raises
+    ------
+    InputError
+        If a simulation at the start fails.
+    """
     start = np.log([parameter.value for parameter in simulator.parameters])
     strides = STRIDE * np.eye(len(start))
     points = simulator.simulate_points([start, *(start + stride for stride in strides)])
@@ -127,7 +148,24 @@ class LinearEstimate(NamedTuple):
 def linear_estimate(
     centre: SimulatedPoint, slopes: np.ndarray, scatter: np.ndarray, wanted: RecordFeatures
 ) -> LinearEstimate:
-    """Weighted Gauss-Newton step; ``slopes`` (starts, d, p) are those of each random start."""
+    """Take a weighted Gauss-Newton step on linearised features.
+
+    Parameters
+    ----------
+    centre : SimulatedPoint
+        Simulations at the point that the features are linearised about.
+    slopes : float64 (starts, d, p)
+        Derivatives of the features' logarithms by those of the numbers, of each random start.
+    scatter : float64 (d, d)
+        Covariance of the features' logarithms over random starts.
+    wanted : RecordFeatures
+        Features of the record.
+
+    Returns
+    -------
+    LinearEstimate
+        Step (p,) in logarithms, and its covariances (p, p).
+    """
     starts = len(slopes)
     mean = slopes.mean(axis=0)
     weight = 1.0 / np.maximum(_variance_of_difference(wanted, scatter, starts), 1e-300)

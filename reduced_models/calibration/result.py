@@ -137,7 +137,13 @@ class Calibration:
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def to_plain(self) -> dict[str, Any]:
-        """Return the result as plain data (numbers, texts, lists)."""
+        """Calibration as plain data (numbers, texts, lists).
+
+        Returns
+        -------
+        dict of str
+            Parameters in the units of the scene's keys, features, directions left open and notes.
+        """
         return {
             "parameters": {entry.key: dataclasses.asdict(entry) for entry in self.parameters},
             "confidence": self.confidence,
@@ -149,7 +155,13 @@ class Calibration:
         }
 
     def plot(self) -> Figure:
-        """Record, the simulations over it, and how far their features are apart."""
+        """Draw the record, the simulations over it, and how far their features are apart.
+
+        Returns
+        -------
+        Figure
+            Heights [mm] over time [s], and relative differences [%].
+        """
         with figure(2, 1, height=5.4, height_ratios=(2, 1)) as (drawing, (top, bottom)):
             time = self.record.time - self.record.time[0]
             top.plot(time, 1e3 * self.record.height, color=GREY, linewidth=3, label="record")
@@ -174,7 +186,13 @@ class Calibration:
             return drawing
 
     def page(self) -> HtmlPage:
-        """Return the result as a page."""
+        """Calibration as a page.
+
+        Returns
+        -------
+        HtmlPage
+            Report with the table of values, the picture and the scene.
+        """
         page = HtmlPage(f"Scene {self.scene.name!r} calibrated", "; ".join(map(str, self.parameters)))
         for note in (*map(str, self.undetermined), *self.notes):
             page.add_warning(note)
@@ -211,6 +229,11 @@ class Calibration:
 
     def save(self, out: str | Path) -> None:
         """Write report.html, calibration.json and the calibrated scene.toml.
+
+        Parameters
+        ----------
+        out : str or Path
+            Directory, made where there is none.
 
         Raises
         ------

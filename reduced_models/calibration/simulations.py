@@ -66,6 +66,11 @@ def record_features(record: PistonRecord, law: str | Law = LAW, *, force: bool =
     force : bool
         Whether the mean force counts.
 
+    Returns
+    -------
+    RecordFeatures
+        Features (d,) in SI units, their names and their relative errors.
+
     Raises
     ------
     InputError
@@ -138,6 +143,18 @@ class SceneParameter(NamedTuple):
 
 def scene_parameter(scene: Scene, key: str) -> SceneParameter:
     """Return the number of a scene that can be varied by its logarithm.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that holds the number.
+    key : str
+        Dotted key, as "piston.mass".
+
+    Returns
+    -------
+    SceneParameter
+        Key, value, and its unit.
 
     Raises
     ------
@@ -214,14 +231,36 @@ class SceneSimulator:
     settings: Mapping[str, Any]
 
     def scene_changes(self, position: np.ndarray) -> dict[str, float]:
-        """Scene's changes at a position (p,)."""
+        """Return the changes of the scene at a position of the search.
+
+        Parameters
+        ----------
+        position : float64 (p,)
+            Logarithms of the numbers, in the units of their keys.
+
+        Returns
+        -------
+        dict of str to float
+            Numbers by their keys, for `Scene.replace`.
+        """
         return {
             parameter.key: float(f"{math.exp(log):.{_DIGITS}g}")
             for parameter, log in zip(self.parameters, position, strict=True)
         }
 
     def simulate_points(self, positions: Sequence[np.ndarray]) -> list[SimulatedPoint]:
-        """Return the simulations at some positions, side by side."""
+        """Simulate the scene at some positions, with all random starts side by side.
+
+        Parameters
+        ----------
+        positions : sequence of float64 (p,)
+            Logarithms of the numbers, in the units of their keys.
+
+        Returns
+        -------
+        list of SimulatedPoint
+            Motions and features at each position, or the reason why one failed.
+        """
         cases = [
             self.scene_changes(position) | {"arrangement.seed": seed}
             for position in positions

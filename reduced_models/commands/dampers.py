@@ -85,7 +85,13 @@ examples:
       --parameter effects.drag.coefficient --parameter grains.remanence -o out""",
 )
 def calibrate(options: Any) -> None:
-    """Fit numbers of a scene to a record."""
+    """Fit numbers of a scene to a record.
+
+    Parameters
+    ----------
+    options : Namespace
+        Parsed options of the command.
+    """
     from granular.run.piston_record import PistonRecord
     from granular.scene.scene import Scene
     from granular.user_code import import_user_code
@@ -165,7 +171,18 @@ examples:
   %(prog)s --maps --simulate -o out   # the study behind them, anew""",
 )
 def design(options: Any) -> None:
-    """Propose a damper and check it, or show the maps."""
+    """Propose a damper and check it, or show the maps.
+
+    Parameters
+    ----------
+    options : Namespace
+        Parsed options of the command.
+
+    Raises
+    ------
+    InputError
+        If an option is missing, does not go with another, or is out of its range.
+    """
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}; give 1 or more")
     if options.maps:
@@ -271,7 +288,13 @@ examples:
   %(prog)s damper --set piston.mass=10 --set 'effects.drag.coefficient=0.2 kg/s'""",
 )
 def fall(options: Any) -> None:
-    """Tell what a fall does, from the scene alone, and simulate it where that is uncertain."""
+    """Tell what a fall does, from the scene alone, and simulate it where that is uncertain.
+
+    Parameters
+    ----------
+    options : Namespace
+        Parsed options of the command.
+    """
     from reduced_models.falls.fall_summary import predict_fall
 
     predicted = predict_fall(

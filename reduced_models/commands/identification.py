@@ -109,7 +109,13 @@ examples:
   %(prog)s lab.csv --law linear --law "z'' + c*z' + k*(z - r)**3 = 0\"""",
 )
 def identify(options: Any) -> None:
-    """Identify a scene, a run or a CSV file."""
+    """Identify a scene, a run or a CSV file.
+
+    Parameters
+    ----------
+    options : Namespace
+        Parsed options of the command.
+    """
     from granular.schema.units import si_value
     from granular.shared.progress_bars import print_above_bar
     from granular.user_code import import_user_code
@@ -191,7 +197,13 @@ examples:
       --measured "velocity gain=20:30 high_pass=4.5 damping_ratio=0.6\"""",
 )
 def fit(options: Any) -> None:
-    """Fit a law to the records of some sources, or list the laws of the package."""
+    """Fit a law to the records of some sources, or list the laws of the package.
+
+    Parameters
+    ----------
+    options : Namespace
+        Parsed options of the command.
+    """
     from reduced_models.fitting.fit import fit as fit_law
     from reduced_models.laws.catalogue import LAWS
     from reduced_models.laws.force_law import FORCE_LAWS
@@ -220,6 +232,18 @@ def fit(options: Any) -> None:
 
 def parse_bounds(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
     """Read bounds of parameters from ``NAME=LOW:HIGH`` texts, by the parameters' SI units.
+
+    Parameters
+    ----------
+    items : sequence of str
+        Texts, as "lam=0:2" or "lam=0:2 1/s".
+    units : mapping of str to str
+        SI unit of each parameter of the law.
+
+    Returns
+    -------
+    dict of str to (float, float)
+        Least and greatest value in SI units; infinite where a side is empty.
 
     Raises
     ------
@@ -310,7 +334,18 @@ examples:
   %(prog)s lab.csv --method operon --functions sin --effort 2 --seed 1 --json""",
 )
 def discover(options: Any) -> None:
-    """Discover a law in the records of some sources."""
+    """Discover a law in the records of some sources.
+
+    Parameters
+    ----------
+    options : Namespace
+        Parsed options of the command.
+
+    Raises
+    ------
+    InputError
+        If a file was asked for and the equation has no model.
+    """
     from reduced_models.discovery.discover import discover as discover_law
     from reduced_models.discovery.term_libraries import AUTO
 
@@ -381,7 +416,13 @@ examples:
   %(prog)s --response out/machine        # after 'response machine ... -o out/machine'""",
 )
 def compare(options: Any) -> None:
-    """Compare laws on the records of some sources, or the bed's law with a response."""
+    """Compare laws on the records of some sources, or the bed's law with a response.
+
+    Parameters
+    ----------
+    options : Namespace
+        Parsed options of the command.
+    """
     if options.response is None:
         require_options(options, sources="SOURCE")
         _compare_laws(options)
@@ -447,7 +488,18 @@ def _compare_response(options: Any) -> None:
 
 
 def parse_laws(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the laws to fit; "all" stands for those of the package."""
+    """Names of the laws to fit, each once; "all" stands for those of the package.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of laws, equations, or "all".
+
+    Returns
+    -------
+    tuple of str
+        Names and equations, in their order.
+    """
     from reduced_models.laws.catalogue import LAWS
 
     every = (list(LAWS) if name == "all" else [name] for name in names)

@@ -32,7 +32,13 @@ examples:
   %(prog)s model.json --until 3 --height "60 mm" --velocity 0""",
 )
 def simulate(options: Any) -> None:
-    """Predict a motion by a saved model."""
+    """Predict a motion by a saved model.
+
+    Parameters
+    ----------
+    options : Namespace
+        Parsed options of the command.
+    """
     import numpy as np
 
     from granular.schema.units import si_value
@@ -98,7 +104,13 @@ examples:
   %(prog)s damper -o Bed.mo --port force         # from the scene alone""",
 )
 def export_model(options: Any) -> None:
-    """Write a saved model as code."""
+    """Write a saved model as code.
+
+    Parameters
+    ----------
+    options : Namespace
+        Parsed options of the command.
+    """
     from reduced_models.models.model import load_model
 
     if _is_scene_name(options.model):

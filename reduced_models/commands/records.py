@@ -72,7 +72,17 @@ READING = option_group(
 
 
 def parse_reading_options(options: Any) -> ReadOptions:
-    """Return what the command line says of a file.
+    """Options of reading a file, from the options of the command line.
+
+    Parameters
+    ----------
+    options : Namespace
+        Parsed options of the command.
+
+    Returns
+    -------
+    ReadOptions
+        Columns, units, separators, times [s] and calibrations of the file.
 
     Raises
     ------
@@ -145,7 +155,20 @@ def _parse_pairs(option: str, items: Sequence[str]) -> dict[str, str]:
 
 
 def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
-    """Return the records of sources, of which scenes are run; all releases of each if asked."""
+    """Return the records of some sources, scenes simulated first; all releases of a file where asked.
+
+    Parameters
+    ----------
+    sources : sequence of str
+        Files, directories of runs, or names of scenes.
+    options : Namespace
+        Parsed options of the command.
+
+    Returns
+    -------
+    list of PistonRecord
+        Records, times in s and heights in m.
+    """
     from reduced_models.records.sources import (
         METHOD,
         RunOptions,
@@ -169,7 +192,17 @@ def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
 
 
 def print_result_and_report_path(result: Any, options: Any, text: str | None = None) -> None:
-    """Print a result, in other words than its own where these are given; and its report's place."""
+    """Print a result, in other words than its own where these are given; and its report's place.
+
+    Parameters
+    ----------
+    result : Identification, Calibration or Design
+        Result with a text and plain data.
+    options : Namespace
+        Parsed options of the command, with ``json`` and ``out``.
+    text : str, optional
+        Text to print instead of the result's own.
+    """
     text = str(result) if text is None else text
     if options.out is not None:
         text += f"\nreport: {options.out}/report.html"
@@ -195,7 +228,13 @@ examples:
   %(prog)s lab.csv --decimal , --skip 12 --write record.toml    # then: identify record.toml""",
 )
 def look(options: Any) -> None:
-    """Show what was understood, and keep it if asked."""
+    """Show what was understood, and keep it if asked.
+
+    Parameters
+    ----------
+    options : Namespace
+        Parsed options of the command.
+    """
     from granular.readers.read_options import (
         ReadOptions,
         is_record_description,
@@ -236,7 +275,13 @@ examples:
   %(prog)s -o somewhere        # then: identify somewhere/lvdt.toml --law linear""",
 )
 def example(options: Any) -> None:
-    """Write the example records."""
+    """Write the example records.
+
+    Parameters
+    ----------
+    options : Namespace
+        Parsed options of the command.
+    """
     from reduced_models.records.example_records import write_example_records
 
     truths = write_example_records(options.out)

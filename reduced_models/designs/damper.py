@@ -136,7 +136,18 @@ class DamperCandidate(NamedTuple):
 
 
 def damper_at_coordinates(coordinates: np.ndarray) -> DamperCandidate:
-    """Damper at a place (4,) of the box; the number of grains is rounded."""
+    """Damper at a place of the box that the maps cover; its number of grains is rounded.
+
+    Parameters
+    ----------
+    coordinates : float64 (4,)
+        Place in the box, each coordinate from -1 to 1.
+
+    Returns
+    -------
+    DamperCandidate
+        Mass of the piston [kg], grains, drag [kg/s] and fraction of small grains.
+    """
     low, high = _logarithmic_coordinates(LOWEST), _logarithmic_coordinates(HIGHEST)
     scaled = low + 0.5 * (np.asarray(coordinates, dtype=float) + 1.0) * (high - low)
     mass, count, ratio = (math.exp(log) for log in scaled[:3])
@@ -149,6 +160,16 @@ def disc_over_dipole_figures(candidate: DamperCandidate) -> np.ndarray:
     """Rest height, frequency and damping ratio of discs over those of dipoles, by theory (3,).
 
     All are 1 for dipoles.
+
+    Parameters
+    ----------
+    candidate : DamperCandidate
+        Damper, with the kind of its magnets.
+
+    Returns
+    -------
+    float64 (3,)
+        Ratios of rest height, frequency and damping ratio, dimensionless.
     """
     from reduced_models.falls.predicted_law import OutsideRangeWarning, predict
 
@@ -170,6 +191,16 @@ def affine_rest_height(candidate: DamperCandidate) -> float:
 
     The force of N grains falls with the power 2.86 of the height and grows with the square of the
     mean moment.
+
+    Parameters
+    ----------
+    candidate : DamperCandidate
+        Damper.
+
+    Returns
+    -------
+    float
+        Height of the piston at rest [m].
     """
     load = (
         candidate.mass / candidate.cell_width_ratio / REFERENCE_MASS / _mean_grain_mass_ratio(candidate) ** 2
@@ -182,6 +213,16 @@ def affine_damping_ratio(candidate: DamperCandidate) -> float:
 
     A grain at the height y then moves with y/h of the piston's velocity: the bed's drag is a third
     of the sum over its grains, and the frequency is sqrt(2.86 g/h).
+
+    Parameters
+    ----------
+    candidate : DamperCandidate
+        Damper.
+
+    Returns
+    -------
+    float
+        Fraction of critical damping.
     """
     frequency = math.sqrt(EXPONENT * GRAVITY / affine_rest_height(candidate))
     drag = candidate.grains * candidate.drag * _mean_grain_mass_ratio(candidate) / 3.0

@@ -62,6 +62,18 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> HtmlPage:
     """All maps as a page: pictures, their errors, and the law that they stand for.
 
     ``sliders`` is the name of the page with the maps under sliders, where it is next to this one.
+
+    Parameters
+    ----------
+    maps : DamperMaps
+        Maps to show.
+    sliders : str, optional
+        Name of the page with the maps under sliders, where it is next to this one.
+
+    Returns
+    -------
+    HtmlPage
+        Page with contour maps over mass [kg] and drag [kg/s].
     """
     page = HtmlPage(
         "Maps of the damper",
@@ -173,7 +185,19 @@ def plot_maps(maps: DamperMaps, fraction: float = 0.0) -> Figure:
 
 
 def draw_contour_map(axes: Axes, maps: DamperMaps, count: int, fraction: float) -> None:
-    """Contours over mass and drag; the box is sheared in them."""
+    """Draw the contours of the maps over mass and drag, in which their box is sheared.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw on.
+    maps : DamperMaps
+        Maps to draw.
+    count : int
+        Number of grains.
+    fraction : float
+        Fraction of small grains, from 0 to 1.
+    """
     side = np.linspace(-1.0, 1.0, _SIDE)
     grains = DamperCandidate(1.0, count, 1.0, fraction).map_coordinates()[[1, 3]]
     positions = [[np.array([damper, grains[0], other, grains[1]]) for damper in side] for other in side]
@@ -221,7 +245,13 @@ def _label_contour(axes: Axes, name: str, level: float, line: np.ndarray) -> Non
 
 
 def add_map_legend(drawing: Figure) -> None:
-    """Name the lines of a map, above it."""
+    """Name the lines of a map, above it.
+
+    Parameters
+    ----------
+    drawing : Figure
+        Figure to add the legend to.
+    """
     from matplotlib.lines import Line2D
 
     drawing.legend(

@@ -128,7 +128,18 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> DamperCandidate:
 
 
 def targets_by_grain_count(target: DesignTarget) -> list[DesignTarget]:
-    """Target with each number of grains that may be tried; as it is where that is settled."""
+    """Targets with each number of grains that may be tried; the target itself where that is settled.
+
+    Parameters
+    ----------
+    target : DesignTarget
+        Wanted frequency [Hz] and damping ratio, and what is fixed.
+
+    Returns
+    -------
+    list of DesignTarget
+        Targets to try, in their order.
+    """
     if target.grains is not None or target.mass is not None:
         return [target]
     return [target._replace(grains=count) for count in COUNTS]
@@ -141,6 +152,20 @@ def damper_for_target(
 
     ``aim`` differs from the target where simulations have shown that the maps are a little off.
     None if there is no such damper in the maps.
+
+    Parameters
+    ----------
+    maps : DamperMaps
+        Maps of the figures.
+    target : DesignTarget
+        Target with a settled number of grains or mass [kg].
+    aim : (float, float)
+        Frequency [Hz] and damping ratio that the maps are to give.
+
+    Returns
+    -------
+    DamperCandidate or None
+        Damper that the maps give these; None if there is none.
     """
     positions = _coordinates_for(target)
     damper = _solve_for_damper(maps, positions, aim)

@@ -76,7 +76,18 @@ class DesignRound(NamedTuple):
     checks: tuple[DesignCheck, ...]
 
     def mean_figure(self, name: str) -> float:
-        """Mean of a figure over the checks."""
+        """Mean of a figure over the checks.
+
+        Parameters
+        ----------
+        name : str
+            Name of a figure of `DesignCheck`.
+
+        Returns
+        -------
+        float
+            Mean in the unit of the figure.
+        """
         return sum(getattr(check, name) for check in self.checks) / len(self.checks)
 
 
@@ -130,7 +141,18 @@ class Design:
         return self.rounds[-1].mean_figure("rest_height")
 
     def meets_target(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
-        """Return true where every check lies within these relative tolerances of the target."""
+        """Tell whether every check lies within relative tolerances of the target.
+
+        Parameters
+        ----------
+        frequency_tolerance, damping_tolerance : float
+            Relative tolerances of frequency and damping ratio.
+
+        Returns
+        -------
+        bool
+            True where all checks do.
+        """
         return all(
             abs(check.frequency / self.target.frequency - 1.0) <= frequency_tolerance
             and abs(check.damping_ratio / self.target.damping - 1.0) <= damping_tolerance
@@ -138,19 +160,52 @@ class Design:
         )
 
     def means_meet_target(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
-        """Return true where the means over the checks lie within these relative tolerances."""
+        """Tell whether the means over the checks lie within relative tolerances of the target.
+
+        Parameters
+        ----------
+        frequency_tolerance, damping_tolerance : float
+            Relative tolerances of frequency and damping ratio.
+
+        Returns
+        -------
+        bool
+            True where both means do.
+        """
         return (
             abs(self.frequency / self.target.frequency - 1.0) <= frequency_tolerance
             and abs(self.damping_ratio / self.target.damping - 1.0) <= damping_tolerance
         )
 
     def range_over_seeds(self, name: str) -> tuple[float, float]:
-        """Least and greatest value over the random starts of the last round."""
+        """Least and greatest value of a figure over the random starts of the last round.
+
+        Parameters
+        ----------
+        name : str
+            Name of a figure of `DesignCheck`.
+
+        Returns
+        -------
+        (float, float)
+            Values in the unit of the figure.
+        """
         values = [getattr(check, name) for check in self.checks]
         return min(values), max(values)
 
     def seeds_agree(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
-        """Return true where random starts differ so little that all could meet the tolerances."""
+        """Tell whether random starts differ so little that all could meet the tolerances.
+
+        Parameters
+        ----------
+        frequency_tolerance, damping_tolerance : float
+            Relative tolerances of frequency and damping ratio.
+
+        Returns
+        -------
+        bool
+            True where the ranges of both figures are at most twice the tolerance.
+        """
         pairs = (
             ("frequency", frequency_tolerance * self.target.frequency),
             ("damping_ratio", damping_tolerance * self.target.damping),
@@ -204,7 +259,13 @@ class Design:
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def to_plain(self) -> dict[str, Any]:
-        """Design as plain data (numbers, texts, lists)."""
+        """Design as plain data (numbers, texts, lists).
+
+        Returns
+        -------
+        dict of str
+            Target, damper, figures in SI units, rounds and notes.
+        """
         return {
             "wish": self.target._asdict(),
             "damper": self.damper._asdict() | {"viscosity": self.damper.viscosity},
@@ -223,7 +284,18 @@ class Design:
         }
 
     def plot(self, maps: DamperMaps) -> Figure:
-        """Map that the design lies on, and the motions of its checks."""
+        """Draw the map that the design lies on, and the motions of its checks.
+
+        Parameters
+        ----------
+        maps : DamperMaps
+            Maps of the figures.
+
+        Returns
+        -------
+        Figure
+            Contours over mass [kg] and drag [kg/s], and heights [mm] over time [s].
+        """
         with figure(1, 2, width=9.0, height=3.8) as (drawing, (left, right)):
             draw_contour_map(left, maps, self.damper.grains, self.damper.small_share)
             for k, round_ in enumerate(self.rounds):
@@ -255,7 +327,18 @@ class Design:
             return drawing
 
     def page(self, maps: DamperMaps) -> HtmlPage:
-        """Design as a page."""
+        """Design as a page.
+
+        Parameters
+        ----------
+        maps : DamperMaps
+            Maps of the figures, for the picture.
+
+        Returns
+        -------
+        HtmlPage
+            Report of the design.
+        """
         chosen, target = self.damper, self.target
         page = HtmlPage(
             f"A damper of {target.frequency:g} Hz and damping ratio {target.damping:g}",
@@ -322,7 +405,13 @@ class Design:
         return page
 
     def sheet(self) -> HtmlPage:
-        """Sheet to build the damper from."""
+        """Sheet to build the damper from.
+
+        Returns
+        -------
+        HtmlPage
+            Dimensions, masses and figures to build from, in SI units.
+        """
         scatter = [
             f"{words}: {low:.4g} to {high:.4g}{unit} from {len(self.checks)} random starts"
             for words, name, unit in (
@@ -344,6 +433,13 @@ class Design:
 
     def save(self, out: str | Path, maps: DamperMaps) -> None:
         """Write report.html, workshop.html, design.json and scene.toml.
+
+        Parameters
+        ----------
+        out : str or Path
+            Directory, made where there is none.
+        maps : DamperMaps
+            Maps of the figures, for the report.
 
         Raises
         ------

@@ -37,7 +37,18 @@ digits."""
 
 
 def design_points(count: int = POINTS) -> list[DamperCandidate]:
-    """Dampers of a study: corners of the box, and ``count`` points of Sobol's sequence."""
+    """Dampers of a study: corners of the box, and ``count`` points of Sobol's sequence.
+
+    Parameters
+    ----------
+    count : int
+        Number of points of Sobol's sequence, a power of two.
+
+    Returns
+    -------
+    list of DamperCandidate
+        The 16 corners and these points, dampers with few grains first.
+    """
     from scipy.stats import qmc
 
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=4)))
@@ -132,6 +143,11 @@ SHOWN_EVERY = 5
 def measure_damper_figures(run: Trajectory) -> Mapping[str, Any]:
     """Figures of a damper that fell, came to rest, was lifted and released.
 
+    Parameters
+    ----------
+    run : Trajectory
+        Run of the packaged damper: dropped, at rest, lifted and released.
+
     Returns
     -------
     mapping
@@ -146,7 +162,18 @@ def measure_damper_figures(run: Trajectory) -> Mapping[str, Any]:
 
 
 def measure_rest_and_gaps(run: Trajectory) -> dict[str, float]:
-    """Figures of `measure_damper_figures` that no law is fitted for."""
+    """Figures of `measure_damper_figures` that no law is fitted for.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Run of the packaged damper: dropped, at rest, lifted and released.
+
+    Returns
+    -------
+    dict of str to float
+        ``rest_height`` [m]; ``rest_gap``, ``fall_gap`` and ``ledger``, dimensionless.
+    """
     settings = run.settings()
     return {
         "rest_height": run.stage("drop").height,
@@ -157,7 +184,19 @@ def measure_rest_and_gaps(run: Trajectory) -> dict[str, float]:
 
 
 def fit_motion_figures(motion: PistonRecord) -> dict[str, float]:
-    """Figures of `measure_damper_figures` by the law of the motion after the release."""
+    """Figures of `measure_damper_figures` by the law of the motion after the release.
+
+    Parameters
+    ----------
+    motion : PistonRecord
+        Motion from the release on: times [s] and heights [m].
+
+    Returns
+    -------
+    dict of str to float
+        ``frequency`` [Hz], ``damping_ratio``, ``lam`` [1/s], ``k1`` [1/s^2], ``k2`` [1/(m s^2)], ``k3``
+        [1/(m^2 s^2)] and ``misfit``; NaN where the law has no small swing.
+    """
     from reduced_models.fitting.fit import fit
 
     with warnings.catch_warnings():
@@ -194,7 +233,18 @@ def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
 
 
 def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """Figures of a run's `measure_design_check`, and ``times`` [s] and ``heights`` [m] for a picture."""
+    """Figures of a run's check, and its motion for a picture.
+
+    Parameters
+    ----------
+    columns : mapping of str
+        Result of `measure_design_check`.
+
+    Returns
+    -------
+    dict of str
+        Figures of `measure_damper_figures`, ``times`` [s] and ``heights`` [m], every fifth sample.
+    """
     motion = PistonRecord.from_columns(columns["motion"])
     return {
         **{name: value for name, value in columns.items() if name != "motion"},

@@ -120,7 +120,22 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
 
 
 def response_page_with_law(response: FrequencyResponse) -> tuple[HtmlPage, ResponseComparison | None, str]:
-    """Report of a response with the law; the law; and why, where there is none."""
+    """Report of a response with the law; the law; and why, where there is none.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Simulated response of a host.
+
+    Returns
+    -------
+    page : HtmlPage
+        Report of the response, with the law's curves where it is known.
+    comparison : ResponseComparison or None
+        Peaks by the law and simulated.
+    why : str
+        Reason why there is no law; else empty.
+    """
     try:
         law = compare_response(response)
     except InputError as error:

@@ -133,7 +133,13 @@ class DamperDesign:
         return f"{what}, take away {100.0 * self.reduction:.3g} % of the peak: {figures}"
 
     def sheet(self) -> HtmlPage:
-        """Sheet to build the damper from."""
+        """Sheet to build the damper from.
+
+        Returns
+        -------
+        HtmlPage
+            Dimensions, masses and figures to build from, in SI units.
+        """
         scatter = [
             "By the law alone: how far starts differ is not known, and where it was compared with "
             "simulations the peak was up to 10 % off; simulate=True puts a simulation beside it."

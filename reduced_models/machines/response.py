@@ -93,6 +93,16 @@ class CoupledSystem(NamedTuple):
     def from_host_scene(cls, scene: Scene) -> CoupledSystem:
         """Equation of a scene whose host carries the cell.
 
+        Parameters
+        ----------
+        scene : Scene
+            Scene with a host of one body that carries the cell, and a bed.
+
+        Returns
+        -------
+        CoupledSystem
+            Masses [kg], stiffness [N/m], damping [N s/m], and the bed's law, in SI.
+
         Raises
         ------
         InputError
@@ -112,6 +122,16 @@ class CoupledSystem(NamedTuple):
     @classmethod
     def from_bed_scene(cls, scene: Scene) -> CoupledSystem:
         """Equation of a scene's bed, on a host that nothing moves.
+
+        Parameters
+        ----------
+        scene : Scene
+            Scene with a piston on a bed; its own host is left out.
+
+        Returns
+        -------
+        CoupledSystem
+            The bed's law in SI, on a host of infinite mass.
 
         Raises
         ------
@@ -160,6 +180,11 @@ class CoupledSystem(NamedTuple):
         swing : LinearSwing, optional
             Of the linear law, as a fit to a swing over a cell at rest finds it; that of the bed's
             own law if not given.
+
+        Returns
+        -------
+        complex128 (f,)
+            Complex amplitude of the host's displacement [m].
         """
         omega = math.tau * np.asarray(frequencies, dtype=np.float64)
         own = self.stiffness + 1j * omega * self.damping
@@ -189,18 +214,35 @@ def _state_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -
 
 @entry
 def fill_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
-    """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]."""
+    """Fill in the rates of X, X', z, z', w and q (6,) under a force [N].
+
+    Parameters
+    ----------
+    law : CoupledSystem
+        Numbers of the equation, in SI.
+    force : float
+        Force on the host [N].
+    state : float64 (6,)
+        X [m], X' [m/s], z [m], z' [m/s], w [m] and q (dimensionless).
+    rates : float64 (6,)
+        Filled in with the rates of these, per second.
+    """
     _state_rates(law, force, state, rates)
 
 
 @entry
 def squared_amplitudes(law: CoupledSystem, force: float, omega: float, steps: int, last: int) -> Array:
-    """Squares of the amplitudes of host and piston over the last steps, by Runge and Kutta.
+    """Squared amplitudes of host and piston over the last steps, by the classical Runge-Kutta method.
 
     Parameters
     ----------
     steps, last : int
         Of `STEPS_A_PERIOD` a period; whole periods.
+
+    Returns
+    -------
+    float64 (2,)
+        Squared amplitude of the host and of the piston about rest, at the force's frequency [m^2].
     """
     h = 2.0 * math.pi / omega / STEPS_A_PERIOD
     state, middle = np.zeros(6), np.zeros(6)
@@ -312,7 +354,23 @@ def _host_force(host: Host | None) -> float:
 
 
 def solve_host_response(law: CoupledSystem, frequencies: Sequence[float], force: float) -> PredictedResponse:
-    """As `predicted_response`, of given numbers, and without a range."""
+    """Solve the response of a host by the law of its bed, from given numbers.
+
+    Parameters
+    ----------
+    law : CoupledSystem
+        Numbers of the equation, in SI.
+    frequencies : sequence of float
+        Frequencies of the force [Hz], f of them.
+    force : float
+        Amplitude of the force [N].
+
+    Returns
+    -------
+    PredictedResponse
+        Amplitudes (f,) of host, piston and the linear law [m]; whether they leave the law's range is
+        not checked.
+    """
     pairs = []
     for frequency in frequencies:
         periods = max(math.ceil(SETTLING * frequency), 10)

@@ -189,12 +189,34 @@ class FittedLaw:
         return "angle" if self.angle else "height"
 
     def unit_of_parameter(self, name: str) -> str:
-        """Return the unit of a parameter, of ``shift`` or of ``scale``."""
+        """Return the unit of a parameter, of ``shift`` or of ``scale``.
+
+        Parameters
+        ----------
+        name : str
+            Name of the parameter.
+
+        Returns
+        -------
+        str
+            Unit as text, as "1/s^2"; empty where it has none.
+        """
         result = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
         return _METRE.sub("rad", result) if self.angle else result
 
     def map_text(self, digits: int) -> str:
-        """Map from the coordinate to z, as text."""
+        """Map from the coordinate to z, as text.
+
+        Parameters
+        ----------
+        digits : int
+            Significant digits of the numbers.
+
+        Returns
+        -------
+        str
+            Formula of the coordinate by z, with units.
+        """
         return self.map.text(digits, self.coordinate, self.unit)
 
     @property
@@ -340,6 +362,16 @@ class FittedLaw:
 
     def simulate_record(self, record: PistonRecord) -> PistonRecord:
         """Motion at the times of a record, with its inputs, from the fitted initial state.
+
+        Parameters
+        ----------
+        record : PistonRecord
+            Record with the law's inputs at its n times [s].
+
+        Returns
+        -------
+        PistonRecord
+            Motion (n,) at these times: heights [m] and velocities [m/s].
 
         Raises
         ------

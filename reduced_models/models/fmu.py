@@ -82,6 +82,15 @@ class FmuContents(NamedTuple):
 def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) -> None:
     """Write a model as an FMU of FMI 2.0 or 3.0.
 
+    Parameters
+    ----------
+    model : FittedLaw or ForcePort
+        Law with numbers, or the element with its force.
+    path : str or Path
+        File to write, replaced where it exists.
+    version : int
+        Version of the FMI standard (Modelica Association, fmi-standard.org): 2 or 3.
+
     Raises
     ------
     InputError

@@ -218,6 +218,11 @@ def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -
     gravity : float
         [m/s^2]
 
+    Returns
+    -------
+    ForcePort
+        Element with the mass [kg] and the weight [N] of the piston.
+
     Raises
     ------
     InputError
@@ -234,7 +239,18 @@ def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -
 
 
 def prepare_port_for_export(port: ForcePort) -> PortForExport:
-    """Parts of a port's export."""
+    """Prepare an element for export: names that code can have, values, and expressions.
+
+    Parameters
+    ----------
+    port : ForcePort
+        Element with a force.
+
+    Returns
+    -------
+    PortForExport
+        Inputs, states, parameters with values and units, and the expressions of force [N] and rates.
+    """
     import sympy
 
     model, law = port.model, prepare_law_for_export(port.model)
@@ -272,7 +288,18 @@ def prepare_port_for_export(port: ForcePort) -> PortForExport:
 
 
 def port_jacobian(parts: PortForExport) -> list[list[sympy.Expr]] | None:
-    """Return derivatives of rates, then force, by states, then inputs, or None."""
+    """Return the derivatives of the states' rates, then of the force, by the states, then by the inputs.
+
+    Parameters
+    ----------
+    parts : PortForExport
+        Element prepared for export.
+
+    Returns
+    -------
+    list of list of Expr, or None
+        A row for each rate and the force; None where SymPy cannot differentiate.
+    """
     import sympy
 
     real = {
@@ -306,7 +333,18 @@ def _array_element_locals(groups: Mapping[str, Sequence[str]], line: str, first:
 
 
 def c_local_variables(parts: PortForExport) -> str:
-    """Lines of C that name what the expressions name."""
+    """Lines of C that name what the expressions name.
+
+    Parameters
+    ----------
+    parts : PortForExport
+        Element prepared for export.
+
+    Returns
+    -------
+    str
+        Declarations in C99 of z, z', inputs, parameters and states.
+    """
     groups = {"inputs": parts.inputs, "parameters": parts.parameters, "states": parts.states}
     named = _array_element_locals(groups, "    const double {name} = {array}[{index}];\n")
     used = ("z", "z_first", *parts.inputs, *parts.parameters, *parts.states)
@@ -318,7 +356,20 @@ def c_local_variables(parts: PortForExport) -> str:
 
 
 def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
-    """Header and source in C99 of a bed by that name, which goes before all that they declare."""
+    """Header and source in C99 of a bed, all declared names with the given name in front.
+
+    Parameters
+    ----------
+    port : ForcePort
+        Element with a force.
+    name : str
+        Name of the bed.
+
+    Returns
+    -------
+    header, source : str
+        Texts of the two files; lengths in m, forces in N.
+    """
     parts = prepare_port_for_export(port)
     force, *rates = parts.outputs
     words = {
@@ -349,7 +400,20 @@ def _names_with_units(parts: PortForExport) -> list[str]:
 
 
 def port_matlab_source(port: ForcePort, name: str) -> str:
-    """MATLAB and Octave source of a function of that name, as a block of Simulink takes it."""
+    """MATLAB and Octave source of a function of that name, as a block of Simulink takes it.
+
+    Parameters
+    ----------
+    port : ForcePort
+        Element with a force.
+    name : str
+        Name of the function.
+
+    Returns
+    -------
+    str
+        Source; lengths in m, forces in N.
+    """
     parts = prepare_port_for_export(port)
     force, *rates = map(matlab_expression, parts.outputs)
     groups = {"inputs": parts.law.inputs, "parameters": parts.parameters, "states": parts.states}
@@ -368,7 +432,18 @@ def port_matlab_source(port: ForcePort, name: str) -> str:
 
 
 def port_python_source(port: ForcePort) -> str:
-    """Python source of a module with the force and the rates, which needs NumPy alone."""
+    """Python source of a module with the force and the rates, which needs NumPy alone.
+
+    Parameters
+    ----------
+    port : ForcePort
+        Element with a force.
+
+    Returns
+    -------
+    str
+        Source; lengths in m, forces in N.
+    """
     from sympy.printing.numpy import NumPyPrinter
 
     parts = prepare_port_for_export(port)
@@ -389,7 +464,20 @@ def port_python_source(port: ForcePort) -> str:
 
 
 def port_modelica_source(port: ForcePort, name: str) -> str:
-    """Modelica text of a model of that name, between the flanges of cell and piston."""
+    """Modelica text of a model of that name, between the flanges of cell and piston.
+
+    Parameters
+    ----------
+    port : ForcePort
+        Element with a force.
+    name : str
+        Name of the model.
+
+    Returns
+    -------
+    str
+        Source; lengths in m, forces in N.
+    """
     import sympy
 
     parts = prepare_port_for_export(port)

@@ -42,7 +42,18 @@ class PredictionBand(NamedTuple):
 
 
 def correlation_matrix(covariance: np.ndarray) -> np.ndarray:
-    """Correlations (p, p); zero for entries that do not vary."""
+    """Correlation matrix of a covariance; zero for entries that do not vary.
+
+    Parameters
+    ----------
+    covariance : float64 (p, p)
+        Covariance, in products of any units.
+
+    Returns
+    -------
+    float64 (p, p)
+        Correlations from -1 to 1, dimensionless.
+    """
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     inverse = np.divide(1.0, spread, out=np.zeros_like(spread), where=spread > 0.0)
     return np.asarray(covariance * np.outer(inverse, inverse))
@@ -56,9 +67,31 @@ def predict_with_deviations(
     times: np.ndarray,
     inputs: Mapping[str, np.ndarray] | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Heights (n,) from the fitted start on, and the standard deviations that a covariance leaves.
+    """Heights from the fitted start on, and the standard deviations that a covariance leaves.
 
     ``moved`` gives a model with another value of one of the names.
+
+    Parameters
+    ----------
+    model : FittedLaw
+        Law with numbers.
+    covariance : float64 (p, p)
+        Covariance of what is named, in products of SI units.
+    names : sequence of str
+        Parameters, map and start that it is of.
+    moved : callable
+        From a model, a name and a value to the model with that value.
+    times : float64 (n,)
+        Increasing times [s].
+    inputs : mapping of str to float64 (n,), or None
+        Inputs of the law at these times.
+
+    Returns
+    -------
+    height : float64 (n,)
+        Heights [m].
+    deviation : float64 (n,)
+        Standard deviations of the heights [m].
 
     Raises
     ------
@@ -114,7 +147,20 @@ def _change_along_direction(
 
 
 def parameter_value(model: FittedLaw, name: str) -> float:
-    """Value of a parameter, of the map, or of the start, by its name."""
+    """Value of a parameter, of the map, or of the start, by its name.
+
+    Parameters
+    ----------
+    model : FittedLaw
+        Law with numbers.
+    name : str
+        Parameter, ``shift``, ``scale``, ``height``, ``velocity`` or a hidden state.
+
+    Returns
+    -------
+    float
+        Value in SI units; 0 for a hidden state that the model does not name.
+    """
     known = {
         **model.parameters,
         "shift": model.map.shift,

@@ -74,7 +74,21 @@ class SteadyAmplitudes(NamedTuple):
 
 
 def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRecord:
-    """Motion of a piston released so far above its level of rest [m], over so many periods.
+    """Motion of a piston released above its level of rest.
+
+    Parameters
+    ----------
+    model : FittedLaw
+        Law with numbers.
+    amplitude : float
+        Height above the level of rest at the release [m].
+    periods : float
+        Duration in periods of small swings.
+
+    Returns
+    -------
+    PistonRecord
+        Motion from the release on: times [s] and heights [m].
 
     Raises
     ------
@@ -96,6 +110,12 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
         [m]
     frequency : float, optional
         Angular [rad/s]; without, that at which the equivalent stiffness carries the inertia.
+
+    Returns
+    -------
+    HarmonicCycle
+        Amplitude, angular frequency [rad/s], equivalent stiffness and damping, and energy, per
+        kilogram.
 
     Raises
     ------
@@ -144,6 +164,11 @@ def frequency_response(
         Angular [rad/s].
     largest : float, optional
         Greatest amplitude to look for [m]; ten times the farthest swing of the record without.
+
+    Returns
+    -------
+    SteadyAmplitudes
+        Least and greatest amplitude (n,) [m] at each frequency, which differ where the response folds over.
 
     Raises
     ------

@@ -117,7 +117,24 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
 def search_vector_of_model(
     model: FittedLaw, guess: FirstGuesses | None, unknowns: Unknowns | None = None
 ) -> tuple[Unknowns, np.ndarray]:
-    """Unknowns scaled by a glance at a record, or others, and the search vector of a model."""
+    """Search vector of a model, with the unknowns that scale it.
+
+    Parameters
+    ----------
+    model : FittedLaw
+        Law with numbers.
+    guess : FirstGuesses or None
+        First guesses of a record, which scale new unknowns.
+    unknowns : Unknowns, optional
+        Unknowns to use instead.
+
+    Returns
+    -------
+    unknowns : Unknowns
+        Law and scales of the search vector.
+    theta : float64 (p,)
+        Search vector, dimensionless: parameters, height, velocity and hidden states.
+    """
     law, values = model.law, [model.parameters[name] for name in model.law.parameters]
     logs = [name in law.positive for name in law.parameters]
     if unknowns is None:

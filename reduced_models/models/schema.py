@@ -259,7 +259,17 @@ _MODEL = _keyed_table_checker(
 
 
 def check_plain_model(data: object) -> dict[str, Any]:
-    """Plain data of a model, if they are such; pairs with infinite ends for null.
+    """Check that plain data are those of a model, and put infinite ends in place of null.
+
+    Parameters
+    ----------
+    data : object
+        Data as JSON holds them.
+
+    Returns
+    -------
+    dict of str
+        The same with pairs of numbers; entries in SI units.
 
     Raises
     ------
@@ -292,6 +302,16 @@ def check_plain_model(data: object) -> dict[str, Any]:
 def read_plain_model(path: Path) -> dict[str, Any]:
     """Plain data in a model's file, not checked yet.
 
+    Parameters
+    ----------
+    path : Path
+        JSON file of a model.
+
+    Returns
+    -------
+    dict of str
+        Object in the file.
+
     Raises
     ------
     InputError
@@ -321,7 +341,23 @@ def _refuse_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def law_from_plain(plain: Mapping[str, Any]) -> Law:
-    """Law of the package, or one of the user's own, from its equation."""
+    """Law of the package, or one of the user's own, from its equation.
+
+    Parameters
+    ----------
+    plain : mapping of str
+        Checked plain data of a model.
+
+    Returns
+    -------
+    Law
+        Packaged law of that name where its equation is the same, else one made of the equation.
+
+    Raises
+    ------
+    InputError
+        If the parameters are not those of the equation, or this cannot be read.
+    """
     own = Law(
         name=plain["law"],
         equation=plain["equation"],
@@ -343,7 +379,18 @@ def law_from_plain(plain: Mapping[str, Any]) -> Law:
 
 
 def quality_from_plain(plain: Mapping[str, Any]) -> Quality:
-    """Quality of a model; an infinite error, which no file holds, is put back."""
+    """Quality of a model; an infinite error, which no file holds, is put back.
+
+    Parameters
+    ----------
+    plain : mapping of str
+        Checked plain data of the quality.
+
+    Returns
+    -------
+    Quality
+        Quality of the fit, in SI units.
+    """
     quality = Quality(**plain)
     if quality.test_error is None and quality.test_swings:
         return dataclasses.replace(quality, test_error=math.inf)

@@ -53,7 +53,18 @@ class LawForExport(NamedTuple):
 
 
 def prepare_law_for_export(model: FittedLaw) -> LawForExport:
-    """Parts of a model's export."""
+    """Prepare a model's law for export: names that code can have, values, and expressions.
+
+    Parameters
+    ----------
+    model : FittedLaw
+        Law with numbers.
+
+    Returns
+    -------
+    LawForExport
+        Names and values in SI units, expressions of z'' and of the hidden states' rates, and comments.
+    """
     import sympy
 
     law, parsed = model.law, model.law.parsed
@@ -100,14 +111,38 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
 
 
 def replace_steps_by_signs(expression: sympy.Expr) -> sympy.Expr:
-    """Expression with signs in place of steps, which languages do not have."""
+    """Expression with signs in place of steps, which languages do not have.
+
+    Parameters
+    ----------
+    expression : Expr
+        Expression with Heaviside steps.
+
+    Returns
+    -------
+    Expr
+        Expression with (1 + sign)/2 for each step.
+    """
     import sympy
 
     return expression.replace(sympy.Heaviside, lambda at, *_: (1 + sympy.sign(at)) / 2)
 
 
 def ascii_names(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
-    """Names of ASCII letters, digits and underscores behind a prefix, no two of them alike."""
+    """Names of ASCII letters, digits and underscores behind a prefix, no two of them alike.
+
+    Parameters
+    ----------
+    prefix : str
+        Text in front of each name.
+    names : sequence of str
+        Names, Greek letters among them.
+
+    Returns
+    -------
+    tuple of str
+        Names in ASCII, in the same order.
+    """
     result: list[str] = []
     for name in names:
         ascii_name = "".join(map(_ascii_name, name))
@@ -125,7 +160,18 @@ def _ascii_name(character: str) -> str:
 
 
 def escape_comment(words: str) -> str:
-    """Text that can stand in a comment of any language, whatever it holds."""
+    """Text that can stand in a comment of any language, whatever it holds.
+
+    Parameters
+    ----------
+    words : str
+        Any text.
+
+    Returns
+    -------
+    str
+        ASCII text without line breaks, backslashes and marks of comments.
+    """
     plain = sanitize(words, MAX_CHARACTERS).encode("ascii", "replace").decode()
     # A backslash would go on with a comment on the next line, and so would "??/" in C.
     return plain.replace("\\", "/").replace("??", "? ?").replace("*/", "* /").replace("/*", "/ *")
@@ -201,7 +247,18 @@ void model_simulate(const double *times, int count, const double *start, const d
 
 
 def c_source(model: FittedLaw) -> str:
-    """C99 source of a model: rates, a step, and `model_simulate`."""
+    """C99 source of a model: rates, a step, and `model_simulate`.
+
+    Parameters
+    ----------
+    model : FittedLaw
+        Law with numbers.
+
+    Returns
+    -------
+    str
+        Source text; heights in m, times in s.
+    """
     parts = prepare_law_for_export(model)
     rates = [f"    rates[{2 + k}] = {c_expression(rate)};\n" for k, rate in enumerate(parts.rates)]
     return _C.format(
@@ -221,7 +278,18 @@ def c_source(model: FittedLaw) -> str:
 
 
 def c_expression(expression: sympy.Expr) -> str:
-    """Expression in C99."""
+    """Expression in C99.
+
+    Parameters
+    ----------
+    expression : Expr
+        Expression of real symbols.
+
+    Returns
+    -------
+    str
+        C99 expression.
+    """
     from sympy.printing.c import C99CodePrinter
 
     printer = C99CodePrinter({"user_functions": {"max": "fmax", "min": "fmin"}})
@@ -229,7 +297,18 @@ def c_expression(expression: sympy.Expr) -> str:
 
 
 def c_array_initialiser(numbers: Sequence[float]) -> str:
-    """Numbers of an array in C, which has at least one."""
+    """Elements of an array in C, separated by commas; "0.0" where there is none.
+
+    Parameters
+    ----------
+    numbers : sequence of float
+        Numbers in any unit.
+
+    Returns
+    -------
+    str
+        Text between the braces.
+    """
     return ", ".join(map(repr, numbers)) or "0.0"
 
 
@@ -284,7 +363,20 @@ end
 
 
 def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
-    """MATLAB and Octave source of a function of that name, which its file must have too."""
+    """MATLAB and Octave source of a function of that name, which its file must have too.
+
+    Parameters
+    ----------
+    model : FittedLaw
+        Law with numbers.
+    name : str
+        Name of the function.
+
+    Returns
+    -------
+    str
+        Source text; heights in m, times in s.
+    """
     parts = prepare_law_for_export(model)
     lines = [f"{name} = {value!r};" for name, value in zip(parts.parameters, parts.values, strict=True)]
     lines += [f"{name} = state({3 + k});" for k, name in enumerate(parts.hidden)]
@@ -304,7 +396,18 @@ def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
 
 
 def matlab_expression(expression: sympy.Expr) -> str:
-    """Expression in MATLAB and Octave."""
+    """Expression in MATLAB and Octave.
+
+    Parameters
+    ----------
+    expression : Expr
+        Expression of real symbols.
+
+    Returns
+    -------
+    str
+        Expression that both read.
+    """
     from sympy.printing.octave import OctaveCodePrinter
 
     printer = OctaveCodePrinter({"user_functions": {"max": "max", "min": "min"}})
@@ -330,7 +433,20 @@ equation
 
 
 def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
-    """Modelica text of a model of that name, for OpenModelica, Dymola and others."""
+    """Modelica text of a model of that name, for OpenModelica, Dymola and others.
+
+    Parameters
+    ----------
+    model : FittedLaw
+        Law with numbers.
+    name : str
+        Name of the model.
+
+    Returns
+    -------
+    str
+        Source text; heights in m, times in s.
+    """
     parts = prepare_law_for_export(model)
     names = zip(model.law.parameters, parts.parameters, parts.values, strict=True)
     return _MODELICA.format(
@@ -360,7 +476,18 @@ def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
 
 
 def modelica_expression(expression: sympy.Expr) -> str:
-    """Expression in Modelica: powers by ^, and pi and e as numbers."""
+    """Expression in Modelica: powers by ^, and pi and e as numbers.
+
+    Parameters
+    ----------
+    expression : Expr
+        Expression of real symbols.
+
+    Returns
+    -------
+    str
+        Modelica expression.
+    """
     import sympy
 
     result = expression.xreplace({sympy.pi: sympy.pi.evalf(17), sympy.E: sympy.E.evalf(17)})
@@ -368,7 +495,18 @@ def modelica_expression(expression: sympy.Expr) -> str:
 
 
 def modelica_unit(unit: str) -> str:
-    """Return the unit as Modelica writes it; nothing where it is a user's own word."""
+    """Return the unit as Modelica writes it; empty where it is a user's own word.
+
+    Parameters
+    ----------
+    unit : str
+        Unit of a law, as "1/(m s^2)".
+
+    Returns
+    -------
+    str
+        Unit, as "1/(m.s2)".
+    """
     plain = unit.replace("^", "").replace("(m s2)", "(m.s2)").replace("(m2 s2)", "(m2.s2)")
     return plain if plain in _UNITS else ""
 
