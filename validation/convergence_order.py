@@ -75,6 +75,21 @@ def toolkit_solver(method: str) -> Solver:
 
     A method that chooses its steps itself is asked for the multiple of its automatic step that
     makes about as many.
+
+    Parameters
+    ----------
+    method : str
+        Name of a method, of `granular.methods.METHODS`.
+
+    Returns
+    -------
+    callable
+        From an exact problem and a number of steps to the grains at the problem's time.
+
+    Raises
+    ------
+    InputError
+        If there is no such method.
     """
     from granular.run.simulation import simulate
 
@@ -111,6 +126,22 @@ def step_counts(problem: ExactProblem, solver: Solver, order: int, points: int =
 
     That is the first one, from `ExactProblem.fewest_steps` on (fewer for high orders, see `LONGER`), at which
     the solver neither fails nor misses by more than `COARSE` diameters.
+
+    Parameters
+    ----------
+    problem : ExactProblem
+        Problem with its exact solution.
+    solver : callable
+        From a problem and a number of steps to the grains at its time.
+    order : int
+        Order that the solver declares.
+    points : int
+        How many numbers of steps are wanted.
+
+    Returns
+    -------
+    tuple of int
+        Numbers of equal steps up to the problem's time, increasing.
     """
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
@@ -132,6 +163,18 @@ def method_suits_problem(problem: ExactProblem, method: str) -> bool:
     """Tell if the method suits the problem.
 
     Some methods take no dry friction, and variable steps follow distances, so there must be some.
+
+    Parameters
+    ----------
+    problem : ExactProblem
+        Problem with its exact solution.
+    method : str
+        Name of a method.
+
+    Returns
+    -------
+    bool
+        True where the method can run the problem's scene.
     """
     from granular.run.time_steps import can_run_with_step
 
@@ -274,7 +317,18 @@ OUTSIDE_PROBLEMS = ("oscillation", "bounce", "scattering", "drag")
 
 
 def convergence_tasks(full: bool) -> list[Task]:
-    """Every method on every exact problem it fits."""
+    """Tasks that measure every method on every exact problem that it suits.
+
+    Parameters
+    ----------
+    full : bool
+        All pairs of both; without, three methods on every problem and all on the oscillation.
+
+    Returns
+    -------
+    list of Task
+        The tasks of the report's section, outside integrators among them.
+    """
     tasks = [
         convergence_task(method_name_to_plot(method), name, full)
         for name in NAMES
@@ -291,15 +345,42 @@ def convergence_tasks(full: bool) -> list[Task]:
 
 
 def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task:
-    """Return the method on an exact problem; ``more`` tells it from others of the name."""
+    """Task that measures one method's order on one exact problem.
+
+    Parameters
+    ----------
+    method : str
+        Name of a method or of an outside integrator.
+    problem : str
+        Name of an exact problem.
+    full : bool
+        Run the problem over its full time.
+    **more : Any
+        Tells the task from others with a method of the same name.
+
+    Returns
+    -------
+    Task
+        Its result is a `ConvergenceResult` as plain data.
+    """
     key = {"problem": problem, "method": method, "full": full, **more}
     return Task(f"{method} on {problem}", key, partial(_measure_convergence, problem, method, full))
 
 
 def method_name_to_plot(name: str) -> str:
-    """Form in which a method shows its order: high orders with compensated sums.
+    """Name of the method's form that shows its order: high orders with compensated sums.
 
     Six decades of error fit above rounding only if sums do not add to it.
+
+    Parameters
+    ----------
+    name : str
+        Name of a method.
+
+    Returns
+    -------
+    str
+        The name, with "+compensated" for compositions of order six and more.
     """
     method = method_named(name)
     high = method.order >= HIGH_ORDER and method.tableau is None

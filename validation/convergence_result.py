@@ -94,7 +94,18 @@ class ConvergenceResult(PlainData):
         return max(self.errors) <= CLEAR * self.rounding
 
     def shows_declared_order(self, tolerance: float) -> bool:
-        """Tell if the slope is the declared order within a tolerance, or the method is exact."""
+        """Tell if the slope is the declared order within a tolerance, or the method is exact.
+
+        Parameters
+        ----------
+        tolerance : float
+            Greatest distance of the slope from the order.
+
+        Returns
+        -------
+        bool
+            True where the slope is as declared, or no error stands clear of rounding.
+        """
         if self.is_exact:
             return True
         return self.fit is not None and abs(self.fit.value - self.order) <= tolerance
@@ -107,7 +118,14 @@ class ConvergenceResult(PlainData):
         return math.log10(self.steps[self.fit.first] / self.steps[self.fit.last])
 
     def table_row(self) -> tuple[str, ...]:
-        """Row of this result in a table of results; see `HEADER`."""
+        """Row of this result in a table of results; see `HEADER`.
+
+        Returns
+        -------
+        tuple of str
+            Problem, method, order, slope, its interval, steps of the fit [s], least error [m] and
+            rounding [m].
+        """
         measured = "exact to rounding" if self.is_exact else "too few steps above rounding"
         interval = steps_range = ""
         if self.fit is not None:
@@ -128,7 +146,13 @@ class ConvergenceResult(PlainData):
         )
 
     def table(self) -> TextTable:
-        """Step, error, local slope and wall time of each run."""
+        """Step, error, local slope and wall time of each run.
+
+        Returns
+        -------
+        TextTable
+            Step [s], error [m], local slope and wall time [s], the coarsest step first.
+        """
         rows = zip(self.steps, self.errors, ("", *self.local_slopes), self.seconds, strict=True)
         return text_table(
             ("step [s]", "error [m]", "slope", "seconds"),
@@ -139,7 +163,13 @@ class ConvergenceResult(PlainData):
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Run a row: step [s], error [m], slope to it from the step before, wall time [s]."""
+        """Run a row: step [s], error [m], slope to it from the step before, wall time [s].
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns ``step``, ``error``, ``slope`` and ``seconds``.
+        """
         import pandas
 
         slopes = (math.nan, *self.local_slopes)
@@ -147,7 +177,20 @@ class ConvergenceResult(PlainData):
         return pandas.DataFrame({**columns, "seconds": self.seconds})
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
-        """Draw error over step, and the fitted line, into logarithmic axes."""
+        """Draw error over step, and the fitted line, into logarithmic axes.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Axes to draw into; new ones without.
+        **style : Any
+            Keywords of ``matplotlib.axes.Axes.loglog``.
+
+        Returns
+        -------
+        matplotlib Axes
+            Steps [s] and errors [m] on logarithmic axes.
+        """
         axes = axes_or_new(ax)
         errors = np.array(self.errors)
         shown = np.where(errors > 0.0, errors, np.nan)
@@ -206,7 +249,15 @@ OUTSIDE_REACH = 1e-12
 
 
 def show_convergence_section(page: HtmlPage, results: Sequence[ConvergenceResult]) -> None:
-    """Show slopes, and a plot for each problem."""
+    """Add slopes, and a plot of error over step for each problem, to a page.
+
+    Parameters
+    ----------
+    page : HtmlPage
+        Page of the report.
+    results : sequence of ConvergenceResult
+        One for each method and problem.
+    """
     page.add_paragraph(
         "Error at the end against the exact solution (closed forms, or quadrature of the energy "
         "integral to thirty digits), over the time step. The slope is fitted over the finest "
@@ -234,7 +285,18 @@ def show_convergence_section(page: HtmlPage, results: Sequence[ConvergenceResult
 
 
 def slope_table(results: Sequence[ConvergenceResult]) -> TextTable:
-    """Measured slopes: a row a method, a column a problem."""
+    """Table of measured slopes: a row a method, a column a problem.
+
+    Parameters
+    ----------
+    results : sequence of ConvergenceResult
+        One for each method and problem.
+
+    Returns
+    -------
+    TextTable
+        Slopes without unit; "(!)" marks one that is not as declared.
+    """
     problems = tuple(dict.fromkeys(result.problem for result in results))
     declared = {result.method: result.order for result in results}
     cells = {(result.method, result.problem): _slope_text(result) for result in results}
@@ -253,7 +315,19 @@ def _slope_text(convergence_result: ConvergenceResult) -> str:
 
 
 def convergence_holds(convergence_result: ConvergenceResult) -> bool:
-    """Tell if a slope is as declared over a decade, or the method is exact on the problem."""
+    """Tell if a slope is as declared over a decade, or the method is exact on the problem.
+
+    Parameters
+    ----------
+    convergence_result : ConvergenceResult
+        Errors of one method on one problem.
+
+    Returns
+    -------
+    bool
+        True where the slope is within the tolerance of its order over a decade of steps; for an outside
+        integrator, where it reaches the exact place to 1e-12 m.
+    """
     if not convergence_result.smooth:
         return (
             convergence_result.fit is not None
@@ -286,6 +360,17 @@ def _slope_tolerance(order: int) -> float:
 
 
 def convergence_verdict(results: Sequence[ConvergenceResult]) -> tuple[str, bool]:
-    """Say how many slopes are as declared, and whether all are."""
+    """Say how many slopes are as declared, and whether all are.
+
+    Parameters
+    ----------
+    results : sequence of ConvergenceResult
+        One for each method and problem.
+
+    Returns
+    -------
+    (str, bool)
+        The verdict in words, and True where all slopes are as declared.
+    """
     right = sum(map(convergence_holds, results))
     return f"{right} of {len(results)} slopes are as declared", right == len(results)

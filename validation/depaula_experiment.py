@@ -136,21 +136,67 @@ class DepaulaStepTest(PlainData):
     runs: tuple[DepaulaRun, ...]
 
     def runs_of_form(self, form: str) -> tuple[DepaulaRun, ...]:
-        """Return the runs of one form, from coarse to fine."""
+        """Return the runs of one form of the method, from coarse to fine steps.
+
+        Parameters
+        ----------
+        form : str
+            `PLAIN`, `COMPENSATED` or `TOOLKIT`.
+
+        Returns
+        -------
+        tuple of DepaulaRun
+            The runs.
+        """
         return tuple(run for run in self.runs if run.form == form)
 
     def error_slope(self, form: str, finest: float = 5e-8) -> float:
-        """Slope of the error against the exact height, from the coarsest step to a finest one."""
+        """Slope of the error against the exact height over the step, in logarithms.
+
+        Parameters
+        ----------
+        form : str
+            `PLAIN`, `COMPENSATED` or `TOOLKIT`.
+        finest : float
+            Least step that is taken [s].
+
+        Returns
+        -------
+        float
+            Slope by least squares, without unit; the order of the method without rounding.
+        """
         runs = [run for run in self.runs_of_form(form) if run.step >= 0.999 * finest]
         return _slope([run.step for run in runs], [run.error for run in runs])
 
     def slope_relative_to_finest(self, form: str) -> float:
-        """Slope of the error against the finest step's height: de Paula's figure."""
+        """Slope of the error against the height at the finest step: de Paula's figure.
+
+        Parameters
+        ----------
+        form : str
+            `PLAIN`, `COMPENSATED` or `TOOLKIT`.
+
+        Returns
+        -------
+        float
+            Slope by least squares in logarithms, without unit.
+        """
         *runs, last = self.runs_of_form(form)
         return _slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
 
     def scatter_about_slope(self, form: str) -> float:
-        """Greatest distance of those errors from their line, over what the line gives."""
+        """Greatest distance of the errors relative to the finest step from their fitted line.
+
+        Parameters
+        ----------
+        form : str
+            `PLAIN`, `COMPENSATED` or `TOOLKIT`.
+
+        Returns
+        -------
+        float
+            Distance over the line's value, without unit.
+        """
         *runs, last = self.runs_of_form(form)
         steps = np.log([run.step for run in runs])
         errors = np.log([abs(run.end - last.end) for run in runs])
@@ -158,21 +204,38 @@ class DepaulaStepTest(PlainData):
         return float(np.expm1(np.abs(away).max()))
 
     def rounding_errors(self) -> dict[float, float]:
-        """Effect of rounding on the position form at each step [m]."""
+        """Effect of rounding on the height after 2 s in the position form, at each step.
+
+        Returns
+        -------
+        dict of float to float
+            Difference from the compensated form [m], by the step [s].
+        """
         clean = {run.step: run.end for run in self.runs_of_form(COMPENSATED)}
         return {run.step: abs(run.end - clean[run.step]) for run in self.runs_of_form(PLAIN)}
 
     def greatest_form_difference(self) -> float:
-        """Greatest difference of the position form and the velocity form, both compensated [m].
+        """Greatest difference of the heights of position form and velocity form, both compensated.
 
         They are the same sequence of positions: y_{n+1} - 2 y_n + y_{n-1} = h^2 a(y_n) follows
         from two steps of the velocity form (Hairer, Lubich and Wanner 2003, section 1).
+
+        Returns
+        -------
+        float
+            Difference after 2 s [m].
         """
         ends = {run.step: run.end for run in self.runs_of_form(COMPENSATED)}
         return max(abs(run.end - ends[run.step]) for run in self.runs_of_form(TOOLKIT))
 
     def table(self) -> TextTable:
-        """One row a run."""
+        """One row a run.
+
+        Returns
+        -------
+        TextTable
+            Form, step [s], error [m], rounding [m], difference of peaks [m] and wall time [s].
+        """
         rounding = self.rounding_errors()
         rows = [
             (
@@ -189,7 +252,18 @@ class DepaulaStepTest(PlainData):
         return text_table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the errors of each form over the step, and those relative to the finest step."""
+        """Draw the errors of each form over the step, and those relative to the finest step.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Axes to draw into; new ones without.
+
+        Returns
+        -------
+        matplotlib Axes
+            Steps [s] and errors [m] on logarithmic axes.
+        """
         axes = axes_or_new(ax)
         for k, form in enumerate(dict.fromkeys(run.form for run in self.runs)):
             runs = self.runs_of_form(form)
@@ -220,7 +294,18 @@ class DepaulaStepTest(PlainData):
         return axes
 
     def plot_path(self, ax: Axes | None = None) -> Axes:
-        """Draw the height over time at the finest step, next to free fall."""
+        """Draw the height over time at the finest step, next to free fall.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Axes to draw into; new ones without.
+
+        Returns
+        -------
+        matplotlib Axes
+            Time [s] and height [mm].
+        """
         axes = axes_or_new(ax)
         run = self.runs_of_form(COMPENSATED)[-1]
         time = np.arange(len(run.path)) * bounce.TIME / len(run.path)
@@ -242,7 +327,18 @@ class DepaulaStepTest(PlainData):
         return axes
 
     def plot_peaks(self, ax: Axes | None = None) -> Axes:
-        """Draw how far each peak is from the start's height, at the finest step."""
+        """Draw how far each peak is from the start's height, at the finest step.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Axes to draw into; new ones without.
+
+        Returns
+        -------
+        matplotlib Axes
+            Number of the bounce, and distance [m] on a logarithmic axis.
+        """
         axes = axes_or_new(ax)
         for form, colour in ((PLAIN, COLOURS[0]), (COMPENSATED, COLOURS[1])):
             run = self.runs_of_form(form)[-1]
@@ -271,12 +367,17 @@ def _slope(steps: list[float], errors: list[float]) -> float:
 
 
 def run_depaula_experiment(*, full: bool = True) -> DepaulaStepTest:
-    """Carry out the experiment.
+    """Run de Paula's test of its method: a bouncing grain at seven steps, in three forms.
 
     Parameters
     ----------
     full : bool
         All seven steps; without, steps down to 1e-7 s, and two of them by the toolkit.
+
+    Returns
+    -------
+    DepaulaStepTest
+        Heights [m], errors [m], peaks [m] and wall times [s] of all runs.
     """
     steps = STEPS if full else STEPS[:4]
     problem = bounce.bounce_problem()
@@ -331,7 +432,15 @@ def _run_toolkit(step: float, exact: float) -> DepaulaRun:
 
 
 def show_depaula_section(page: HtmlPage, experiments: Sequence[DepaulaStepTest]) -> None:
-    """Show errors over the step, and the peaks, with and without rounding."""
+    """Add errors over the step, and the peaks, with and without rounding, to a page.
+
+    Parameters
+    ----------
+    page : HtmlPage
+        Page of the report.
+    experiments : sequence of DepaulaStepTest
+        Usually one.
+    """
     for experiment in experiments:
         clean, plain = experiment.runs_of_form(COMPENSATED)[-1], experiment.runs_of_form(PLAIN)[-1]
         page.add_paragraph(

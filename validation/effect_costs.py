@@ -43,7 +43,13 @@ class EngineSteps:
         self.rows = np.zeros((3, ledger_column_count(len(system.effects))))
 
     def make_steps(self, steps: int) -> None:
-        """Make that many steps, and check the state at their end."""
+        """Make that many steps, and check the state at their end.
+
+        Parameters
+        ----------
+        steps : int
+            Number of steps.
+        """
         numba.set_num_threads(self.threads)
         schedule = StepSchedule(steps * self.step, self.step, 1, 1, steps, 0)
         run = self.run
@@ -202,6 +208,17 @@ def _median_difference(more: np.ndarray | None, less: np.ndarray | None) -> tupl
 
 
 def first_and_last_costs_agree(row: Mapping[str, Any]) -> bool:
-    """Tell if an effect costs the same first and last, within a fifth."""
+    """Tell if an effect costs the same first and last, within a fifth.
+
+    Parameters
+    ----------
+    row : mapping of str to Any
+        Costs ``first`` and ``last`` of an effect [us].
+
+    Returns
+    -------
+    bool
+        True where they differ by a fifth of the greater at most.
+    """
     first, last = row["first"], row["last"]
     return bool(abs(first - last) <= AGREE * max(abs(first), abs(last)))

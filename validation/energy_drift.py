@@ -101,6 +101,16 @@ def report_energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     Every method on a grain that swings above the wall, at steps at which the controls' trend is
     still within what the ledger lets pass; in full also 1e8 steps of de Paula's bouncing grain
     and 1e6 of the frictionless bed, with the controls next to them.
+
+    Parameters
+    ----------
+    full : bool
+        Add the long runs.
+
+    Returns
+    -------
+    tuple of EnergyRun
+        Scenes with methods, steps [s] and times [s].
     """
     swings = tuple(
         wall_oscillation_run(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable
@@ -123,7 +133,20 @@ _BEDS = (("stormer-verlet", 2e-5, 20.0), ("explicit-euler", 5e-7, 0.1), ("runge-
 
 
 def wall_oscillation_run(method: str, periods: int) -> EnergyRun:
-    """Grain that swings above the wall, with a method and so many periods."""
+    """Run of a grain that swings above the wall with half its height of rest.
+
+    Parameters
+    ----------
+    method : str
+        Name of a method.
+    periods : int
+        Number of periods.
+
+    Returns
+    -------
+    EnergyRun
+        Scene, method, step [s] and time [s].
+    """
     start, dt = bounce.oscillation_problem(0.5), _STEPS.get(method, 2e-3)
     time = periods * bounce.harmonic_period(start.scene, 0.5)
     return EnergyRun("swing above the wall", _set_record_intervals(start.scene, dt, time), method, dt, time)
@@ -135,7 +158,13 @@ def _bounce_run(method: str, dt: float, time: float) -> EnergyRun:
 
 
 def variable_step_bounce_run() -> EnergyRun:
-    """1e4 bounces with variable steps, some 160 a bounce."""
+    """Run of 1e4 bounces with variable steps, some 160 a bounce.
+
+    Returns
+    -------
+    EnergyRun
+        Scene, method, step as a multiple of the automatic one, and time [s].
+    """
     scene = bounce.bounce_problem().scene
     time = 1e4 * float(bounce.bounce_period(scene))
     records = {"output.scalars": time / SAMPLES, "output.frames": time / SAMPLES}
@@ -156,6 +185,16 @@ def _set_record_intervals(scene: Scene, dt: float, time: float) -> Scene:
 
 def run_energy_study(run: EnergyRun) -> EnergyStudy:
     """Carry out a run and test its energy.
+
+    Parameters
+    ----------
+    run : EnergyRun
+        Run whose energy is tested.
+
+    Returns
+    -------
+    EnergyStudy
+        Error of the energy over the energy turned over, its trend, and the phase portrait.
 
     Raises
     ------
@@ -219,7 +258,18 @@ def _step_text(dt: float | str) -> str:
 
 
 def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
-    """Return a table with a row a study."""
+    """Return a table with a row a study.
+
+    Parameters
+    ----------
+    studies : sequence of EnergyStudy
+        One for each run.
+
+    Returns
+    -------
+    TextTable
+        System, method, step [s], swing and drift over the energy turned over, and p-value.
+    """
     rows = [
         (
             study.system,
@@ -263,6 +313,16 @@ def trend_is_as_expected(study: EnergyStudy) -> bool:
     """Tell if a run is of its kind: without a trend, or with a control's.
 
     Of a user's method that is not symplectic nothing is claimed.
+
+    Parameters
+    ----------
+    study : EnergyStudy
+        Energy of one run.
+
+    Returns
+    -------
+    bool
+        True where a symplectic or reversible method shows no trend, a control its own.
     """
     if not study.keeps and study.method not in CONTROLS:
         return True
@@ -270,7 +330,15 @@ def trend_is_as_expected(study: EnergyStudy) -> bool:
 
 
 def show_energy_section(page: HtmlPage, studies: Sequence[EnergyStudy]) -> None:
-    """Show trends, the error over time, and phase portraits."""
+    """Add trends, the energy error over time, and phase portraits to a page.
+
+    Parameters
+    ----------
+    page : HtmlPage
+        Page of the report.
+    studies : sequence of EnergyStudy
+        One for each run.
+    """
     page.add_paragraph(
         "Error of the energy over the energy turned over. A trend is claimed where it stands out "
         f"against stationary noise and against a random walk, at p below {SIGNIFICANCE:g}. "
@@ -363,7 +431,20 @@ def _energy_verdict(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
 
 
 def energy_task(run: EnergyRun, **more: Any) -> Task:
-    """Long run; ``more`` tells it from others with a method of the name."""
+    """Task that tests the energy of one long run.
+
+    Parameters
+    ----------
+    run : EnergyRun
+        Run whose energy is tested.
+    **more : Any
+        Tells the task from others with a method of the same name.
+
+    Returns
+    -------
+    Task
+        Its result is an `EnergyStudy` as plain data.
+    """
     key = {
         "system": run.system,
         "scene": run.scene.digest(),

@@ -131,7 +131,15 @@ def _run_case(case: HardCase, method: str, dt: float | str, until: float) -> tup
 
 
 def show_outcomes_section(page: HtmlPage, outcomes: Sequence[HardCaseOutcome]) -> None:
-    """Show the outcome of every hard case."""
+    """Add the outcome of every hard case to a page.
+
+    Parameters
+    ----------
+    page : HtmlPage
+        Page of the report.
+    outcomes : sequence of HardCaseOutcome
+        One for each run.
+    """
     page.add_paragraph(outcome_summary(outcomes))
     for outcome in outcomes:
         if not outcome.allowed:
@@ -148,7 +156,18 @@ def show_outcomes_section(page: HtmlPage, outcomes: Sequence[HardCaseOutcome]) -
 
 
 def outcome_summary(outcomes: Sequence[HardCaseOutcome]) -> str:
-    """Say in two sentences how the cases ended."""
+    """Summary of the outcomes in two sentences: accurate, degraded or stopped, and wrong ones.
+
+    Parameters
+    ----------
+    outcomes : sequence of HardCaseOutcome
+        One for each run.
+
+    Returns
+    -------
+    str
+        Counts of runs in words.
+    """
     accurate = sum(outcome.kind == ACCURATE for outcome in outcomes)
     wrong = sum(not outcome.allowed for outcome in outcomes)
     return (
@@ -159,7 +178,18 @@ def outcome_summary(outcomes: Sequence[HardCaseOutcome]) -> str:
 
 
 def outcome_matrix(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
-    """Outcomes: a row a case, a column for its own settings and for each method and step."""
+    """Matrix of outcomes: a row a case, a column for each method and step.
+
+    Parameters
+    ----------
+    outcomes : sequence of HardCaseOutcome
+        One for each run; the first of a case is with its own settings.
+
+    Returns
+    -------
+    TextTable
+        Kind of ending, with the error in the case's unit.
+    """
     own = "its own settings"
     rows: dict[str, dict[str, str]] = {}
     columns: dict[str, None] = {own: None}
@@ -199,7 +229,18 @@ def _ending_text(outcome: HardCaseOutcome) -> str:
 
 
 def outcome_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
-    """One row an outcome."""
+    """Table of outcomes, one row a run.
+
+    Parameters
+    ----------
+    outcomes : sequence of HardCaseOutcome
+        One for each run.
+
+    Returns
+    -------
+    TextTable
+        Case, method, step [s], kind of ending, error and its limit, messages, and wall time [s].
+    """
     rows = [
         (
             outcome.case,
@@ -218,7 +259,18 @@ def outcome_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
 
 
 def hard_case_descriptions(names: Collection[str]) -> TextTable:
-    """Return a table of what is hard about each case, and of what its error is."""
+    """Return a table of what is hard about each case, and of what its error is.
+
+    Parameters
+    ----------
+    names : collection of str
+        Names of cases of the catalogue.
+
+    Returns
+    -------
+    TextTable
+        Case, difficulty, and quantity of the error.
+    """
     rows = [
         (case.name, case.difficulty, case.measure.description)
         for case in hard_case_catalogue()
@@ -239,7 +291,18 @@ leave: a step four times as long leaves sixteen times the error, and methods dif
 
 
 def stability_tasks(full: bool) -> list[Task]:
-    """Catalogue at its own settings; in full up to late times, and by methods and steps."""
+    """Tasks that run the catalogue of hard cases.
+
+    Parameters
+    ----------
+    full : bool
+        Run up to late times, and by other methods and steps too.
+
+    Returns
+    -------
+    list of Task
+        Their results are `HardCaseOutcome` as plain data.
+    """
 
     def task(case: HardCase, method: str, dt: float | str | None, *, late: bool) -> Task:
         return Task(

@@ -42,7 +42,20 @@ class MeasuredQuantity:
     differs_by_start: bool = False
 
     def error(self, value: float | np.ndarray, reference: float | np.ndarray) -> float:
-        """Greatest error against a reference."""
+        """Greatest error against a reference.
+
+        Parameters
+        ----------
+        value : float or ndarray
+            Measured value, in the quantity's unit.
+        reference : float or ndarray
+            Reference, of the same shape and unit.
+
+        Returns
+        -------
+        float
+            Greatest difference; over the greatest reference for a relative quantity.
+        """
         missed = float(np.abs(np.asarray(value) - np.asarray(reference)).max())
         return missed / float(np.abs(reference).max()) if self.relative else missed
 
@@ -70,6 +83,16 @@ def swing_period_and_damping(record: PistonRecord) -> tuple[float, float]:
     From its turning points (parabolas through the samples about each): the distance of those of
     one side, and the slope of the logarithm of the displacement from each to the next, which needs
     no level of rest. Non-linearity shows in both where the swing is not small.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Swing that dies out, times [s] and heights [m].
+
+    Returns
+    -------
+    (float, float)
+        Period [s], and damping ratio d/sqrt(pi^2 + d^2) of the logarithmic decrement d of half a period.
 
     Raises
     ------
@@ -136,6 +159,16 @@ QUANTITIES = {
 
 def quantity_named(name: str | MeasuredQuantity) -> MeasuredQuantity:
     """Quantity of that name, or the quantity itself.
+
+    Parameters
+    ----------
+    name : str or MeasuredQuantity
+        Name in `QUANTITIES`, or a quantity.
+
+    Returns
+    -------
+    MeasuredQuantity
+        The quantity.
 
     Raises
     ------

@@ -77,7 +77,22 @@ SINGLE = 0.3
 
 
 def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[Task]:
-    """Tasks for these scenes; ``hard`` adds the quick ones of the hard cases."""
+    """Tasks that measure the accuracy and the effects' costs of scenes.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        Scenes to measure.
+    full : bool
+        Take 20 minutes for each scene's runs instead of 75 s.
+    hard : bool
+        Add the hard cases that run quickly.
+
+    Returns
+    -------
+    list of Task
+        Two for each scene, and one for the hard cases.
+    """
     seconds = FULL_SECONDS if full else QUICK_SECONDS
     tasks = []
     for scene in scenes:
@@ -103,7 +118,18 @@ def _run_hard_cases() -> Plain:
 
 
 def suitable_quantities(scene: Scene) -> tuple[str, ...]:
-    """Return the quantities that a scene is made for, by its piston and its stages."""
+    """Names of the quantities that a scene is made for, by its piston and its stages.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to measure.
+
+    Returns
+    -------
+    tuple of str
+        Names in `validation.measured_quantities.QUANTITIES`.
+    """
     if scene.piston is None:
         return ("energy", "positions")
     rests = any(getattr(stage, "until", None) == "rest" for stage in scene.protocol)
@@ -131,9 +157,23 @@ def _measure_accuracy(scene: Scene, seconds: float) -> Plain:
 def plan_runs(
     scene: Scene, until: float | None, seconds: float
 ) -> tuple[list[SolverSettings], tuple[Scene, ...], SolverSettings]:
-    """Return the settings, starts and a reference whose runs fit into a time.
+    """Plan settings, starts and a reference whose runs fit into a time.
 
     Steps are halved from the longest one on, each at twice the time of the one before.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to measure; it is run once to time it.
+    until : float or None
+        Stop each run at this time [s].
+    seconds : float
+        Time that the runs may take [s].
+
+    Returns
+    -------
+    (list of SolverSettings, tuple of Scene, SolverSettings)
+        Settings to try, the scene from each start, and the reference.
     """
     steps = [dt for dt in STEPS if can_run_with_step(scene, dt, "stormer-verlet")]
     took = _run_seconds(scene, SolverSettings("stormer-verlet", steps[0]), until)
@@ -209,7 +249,20 @@ def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) ->
 
 
 def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) -> str:
-    """Say how many times the time a digit more takes."""
+    """Text of the factor by which the time grows for a tenth of the error.
+
+    Parameters
+    ----------
+    study : WorkPrecision
+        Errors and times of a quantity.
+    best : WorkPrecisionPoint or None
+        Setting whose order tells the factor where the study does not.
+
+    Returns
+    -------
+    str
+        Such as "3.2 times".
+    """
     measured = study.cost_of_digit()
     if measured is not None:
         return f"{measured:.2g} times"
@@ -221,7 +274,15 @@ def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) ->
 
 
 def show_overview_section(page: HtmlPage, results: Sequence[Plain]) -> None:
-    """Show the answers for each scene, and the row of the hard cases."""
+    """Add the costs of accuracy and effects of each scene, and the hard cases, to a page.
+
+    Parameters
+    ----------
+    page : HtmlPage
+        Page of the report.
+    results : sequence of dict of str to Any
+        Results of `overview_tasks`.
+    """
     for result in results:
         if "studies" in result:
             _show_accuracy(page, result)
@@ -257,7 +318,15 @@ def _show_accuracy(page: HtmlPage, plain: Plain) -> None:
 
 
 def plot_error_over_run_time(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
-    """Error over seconds: a colour a quantity, a line a method, the floor dashed."""
+    """Draw errors over the time of a run: a colour a quantity, a line a method.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+        Axes to draw into, made logarithmic: times [s] and errors.
+    studies : sequence of WorkPrecision
+        One for each quantity; its floor is dashed.
+    """
     for k, study in enumerate(studies):
         colour = COLOURS[k % len(COLOURS)]
         for j, (name, family) in enumerate(study.points_by_family().items()):
@@ -291,7 +360,18 @@ def plot_error_over_run_time(axes: Axes, studies: Sequence[WorkPrecision]) -> No
 
 
 def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:
-    """Quantity a row: what to take for each level and its price, scatter, price of a digit."""
+    """Table of the settings to take for each quantity and tolerance, with their times.
+
+    Parameters
+    ----------
+    studies : sequence of WorkPrecision
+        One for each quantity.
+
+    Returns
+    -------
+    TextTable
+        Setting and time for each tolerance, scatter of the starts, and cost of a digit.
+    """
     rows = []
     for study in studies:
         advised = [study.advise(level) for level in LEVELS.values()]
@@ -337,7 +417,18 @@ def _show_effects(page: HtmlPage, plain: Mapping[str, Any]) -> None:
 
 
 def effect_cost_table(plain: Mapping[str, Any]) -> TextTable:
-    """Row an effect: one price, or what it adds first and what it saves last."""
+    """Table of the cost of each effect: what it adds first and what it saves last.
+
+    Parameters
+    ----------
+    plain : mapping of str to Any
+        Result of `effect_costs`.
+
+    Returns
+    -------
+    TextTable
+        Costs [us] of a step with half their 95 % interval.
+    """
     rows = []
     for effect in plain["effects"]:
         first, last = _effect_cost_text(effect, "first"), _effect_cost_text(effect, "last")
@@ -362,7 +453,18 @@ def _effect_cost_text(mapping: Mapping[str, Any], which: str) -> str:
 
 
 def outcome_count_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
-    """Return how many cases ended how, in one row."""
+    """Table of how many hard cases ended how, in one row.
+
+    Parameters
+    ----------
+    outcomes : sequence of HardCaseOutcome
+        One for each run.
+
+    Returns
+    -------
+    TextTable
+        Counts of accurate, degraded and stopped runs, and names of wrong ones.
+    """
     counts = [sum(item.kind == kind for item in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)]
     wrong = [item.case for item in outcomes if not item.allowed]
     row = (len(outcomes), *counts, ", ".join(wrong) or "none")
@@ -407,7 +509,18 @@ def _overview_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
 
 
 def overview_section_for(scenes: Sequence[Scene]) -> Section:
-    """Return the overview for scenes of one's own, with the quick hard cases."""
+    """Overview section of the report for a user's own scenes, with the quick hard cases.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        Scenes to measure.
+
+    Returns
+    -------
+    Section
+        The section, its tasks not run yet.
+    """
     return OVERVIEW._replace(tasks=lambda full: overview_tasks(scenes, full, hard=True))
 
 

@@ -29,7 +29,13 @@ _INDEX = re.compile(r"(.*)\[(\d+)\]")
 
 @cache
 def published_values() -> dict[str, dict[str, Any]]:
-    """All sections."""
+    """All values that de Paula (2025) prints, by section and name.
+
+    Returns
+    -------
+    dict of str to dict of str to Any
+        Content of ``published.toml``, in the units of the thesis.
+    """
     return tomllib.loads(PATH.read_text(encoding="utf-8"))
 
 
@@ -70,7 +76,13 @@ def published_value(key: str) -> Any:
 
 
 def published_keys() -> Iterator[str]:
-    """Keys of all values, labels left out."""
+    """Keys of all published values, labels left out.
+
+    Returns
+    -------
+    iterator of str
+        Keys that `published_value` takes.
+    """
     for section, entries in published_values().items():
         for name, value in entries.items():
             if name not in LABELS:

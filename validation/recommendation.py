@@ -113,7 +113,13 @@ class Recommendation(PlainData):
         )
 
     def to_plain(self) -> dict[str, Any]:
-        """Return the recommendation as plain data, with its command."""
+        """Return the recommendation as plain data, with its command.
+
+        Returns
+        -------
+        dict of str to Any
+            All fields, the ``command``, the ``floor`` and ``below_floor``.
+        """
         return super().to_plain() | {
             "command": self.command,
             "floor": self.study.floor,
@@ -182,7 +188,20 @@ def recommend_settings(
 
 
 def quantity_is_scattered(quantity: MeasuredQuantity, starts: int) -> bool:
-    """Tell if a mean over random starts is measured."""
+    """Tell if a quantity is a mean over random starts, which scatters.
+
+    Parameters
+    ----------
+    quantity : MeasuredQuantity
+        Quantity to measure.
+    starts : int
+        Number of random starts.
+
+    Returns
+    -------
+    bool
+        True for several starts, where no exact value is known and no start has a value of its own.
+    """
     return quantity.exact is None and not quantity.differs_by_start and starts > 1
 
 
@@ -282,6 +301,18 @@ def _family_too_dear(
 
 def recommend_from_study(study: WorkPrecision, tolerance: float) -> Recommendation:
     """Return what a study recommends for a tolerance.
+
+    Parameters
+    ----------
+    study : WorkPrecision
+        Errors and times of all settings that were tried.
+    tolerance : float
+        Error that is allowed, in the unit of the study.
+
+    Returns
+    -------
+    Recommendation
+        Setting with its error, time [s] and number of starts.
 
     Raises
     ------

@@ -72,7 +72,20 @@ def report(
 
 
 def report_page(results: Results, *, full: bool) -> HtmlPage:
-    """Return the report as a page."""
+    """Page of the report from the results of its sections.
+
+    Parameters
+    ----------
+    results : mapping of str to sequence of dict
+        Plain results by the section's name.
+    full : bool
+        Whether they are those of the full report, which the page's end says.
+
+    Returns
+    -------
+    HtmlPage
+        Verdicts, then each section, then its tables.
+    """
     read = {SECTIONS[name]: _read_results(name, section_entries) for name, section_entries in results.items()}
     verdicts = summarise_verdicts(results)
     wrong = [name for name, held in verdicts["held"].items() if not held]
@@ -130,7 +143,18 @@ def _failure_lines(results: Sequence[Plain]) -> list[str]:
 
 
 def summarise_verdicts(results: Results) -> dict[str, Any]:
-    """Return a verdict for each section, whether it holds, and whether all of them do."""
+    """Verdicts of all sections, and if they hold.
+
+    Parameters
+    ----------
+    results : mapping of str to sequence of dict
+        Plain results by the section's name.
+
+    Returns
+    -------
+    dict of str to Any
+        ``verdicts`` and ``held`` by the section's name, and ``holds`` for all together.
+    """
     verdicts, held = {}, {}
     for name, result in results.items():
         verdicts[name], right = SECTIONS[name].verdict(_read_results(name, result))
@@ -142,13 +166,37 @@ def summarise_verdicts(results: Results) -> dict[str, Any]:
 
 
 def report_text(plain: Mapping[str, Any]) -> str:
-    """Return the tables of a report for the console, what failed, and the verdicts."""
+    """Text of a report for the console: tables, failures and verdicts.
+
+    Parameters
+    ----------
+    plain : mapping of str to Any
+        Content of ``report.json``.
+
+    Returns
+    -------
+    str
+        Lines of text.
+    """
     lines = [section_text(name, group) for name, group in plain["parts"].items()]
     return "\n".join([*lines, *(f"{name}: {verdict}" for name, verdict in plain["verdicts"].items())])
 
 
 def section_text(name: str, results: Sequence[Plain]) -> str:
-    """Return the tables of a section for the console, and what failed."""
+    """Text of a section for the console: its tables, and what failed.
+
+    Parameters
+    ----------
+    name : str
+        Name of the section.
+    results : sequence of dict
+        Its plain results.
+
+    Returns
+    -------
+    str
+        Lines of text.
+    """
     tables = SECTIONS[name].tables(_read_results(name, results))
     texts = [f"{title}\n{table.text()}\n" for title, table in tables]
     return "\n".join([*texts, *_failure_lines(results)])

@@ -29,13 +29,30 @@ class PlainData:
     """Base of results, which are frozen dataclasses, to be kept as JSON."""
 
     def to_plain(self) -> Plain:
-        """Return the result as plain data; None for a number that is none."""
+        """Return the result as plain data; None for a number that is none.
+
+        Returns
+        -------
+        dict of str to Any
+            Fields by name, nested ones too.
+        """
         plain: Plain = _to_plain(self)
         return plain
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> Self:
-        """Return the result that `to_plain` made plain, also by way of JSON."""
+        """Return the result that `to_plain` made plain, also by way of JSON.
+
+        Parameters
+        ----------
+        plain : mapping of str to Any
+            Fields by name.
+
+        Returns
+        -------
+        Self
+            The result; a number that is None becomes NaN.
+        """
         result: Self = _from_plain(cls, plain)
         return result
 
@@ -134,10 +151,16 @@ def run_tasks(
     name : str
         Of the section, or whatever the tasks are part of.
     tasks : sequence of Task
+        Tasks to run.
     directory : Path or None
         Where results are kept, below ``pieces``; nowhere without.
     progress : bool
         Show a progress bar on standard error.
+
+    Returns
+    -------
+    list of dict of str to Any
+        Plain result of each task; with the failure of one that ended in a typed error.
 
     Raises
     ------
@@ -186,7 +209,13 @@ _SHOWING = ("report.py", "text_tables.py", "html_pages.py", "plotting.py", "publ
 
 @cache
 def source_digest() -> str:
-    """Digest of all code that a figure may depend on."""
+    """Digest (SHA-256) of all code that a figure of the report may depend on.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+    """
     import granular
     import validation
 
@@ -200,7 +229,13 @@ def source_digest() -> str:
 
 
 def machine_info() -> dict[str, str]:
-    """Machine, and versions of what it computes with."""
+    """Processor, cores, system, and versions of Python and the packages computed with.
+
+    Returns
+    -------
+    dict of str to str
+        Texts by name.
+    """
     import os
 
     from granular.shared.version import versions

@@ -69,7 +69,18 @@ class EnergyTrend:
         return self.rate * self.duration
 
     def verdict(self, significance: float = SIGNIFICANCE) -> str:
-        """``"gains"``, ``"loses"``, or ``"none"`` where no trend is seen."""
+        """``"gains"``, ``"loses"``, or ``"none"`` where no trend is seen.
+
+        Parameters
+        ----------
+        significance : float
+            Greatest p-value at which a trend is claimed.
+
+        Returns
+        -------
+        str
+            The verdict.
+        """
         if self.p_value > significance:
             return "none"
         return "gains" if self.rate > 0.0 else "loses"

@@ -63,7 +63,22 @@ class PressedLattice(NamedTuple):
 
 
 def lattice_under_pressure(grains: Grains, pressure: float) -> PressedLattice:
-    """Return the lattice of grains under a pressure [F*/D].
+    """Compute the hexagonal lattice of grains that a pressure holds.
+
+    The pressure is the virial's lattice sum, solved for the density: in closed form for dipoles, p =
+    1.6674 rho^(5/2) times the square of their mean moment, and by Brent's method for discs.
+
+    Parameters
+    ----------
+    grains : Grains
+        Dipoles or discs; a mixture at random.
+    pressure : float
+        Pressure, a force a length [F*/D], above 0.
+
+    Returns
+    -------
+    PressedLattice
+        Density [1/D^2], and power of the pressure by the density there.
 
     Raises
     ------
@@ -88,7 +103,18 @@ def lattice_under_pressure(grains: Grains, pressure: float) -> PressedLattice:
 
 
 def touching_lattice_density(grains: Grains) -> float:
-    """Density of the lattice in which grains of the mean diameter touch [1/D^2]."""
+    """Density of the hexagonal lattice in which grains of the mean diameter touch.
+
+    Parameters
+    ----------
+    grains : Grains
+        Grains, with the fraction of each species.
+
+    Returns
+    -------
+    float
+        2/(sqrt(3) d^2) for the mean diameter d [1/D^2].
+    """
     diameter = float(np.array(grains.species_fractions()) @ np.sqrt(grains.face_area_ratios()))
     return 1.0 / (math.sqrt(0.75) * diameter**2)
 

@@ -155,7 +155,20 @@ def predict(scene: Scene) -> PredictedLaw:
 
 
 def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
-    """Mass [kg] that the law's accelerations belong to, by its `predict_bed_parameters`."""
+    """Mass that the accelerations of a predicted law belong to.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of a bed below a falling piston.
+    values : mapping of str to float
+        Parameters of the law, of `predict_bed_parameters`.
+
+    Returns
+    -------
+    float
+        Mass of the piston and of what moves with it [kg].
+    """
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
     assert piston.mass is not None
@@ -164,7 +177,22 @@ def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
 
 
 def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -> dict[str, float]:
-    """Parameters of ``elastoplastic-bed`` for a scene.
+    """Predict the parameters of ``elastoplastic-bed`` for a scene.
+
+    The derivation is in the first lines of the module; four numbers were fitted to simulated falls.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of a bed below a falling piston.
+    refuse_outside_range : bool
+        Refuse scenes unlike those that the law was compared with; warn of them otherwise.
+
+    Returns
+    -------
+    dict of str to float
+        Damping rate ``lam`` [1/s], ``weight`` [m/s^2], ``rest`` [m], and ``power``, ``modulus`` and
+        ``strength`` without unit.
 
     Raises
     ------
@@ -172,6 +200,11 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
         If the scene has no heavy piston over magnets that drag alone damps, or its piston presses discs
         together at rest; and with ``refuse_outside_range`` if it has too few grains for what was measured,
         walls of discs, or more drag over the piston's mass than was compared with falls.
+
+    Warns
+    -----
+    OutsideRangeWarning
+        Without ``refuse_outside_range``, where the scene is unlike those that were compared.
     """
     piston, grains = scene.piston, scene.grains
     present = {name for name in _SHAPED if getattr(scene.effects, name) is not None}
@@ -220,7 +253,23 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
 
 
 def lattice_at_rest(scene: Scene) -> PressedLattice:
-    """Lattice of a scene's grains under the weight of its piston."""
+    """Lattice of a scene's grains under the weight of its piston.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with gravity and a piston that has a mass.
+
+    Returns
+    -------
+    PressedLattice
+        Density [1/D^2], and power of the pressure by the density.
+
+    Raises
+    ------
+    InputError
+        If the piston presses discs together.
+    """
     from granular.schema.scales import Scales
 
     piston, gravity, scales = scene.piston, scene.effects.gravity, Scales.from_grains(scene.grains)

@@ -47,10 +47,12 @@ class DropScore:
 
     @property
     def median_error(self) -> float:
+        """Median of the errors over the height of the drop; infinite without an error."""
         return float(np.median(self.errors)) if self.errors else math.inf
 
     @property
     def greatest_error(self) -> float:
+        """Greatest of the errors over the height of the drop; infinite without an error."""
         return max(self.errors, default=math.inf)
 
 
@@ -83,14 +85,22 @@ class DropScores:
 
     @property
     def best(self) -> DropScore:
+        """Score of the law with the least median error."""
         return self.rows[0]
 
     @property
     def header(self) -> tuple[str, ...]:
+        """Headings of the table: law, numbers fitted, a label for each unseen fall, median."""
         return ("law", "numbers fitted", *self.labels, "median")
 
     def cells(self) -> list[tuple[str, ...]]:
-        """Law a row: errors in % of the drop."""
+        """Cells of the table, a law a row: errors in percent of the drop.
+
+        Returns
+        -------
+        list of tuple of str
+            Rows, the law of the least median error first.
+        """
         rows = []
         for row in self.rows:
             if row.model is None:
@@ -103,6 +113,7 @@ class DropScores:
 
     @property
     def table(self) -> str:
+        """Table of all laws and falls as aligned text."""
         return align_columns([self.header, *self.cells()])
 
     @property
@@ -129,7 +140,18 @@ class DropScores:
         return words + "."
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the error of each law over the height that a piston fell from."""
+        """Draw the error of each law over the height that a piston fell from.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Axes to draw into; new ones without.
+
+        Returns
+        -------
+        matplotlib Axes
+            Heights of the start [mm], errors [% of the drop] on a logarithmic axis.
+        """
         from granular.shared.plotting import axes_or_new, figure_label, label_log_axis_plainly, line_style
 
         axes = axes_or_new(ax)
@@ -152,7 +174,13 @@ class DropScores:
         return axes
 
     def to_plain(self) -> dict[str, Any]:
-        """Figures and models as plain data."""
+        """Figures and models as plain data.
+
+        Returns
+        -------
+        dict of str to Any
+            Verdict, level of rest [m], labels, scatter, and a row with errors and model for each law.
+        """
         return {
             "verdict": self.verdict,
             "rest": self.rest,
@@ -171,7 +199,18 @@ class DropScores:
 
 
 def format_percent_of_drop(value: float) -> str:
-    """Error over the height of the drop as people read it."""
+    """Text of an error over the height of the drop, in percent.
+
+    Parameters
+    ----------
+    value : float
+        Error over the height of the drop, without unit.
+
+    Returns
+    -------
+    str
+        Such as "1.2 %"; "diverges" where it is infinite.
+    """
     return "diverges" if math.isinf(value) else f"{100.0 * value:.2g} %"
 
 
@@ -239,14 +278,52 @@ def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], level
 def fit_laws_to_fall(
     record: PistonRecord, laws: Sequence[str | Law], scene: Scene | None, starts: int
 ) -> list[DropScore]:
-    """Laws fitted to one fall, as of `score_drops`, not judged yet."""
+    """Fit laws to one fall from rest, without judging them yet.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        The fall, times [s] and heights [m] from its release.
+    laws : sequence of str or Law
+        Names, equations or laws to fit.
+    scene : Scene or None
+        Scene of the fall; fits of ``elastoplastic-bed`` begin at its predicted parameters.
+    starts : int
+        Number of random starts of each fit.
+
+    Returns
+    -------
+    list of DropScore
+        One for each law, without errors; with the reason where its fit failed.
+
+    Raises
+    ------
+    InputError
+        If there is no law of a name.
+    """
     return [_fit_law_to_fall(resolve_law(law, record), record, scene, starts) for law in laws]
 
 
 def score_fitted_laws(
     record: PistonRecord, fits: Sequence[DropScore], unseen: Mapping[str, PistonRecord], level: float
 ) -> DropScores:
-    """Laws of `fit_laws_to_fall`, judged on falls that they have not seen.
+    """Score the laws of `fit_laws_to_fall` on falls that they were not fitted to.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        The fall that was fitted, heights [m].
+    fits : sequence of DropScore
+        The fitted laws.
+    unseen : mapping of str to PistonRecord
+        Other falls, under labels that say what they differ in.
+    level : float
+        Height where the piston comes to rest [m].
+
+    Returns
+    -------
+    DropScores
+        Rms errors over the height of the drop, the law with the least median first.
 
     Raises
     ------
@@ -303,9 +380,23 @@ def _scene_starts(law: Law, scene: Scene | None) -> dict[str, float] | None:
 
 
 def fall_prediction_error(model: ReducedModel, fall: PistonRecord, level: float) -> float:
-    """Rms error of a fall that a law predicts from the first height alone, over the drop.
+    """Rms error of a law that predicts a fall from its first height alone, over the drop.
 
     Infinite where the law diverges.
+
+    Parameters
+    ----------
+    model : ReducedModel
+        Fitted law.
+    fall : PistonRecord
+        Fall from rest, heights [m].
+    level : float
+        Height where the piston comes to rest [m].
+
+    Returns
+    -------
+    float
+        Error without unit; infinite where the law diverges.
     """
     first = float(fall.height[0])
     try:

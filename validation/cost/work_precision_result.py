@@ -53,7 +53,14 @@ class WorkPrecision(PlainData):
     reference: str
 
     def pareto_front(self) -> tuple[WorkPrecisionPoint, ...]:
-        """Pareto front, from fast to accurate: no setting is both faster and more accurate."""
+        """Pareto front, from fast to accurate: no setting is both faster and more accurate.
+
+        Returns
+        -------
+        tuple of WorkPrecisionPoint
+            Settings that none beats in both time and error; outside integrators and failures are left
+            out.
+        """
         own = [point for point in self.points if not point.has_failed and not point.setting.is_external]
         front: list[WorkPrecisionPoint] = []
         for point in sorted(own, key=time_then_error):
@@ -62,25 +69,65 @@ class WorkPrecision(PlainData):
         return tuple(front)
 
     def advise(self, tolerance: float) -> AdvisedSetting:
-        """Return the setting to take for a tolerance, and from how many starts."""
+        """Return the setting to take for a tolerance, and from how many starts.
+
+        Parameters
+        ----------
+        tolerance : float
+            Error that is allowed, in the unit of the errors.
+
+        Returns
+        -------
+        AdvisedSetting
+            Setting, or none, and number of starts.
+        """
         return advise_setting(self.points, self.floor, tolerance)
 
     def cheapest_point(self, tolerance: float) -> WorkPrecisionPoint | None:
-        """Fastest setting one run of which is accurate to a tolerance, and not so by luck."""
+        """Fastest setting one run of which is accurate to a tolerance, and not so by luck.
+
+        Parameters
+        ----------
+        tolerance : float
+            Error that is allowed, in the unit of the errors.
+
+        Returns
+        -------
+        WorkPrecisionPoint or None
+            None where no setting reaches it by one run.
+        """
         result = self.advise(tolerance)
         return None if result.needs_more_starts else result.point
 
     def default_point(self) -> WorkPrecisionPoint | None:
-        """Default method and step, in the first form that was tried and did not fail."""
+        """Point of the default method and step, in the first form that did not fail.
+
+        Returns
+        -------
+        WorkPrecisionPoint or None
+            None where none of them was tried or finished.
+        """
         finished = (point for point in self.points if not point.has_failed)
         return next((point for point in finished if point.setting[:2] == USUAL), None)
 
     def points_by_family(self) -> dict[str, tuple[WorkPrecisionPoint, ...]]:
-        """Points by family, from coarse to fine."""
+        """Points by family, from coarse to fine.
+
+        Returns
+        -------
+        dict of str to tuple of WorkPrecisionPoint
+            Points by method and changes of the scene.
+        """
         return group_by_family(self.points)
 
     def cost_of_digit(self) -> float | None:
-        """Return how many times as long a digit takes, along the front; None without two points."""
+        """Factor by which the time grows for a tenth of the error, along the Pareto front.
+
+        Returns
+        -------
+        float or None
+            Factor without unit; None without two points of different errors.
+        """
         points = [point for point in self.pareto_front() if point.error > max(0.0, point.doubt)]
         if len(points) < 2 or not points[-1].error < points[0].error:
             return None
@@ -88,7 +135,13 @@ class WorkPrecision(PlainData):
         return float((points[-1].seconds / points[0].seconds) ** (1.0 / digits))
 
     def table(self) -> TextTable:
-        """One row a setting, the front marked with a star."""
+        """One row a setting, the front marked with a star.
+
+        Returns
+        -------
+        TextTable
+            Setting, step, error with its standard error, seconds, steps, and failure.
+        """
         front = self.pareto_front()
         rows = []
         for point in self.points:
@@ -122,7 +175,18 @@ class WorkPrecision(PlainData):
         return text_table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw error over seconds, a line a family, what to take ringed, the floor as a band."""
+        """Draw error over seconds, a line a family, what to take ringed, the floor as a band.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Axes to draw into; new ones without.
+
+        Returns
+        -------
+        matplotlib Axes
+            Wall time [s] and error on logarithmic axes.
+        """
         axes = axes_or_new(ax)
         levels = {words: self.advise(level) for words, level in LEVELS.items()}
         _draw_error_over_cost(axes, self.points, self.pareto_front(), self.floor, levels)
@@ -215,7 +279,13 @@ def _mark_advised_setting(axes: Axes, words: str, advised: AdvisedSetting) -> No
 
 
 def label_run_times(axes: Axes) -> None:
-    """Label seconds as they are read: 0.02, 0.05, 0.1; fewer of them over many decades."""
+    """Label an axis of run times as they are read: 0.02, 0.05, 0.1 s.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+        Axes with times [s] on a logarithmic x axis.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axes.get_xlim()

@@ -79,7 +79,20 @@ class PotentialWell(NamedTuple):
 
 
 def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
-    """Bounce from a height [D], compared after a time [s]."""
+    """Make the problem of a grain that bounces on the magnetic wall [D, 2.3.4].
+
+    Parameters
+    ----------
+    start : float
+        Height at the start [D].
+    time : float
+        Time at which a run is compared [s].
+
+    Returns
+    -------
+    ExactProblem
+        Scene with its exact solution, by quadrature of the energy integral.
+    """
     scene = bounce_scene(start, time)
     return ExactProblem(
         "bounce",
@@ -92,14 +105,42 @@ def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
 
 
 def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
-    """Lone grain at a height [D] over the bottom wall, held for a time [s]."""
+    """Scene of a lone grain at a height over the bottom wall, under gravity.
+
+    Parameters
+    ----------
+    start : float
+        Height at the start [D].
+    time : float
+        Duration of the hold [s].
+    name : str
+        Name of the scene.
+
+    Returns
+    -------
+    Scene
+        Scene of one grain of 5 mm.
+    """
     effects = {"gravity": {}, "walls": BOTTOM_ONLY}
     arrangement = {"positions": [["30 D", f"{start!r} D"]]}
     return few_grains_scene(name, time, effects, arrangement=arrangement)
 
 
 def potential_well(scene: Scene) -> PotentialWell:
-    """Well of a scene with a lone grain at rest; within mpmath's working precision."""
+    """Potential well of a lone grain over the wall that starts at rest, with its turning points.
+
+    u(y) = (1/5) y^(-5/2) + G y in natural units; to be called within mpmath's working precision.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of a lone grain with gravity.
+
+    Returns
+    -------
+    PotentialWell
+        Potential [D^2/tau^2], turning points [D] and the natural units in SI.
+    """
     from mpmath import findroot, mpf
 
     units = natural_units(scene.grains)
@@ -119,7 +160,20 @@ def potential_well(scene: Scene) -> PotentialWell:
 
 
 def bounce_period(scene: Scene) -> Number:
-    """Period [s], to thirty digits and more."""
+    """Compute the period of a bouncing grain, to thirty digits and more.
+
+    By quadrature of the energy integral (Landau and Lifshitz, Mechanics, section 11).
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of a lone grain at rest over the wall.
+
+    Returns
+    -------
+    mpf
+        Period [s].
+    """
     from mpmath import workdps
 
     with workdps(DIGITS):
@@ -128,7 +182,22 @@ def bounce_period(scene: Scene) -> Number:
 
 
 def exact_bounce(scene: Scene, time: float) -> GrainStates:
-    """Place and velocity at a time [s], for a start at the upper turning point."""
+    """Compute the place and velocity of a bouncing grain, for a start at the upper turning point.
+
+    By quadrature of the energy integral (Landau and Lifshitz, Mechanics, section 11).
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of a lone grain at rest over the wall.
+    time : float
+        Time [s].
+
+    Returns
+    -------
+    GrainStates
+        Position (1, 2) [m] and velocity (1, 2) [m/s].
+    """
     from mpmath import floor, mpf, workdps
 
     with workdps(DIGITS):
@@ -182,7 +251,18 @@ def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_
 
 
 def wall_rest_height(scene: Scene) -> Number:
-    """Height y_e [D] at which the wall carries the grain."""
+    """Compute the height at which the wall carries the grain, (1/(2 G))^(2/7).
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of a lone grain with gravity.
+
+    Returns
+    -------
+    mpf
+        Height [D].
+    """
     from mpmath import mpf, workdps
 
     with workdps(DIGITS):

@@ -25,6 +25,16 @@ def free_fall_problem(time: float = 0.25) -> ExactProblem:
 
     Every method of order two or more is exact here, so only rounding is left; a method of order one
     misses by g t h/2, the controls' slope.
+
+    Parameters
+    ----------
+    time : float
+        Time at which a run is compared [s].
+
+    Returns
+    -------
+    ExactProblem
+        Scene with its exact solution in closed form.
     """
     arrangement = {"positions": [["20 D", "40 D"]], "velocities": [[0.1, 0.5]]}
     scene = few_grains_scene("free-fall", time, {"gravity": {}}, arrangement=arrangement)
@@ -58,6 +68,16 @@ def drag_problem(time: float = 0.1) -> ExactProblem:
 
     The velocity is exact in every method that takes drag by its flow; the place is not, because the
     drift between two half-steps of drag goes at the speed of their middle. So the order shows.
+
+    Parameters
+    ----------
+    time : float
+        Time at which a run is compared [s].
+
+    Returns
+    -------
+    ExactProblem
+        Scene with its exact solution in closed form.
     """
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[2.0, 1.0]]}
     effects = {"drag": {"coefficient": COEFFICIENT}}
@@ -107,6 +127,16 @@ def sliding_problem(time: float = SLIDING_TIME) -> ExactProblem:
     kicks and drifts whatever the order, and misses the place by a part of a h^2/8 that depends on
     where in the step the stop falls. So the worst error falls like h^2, and no method of higher
     order gains here.
+
+    Parameters
+    ----------
+    time : float
+        Time at which a run is compared [s].
+
+    Returns
+    -------
+    ExactProblem
+        Scene with its exact solution in closed form.
     """
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[0.4, 0.3]]}
     scene = few_grains_scene("sliding", time, {"friction": {"load": LOAD}}, arrangement=arrangement)
@@ -143,7 +173,18 @@ def _exact_sliding(scene: Scene, time: float) -> GrainStates:
 
 
 def sliding_stopping_time(scene: Scene) -> float:
-    """Time at which a sliding grain stops, t_s [s]."""
+    """Compute the time at which Coulomb friction stops a sliding grain, v0 m/(mu_d N).
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of one grain with friction under a load N.
+
+    Returns
+    -------
+    float
+        Time [s].
+    """
     assert scene.effects.friction is not None
     law = scene.effects.friction
     speed = math.hypot(*grain_start_state(scene)[1])

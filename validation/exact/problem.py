@@ -34,15 +34,31 @@ class NaturalUnits(NamedTuple):
 
     @property
     def velocity(self) -> Number:
+        """Unit of velocity, D/tau [m/s]."""
         return self.length / self.time
 
     @property
     def acceleration(self) -> Number:
+        """Unit of acceleration, F*/m [m/s^2]."""
         return self.force / self.mass
 
 
 def natural_units(grains: Grains) -> NaturalUnits:
-    """Natural units; to be called within mpmath's working precision."""
+    """Compute the natural units in SI, in mpmath's working precision.
+
+    Length D, mass m = rho V, force F* = mu0 mu^2/(pi D^4) with the moment mu = Br V/mu0, and time tau =
+    sqrt(m D/F*) [D, 2.2].
+
+    Parameters
+    ----------
+    grains : Grains
+        Grains; the first species counts.
+
+    Returns
+    -------
+    NaturalUnits
+        Length [m], mass [kg], force [N] and time [s].
+    """
     from mpmath import mpf, pi, sqrt
 
     diameter = mpf(grains.species[0].diameter)
@@ -105,6 +121,16 @@ class ExactProblem:
 
         The exact motion is not moved along: what a simulation of the nudged problem differs from
         one of this is the rounding that both suffer.
+
+        Parameters
+        ----------
+        bits : int
+            Units in the last place by which positions and velocities are scaled.
+
+        Returns
+        -------
+        ExactProblem
+            The same problem with another start and the old exact motion.
         """
         plan = self.scene.arrangement
         factor = 1.0 + bits * np.finfo(float).eps
@@ -125,10 +151,19 @@ def few_grains_scene(name: str, time: float, effects: dict[str, Any], **parts: A
 
     Parameters
     ----------
-    effects : dict
+    name : str
+        Name of the scene.
+    time : float
+        Duration of the hold [s].
+    effects : dict of str to Any
         The effects that act, as plain data.
-    **parts
+    **parts : Any
         Further keys of the scene; ``arrangement`` must be among them.
+
+    Returns
+    -------
+    Scene
+        Scene with as many grains as the arrangement has positions.
     """
     count = len(parts["arrangement"]["positions"])
     plain: dict[str, Any] = {
@@ -148,7 +183,20 @@ BOTTOM_ONLY = {"left": "none", "right": "none", "top": "none"}
 
 
 def grain_start_state(scene: Scene, grain: int = 0) -> tuple[Sequence[float], Sequence[float]]:
-    """Position [m] and velocity [m/s] that a grain starts with."""
+    """Position and velocity that a grain starts with.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene whose arrangement gives positions.
+    grain : int
+        Index of the grain.
+
+    Returns
+    -------
+    (sequence of float, sequence of float)
+        Position (2,) [m] and velocity (2,) [m/s].
+    """
     plan = scene.arrangement
     assert plan.positions is not None
     velocity = (0.0, 0.0) if plan.velocities is None else plan.velocities[grain]

@@ -20,7 +20,20 @@ Potential = Callable[[Number], Number]
 
 
 def integrate_from_zero(integrand: Potential, end: Number) -> Number:
-    """Integral from zero to the end."""
+    """Integrate a function from zero by Gauss-Legendre quadrature on eight intervals.
+
+    Parameters
+    ----------
+    integrand : callable
+        Analytic function of a number of mpmath.
+    end : mpf
+        Upper end of the integral.
+
+    Returns
+    -------
+    mpf
+        Integral, to mpmath's working precision.
+    """
     from mpmath import mp
 
     # Intervals of equal length keep the degree low where the integrand bends most, at its start.
@@ -54,7 +67,23 @@ def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
 
 
 def time_integrand_past_turning(potential: Potential, turning: Number) -> Potential:
-    """dt/ds for q = turning + s^2, where the potential falls beyond the turning point."""
+    """Integrand dt/ds of the time for q = turning + s^2, beyond one turning point.
+
+    The substitution takes out the singularity of the energy integral (Landau and Lifshitz, Mechanics,
+    section 11).
+
+    Parameters
+    ----------
+    potential : callable
+        Potential per mass over the position [D^2/tau^2].
+    turning : mpf
+        Turning point, from which the potential falls with q [D].
+
+    Returns
+    -------
+    callable
+        dt/ds [tau/D^(1/2)] over s [D^(1/2)].
+    """
     from mpmath import sqrt
 
     energy = potential(turning)
@@ -62,14 +91,53 @@ def time_integrand_past_turning(potential: Potential, turning: Number) -> Potent
 
 
 def time_from_turning(potential: Potential, turning: Number, position: Number) -> Number:
-    """Time between the turning point and a place beyond it."""
+    """Compute the time between a turning point and a place beyond it.
+
+    By the energy integral (Landau and Lifshitz, Mechanics, section 11).
+
+    Parameters
+    ----------
+    potential : callable
+        Potential per mass over the position [D^2/tau^2].
+    turning : mpf
+        Turning point [D].
+    position : mpf
+        Place beyond it [D].
+
+    Returns
+    -------
+    mpf
+        Time [tau].
+    """
     from mpmath import sqrt
 
     return integrate_from_zero(time_integrand_past_turning(potential, turning), sqrt(position - turning))
 
 
 def position_after_turning(potential: Potential, turning: Number, time: Number) -> Number:
-    """Place at a time before or after the turn (the motion is even in time)."""
+    """Compute the place at a time before or after the turn; the motion is even in time.
+
+    The energy integral is inverted by Newton's method (Landau and Lifshitz, Mechanics, section 11).
+
+    Parameters
+    ----------
+    potential : callable
+        Potential per mass over the position [D^2/tau^2].
+    turning : mpf
+        Turning point, from which the potential falls with q [D].
+    time : mpf
+        Time from the turn, of either sign [tau].
+
+    Returns
+    -------
+    mpf
+        Place [D].
+
+    Raises
+    ------
+    ArithmeticError
+        If Newton's method does not converge.
+    """
     integrand = time_integrand_past_turning(potential, turning)
     time = abs(time)
     if time == 0:
@@ -80,7 +148,23 @@ def position_after_turning(potential: Potential, turning: Number, time: Number) 
 
 
 def time_integrand_between_turnings(potential: Potential, turning: Number, other: Number) -> Potential:
-    """dt/dphi for q = turning + (other - turning) sin^2(phi/2), between two turning points."""
+    """Integrand dt/dphi of the time between two turning points.
+
+    For q = turning + (other - turning) sin^2(phi/2), which takes out the singularities of the energy
+    integral (Landau and Lifshitz, Mechanics, section 11).
+
+    Parameters
+    ----------
+    potential : callable
+        Potential per mass over the position [D^2/tau^2].
+    turning, other : mpf
+        Turning points [D]; phi counts from the first.
+
+    Returns
+    -------
+    callable
+        dt/dphi [tau] over phi [rad].
+    """
     from mpmath import sin, sqrt
 
     energy = potential(turning)
@@ -94,7 +178,22 @@ def time_integrand_between_turnings(potential: Potential, turning: Number, other
 
 
 def oscillation_period(potential: Potential, low: Number, high: Number) -> Number:
-    """Period of the motion between two turning points."""
+    """Compute the period of a motion between two turning points.
+
+    By the energy integral (Landau and Lifshitz, Mechanics, section 11).
+
+    Parameters
+    ----------
+    potential : callable
+        Potential per mass over the position [D^2/tau^2].
+    low, high : mpf
+        Turning points [D].
+
+    Returns
+    -------
+    mpf
+        Period [tau].
+    """
     from mpmath import pi
 
     half = +pi / 2
@@ -103,7 +202,29 @@ def oscillation_period(potential: Potential, low: Number, high: Number) -> Numbe
 
 
 def position_after_upper_turning(potential: Potential, low: Number, high: Number, time: Number) -> Number:
-    """Place at a time after the upper turning point."""
+    """Compute the place at a time after the upper turning point.
+
+    The energy integral is inverted by Newton's method (Landau and Lifshitz, Mechanics, section 11).
+
+    Parameters
+    ----------
+    potential : callable
+        Potential per mass over the position [D^2/tau^2].
+    low, high : mpf
+        Turning points [D].
+    time : mpf
+        Time from the upper one [tau].
+
+    Returns
+    -------
+    mpf
+        Place [D].
+
+    Raises
+    ------
+    ArithmeticError
+        If Newton's method does not converge.
+    """
     from mpmath import floor, pi, sin
 
     total = oscillation_period(potential, low, high)
@@ -119,7 +240,22 @@ def position_after_upper_turning(potential: Potential, low: Number, high: Number
 
 
 def speed_from_energy(potential: Potential, energy: Number, position: Number) -> Number:
-    """Magnitude of the velocity."""
+    """Compute the speed at a place, sqrt(2 (e - u)).
+
+    Parameters
+    ----------
+    potential : callable
+        Potential per mass over the position [D^2/tau^2].
+    energy : mpf
+        Energy per mass [D^2/tau^2].
+    position : mpf
+        Place [D].
+
+    Returns
+    -------
+    mpf
+        Magnitude of the velocity [D/tau].
+    """
     from mpmath import sqrt
 
     return sqrt(2 * abs(energy - potential(position)))

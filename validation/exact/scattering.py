@@ -65,7 +65,22 @@ class Orbit(NamedTuple):
 def scattering_problem(
     speed: float = SPEED, impact_parameter: float = ASIDE, time: float = TIME
 ) -> ExactProblem:
-    """Two grains that come from left and right at a speed [m/s] each, ``impact_parameter`` [D] off centre."""
+    """Make the problem of two grains that pass and repel each other.
+
+    Parameters
+    ----------
+    speed : float
+        Speed of each grain at the start, against each other [m/s].
+    impact_parameter : float
+        Distance at the start across the velocities [D].
+    time : float
+        Time at which a run is compared [s].
+
+    Returns
+    -------
+    ExactProblem
+        Scene with its exact solution, by quadrature of the energy integral.
+    """
     across, along = impact_parameter / 2.0, APART / 2.0
     arrangement = {
         "positions": [
@@ -86,7 +101,21 @@ def scattering_problem(
 
 
 def relative_orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
-    """Relative motion and the direction at the start (angle, distance)."""
+    """Compute the relative motion of two grains, and their direction at the start.
+
+    Central motion (Landau and Lifshitz, Mechanics, section 14); to be called within mpmath's working
+    precision.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of `scattering_problem`.
+
+    Returns
+    -------
+    (Orbit, (mpf, mpf))
+        Orbit in natural units, and the angle [rad] and distance [D] at the start.
+    """
     from mpmath import atan2, findroot, mpf, sqrt
 
     units = natural_units(scene.grains)
@@ -119,7 +148,23 @@ def _swept_angle(orbit: Orbit, distance: Number) -> Number:
 
 
 def exact_scattering(scene: Scene, time: float) -> GrainStates:
-    """Places and velocities at a time [s]."""
+    """Compute places and velocities of two grains that scatter.
+
+    By quadrature of the energy integral and of the angle swept (Landau and Lifshitz, Mechanics, sections
+    14 and 18).
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of `scattering_problem`.
+    time : float
+        Time [s].
+
+    Returns
+    -------
+    GrainStates
+        Positions (2, 2) [m] and velocities (2, 2) [m/s].
+    """
     from mpmath import cos, mpf, sin, sqrt, workdps
 
     with workdps(DIGITS):

@@ -50,7 +50,13 @@ def _slab_walls(**bottom: Any) -> Scene:
 
 
 def piston_cases() -> tuple[HardCase, ...]:
-    """Return the hard cases of what a piston does to a bed."""
+    """Return the hard cases of what a piston does to a bed.
+
+    Returns
+    -------
+    tuple of HardCase
+        Drops, heavy and deep pistons, and slabs.
+    """
     gap = {"gap_start": "5 D", "gap_end": "10 D"}
     rubbing: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
     return (
@@ -121,7 +127,13 @@ def _bed_of_several_sizes(**fractions: tuple[str, float]) -> Scene:
 
 
 def size_cases() -> tuple[HardCase, ...]:
-    """Sizes of very different grains."""
+    """Hard cases of grains of very different sizes.
+
+    Returns
+    -------
+    tuple of HardCase
+        Mixtures with ratios of ten.
+    """
     return (
         HardCase(
             "aspect ratio 0.1",
@@ -144,7 +156,18 @@ def size_cases() -> tuple[HardCase, ...]:
 
 
 def greatest_missing_force(run: Trajectory) -> float:
-    """Greatest force on a grain that a frame lacks, against lists made for that frame alone."""
+    """Greatest force on a grain that a frame lacks, against lists made for that frame alone.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Run whose frames hold forces.
+
+    Returns
+    -------
+    float
+        Greatest difference of a force component over the greatest one, without unit.
+    """
     data, worst = run.dataset, 0.0
     for value, height, saved in zip(
         data["position"].values, data["frame_height"].values, data["force"].values, strict=True
@@ -211,7 +234,13 @@ def _bed_of_1e5_grains() -> Scene:
 
 
 def pair_sum_cases() -> tuple[HardCase, ...]:
-    """Hard cases of lists and of the far field."""
+    """Hard cases of sums over pairs: lists of pairs and the far field.
+
+    Returns
+    -------
+    tuple of HardCase
+        The cases.
+    """
     lists = tuple(
         HardCase(
             f"list of pairs within {radius} D",

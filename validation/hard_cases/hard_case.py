@@ -100,7 +100,18 @@ def energy_change(run: Trajectory) -> float:
 
 
 def make_distance_from_exact(problem: ExactProblem) -> Callable[[Trajectory], float]:
-    """Distance from the exact place at the run's end [D]."""
+    """Make the measure of the distance from a problem's exact place at the run's end.
+
+    Parameters
+    ----------
+    problem : ExactProblem
+        Problem with its exact solution.
+
+    Returns
+    -------
+    callable
+        From a finished run to the greatest coordinate's distance [D].
+    """
 
     def measure(run: Trajectory) -> float:
         data = run.dataset
@@ -112,13 +123,37 @@ def make_distance_from_exact(problem: ExactProblem) -> Callable[[Trajectory], fl
 
 
 def greatest_displacement(run: Trajectory) -> float:
-    """Greatest displacement of any grain along an axis [D]."""
+    """Greatest displacement of any grain along an axis [D].
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run.
+
+    Returns
+    -------
+    float
+        Displacement from the first frame [D].
+    """
     positions = run.dataset["position"].values
     return float(np.abs(positions - positions[0]).max()) / Scales.from_grains(run.scene.grains).length
 
 
 def terminal_fall_error(run: Trajectory) -> float:
-    """Relative error of an overdamped grain's fall, y = y0 - v t + (v/c)(1 - e^(-c t)), v = g/c."""
+    """Relative error of an overdamped grain's fall.
+
+    Against y = y0 - v t + (v/c)(1 - e^(-c t)), with v = g/c and c = gamma/m, by place and by speed.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run of one grain with gravity and drag.
+
+    Returns
+    -------
+    float
+        Greater of both errors, without unit.
+    """
     drag, gravity = run.scene.effects.drag, run.scene.effects.gravity
     assert drag is not None
     assert gravity is not None
@@ -136,7 +171,18 @@ def terminal_fall_error(run: Trajectory) -> float:
 
 
 def energy_or_momentum_change(run: Trajectory) -> float:
-    """Change of energy or momentum over what there is of it (no walls)."""
+    """Compute the greater of the relative changes of energy and momentum over a run.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run without walls or losses.
+
+    Returns
+    -------
+    float
+        Change over what there is of it at the start, without unit.
+    """
     charge = (run.scene.grains.diameters() / run.scene.grains.species[0].diameter) ** 2
     momenta = charge[:, None] * run.dataset["velocity"].values
     scale = np.abs(momenta[0]).sum()
@@ -145,7 +191,20 @@ def energy_or_momentum_change(run: Trajectory) -> float:
 
 
 def cut_to_few_grains(name: str, **changes: Any) -> Scene:
-    """Return the packaged scene cut down to 23 grains."""
+    """Return the packaged scene cut down to 23 grains.
+
+    Parameters
+    ----------
+    name : str
+        Name of the packaged scene.
+    **changes : Any
+        Further changes, by dotted keys of the scene.
+
+    Returns
+    -------
+    Scene
+        The scene, in a cell of 15 D.
+    """
     size = {"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D", "arrangement.height": "5.5 D"}
     if name == "damper":
         size["piston.mass"] = 1.0

@@ -69,7 +69,13 @@ def _shot_at_wall(speed: float) -> Scene:
 
 
 def collision_cases() -> tuple[HardCase, ...]:
-    """Return the forces that rise steeply within a step."""
+    """Hard cases of collisions, whose forces rise steeply within a step.
+
+    Returns
+    -------
+    tuple of HardCase
+        Head-on collisions, and shots at the wall.
+    """
     cases = []
     for closest in (0.5, 0.1, 0.02):
         problem = head_on_collision(closest)
@@ -139,7 +145,13 @@ def _unequal_masses(ratio: float) -> Scene:
 
 
 def mass_cases() -> tuple[HardCase, ...]:
-    """Grains of very different masses."""
+    """Hard cases of grains of very different masses.
+
+    Returns
+    -------
+    tuple of HardCase
+        Mass ratios from 1e2 to 1e6.
+    """
     measure = ErrorMeasure("relative change of energy or momentum", energy_or_momentum_change)
     return tuple(
         HardCase(
@@ -169,7 +181,13 @@ def _two_grains_at_rest(gap: str, **effects: Any) -> Scene:
 
 
 def start_cases() -> tuple[HardCase, ...]:
-    """Return the starts that are none, and one that contact bears."""
+    """Hard cases of coincident and overlapping starts.
+
+    Returns
+    -------
+    tuple of HardCase
+        Three that are refused, and one that contact bears.
+    """
     refused = {
         "coincident grains": ("two grains at one place", "0.0"),
         "nearly coincident grains": ("two grains 1e-9 D apart", "1e-9"),
@@ -207,7 +225,13 @@ def _nearly_overdamped_damper(drag: float) -> Scene:
 
 
 def damping_cases() -> tuple[HardCase, ...]:
-    """Drags from weak to overwhelming, and beds that hardly swing."""
+    """Hard cases of drags from weak to overwhelming, and of beds that hardly swing.
+
+    Returns
+    -------
+    tuple of HardCase
+        The cases.
+    """
     fall = ErrorMeasure("relative error of the fall", terminal_fall_error)
     near_one = tuple(
         HardCase(
@@ -267,11 +291,23 @@ def scene_near_stability_limit(
 
 
 def distance_from_verlet_swing(fraction: float, step: float) -> Callable[[Trajectory], float]:
-    """Distance from Verlet's own swing in a linear mode, over its amplitude.
+    """Make the measure of the distance from Verlet's own swing in a linear mode.
 
-    At a step of that fraction of 2/omega the places are x_n = A cos(n theta), with cos(theta) =
-    1 - 2 share^2: bounded for ever up to a fraction of one (Hairer, Lubich and Wanner 2003, section
-    5.1).
+    At a step of that fraction of 2/omega the places are x_n = A cos(n theta), with cos(theta) = 1 - 2
+    fraction^2: bounded for ever up to a fraction of one (Hairer, Lubich and Wanner 2003,
+    doi:10.1017/S0962492902000144, section 5.1).
+
+    Parameters
+    ----------
+    fraction : float
+        Step over the longest stable one, without unit.
+    step : float
+        Time step [s].
+
+    Returns
+    -------
+    callable
+        From a finished run to the greatest distance over the amplitude, without unit.
     """
     angle = math.acos(1.0 - 2.0 * fraction * fraction)
 
@@ -290,7 +326,13 @@ def _bouncing_grain_with_few_records() -> Scene:
 
 
 def step_cases() -> tuple[HardCase, ...]:
-    """Long steps, and many."""
+    """Hard cases of long steps, and of many.
+
+    Returns
+    -------
+    tuple of HardCase
+        Steps about the stability limit, and 1e6 to 1e8 short ones.
+    """
     below, short = scene_near_stability_limit(0.95)
     beyond, long = scene_near_stability_limit(1.05)
     swing = ErrorMeasure(
