@@ -90,7 +90,7 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     x, y = _validate_samples(x, y)
     start, width = float(x.min()), float(np.ptp(x))
     u = (x - start) / width
-    rates = _best_rates(u, y)
+    rates = _best_exponential_rates(u, y)
     amplitudes = _best_amplitudes(u, y, rates) * np.exp(-rates * start / width)
     rates = rates / width
     order = np.argsort(rates)
@@ -118,7 +118,7 @@ def _best_amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndar
     return np.asarray(np.linalg.lstsq(basis / sizes, y, rcond=None)[0] / sizes)
 
 
-def _best_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _best_exponential_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Two rates over the range that leave the least sum of squares."""
     from scipy.optimize import least_squares
 

@@ -11,6 +11,7 @@ from granular.observables.frame import (
     bounding_box,
     check_grain_values,
     check_positions,
+    is_present,
     observable,
     observable_metadata,
     present_positions,
@@ -146,7 +147,7 @@ def default_bin_edges(positions: np.ndarray) -> np.ndarray:
     sides = high - low
     if not (sides > 0.0).all():
         raise InputError("the grains span no box; at least two grains not in a row are needed")
-    count = int(np.isfinite(positions).all(axis=1).sum())
+    count = int(is_present(positions).sum())
     spacing = float(np.sqrt(np.prod(sides) / count))
     return np.linspace(0.0, min(0.5 * float(sides.min()), FARTHEST * spacing), BINS + 1)
 
@@ -171,7 +172,7 @@ def box_spanning_frames(frames: np.ndarray) -> list[np.ndarray]:
     """
     result = []
     for frame in frames:
-        present = frame[np.isfinite(frame).all(axis=1)]
+        present = frame[is_present(frame)]
         if len(present) > 1 and (np.ptp(present, axis=0) > 0.0).all():
             result.append(frame)
     if not result:
@@ -317,11 +318,11 @@ def radial_distribution(
     if not ((points >= low) & (points <= high)).all():
         raise InputError("a grain lies outside of the box; give a box that holds all grains")
     pairs = count_pairs(points, edges)
-    expected = _expected_pairs(len(points), high - low, edges)
+    expected = _expected_pair_counts(len(points), high - low, edges)
     return PairDistanceFunction(edges, pairs / expected, pairs, expected)
 
 
-def _expected_pairs(count: int, sides: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def _expected_pair_counts(count: int, sides: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Pairs i < j in each bin, of grains that are independent and uniform in a rectangle."""
     a, b = (float(side) for side in sides)
     if edges[-1] > min(a, b) * (1.0 + 1e-12):
@@ -367,7 +368,7 @@ def spatial_correlation(
     """
     positions = check_positions(positions)
     values = check_grain_values("values", values, len(positions))
-    known = np.isfinite(positions).all(axis=1) & np.isfinite(values)
+    known = is_present(positions) & np.isfinite(values)
     points, deviation = (positions[known], values[known] - (values[known].mean() if known.any() else 0.0))
     edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
     variance = float(np.mean(deviation**2)) if len(points) else 0.0

@@ -179,12 +179,12 @@ def _cluster_defects(
         if kind == VACANCY:
             position = _vacancy_centre(positions, region)
         elif kind == DISLOCATION:
-            position = _core_position(positions, disorder, position, spacing)
+            position = _dislocation_core_position(positions, disorder, position, spacing)
         result.append(_DefectCluster(kind, position, lattice, charge, len(members)))
     return result
 
 
-def _core_position(
+def _dislocation_core_position(
     positions: np.ndarray, disorder: np.ndarray, position: np.ndarray, spacing: float
 ) -> np.ndarray:
     """Centre of the disorder about a point: a core moves between sites, its grains jump."""

@@ -130,7 +130,7 @@ def link_defect_tracks(
         closed += [growing for growing in open_tracks if number - growing.frames[-1] > memory + 1]
         open_tracks = [growing for growing in open_tracks if number - growing.frames[-1] <= memory + 1]
         known = [k for k, kind in enumerate(defects.kinds) if kind != PAIR]
-        taken = _assign_tracks(open_tracks, defects, known, number, reach)
+        taken = _assign_defects_to_tracks(open_tracks, defects, known, number, reach)
         for k in known:
             index = taken.get(k)
             if index is None:
@@ -162,7 +162,7 @@ class _OpenTrack(NamedTuple):
     burgers: list[np.ndarray]
 
 
-def _assign_tracks(
+def _assign_defects_to_tracks(
     open_tracks: list[_OpenTrack], defects: FrameDefects, known: list[int], number: int, reach: float
 ) -> dict[int, int]:
     """Open track that each defect continues."""

@@ -11,6 +11,7 @@ import numpy as np
 from granular.observables.frame import (
     check_frames,
     check_positions,
+    is_present,
     observable,
     observable_metadata,
     select_frames,
@@ -285,7 +286,7 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     mixed = sum_by_index(i, after[:, :, None] * before[:, None, :], count)
     square = sum_by_index(i, before[:, :, None] * before[:, None, :], count)
     number = np.bincount(i, minlength=count)
-    able = cells.interior & (number > 2) & np.isfinite(second).all(axis=1)
+    able = cells.interior & (number > 2) & is_present(second)
     gradient = np.full((count, 2, 2), np.nan)
     gradient[able] = np.linalg.solve(square[able], mixed[able].transpose(0, 2, 1)).transpose(0, 2, 1)
     rest = after - np.einsum("jab,jb->ja", gradient[i], before)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import check_positions
+from granular.observables.frame import check_positions, is_present
 from granular.observables.interactions import effects_of_unknown_pair_force, relative_magnetic_moments
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
@@ -284,9 +284,9 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     if not reach > 1.0:
         raise InputError(f"reach {reach:g} is not above 1 mean spacing; give more, such as 6")
     inner, area, length = _interior_grains_and_reach(positions, reach)
-    here = np.flatnonzero(np.isfinite(positions).all(axis=1))
+    here = np.flatnonzero(is_present(positions))
     moments = relative_magnetic_moments(scene)
-    strength = dipole_pair_strength(_first_species_moment(scene))
+    strength = dipole_pair_strength(first_species_moment(scene))
     density = len(inner) / area
     energies, forces, matrix = _strained_lattice_sums(positions, moments, here, inner, length, density)
     affine = _affine_moduli(strength, energies, area)
@@ -295,7 +295,19 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     return BedModuli(affine, relaxed, density, len(inner))
 
 
-def _first_species_moment(scene: Scene) -> float:
+def first_species_moment(scene: Scene) -> float:
+    """Magnetic moment of a grain of the first species, by the natural units of the scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with its grains.
+
+    Returns
+    -------
+    float
+        Magnetic moment [A m^2].
+    """
     from granular.schema.scales import Scales
 
     scales = Scales.from_grains(scene.grains)

@@ -262,7 +262,7 @@ def mean_pair_distance(positions: np.ndarray) -> float:
     count = len(points)
     if count < 2:
         return np.nan
-    return _sum_of_distances(points) / (count * (count - 1) / 2)
+    return _sum_of_pair_distances(points) / (count * (count - 1) / 2)
 
 
 def depaula_pair_distance(positions: np.ndarray) -> float:
@@ -300,7 +300,7 @@ def depaula_pair_distance(positions: np.ndarray) -> float:
     return 0.5 * mean_pair_distance(positions)
 
 
-def _sum_of_distances(points: np.ndarray) -> float:
+def _sum_of_pair_distances(points: np.ndarray) -> float:
     from scipy.spatial.distance import cdist, pdist
 
     total = 0.0

@@ -12,7 +12,7 @@ from granular.observables.interactions import (
     iterate_wall_forces,
     relative_magnetic_moments,
 )
-from granular.observables.moduli import dipole_pair_strength
+from granular.observables.moduli import dipole_pair_strength, first_species_moment
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -197,11 +197,8 @@ def _check_effects_known(scene: Scene, known: tuple[str, ...]) -> None:
 
 def _pair_forces_and_laplacian(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the forces, and the Laplacian of C/r^3, which is 9 C/r^5."""
-    from granular.schema.scales import Scales
-
-    scales = Scales.from_grains(scene.grains)
-    strength = dipole_pair_strength(scales.current * scales.length**2)
-    here, moments = np.flatnonzero(np.isfinite(positions).all(axis=1)), relative_magnetic_moments(scene)
+    strength = dipole_pair_strength(first_species_moment(scene))
+    here, moments = np.flatnonzero(is_present(positions)), relative_magnetic_moments(scene)
     forces, laplacian = np.zeros_like(positions), 0.0
     for some in iterate_pair_forces(scene, positions):
         forces[some.grains] = some.forces.sum(axis=1)

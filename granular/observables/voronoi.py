@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import check_positions
+from granular.observables.frame import check_positions, is_present
 
 SHORTEST_SIDE = 1e-9
 """A side shorter than this, in mean spacings, is rounding: four or more grains on one circle."""
@@ -113,19 +113,21 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     64
     """
     positions = check_positions(positions)
-    present = np.flatnonzero(np.isfinite(positions).all(axis=1))
+    present = np.flatnonzero(is_present(positions))
     points = positions[present]
-    triangles, across = _triangulation(points)
+    triangles, across = _delaunay_triangulation(points)
     corners = circumcentres(points, triangles)
     pairs, lengths, outer = _neighbour_pairs_and_sides(triangles, across, corners)
     spacing = np.sqrt(np.prod(np.ptp(points, axis=0)) / len(points)) if len(points) else 0.0
     real = outer | ~(lengths <= SHORTEST_SIDE * spacing)
-    interior = _interior_cells(points, triangles, corners, pairs[outer])
+    interior = _find_interior_cells(points, triangles, corners, pairs[outer])
 
     count = len(points)
     gap = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    area = np.where(interior, _sum_per_grain(pairs, np.where(outer, 0.0, gap * lengths / 4.0), count), 0.0)
-    squares = _sum_per_grain(pairs, np.where(outer, 0.0, lengths**2), count)
+    area = np.where(
+        interior, _sum_pairs_per_grain(pairs, np.where(outer, 0.0, gap * lengths / 4.0), count), 0.0
+    )
+    squares = _sum_pairs_per_grain(pairs, np.where(outer, 0.0, lengths**2), count)
     sides = np.bincount(pairs[real].ravel(), minlength=count)
     return VoronoiCells(
         sides=_expand_to_all_grains(sides, present, len(positions), 0),
@@ -213,7 +215,7 @@ def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
     return polygons
 
 
-def _triangulation(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _delaunay_triangulation(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Delaunay triangles (t, 3), and the triangle across each side, -1 outside (t, 3)."""
     from scipy.spatial import Delaunay, QhullError
 
@@ -269,7 +271,7 @@ def _neighbour_pairs_and_sides(
     return pairs, np.where(outer, np.inf, lengths), outer
 
 
-def _interior_cells(
+def _find_interior_cells(
     points: np.ndarray, triangles: np.ndarray, corners: np.ndarray, rim: np.ndarray
 ) -> np.ndarray:
     """Cells that are bounded and have all corners inside the box of the centres, bool (n,)."""
@@ -285,7 +287,7 @@ def _interior_cells(
     return inside
 
 
-def _sum_per_grain(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+def _sum_pairs_per_grain(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     """Sum over the pairs of each grain (count,)."""
     return np.asarray(
         np.bincount(pairs[:, 0], values, minlength=count) + np.bincount(pairs[:, 1], values, minlength=count)

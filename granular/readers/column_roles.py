@@ -316,7 +316,7 @@ def _has_uneven_steps(column: Column) -> bool:
     return bool(np.abs(steps - np.median(steps)).max() > _UNEVEN * np.median(steps))
 
 
-def _is_acceleration(column: Column) -> bool:
+def _is_acceleration_column(column: Column) -> bool:
     if column.channel:
         return False
     if guess_column_role(column.name) == ACCELERATION:
@@ -399,7 +399,7 @@ def _choose_height_column(
 
 def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
     """Return the words of an error where no column can be the coordinate."""
-    accelerations = [item for item in free if _is_acceleration(item)]
+    accelerations = [item for item in free if _is_acceleration_column(item)]
     if accelerations:
         name = quote(accelerations[0].name)
         return (

@@ -296,7 +296,7 @@ def _row_width(line: str, dialect: Dialect) -> int:
 def _make_columns(
     rows: Sequence[NumberedLine], dialect: Dialect, names: Sequence[str], units: Sequence[str]
 ) -> list[Column]:
-    frame = _rows_to_frame(rows, dialect)
+    frame = _rows_to_data_frame(rows, dialect)
     columns = []
     for k in range(dialect.width):
         name, unit = parse_header(names[k]) if k < len(names) else ("", None)
@@ -306,7 +306,7 @@ def _make_columns(
     return columns
 
 
-def _rows_to_frame(rows: Sequence[NumberedLine], dialect: Dialect) -> Any:
+def _rows_to_data_frame(rows: Sequence[NumberedLine], dialect: Dialect) -> Any:
     import pandas
 
     # Exact to the last bit by default from pandas 3 on.

@@ -115,7 +115,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
     elif motion != HEIGHT:
         angle = _is_angular_rate(motion, units.get(motion))
     else:
-        angle = _is_angle(chosen[HEIGHT], raw[HEIGHT], units, notes, ANGLE in options.columns)
+        angle = _is_angle_column(chosen[HEIGHT], raw[HEIGHT], units, notes, ANGLE in options.columns)
     own, deviations = {}, {}
     for role, numbers in raw.items():
         if role in calibrations:
@@ -214,7 +214,7 @@ def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOpti
     return result
 
 
-def _is_angle(
+def _is_angle_column(
     column: Column, values: np.ndarray, units: dict[str, str], notes: list[str], said: bool
 ) -> bool:
     """Tell an angle by its unit; one by its name alone is taken for radians or degrees."""

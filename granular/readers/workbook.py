@@ -295,10 +295,10 @@ def iterate_libre_office_sheets(archive: ZipFile) -> Iterator[tuple[str, Rows]]:
         events = iterparse(part, ("start", "end"))
         for event, element in events:
             if (event, element.tag) == ("start", f"{_TABLE}table"):
-                yield element.get(f"{_TABLE}name", ""), _rows_until_end(events)
+                yield element.get(f"{_TABLE}name", ""), _rows_of_open_table(events)
 
 
-def _rows_until_end(events: Iterator[tuple[str, Element]]) -> Rows:
+def _rows_of_open_table(events: Iterator[tuple[str, Element]]) -> Rows:
     for event, element in events:
         if event == "start":
             continue
