@@ -57,7 +57,7 @@ from reduced_models.least_squares.residuals import BLOWN_UP, LossName, remove_ra
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import SURE
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, has_inputs_besides_time
-from reduced_models.records.sensor import Quantity, Sensor, resolve_sensor
+from reduced_models.records.sensor import Sensor, SensorQuantity, resolve_sensor
 
 _MOST_SAMPLES = 2000  # of a record, from which the interpolation of inputs is chosen
 _CLEARLY = 0.98  # of the spline's error, for another to be taken
@@ -117,7 +117,7 @@ def fit(
     initial: Initial | PistonRecord | Sequence[PistonRecord] | None = None,
     input_interpolation: Interpolation | None = None,
     drift: bool | None = None,
-    measured: Quantity | Sensor | None = None,
+    measured: SensorQuantity | Sensor | None = None,
 ) -> tuple[ReducedModel, ...]:
     """Fit a law to a record, or to several together.
 

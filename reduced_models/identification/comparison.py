@@ -51,6 +51,10 @@ def compare(
 ) -> Comparison:
     """Compare laws on held-out data.
 
+    Of laws within a standard error of the best one the simplest is first (Breiman et al. 1984,
+    Classification and Regression Trees, ch. 3.4); laws that are all down at the noise are told apart by
+    the Bayesian information criterion (Schwarz 1978, doi:10.1214/aos/1176344136).
+
     Parameters
     ----------
     record : PistonRecord or table of one (pandas, xarray), or a sequence of them

@@ -149,7 +149,7 @@ class Comparison:
 
     @property
     def header(self) -> tuple[str, ...]:
-        """Names of the columns of `cells`."""
+        """Names of the columns of `cells`, one a column."""
         held = len(self.rows[0].records)
         return (
             "law",

@@ -152,7 +152,7 @@ class Identification:
 
     @property
     def verdict(self) -> str:
-        """Verdicts on unseen falls, the comparison, an unseen lift and the residuals."""
+        """Sentences of the verdict: on unseen falls, the comparison, an unseen lift and the residuals."""
         return " ".join([*self._falls_verdict, self.verdict_on_laws])
 
     @property
@@ -161,7 +161,7 @@ class Identification:
 
     @property
     def verdict_on_laws(self) -> str:
-        """Verdicts on the comparison, an unseen lift and the residuals."""
+        """Sentences of the verdict without falls: on the comparison, an unseen lift and the residuals."""
         words = [self.comparison.verdict]
         duffing = self.comparison.model_tied_with_best(DUFFING.name)
         if duffing is not None and (motion := self.elliptic_motion) is not None:

@@ -59,12 +59,12 @@ class QuantityWithError(NamedTuple):
 
     @property
     def text_without_error(self) -> str:
-        """The number and its unit."""
+        """Text of the value and its unit, with the decimals that the error is worth."""
         return f"{format_fixed(self.value, self.decimals)} {self.unit}".rstrip()
 
     @property
     def text_with_error(self) -> str:
-        """Number, total error and unit."""
+        """Text of the value, its total error and its unit, with the decimals that the error is worth."""
         value, error = format_fixed(self.value, self.decimals), self.total_error
         if not error:  # a law or a map fixes it
             return self.text_without_error if self.value else f"0 {self.unit}".rstrip()
@@ -75,7 +75,7 @@ class QuantityWithError(NamedTuple):
 
     @property
     def table_cell(self) -> str:
-        """Number and total error, in a table with the unit elsewhere."""
+        """Text of the value and its total error, for a table with the unit elsewhere."""
         return self.text_with_error.removesuffix(f" {self.unit}")
 
     def to_plain(self) -> dict[str, Any]:

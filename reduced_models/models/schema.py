@@ -22,7 +22,7 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.quality import Quality
 from reduced_models.records.inputs import INTERPOLATIONS
-from reduced_models.records.sensor import Quantity
+from reduced_models.records.sensor import SensorQuantity
 
 FORMAT = 1
 """Version of the files that are written and read."""
@@ -244,7 +244,7 @@ _MODEL = _keyed_table_checker(
         "sensor": _null_or_checker(
             _keyed_table_checker(
                 {
-                    "quantity": _one_of_checker(get_args(Quantity)),
+                    "quantity": _one_of_checker(get_args(SensorQuantity)),
                     "gain": _number_checker(),
                     "offset": _number_checker(),
                     **dict.fromkeys(("low_pass", "high_pass", "damping_ratio"), _null_or_checker(_SIZE)),

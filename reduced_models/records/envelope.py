@@ -104,7 +104,8 @@ class Envelope:
 def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-golay") -> Envelope:
     """Find amplitude, frequency and damping of a record's swing in the course of time.
 
-    From every three successive extremes, as by the logarithmic decrement.
+    From every three successive extremes, as by the logarithmic decrement (Londono, Neild & Cooper 2015,
+    doi:10.1016/j.jsv.2015.02.003).
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ class FirstGuesses:
 
     @property
     def is_poor(self) -> bool:
-        """True if the record is too short to guess its frequency and rest level well."""
+        """True where too few passages through rest are seen to guess frequency and rest level well."""
         return self.crossings < LEAST_CROSSINGS
 
     @property

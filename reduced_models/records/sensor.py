@@ -16,7 +16,7 @@ from granular.shared.errors import InputError, RecordError
 from granular.shared.message_text import quote
 from reduced_models.records.derivatives import derivatives
 
-Quantity = Literal["height", "velocity", "acceleration", "force", "base_force"]
+SensorQuantity = Literal["height", "velocity", "acceleration", "force", "base_force"]
 Columns = Mapping[str, np.ndarray]
 Setting = float | tuple[float, float] | Literal["free"]
 """A number that is known, that lies between two, or that is to be fitted."""
@@ -61,7 +61,7 @@ class Sensor:
     >>> geophone = Sensor("velocity", gain="free", high_pass=4.5, damping_ratio=0.7)
     """
 
-    quantity: Quantity = "acceleration"
+    quantity: SensorQuantity = "acceleration"
     gain: Setting | None = None
     offset: Setting | None = None
     low_pass: float | None = None
@@ -72,7 +72,7 @@ class Sensor:
 
     def __post_init__(self) -> None:
         if self.quantity not in _DERIVATIVES:
-            known = ", ".join(map(repr, get_args(Quantity)))
+            known = ", ".join(map(repr, get_args(SensorQuantity)))
             raise InputError(f"measured = {quote(self.quantity)}; give one of {known}, or a Sensor")
         is_force = self.quantity in ("force", "base_force")
         if self.gain is None:
@@ -237,7 +237,7 @@ class Sensor:
         return result
 
     def base_motion(self, columns: Columns) -> np.ndarray:
-        """Quantity of the base, where the sensor measures it too; zero otherwise.
+        """SensorQuantity of the base, where the sensor measures it too; zero otherwise.
 
         Parameters
         ----------
