@@ -33,7 +33,7 @@ from granular.run.work_precision import SceneWorkPrecision
 from granular.run.work_precision import load_work_precision_scenes as prices
 from granular.schema.scales import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
-from reduced_models import damper_maps, fit, predict, predict_fall
+from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps
 from reduced_models.falls.predicted_law import lattice_at_rest
 from reduced_models.machines import design_damper_for_host, predicted_response
@@ -440,7 +440,7 @@ def write_whole_falls() -> None:
         away = np.abs(motion.height - rest) > 0.05 * (height * DIAMETER - rest)
         affine = scene.grains.count * drag / 3.0
         loss = affine * float(np.trapezoid(motion.velocity**2, motion.time))
-        law = predict_fall(scene, height * DIAMETER)
+        law = whole_fall(scene, height * DIAMETER)
         bed = f"{scene.grains.count} grains, {mass:g} kg, {drag:g} kg/s, from {height} D"
         for name, *figures in (
             (

@@ -5,7 +5,7 @@ from .designs.maps import DamperMaps, damper_maps
 from .designs.proposal import DesignTarget, propose_design
 from .designs.study import run_design_study
 from .discovery.discover import discover
-from .falls.fall_summary import predict_fall
+from .falls.fall_summary import whole_fall
 from .falls.predicted_law import predict, valid_shaking_range
 from .falls.unseen_fall_scores import score_drops
 from .fitting.fit import fit
@@ -56,7 +56,6 @@ __all__ = [
     "law_with_force_input",
     "load_model",
     "predict",
-    "predict_fall",
     "propose_design",
     "read_record",
     "read_releases",
@@ -65,4 +64,5 @@ __all__ = [
     "sample_posterior",
     "score_drops",
     "valid_shaking_range",
+    "whole_fall",
 ]

@@ -295,9 +295,9 @@ def fall(options: Any) -> None:
     options : Namespace
         Parsed options of the command.
     """
-    from reduced_models.falls.fall_summary import predict_fall
+    from reduced_models.falls.fall_summary import whole_fall
 
-    predicted = predict_fall(
+    predicted = whole_fall(
         scene_from_options(options),
         options.height,
         simulate=False if options.law_only else None,

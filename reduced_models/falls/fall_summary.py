@@ -93,7 +93,7 @@ class FallSummary(NamedTuple):
         return text if simulated is None else f"by the law: {text}\nsimulated: {simulated}"
 
 
-def predict_fall(
+def whole_fall(
     scene: Scene, height: float | None = None, *, simulate: bool | None = None, progress: bool = True
 ) -> FallSummary:
     """Return figures of a fall by the law of `predict`, and simulate it where the law is uncertain.

@@ -11,7 +11,7 @@ from granular import damper, simulate
 from granular.shared.errors import InputError
 from reduced_models import predict
 from reduced_models.__main__ import main
-from reduced_models.falls.fall_summary import predict_fall
+from reduced_models.falls.fall_summary import whole_fall
 from reduced_models.falls.predicted_law import OutsideRangeWarning
 
 HEIGHT = 0.12
@@ -20,7 +20,7 @@ HEIGHT = 0.12
 def test_figures_are_those_of_the_predicted_motion() -> None:
     """Solved by another solver."""
     scene = damper()
-    found = predict_fall(scene, HEIGHT)
+    found = whole_fall(scene, HEIGHT)
     motion = predict(scene).simulate(np.linspace(0.0, 3.0, 3001), z0=HEIGHT, v0=0.0)
     assert found.deepest == pytest.approx(motion.height.min(), rel=1e-5)
     outside = np.abs(motion.height - found.rest) > 0.05 * (HEIGHT - found.rest)
@@ -31,15 +31,15 @@ def test_figures_are_those_of_the_predicted_motion() -> None:
 def test_a_fall_that_presses_discs_together_is_told_with_a_warning() -> None:
     """With 10 kg from 20 D a simulated fall differs by 5 % of the drop, with 7.5 kg by 1.2 %."""
     with pytest.warns(OutsideRangeWarning, match="where discs of 'magnets' touch"):
-        hard = predict_fall(damper(10.0, magnets="cylinders"), simulate=False)
-    soft = predict_fall(damper(magnets="cylinders"), simulate=False)
+        hard = whole_fall(damper(10.0, magnets="cylinders"), simulate=False)
+    soft = whole_fall(damper(magnets="cylinders"), simulate=False)
     assert hard.deepest < soft.deepest
 
 
 def test_losses_are_what_the_fall_gives_up() -> None:
     """The piston's drop less the work against the pressure, at rest; both losses are positive."""
     scene = damper(drag=0.4)  # at rest in the time that is followed
-    found = predict_fall(scene, HEIGHT)
+    found = whole_fall(scene, HEIGHT)
     values = predict(scene).parameters
     rest, power = values["rest"], values["power"]
     moved = 1.046 * 7.5 * 9.8 / values["weight"]
@@ -55,7 +55,7 @@ def test_a_simulation_says_the_same() -> None:
     scene = damper()
     changes = {"output.record": None, "protocol": [{"kind": "free", "name": "drop", "duration": 3.0}]}
     run = simulate(scene.replace(**changes), dt="auto*2", progress=False)
-    motion, found = run.piston(), predict_fall(scene)
+    motion, found = run.piston(), whole_fall(scene)
     assert motion.velocity is not None
     assert motion.force is not None
     lost = float(np.trapezoid(368 * 0.1 / 3.0 * motion.velocity**2, motion.time))
@@ -69,19 +69,19 @@ def test_a_simulation_says_the_same() -> None:
 
 def test_a_start_below_rest_is_refused() -> None:
     with pytest.raises(InputError, match="not above the level of rest"):
-        predict_fall(damper(), 0.05)
+        whole_fall(damper(), 0.05)
 
 
 def test_the_command_says_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     main(["fall", "damper", "--height", "120 mm", "--json"])
     said = json.loads(capsys.readouterr().out)
-    assert said == pytest.approx(predict_fall(damper(), HEIGHT)._asdict())
+    assert said == pytest.approx(whole_fall(damper(), HEIGHT)._asdict())
 
 
 def test_a_fall_that_was_compared_with_nothing_is_simulated(capsys: pytest.CaptureFixture[str]) -> None:
     small = damper(count=92)
     with pytest.warns(OutsideRangeWarning, match="92 grains"):
-        found = predict_fall(small, progress=False)
+        found = whole_fall(small, progress=False)
     assert found.simulated is not None
     assert found.simulated.rest == pytest.approx(found.rest, rel=0.1)
     assert found.simulated.affine_loss == pytest.approx(found.affine_loss, rel=0.3)
