@@ -15,7 +15,7 @@ from benchmarks.timing import least_seconds
 from granular import evaluate, simulate
 from granular.pairs.direct_sum import PARTED_FROM
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import EnergyError
 from validation.effect_costs import EngineSteps
 

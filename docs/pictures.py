@@ -31,7 +31,7 @@ from granular.response import frequency_response
 from granular.run.settings_for_accuracy import FLOORS
 from granular.run.work_precision import SceneWorkPrecision
 from granular.run.work_precision import load_work_precision_scenes as prices
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
 from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps

@@ -21,7 +21,7 @@ import numba
 import numpy as np
 
 from granular.effects.wall_experimental import force
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure
 from validation.exact import bounce
 from validation.report_tasks import PlainData, Section, Task

@@ -17,13 +17,13 @@ import numba
 import numpy as np
 
 from granular.engine.columns import ledger_column_count
-from granular.engine.loop import TickRange, advance_ticks
 from granular.engine.step_size import StepRequest, StepSchedule
+from granular.engine.tick_loop import TickRange, advance_ticks
 from granular.methods import method_named
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.summary import active_effect_names
 from granular.scene.scene import Scene
-from granular.scene.system import scene_in_natural_units
+from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.shared.errors import GranularError
 
 STEP = 0.02

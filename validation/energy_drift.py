@@ -17,7 +17,7 @@ from granular.methods import METHODS, method_named
 from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import RunError
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.exact import bounce

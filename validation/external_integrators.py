@@ -16,7 +16,7 @@ import numpy as np
 
 from granular.protocol import Hold
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from validation.exact.problem import ExactProblem, GrainStates
 

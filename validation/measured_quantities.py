@@ -10,7 +10,7 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.run.trajectory import Trajectory
 from granular.schema.field_kinds import unknown_word_message
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RecordError
 
 _LEAST_SWINGS = 3

@@ -262,7 +262,7 @@ class ContactLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def squared_collision_frequency(
+    def squared_head_on_impact_frequency(
         law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
         """Square of the highest angular frequency in an impact of two grains at that speed.
@@ -288,7 +288,7 @@ class ContactLaw(NamedTuple):
         barrier = 0.0
         if constants.acting.dipole is not None:
             barrier = _magnetic_energy_at_touch(constants.acting.discs, law) * constants.least_moment**2
-        return squared_impact_frequency(law, speed, constants.least_mass, barrier)
+        return squared_head_on_impact_frequency(law, speed, constants.least_mass, barrier)
 
 
 @compiled(inline=True)
@@ -396,7 +396,7 @@ def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float,
 
 
 @compiled
-def squared_impact_frequency(law: ContactLaw, speed: float, mass: float, barrier: float) -> float:
+def squared_head_on_impact_frequency(law: ContactLaw, speed: float, mass: float, barrier: float) -> float:
     """Square of the highest angular frequency in a head-on impact of two alike grains.
 
     Their energy above the magnetic ``barrier`` at touch fixes the greatest overlap, by Hertz's law.

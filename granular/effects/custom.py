@@ -73,7 +73,7 @@ from typing import Any, ClassVar
 import numba
 
 from granular.compiled.hook_calls import OPTIONS
-from granular.effects.custom_check import (
+from granular.effects.custom_function_checks import (
     check_effect_functions,
     check_functions_compile,
     check_wall_functions,
@@ -92,7 +92,7 @@ from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
 from granular.effects.registry import WALL_LAWS, register_effect
 from granular.schema.field_kinds import IntegerKind, QuantityKind, unknown_word_message
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import Section
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote

@@ -75,7 +75,7 @@ class CustomDefinition(NamedTuple):
     kernels: Mapping[str, Callable[..., Any]]
 
     @property
-    def title(self) -> str:
+    def display_name(self) -> str:
         """Name in messages."""
         return f"{self.what} {self.key!r}"
 
@@ -183,4 +183,6 @@ def user_code_error(definition: CustomDefinition, what: str, error: BaseExceptio
     InputError
         Error that names the effect, the action and the exception.
     """
-    return InputError(f"{definition.title}: {what}: {type(error).__name__}: {one_line(error)}; correct it")
+    return InputError(
+        f"{definition.display_name}: {what}: {type(error).__name__}: {one_line(error)}; correct it"
+    )

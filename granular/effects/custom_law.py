@@ -235,12 +235,12 @@ def dispatch_by_kind(make: Callable[[CustomDefinition], Loop]) -> Loop:
     return call
 
 
-def _empty_hook(*arguments: Any) -> float:
+def _return_zero(*arguments: Any) -> float:
     return 0.0
 
 
 if not numba.config.DISABLE_JIT:
-    _empty_hook = numba.njit(**OPTIONS)(_empty_hook)
+    _return_zero = numba.njit(**OPTIONS)(_return_zero)
 
 
 def _make_grain_forces(definition: CustomDefinition) -> Loop:
@@ -261,7 +261,7 @@ def _make_grain_forces(definition: CustomDefinition) -> Loop:
 
 def _make_grain_energy(definition: CustomDefinition) -> Loop:
     energy, values_of = definition.kernels.get("energy"), definition.parameters
-    stiffness: Loop = definition.kernels.get("stiffness", _empty_hook)
+    stiffness: Loop = definition.kernels.get("stiffness", _return_zero)
     if energy is None:
         return lambda kind, law, state, constants, time, slopes: 0.0
 
@@ -362,7 +362,7 @@ def _make_pair_forces(definition: CustomDefinition) -> Loop:
 
 def _make_pair_energy(definition: CustomDefinition) -> Loop:
     energy, values_of = definition.kernels.get("pair_energy"), definition.parameters
-    stiffness: Loop = definition.kernels.get("pair_stiffness", _empty_hook)
+    stiffness: Loop = definition.kernels.get("pair_stiffness", _return_zero)
     if energy is None:
         return lambda kind, law, cells, state, constants, slopes: 0.0
 

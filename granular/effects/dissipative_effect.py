@@ -1,4 +1,4 @@
-"""A flow: it takes energy, and is solved exactly. `granular.effects.eddy` is a short one.
+"""A flow: it takes energy, and is solved exactly. `granular.effects.eddy_drag` is a short one.
 
 Its velocities after a duration are exact at fixed positions: as a force it would cost the second
 order. What it takes is entered in ``state.ledger[LOSSES + index]``. Hooks of its law, behind
@@ -17,7 +17,7 @@ order. What it takes is entered in ``state.ledger[LOSSES + index]``. Hooks of it
 from __future__ import annotations
 
 from granular.effects.effect import Effect
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 
 HOOKS = ("damp_velocities", "kick", "add_damping_to_slopes")
 

@@ -24,12 +24,12 @@ import numpy as np
 from granular.compiled import Array, compiled, entry
 from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import EffectContext, energy_variable
-from granular.kernel_data.compensation import add_to_velocity
+from granular.kernel_data.compensated_summation import add_to_velocity
 from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity
 
 

@@ -31,7 +31,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.schema.apparatus import Cell, Grains, Piston
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import Section
 
 

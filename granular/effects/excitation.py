@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.compiled import compiled
 from granular.schema.field_kinds import FieldError
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import (
     Section,
     choice_field,

@@ -9,16 +9,21 @@ Hooks of its law, behind ``law, workspace, index``:
     over its mass, which the automatic step follows.
 ``record_external_work(..., dt, bed, time) -> int``
     Enter in ``state.ledger[WORK]`` what a force that depends on time does.
-``squared_collision_frequency(..., speed, constants) -> float``
+``squared_head_on_impact_frequency(..., speed, constants) -> float``
     Greatest stiffness over mass that a grain of this speed meets.
 """
 
 from __future__ import annotations
 
 from granular.effects.effect import Effect
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 
-HOOKS = ("add_forces", "measure_energy_and_stiffness", "record_external_work", "squared_collision_frequency")
+HOOKS = (
+    "add_forces",
+    "measure_energy_and_stiffness",
+    "record_external_work",
+    "squared_head_on_impact_frequency",
+)
 
 
 class ForceEffect(Effect):

@@ -21,8 +21,8 @@ from granular.effects.effect import Effect
 from granular.effects.force_effect import ForceEffect
 from granular.formulas import parse
 from granular.schema.field_kinds import FieldError
-from granular.schema.parameters import SectionWithFormula
-from granular.schema.scales import Scales
+from granular.schema.formula_parameters import SectionWithFormula
+from granular.schema.natural_units import Scales
 from granular.schema.sections import text_field
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote

@@ -25,7 +25,7 @@ from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
 from granular.pairs.direct_sum import pad_values
 from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.field_kinds import FieldError, FieldKind, SectionListKind, unknown_word_message
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity, section_field
 from granular.shared.message_text import quote
 

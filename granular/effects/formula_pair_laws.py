@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from granular.effects.custom_check import check_effect_functions
+from granular.effects.custom_function_checks import check_effect_functions
 from granular.effects.custom_functions import CustomLawKind, Grain
 from granular.effects.custom_law import CustomLaw
 from granular.effects.effect import EffectContext, energy_variable

@@ -175,7 +175,7 @@ class Friction(DissipativeEffect):
             dynamic=self.dynamic,
             threshold=threshold,
             load=self.load / scales.force,
-            factor=pad_values(own[context.species] * context.grains.spread_factors()),
+            factor=pad_values(own[context.species] * context.grains.moment_spread_factors()),
             rate=rate,
             kind=kind,
             rates=rates,
@@ -197,7 +197,7 @@ class Friction(DissipativeEffect):
             In natural units, padded.
         """
         weight = self.normal_force_factors(context.grains, context.cell)[1][context.species]
-        return pad_values(weight * context.grains.spread_factors())
+        return pad_values(weight * context.grains.moment_spread_factors())
 
     def grain_record_values(self, law: FrictionLaw, state: State) -> dict[str, np.ndarray]:
         """Return the normal force of the plates on each grain.

@@ -8,7 +8,7 @@ from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
 from granular.kernel_data.state import Bed
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity
 
 

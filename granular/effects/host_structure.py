@@ -22,7 +22,7 @@ from granular.kernel_data.state import LOSSES, SPEED, Bed, State
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.field_kinds import FieldError
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import (
     Section,
     choice_field,

@@ -13,7 +13,7 @@ Hooks of its law, behind ``law, workspace, index``, next to those of a force tha
 from __future__ import annotations
 
 from granular.effects.effect import Effect
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 
 HOOKS = ("upward_acceleration", "drift")
 

@@ -15,7 +15,7 @@ from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.moving_frame_effect import MovingFrameEffect
 from granular.kernel_data.state import HEIGHT, WORK, Bed
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity
 
 

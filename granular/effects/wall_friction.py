@@ -194,7 +194,7 @@ def _wall_normal_force(law: Any, w: float) -> float:
 
 
 @compiled
-def _coast_with_drag(rate: float, dt: float, v: float, push: float) -> tuple[float, float, float]:
+def _move_with_drag(rate: float, dt: float, v: float, push: float) -> tuple[float, float, float]:
     """Velocity after ``dt`` under acceleration and drag; path, and loss to drag per mass."""
     decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
     displacement = drag.displacement_under_drag(rate, dt, gain, abs(v), math.copysign(1.0, v) * push)
@@ -230,7 +230,7 @@ def slide_along_wall(
     if v != 0.0:
         sign = math.copysign(1.0, v)
         net = push - sign * hold
-        after, path, lost = _coast_with_drag(rate, dt, v, net)
+        after, path, lost = _move_with_drag(rate, dt, v, net)
         if sign * after > 0.0:
             return after, (path, lost)
         brake = -sign * net
@@ -239,6 +239,6 @@ def slide_along_wall(
         dt = max(dt - drag.stopping_time(rate, abs(v), brake), 0.0)
         v = 0.0
     if abs(push) > hold:
-        v, path, lost = _coast_with_drag(rate, dt, 0.0, push - math.copysign(hold, push))
+        v, path, lost = _move_with_drag(rate, dt, 0.0, push - math.copysign(hold, push))
         return v, (displacement + abs(path), dragged + lost)
     return 0.0, (displacement, dragged)

@@ -22,13 +22,13 @@ from granular.effects.registry import WALL_LAWS, find_wall_law
 from granular.effects.wall_discs import DiscWall, disc_wall_tables
 from granular.effects.wall_experimental import ExperimentalWall
 from granular.effects.wall_infinite import InfiniteWall
+from granular.effects.wall_kernels import WallLaws
 from granular.effects.wall_side import SIDES
 from granular.effects.wall_slab import SlabWall
-from granular.effects.walls_law import WallLaws
 from granular.formulas.dimensions import LENGTH, Dimension
 from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.field_kinds import FieldError, FieldKind, unknown_word_message
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import Section, nested_section_field, quantity, section_field
 
 LAWS = ("experimental", "infinite", "slab", "discs")

@@ -1,7 +1,7 @@
 """The engine: one compiled loop, specialised to the effects that a scene names.
 
 This page says what its words mean; read it before the code. All numbers in here are in natural
-units (`granular.schema.scales`): lengths in diameters D of the first species, times in tau.
+units (`granular.schema.natural_units`): lengths in diameters D of the first species, times in tau.
 
 A protocol is a row of stages, and the loop advances one stage at a time::
 
@@ -18,13 +18,13 @@ and one of its ticks, here of twelve steps and with a far field that acts at mos
 step
     The least advance: the kicks and drifts of a method, one after another. Verlet's method is
     half a kick (velocities, positions stand still), a drift (positions, velocities stand still),
-    the forces at the new positions, and the other half of the kick (`step`, `kick`, `piston`,
+    the forces at the new positions, and the other half of the kick (`time_step`, `grain_kicks`, `piston`,
     `forces`; Runge-Kutta methods in `runge_kutta`).
 tick
     Some steps and a *look* at the bed after the last of them: the forces of that step are computed
     in a *measuring pass*, which sums the energies, the stiffness and the least distance as well.
     Its result is a row of `columns`. Ticks of a stage are equally long (to a step, where the
-    user gives the step); how many steps one has may change (`loop`).
+    user gives the step); how many steps one has may change (`tick_loop`).
 record, frame
     Every so many ticks the row is kept as a record, and, less often, positions, velocities and
     forces of all grains as a frame.
@@ -32,10 +32,10 @@ schedule
     How a stage is cut: the length of a tick and of a step, ticks from record to record and from
     frame to frame. The automatic step resolves the stiffest mode that the bed can meet; when a
     look finds one that is twice as stiff, the ticks that follow have more steps (`step_size`,
-    `stiffness`).
+    `frequency_bounds`).
 plan
     What all steps of a run have in common: the method's table of kicks and drifts, or its
-    Butcher tableau, and how often the far field acts (`step`).
+    Butcher tableau, and how often the far field acts (`time_step`).
 window
     Which ticks one call of the loop is to make. A call takes about a tenth of a second, ends at
     the next frame, and hands its records to Python, which keeps the ledger, writes checkpoints

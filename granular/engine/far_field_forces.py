@@ -7,7 +7,7 @@ as it is, to the last bit; while grains slide it goes on for some steps as it ch
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.kernel_data.compensation import add_to_velocity
+from granular.kernel_data.compensated_summation import add_to_velocity
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import Bed, State
 from granular.pairs.direct_far_field import DirectFarFieldWorkspace, compute_direct_far_field

@@ -25,7 +25,7 @@ from granular.pairs.verlet_list import VerletSettings, verlet_list_sum
 
 
 @compiled(inline=True)
-def _magnetic_forces(
+def _sum_magnetic_forces(
     cut: CutOffSettings | None, listing: VerletSettings | None, bed: Bed, arrays: GrainArrays
 ) -> None:
     state, constants = bed.state, bed.constants
@@ -41,7 +41,7 @@ def _magnetic_forces(
 
 
 @compiled(inline=True)
-def _pair_forces(
+def _compute_pair_forces(
     dipole: bool | None, bed: Bed, stiffness: Array | None, energy_and_closest: Array | None
 ) -> int:
     """Compute the magnetic forces; the number of pairs that are where none can be."""
@@ -63,12 +63,12 @@ def _pair_forces(
     if dipole is None:
         clear_sums(arrays)
     else:
-        _magnetic_forces(constants.acting.cut, constants.acting.listing, bed, arrays)
-    return _close_forces(constants.acting.discs, state.close, constants.grains, arrays)
+        _sum_magnetic_forces(constants.acting.cut, constants.acting.listing, bed, arrays)
+    return _add_close_disc_forces(constants.acting.discs, state.close, constants.grains, arrays)
 
 
 @compiled(inline=True)
-def _close_forces(
+def _add_close_disc_forces(
     discs: DiscLaw | None, close: CloseDiscList | None, grains: int, arrays: GrainArrays
 ) -> int:
     if discs is None or close is None:
@@ -98,7 +98,7 @@ def compute_forces(bed: Bed, time: float) -> int:
     """
     state, constants = bed.state, bed.constants
     acting = constants.acting
-    crowded = _pair_forces(acting.dipole, bed, None, None)
+    crowded = _compute_pair_forces(acting.dipole, bed, None, None)
     crowded += refresh_far_field(state.far_forces, bed, time)
     add_far_field(state.far_forces, state, constants.grains, time)
     return crowded + _add_forces(acting.laws, state.workspaces, bed, time)
@@ -124,7 +124,7 @@ def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) 
     """
     state, constants = bed.state, bed.constants
     acting = constants.acting
-    crowded = _pair_forces(acting.dipole, bed, measurement.stiffness, measurement.energy_and_closest)
+    crowded = _compute_pair_forces(acting.dipole, bed, measurement.stiffness, measurement.energy_and_closest)
     crowded += compute_far_field(state.far_forces, bed, time)
     add_far_field(state.far_forces, state, constants.grains, time)
     return crowded + _add_forces(acting.laws, state.workspaces, bed, time)

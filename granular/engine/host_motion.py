@@ -44,7 +44,7 @@ from granular.effects.host_structure import (
     last_body_velocity,
 )
 from granular.effects.wall_side import TOP
-from granular.engine.kick import kick_grains
+from granular.engine.grain_kicks import kick_grains
 from granular.engine.piston import kick_piston
 from granular.kernel_data.state import SPEED, WORK, Bed, State
 from granular.pairs.grain_arrays import value_or_one
@@ -236,7 +236,7 @@ def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     base = shake if law.drive.base else 0.0
     force = 0.0 if law.drive.base else shake
     free, last = motion.free, law.chain.masses.size - 1
-    chain = _chain_forces(law.chain, workspace, force)
+    chain = _fill_chain_forces(law.chain, workspace, force)
     outer, top = 0.0, 0.0
     if free:
         outer = outer_force_on_piston(motion, time)
@@ -349,7 +349,7 @@ def _body_velocity(law: HostLaw, workspace: HostWorkspace, state: State, k: int)
 
 
 @compiled
-def _chain_forces(chain: HostChain, workspace: HostWorkspace, force: float) -> float:
+def _fill_chain_forces(chain: HostChain, workspace: HostWorkspace, force: float) -> float:
     """Fill in the force of springs and from outside on each body; that on the last one."""
     count = chain.masses.size
     tension, result = 0.0, 0.0

@@ -10,7 +10,7 @@ from granular.effects import drag
 from granular.effects.friction_law import velocity_factor_after_friction
 from granular.effects.host_structure import PULL, PUSH, HostWorkspace
 from granular.effects.wall_side import TOP
-from granular.kernel_data.compensation import compensated_sum
+from granular.kernel_data.compensated_summation import compensated_sum
 from granular.kernel_data.constants import Constants, PistonResistance
 from granular.kernel_data.state import (
     HEIGHT,

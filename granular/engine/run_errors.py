@@ -12,7 +12,7 @@ from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
 from granular.pairs.close_disc_corrections import closest_distance_over_contact
 from granular.pairs.disc_law_tables import CLOSEST
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import (
     EnergyError,
     InputError,

@@ -38,7 +38,7 @@ def _mass_of_grain(masses: Array | None, i: int) -> float:
 
 
 @compiled
-def _grain_slopes(slopes: Array, dt: float, bed: Bed) -> None:
+def _fill_grain_slopes(slopes: Array, dt: float, bed: Bed) -> None:
     """Slopes of positions and velocities; losses are entered with the weight ``dt``."""
     state, constants = bed.state, bed.constants
     for i in range(constants.grains):
@@ -51,7 +51,9 @@ def _grain_slopes(slopes: Array, dt: float, bed: Bed) -> None:
 
 
 @compiled
-def _piston_slopes(slopes: Array, dt: float, time: float, start: float, bed: Bed, motion: Motion) -> None:
+def _fill_piston_slopes(
+    slopes: Array, dt: float, time: float, start: float, bed: Bed, motion: Motion
+) -> None:
     state, constants = bed.state, bed.constants
     if motion.free:
         swing = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
@@ -69,7 +71,7 @@ def _piston_slopes(slopes: Array, dt: float, time: float, start: float, bed: Bed
 
 
 @compiled
-def _store_start(state: State, slopes: StageSlopes, count: int) -> None:
+def _store_step_start(state: State, slopes: StageSlopes, count: int) -> None:
     base = slopes.grains[-1]
     for i in range(count):
         base[X, i] = state.x[i]
@@ -150,7 +152,7 @@ def runge_kutta_step(
     stages = tableau.shape[1]
     count = constants.grains
     outside = 0
-    _store_start(state, slopes, count)
+    _store_step_start(state, slopes, count)
     before = piston_energy(bed, start + time)
     for k in range(stages):
         instant = time + h * tableau[k].sum()
@@ -158,8 +160,8 @@ def runge_kutta_step(
             _move_to_stage(tableau[k, :k], slopes, h, instant, state, count, motion)
             outside += compute_forces(bed, start + instant)
         dt = h * tableau[stages, k]
-        _grain_slopes(slopes.grains[k], dt, bed)
-        _piston_slopes(slopes.piston[k], dt, instant, start, bed, motion)
+        _fill_grain_slopes(slopes.grains[k], dt, bed)
+        _fill_piston_slopes(slopes.piston[k], dt, instant, start, bed, motion)
     end = time + h
     _move_to_stage(tableau[stages], slopes, h, end, state, count, motion)
     if not motion.free:

@@ -149,15 +149,15 @@ class StepRequest:
             steps = max(1, round(record / h))
             every = -(-steps // LOOK)
             frames = max(1, round(frame / (steps * h)))
-            return StepSchedule(steps * h / every, h, every, _limit_count(every * frames), LOOK, steps)
+            return StepSchedule(steps * h / every, h, every, _limit_tick_count(every * frames), LOOK, steps)
         every = -(-self.steps_per_tick(record, frequency) // LOOK)
         length = record / every
         steps = self.steps_per_tick(length, frequency)
         frames = max(1, round(frame / record))
-        return StepSchedule(length, length / steps, every, _limit_count(every * frames), steps, 0)
+        return StepSchedule(length, length / steps, every, _limit_tick_count(every * frames), steps, 0)
 
 
-def _limit_count(ticks: int) -> int:
+def _limit_tick_count(ticks: int) -> int:
     """Count that fits into a word; what lies farther than any run goes may lie nearer."""
     return min(ticks, MOST_COUNT)
 

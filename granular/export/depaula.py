@@ -38,7 +38,7 @@ from granular.observables import compressive_forces, depaula_pair_distance
 from granular.observables.interactions import effects_of_unknown_pair_force
 from granular.protocol import Move
 from granular.run.trajectory import Trajectory
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.files import write_files_atomically
 
 STEPS_PER_TIME = 10**6

@@ -41,7 +41,7 @@ from granular.run.run_directory import is_run_directory
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from granular.shared.files import check_output_file, make_directory, write_atomically
 
@@ -322,7 +322,7 @@ def mode_frequency_bound(
 
     The row sums of the stiffness matrix bound its eigenvalues (Gershgorin's circle theorem; Horn and
     Johnson, Matrix Analysis, 2nd ed., theorem 6.1.1). Natural units: the length D is the diameter of
-    the first species, the time tau that of `granular.schema.scales.Scales`.
+    the first species, the time tau that of `granular.schema.natural_units.Scales`.
 
     Parameters
     ----------

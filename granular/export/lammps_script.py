@@ -15,7 +15,7 @@ from granular.pairs import dipole_law
 from granular.pairs.disc_law import Disc
 from granular.pairs.disc_law_tables import disc_law_continued_below_contact, force_slope_at_contact
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 
 ROWS = 5000
@@ -470,7 +470,7 @@ def _time_integration_lines() -> Iterator[str]:
 def _output_intervals(deck: LammpsDeck) -> tuple[int, int]:
     """Return the steps from record to record, and records from frame to frame."""
     output = deck.scene.output
-    return max(1, math.ceil(output.scalars / deck.longest_step - 1e-9)), output.frames_every
+    return max(1, math.ceil(output.scalars / deck.longest_step - 1e-9)), output.records_per_frame
 
 
 def _output_lines(deck: LammpsDeck) -> Iterator[str]:

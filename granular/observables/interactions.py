@@ -179,7 +179,7 @@ def iterate_wall_forces(
 
 def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
     """Positions, which grains are there, and the scene in natural units."""
-    from granular.scene.system import scene_in_natural_units
+    from granular.scene.scene_in_natural_units import scene_in_natural_units
 
     positions = check_positions(positions)
     if len(positions) != scene.grains.count:
@@ -214,7 +214,7 @@ def relative_magnetic_moments(scene: Scene) -> np.ndarray:
         Ratio without unit, with the spread of the grains.
     """
     grains = scene.grains
-    return np.asarray(grains.moment_ratios()[grains.species_indices()] * grains.spread_factors())
+    return np.asarray(grains.moment_ratios()[grains.species_indices()] * grains.moment_spread_factors())
 
 
 def _dipole_pair_forces(r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:

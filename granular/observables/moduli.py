@@ -83,7 +83,7 @@ def dipole_pair_strength(moment: float) -> float:
     float
         Strength C [J m^3].
     """
-    from granular.schema.scales import MAGNETIC_CONSTANT
+    from granular.schema.natural_units import MAGNETIC_CONSTANT
 
     return MAGNETIC_CONSTANT * moment**2 / (4.0 * math.pi)
 
@@ -308,7 +308,7 @@ def first_species_moment(scene: Scene) -> float:
     float
         Magnetic moment [A m^2].
     """
-    from granular.schema.scales import Scales
+    from granular.schema.natural_units import Scales
 
     scales = Scales.from_grains(scene.grains)
     return scales.current * scales.length**2

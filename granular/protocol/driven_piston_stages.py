@@ -12,7 +12,7 @@ from granular.formulas.dimensions import LENGTH, TIME, Dimension
 from granular.protocol.piston_motion import DESCENT, SINE, TABLE, Motion
 from granular.protocol.stage import FormulaStage, Stage, TimedStage
 from granular.schema.field_kinds import FieldError
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity, quantity_list_field, text_field
 
 

@@ -10,7 +10,7 @@ from granular.formulas.dimensions import TIME, Dimension
 from granular.protocol.piston_motion import Motion
 from granular.protocol.stage import FormulaStage, TimedStage
 from granular.schema.field_kinds import FieldError
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity, text_field
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from granular.formulas import parse
 from granular.protocol.piston_motion import SPLINE, Motion, with_table_arrays
 from granular.schema.field_kinds import FieldError
-from granular.schema.parameters import SectionWithFormula
-from granular.schema.scales import Scales
+from granular.schema.formula_parameters import SectionWithFormula
+from granular.schema.natural_units import Scales
 from granular.schema.sections import Section, choice_field, quantity, text_field
 from granular.shared.message_text import quote
 
@@ -274,7 +274,7 @@ class SampledStage(Stage):
         FieldError
             If a height does not begin at the piston's, or the function is not finite or smooth.
         """
-        times, values = self._resolving_knots(height)
+        times, values = self._refine_spline_knots(height)
         if not self.needs_piston_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
             raise FieldError(
                 f"begins at {values[0, 0]:g} m and the piston stands at {height:g} m; let it begin "
@@ -291,7 +291,7 @@ class SampledStage(Stage):
             heights=values.ravel(),
         )
 
-    def _resolving_knots(self, height: float) -> tuple[np.ndarray, np.ndarray]:
+    def _refine_spline_knots(self, height: float) -> tuple[np.ndarray, np.ndarray]:
         """Equidistant times (k,) [s] so close that the spline through the samples (2, k) fits between."""
         count = LEAST_KNOTS
         while True:

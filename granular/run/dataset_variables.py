@@ -12,7 +12,7 @@ from granular.effects.effect import RecordedVariable
 from granular.effects.wall_side import SIDES
 from granular.engine.columns import column_names_for_laws, energy_column, law_record_column, loss_column
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 
 
 @dataclasses.dataclass(frozen=True)

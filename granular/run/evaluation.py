@@ -14,7 +14,11 @@ from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.kernel_data.state import State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
-from granular.scene.system import SceneInNaturalUnits, explain_compile_errors, scene_in_natural_units
+from granular.scene.scene_in_natural_units import (
+    SceneInNaturalUnits,
+    explain_compile_errors,
+    scene_in_natural_units,
+)
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 

@@ -11,7 +11,10 @@ import numpy as np
 from granular.engine import columns
 from granular.engine.energy_ledger import EnergyLedger
 from granular.engine.far_field_forces import update_held_far_field
-from granular.engine.loop import (
+from granular.engine.outflow import remove_outflowed_grains
+from granular.engine.run_errors import not_at_rest_error, unbalanced_energy_error
+from granular.engine.step_size import REVIEW, StepSchedule
+from granular.engine.tick_loop import (
     HIGHEST,
     LATEST,
     LOWEST,
@@ -25,9 +28,6 @@ from granular.engine.loop import (
     TickRange,
     advance_ticks,
 )
-from granular.engine.outflow import remove_outflowed_grains
-from granular.engine.run_errors import not_at_rest_error, unbalanced_energy_error
-from granular.engine.step_size import REVIEW, StepSchedule
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
 from granular.protocol.piston_motion import driven_height_and_velocity
 from granular.protocol.stage import TimedStage, stage_motion

@@ -24,7 +24,7 @@ from granular.run.dataset_variables import (
     scalar_variables,
 )
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 
 
 @dataclasses.dataclass

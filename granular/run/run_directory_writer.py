@@ -35,7 +35,7 @@ from granular.run.run_directory import (
 )
 from granular.run.zarr_arrays import GROUP, AppendableZarrArray, ZarrArray, ZarrMetadata
 from granular.scene.scene import Scene
-from granular.scene.system import SceneInNaturalUnits
+from granular.scene.scene_in_natural_units import SceneInNaturalUnits
 from granular.shared.errors import StoreError
 
 

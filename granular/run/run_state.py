@@ -12,10 +12,9 @@ from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.moving_frame_effect import MovingFrameEffect
 from granular.engine import columns
 from granular.engine.energy_ledger import EnergyLedger
-from granular.engine.loop import STIFFEST, TURNED, StopCriteria, record_present_state
+from granular.engine.frequency_bounds import evaluate_highest_impact_frequency
 from granular.engine.new_state import new_measurement, new_state
 from granular.engine.run_errors import misplaced_grain_error, too_many_steps_error
-from granular.engine.step import make_step_plan
 from granular.engine.step_size import (
     MOST_COUNT,
     MOST_STEPS,
@@ -25,7 +24,8 @@ from granular.engine.step_size import (
     auto_step_text,
     completed_ticks,
 )
-from granular.engine.stiffness import collision_frequency
+from granular.engine.tick_loop import STIFFEST, TURNED, StopCriteria, record_present_state
+from granular.engine.time_step import make_step_plan
 from granular.engine.variable_step import initialise_step_density
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, STEPS, TIME, Measurement, State
 from granular.methods import Method
@@ -34,7 +34,7 @@ from granular.protocol.piston_motion import Motion, drive_angular_frequency, gre
 from granular.protocol.stage import TimedStage
 from granular.run.record_buffer import RecordBuffer
 from granular.scene.scene import Scene
-from granular.scene.system import SceneInNaturalUnits
+from granular.scene.scene_in_natural_units import SceneInNaturalUnits
 from granular.shared.errors import NotFiniteError, RunError
 
 ARRANGE = "place the grains apart from each other, inside the walls and below the piston"
@@ -374,7 +374,9 @@ class RunState:
             for effect in self.system.effects
             if isinstance(effect, MovingFrameEffect)
         )
-        frequency = max(float(row[columns.STIFFEST]), collision_frequency(self.constants, speed))
+        frequency = max(
+            float(row[columns.STIFFEST]), evaluate_highest_impact_frequency(self.constants, speed)
+        )
         schedule = self.step.divide_stage(
             output.scalars / scales.time,
             output.frames / scales.time,

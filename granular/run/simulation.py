@@ -36,7 +36,11 @@ from granular.run.time_steps import (
 from granular.run.trajectory import Trajectory, load_trajectory, make_trajectory
 from granular.scene.dry_friction import degraded_residual_limit
 from granular.scene.scene import Scene
-from granular.scene.system import SceneInNaturalUnits, explain_compile_errors, scene_in_natural_units
+from granular.scene.scene_in_natural_units import (
+    SceneInNaturalUnits,
+    explain_compile_errors,
+    scene_in_natural_units,
+)
 from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
 from granular.shared.version import versions

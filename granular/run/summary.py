@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.section_text import describe_fields
 
 _SHOWN = 1.0

@@ -29,7 +29,7 @@ from granular.schema.field_kinds import (
     SectionListKind,
     TextKind,
 )
-from granular.schema.parameters import ParameterValuesKind, SectionWithFormula
+from granular.schema.formula_parameters import ParameterValuesKind, SectionWithFormula
 from granular.schema.sections import Section
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

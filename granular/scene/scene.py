@@ -202,12 +202,12 @@ class Scene(Section):
             If grains overlap each other or a wall at the start.
         """
         self._check_piston()
-        self._check_walls()
+        self._check_top_wall()
         acting = {effect.key: effect for effect in self.effects.acting}
         for effect in acting.values():
             effect.check_compatibility(self.grains, self.cell, self.piston, acting)
         self._check_joint_kicks()
-        self._check_periodic()
+        self._check_periodic_cell()
         if self.output.record is not None:
             names = tuple(stage.name for stage in self.protocol)
             if self.output.record not in names:
@@ -219,7 +219,7 @@ class Scene(Section):
                 "arrangement",
                 "positions",
             )
-        self._check_pairs()
+        self._check_pair_method()
         self.initial_positions_and_velocities()
 
     def _check_joint_kicks(self) -> None:
@@ -268,7 +268,7 @@ class Scene(Section):
         walls = self.effects.walls
         return walls is not None and not walls.has_gap and None not in walls.walls_in_order
 
-    def _check_pairs(self) -> None:
+    def _check_pair_method(self) -> None:
         if self.grains.magnets == "cylinders" and self.pairs.method == "verlet-list":
             raise FieldError(
                 "de Paula's list knows dipoles alone; take 'direct', or grains.magnets = 'dipoles'",
@@ -291,7 +291,7 @@ class Scene(Section):
                 "method",
             )
 
-    def _check_periodic(self) -> None:
+    def _check_periodic_cell(self) -> None:
         """Periodic cell has no walls, no piston, and effects that know of images alone."""
         shorter_period = self._shorter_period
         if shorter_period is None:
@@ -329,7 +329,7 @@ class Scene(Section):
                 highest.append(height)
         return max(highest)
 
-    def _check_walls(self) -> None:
+    def _check_top_wall(self) -> None:
         walls = self.effects.walls
         top = walls is not None and walls.top is not None
         for position, stage in enumerate(self.protocol):

@@ -1,4 +1,4 @@
-from .scales import Scales
+from .natural_units import Scales
 from .sections import Section
 from .units import si_value, unit_size
 

@@ -147,7 +147,7 @@ class Grains(Section):
             Indices of `species`.
         """
         if self.mixing == "every-kth":
-            return _every_kth(self.count, self.species[1].share)
+            return _species_by_every_kth_rule(self.count, self.species[1].share)
         counts = self._largest_remainder_counts()
         indices = [(np.arange(number) + 0.5) / max(number, 1) for number in counts]
         owner = np.repeat(np.arange(len(counts)), counts)
@@ -235,7 +235,7 @@ class Grains(Section):
         thickness, strength = self.species_values("thickness"), self.species_values(name)
         return self.face_area_ratios() * (thickness / thickness[0]) * (strength / strength[0])
 
-    def spread_factors(self) -> np.ndarray:
+    def moment_spread_factors(self) -> np.ndarray:
         """Factor of each grain's moment over its species'.
 
         Returns
@@ -249,7 +249,7 @@ class Grains(Section):
         return np.asarray(1.0 + self.spread * np.clip(drawn, -3.0, 3.0))
 
 
-def _every_kth(count: int, fraction: float) -> np.ndarray:
+def _species_by_every_kth_rule(count: int, fraction: float) -> np.ndarray:
     """Grain numbers count from 1; the quotients are exact, where floating point makes 19 of 20."""
     rare = Fraction(repr(fraction)).limit_denominator(10**6)
     common, result = 0, 1
@@ -395,7 +395,7 @@ class Output(Section):
     record: str | None = text_field(default=None, optional=True)
 
     @property
-    def frames_every(self) -> int:
+    def records_per_frame(self) -> int:
         """Records from frame to frame."""
         return round(self.frames / self.scalars)
 

@@ -378,14 +378,14 @@ def find_field(section: Any, key: str) -> tuple[Any, FieldKind] | None:
     """
     *path, name = key.split(".")
     for part in path:
-        section = _find_part(section, part)
+        section = _find_inner_section(section, part)
     if not isinstance(section, Section):
         return None
     field = section.__dataclass_fields__.get(name)
     return None if field is None else (getattr(section, name), field.metadata["kind"])
 
 
-def _find_part(section: Any, part: str) -> Any:
+def _find_inner_section(section: Any, part: str) -> Any:
     if isinstance(section, tuple):
         named = {str(getattr(item, "name", "")): item for item in section}
         if part.isdecimal() and int(part) < len(section):

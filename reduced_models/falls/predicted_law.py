@@ -220,7 +220,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
             f"the scene {quote(scene.name)} has {what}; the law of a fall is known for dipoles or discs, "
             "walls, gravity, drag and contact: fit it to a fall instead"
         )
-    from granular.schema.scales import Scales
+    from granular.schema.natural_units import Scales
 
     scales, width = Scales.from_grains(grains), scene.cell.width
     effects = scene.effects
@@ -270,7 +270,7 @@ def lattice_at_rest(scene: Scene) -> PressedLattice:
     InputError
         If the piston presses discs together.
     """
-    from granular.schema.scales import Scales
+    from granular.schema.natural_units import Scales
 
     piston, gravity, scales = scene.piston, scene.effects.gravity, Scales.from_grains(scene.grains)
     assert piston is not None

@@ -21,7 +21,7 @@ from granular.observables.moduli import dipole_pair_strength
 from granular.observables.temperature import configurational_temperature, kinetic_temperature
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.run.trajectory import Trajectory
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 
 CANDIDATES: Mapping[str, str] = {
     "kinetic": "kinetic, about the velocity of the bed",

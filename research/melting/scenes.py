@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from granular.observables.moduli import dipole_pair_strength, lattice_spacing
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 
 SPACING = 2.4
 """Of the lattice, in diameters; with r^-3 as energy it sets the units alone."""

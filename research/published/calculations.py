@@ -28,7 +28,7 @@ OSCILLATOR_SPAN = 30.0
 
 def default_grain(_: bool) -> Numbers:
     """Mass [kg], moment [A m^2], and distance where the pair force is the weight [D]."""
-    from granular.schema.scales import Scales
+    from granular.schema.natural_units import Scales
 
     grains = load_scene("bed").grains
     scales = Scales.from_grains(grains)

@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from research.published.protocols import PUBLISHED
 from research.published.series import mono
 from research.published.start_and_creep import GRID, grid_of_height, regularised

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.engine.loop import advance_ticks
 from granular.engine.new_state import new_state
+from granular.engine.tick_loop import advance_ticks
 from granular.methods import METHODS
-from granular.scene.system import scene_in_natural_units
+from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.shared.cache_files import read_sealed_file
 
 TRACES = ("7effects", "5pairs", "ContactLaw", "_kick_with_friction")

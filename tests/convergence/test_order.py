@@ -39,7 +39,7 @@ def reference(scene: Scene) -> np.ndarray:
     """The motion by SciPy's DOP853 at 1e-13, from the laws as they are written."""
     from scipy.integrate import solve_ivp
 
-    from granular.schema.scales import Scales
+    from granular.schema.natural_units import Scales
 
     scales = Scales.from_grains(scene.grains)
     gravity = scene.effects.gravity.acceleration / scales.acceleration

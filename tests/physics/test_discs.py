@@ -14,7 +14,7 @@ from granular.effects.dipole import discs_unless_dipoles
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.disc_law import Disc, disc_energy_and_force
 from granular.pairs.disc_law_tables import disc_law_continued_below_contact
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import OutsideError
 
 CONTACT = {"effects.contact": {"modulus": "20 MPa", "restitution": 0.7}}
@@ -115,7 +115,7 @@ def test_species_and_scatter_have_the_law(small_bed: Scene) -> None:
     grains, length = scene.grains, Scales.from_grains(scene.grains).length
     positions = lattice(grains.count, 10, 1.25)
     kind = grains.species_indices()
-    moments = grains.moment_ratios()[kind] * grains.spread_factors()
+    moments = grains.moment_ratios()[kind] * grains.moment_spread_factors()
     shapes = discs_unless_dipoles(grains, length)
     apart = positions[:, None] - positions
     r = np.hypot(*np.moveaxis(apart, 2, 0))

@@ -111,7 +111,7 @@ def test_mirror_symmetry(bed: Scene) -> None:
 
 def test_published_scales() -> None:
     """Masses, moments and units of the table of scales [D, Tables 2.1 and 4.3]."""
-    from granular.schema.scales import MAGNETIC_CONSTANT, Scales
+    from granular.schema.natural_units import MAGNETIC_CONSTANT, Scales
 
     expected = {
         0.006: (6.2498e-4, 0.08775, 2.37656, 1.25612e-3, 2.57715e-3, 4.1303),

@@ -47,7 +47,7 @@ def test_normal_load_of_two_grains(diameter: float, torque: str, wanted: float) 
     )
     r = 2.5
     load = evaluate(scene, np.array([[0.1, 0.05], [0.1 + r * diameter, 0.05]])).normal_load
-    from granular.schema.scales import Scales
+    from granular.schema.natural_units import Scales
 
     natural = load / Scales.from_grains(scene.grains).force * r**3
     assert natural == pytest.approx([wanted, wanted], rel=5e-6)
@@ -81,7 +81,7 @@ def test_mixture_load_from_the_formula(fraction: float, small: float) -> None:
     r = np.linalg.norm(positions[:, None] - positions[None], axis=2) / 0.006
     np.fill_diagonal(r, np.inf)
     k = 0.75 * 0.006 * np.outer(np.cos(tilt) / (np.cos(lean + tilt) * np.hypot(d, e)), np.sin(tilt))
-    from granular.schema.scales import Scales
+    from granular.schema.natural_units import Scales
 
     wanted = (q[:, None] * q[None] * k / r**3).sum(axis=1) * Scales.from_grains(scene.grains).force
     np.testing.assert_allclose(evaluate(scene, positions).normal_load, wanted, rtol=1e-10)

@@ -16,7 +16,7 @@ from granular.effects.registry import all_effects
 from granular.engine.new_state import new_state
 from granular.engine.outflow import constants_per_grain, remove_outflowed_grains
 from granular.methods import METHODS
-from granular.scene.system import scene_in_natural_units
+from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.user_code import import_user_code
 from tests.commands.shown import files
 

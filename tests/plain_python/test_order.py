@@ -15,11 +15,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import granular.engine.energy_ledger
-import granular.engine.step
+import granular.engine.time_step
 from granular import Scene, load_scene, simulate
 from granular.effects.excitation import Excitation, evaluate_excitation
 from granular.kernel_data.state import Bed
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 
 pytestmark = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 
@@ -71,8 +71,8 @@ def test_drag_in_the_force_sum_has_order_one(monkeypatch: pytest.MonkeyPatch) ->
     assert scene.effects.drag is not None
     rate = scene.effects.drag.decay_rate(Scales.from_grains(scene.grains))
     for name in ("compute_forces", "compute_and_measure_forces"):
-        compute = getattr(granular.engine.step, name)
-        monkeypatch.setattr(granular.engine.step, name, smuggled(compute, rate))
+        compute = getattr(granular.engine.time_step, name)
+        monkeypatch.setattr(granular.engine.time_step, name, smuggled(compute, rate))
     monkeypatch.setattr(granular.engine.energy_ledger, "WRONG", np.inf)  # it knows nothing of this loss
     assert slope(bouncing(0.0)) == pytest.approx(1.0, abs=0.1)
 

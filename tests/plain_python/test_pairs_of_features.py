@@ -18,7 +18,7 @@ import pytest
 
 from granular import Scene, evaluate, load_scene, simulate
 from granular.effects.registry import all_effects
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from tests.plain_python.test_every_effect import EXAMPLES
 
@@ -165,7 +165,7 @@ def by_pairs(scene: Scene, row: Row, place: np.ndarray) -> tuple[np.ndarray, flo
     """Force and energy of all pairs, summed one by one, and the rms of a grain's sum of sizes."""
     scales = Scales.from_grains(scene.grains)
     moment = scene.grains.moment_ratios()[scene.grains.species_indices()]
-    moment = moment * scene.grains.spread_factors()
+    moment = moment * scene.grains.moment_spread_factors()
     way = (place[:, None] - place) / scales.length
     strength = np.outer(moment, moment)
     radius = scene.pairs.near_pair_radius(scene.pair_method, scales.length)

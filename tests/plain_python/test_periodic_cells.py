@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, evaluate
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 
 pytestmark = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 

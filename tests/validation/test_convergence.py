@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular.methods import METHODS
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from validation.convergence_order import (
     Solver,
     convergence,

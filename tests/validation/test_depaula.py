@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular import simulate
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from validation.depaula_experiment import (
     COMPENSATED,
     PLAIN,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from validation.exact import NAMES, ExactProblem, exact_problem
 from validation.exact.bounce import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, evaluate
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from validation.exact import bounce, exact_problem
 from validation.external_integrators import (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.plotting import figure
 from validation.cost.advised_setting import USUAL, SolverSettings
 from validation.cost.work_precision import candidate_settings, work_precision_of_quantities

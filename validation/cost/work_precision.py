@@ -14,7 +14,7 @@ import numpy as np
 from granular.run.time_steps import can_run_with_step
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import GranularError, InputError
 from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
 from validation.cost.work_precision_result import WorkPrecision

@@ -12,7 +12,7 @@ import numpy as np
 from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from validation.exact import ExactProblem
 from validation.exact.problem import BOTTOM_ONLY, few_grains_scene
 from validation.hard_cases.hard_case import (

@@ -15,10 +15,10 @@ ROOT = Path(__file__).parents[3]
 # Calls kernels of four files, and compiles some ten of them.
 CODE = """
 from granular import load_scene
-from granular.engine.stiffness import collision_frequency
-from granular.scene.system import scene_in_natural_units
+from granular.engine.frequency_bounds import evaluate_highest_impact_frequency
+from granular.scene.scene_in_natural_units import scene_in_natural_units
 scene = load_scene("bed").replace(**{"effects.dipole": None})
-print(collision_frequency(scene_in_natural_units(scene).constants, 2.0))
+print(evaluate_highest_impact_frequency(scene_in_natural_units(scene).constants, 2.0))
 """
 
 

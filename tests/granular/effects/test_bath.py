@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, evaluate, load_trajectory, simulate
-from granular.effects.bath import draw_normal_pair, philox_random_words
+from granular.effects.langevin_bath import draw_normal_pair, philox_random_words
 from granular.observables import configurational_temperature
 from granular.run.run_directory import is_run_directory
 from granular.shared.errors import InputError, SceneError

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, simulate
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 
 WELLS = 0.02
 """From well to well [m]."""

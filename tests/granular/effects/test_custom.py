@@ -18,7 +18,7 @@ import pytest
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
 from granular.effects.registry import effect_names
 from granular.run.simulation import custom_code_digests
-from granular.scene.system import scene_in_natural_units
+from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.shared.errors import GranularError, InputError
 from granular.studies.cases import make_cases
 from granular.studies.measures import find_measure

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.scene.system import scene_in_natural_units
-from granular.schema.scales import Scales
+from granular.scene.scene_in_natural_units import scene_in_natural_units
+from granular.schema.natural_units import Scales
 
 DENSE = [
     {"name": "light", "diameter": "6 mm", "share": 0.5},

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.effects.eddy_tensor import Plate, drag_tensor, drag_tensor_polynomials, lattice_drag_factor
+from granular.effects.eddy_drag_tensor import Plate, drag_tensor, drag_tensor_polynomials, lattice_drag_factor
 from granular.pairs.disc_law import Disc
-from granular.scene.system import scene_in_natural_units
-from granular.schema.scales import Scales
+from granular.scene.scene_in_natural_units import scene_in_natural_units
+from granular.schema.natural_units import Scales
 from granular.shared.errors import SceneError
 
 PLATE = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm", "mutual": True}

@@ -12,7 +12,7 @@ import pytest
 from granular.compiled import entry
 from granular.effects.excitation import Excitation, evaluate_excitation
 from granular.schema.field_kinds import FieldError
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import RecordWarning
 
 AT = entry(evaluate_excitation)

@@ -19,7 +19,7 @@ from granular.methods import METHODS
 from granular.pairs.mesh_far_field import FarFieldSettings
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
-from granular.scene.system import scene_in_natural_units
+from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.shared.errors import InputError, SceneError
 
 ROOT = Path(__file__).parents[3]

@@ -8,7 +8,7 @@ from granular.effects import dissipative_effect, force_effect, moving_frame_effe
 from granular.effects.effect import Effect
 from granular.effects.registry import all_effects
 from granular.scene.scene import Scene
-from granular.scene.system import scene_in_natural_units
+from granular.scene.scene_in_natural_units import scene_in_natural_units
 
 KINDS = {
     force_effect.ForceEffect: force_effect.HOOKS,

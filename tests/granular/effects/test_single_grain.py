@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from granular import Scene, Trajectory, load_scene, simulate
-from granular.effects.eddy import Eddy
+from granular.effects.eddy_drag import Eddy
 from granular.effects.wall_infinite import force
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import SceneError
 
 MU0 = 4e-7 * math.pi

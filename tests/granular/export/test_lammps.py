@@ -21,7 +21,7 @@ from granular.export.lammps_stages import remaining_stage
 from granular.pairs.disc_law import Disc, contact_distance
 from granular.pairs.disc_law_tables import disc_law_continued_below_contact
 from granular.protocol import Move
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 
 installed = pytest.mark.skipif(

@@ -18,7 +18,7 @@ from granular.observables import (
     melting_theory_modulus,
 )
 from granular.observables.moduli import Moduli, hexagonal_lattice_sum, lattice_spacing
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 
 from .conftest import hexagonal

@@ -19,7 +19,7 @@ from granular.pairs.mesh_far_field import AHEAD, STILL, TIME
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.run_state import ARRANGE
 from granular.run.snapshot import restore_snapshot, take_snapshot
-from granular.scene.system import scene_in_natural_units
+from granular.scene.scene_in_natural_units import scene_in_natural_units
 
 evaluate_far = entry(refresh_far_field)
 add_far = entry(add_far_field)

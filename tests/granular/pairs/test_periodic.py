@@ -10,7 +10,7 @@ import pytest
 from scipy.special import erfc, gammaincc
 
 from granular import Scene, evaluate, simulate
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, SceneError
 
 DIAMETER = 0.006

@@ -15,7 +15,7 @@ from granular.engine.step_size import StepRequest
 from granular.methods import METHODS
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.run_progress_bar import RestApproach, remaining_steps, remaining_time_text
-from granular.scene.system import scene_in_natural_units
+from granular.scene.scene_in_natural_units import scene_in_natural_units
 
 ROOT = Path(__file__).parents[3]
 

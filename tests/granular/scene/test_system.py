@@ -6,7 +6,7 @@ import pytest
 
 from granular import Scene
 from granular.methods import METHODS
-from granular.scene.system import FAR_EVERY, scene_in_natural_units
+from granular.scene.scene_in_natural_units import FAR_EVERY, scene_in_natural_units
 from granular.shared.errors import InputError
 
 

@@ -42,7 +42,7 @@ def brute(scene: Scene, place: np.ndarray) -> tuple[np.ndarray, float, np.ndarra
         grains.species_values(name)[species] for name in ("thickness", "remanence", "density")
     )
     volume = math.pi / 4.0 * diameter**2 * thickness
-    moment = remanence * volume / MU0 * grains.spread_factors()
+    moment = remanence * volume / MU0 * grains.moment_spread_factors()
     first = remanence[0] * volume[0] / MU0
     force, load = np.zeros_like(place), np.zeros(len(place))
     energy = 0.0
@@ -130,6 +130,6 @@ def test_masses_and_moments_are_those_of_the_material() -> None:
             "arrangement.height": "39 D",
         }
     )
-    factors = spread.grains.spread_factors()
+    factors = spread.grains.moment_spread_factors()
     assert factors.std() == pytest.approx(0.1, rel=0.1)
     assert np.abs(factors - 1.0).max() <= 0.3 + 1e-15

@@ -12,7 +12,7 @@ from granular import Scene, damper, simulate
 from granular.effects.dipole import discs_unless_dipoles
 from granular.pairs.disc_law import disc_energy_and_force
 from granular.schema.apparatus import Grains
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from reduced_models.falls.lattice_pressure import POWER, lattice_pressure, lattice_under_pressure
 

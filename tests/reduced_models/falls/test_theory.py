@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import odeint
 
 from granular import damper, load_scene, simulate
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from reduced_models import predict
 from reduced_models.falls.lattice_pressure import POWER, PRESSURE

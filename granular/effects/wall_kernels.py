@@ -132,7 +132,7 @@ class WallLaws(NamedTuple):
         """
         state, constants = bed.state, bed.constants
         _undo_moment_over_mass(stiffness, constants.moments, constants.masses, constants.grains)
-        energies[index] = _measure_walls(
+        energies[index] = _measure_wall_energies(
             law,
             constants.grains,
             relative_moments(constants),
@@ -148,7 +148,7 @@ class WallLaws(NamedTuple):
 
     @staticmethod
     @compiled
-    def squared_collision_frequency(
+    def squared_head_on_impact_frequency(
         law: WallLaws, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
         """Largest stiffness over mass that a grain of this speed meets at any wall.
@@ -196,7 +196,7 @@ def add_piston_stiffness(law: Any, bed: Bed, slopes: Array) -> None:
     """
     state, constants = bed.state, bed.constants
     side = WallSide(state.y, state.x, state.piston[HEIGHT], -1.0)
-    _measure_side(law, constants.grains, relative_moments(constants), side, slopes, state.scratch)
+    _measure_wall_energy(law, constants.grains, relative_moments(constants), side, slopes, state.scratch)
     multiply_by_moment_over_mass(slopes, constants.moments, constants.masses, constants.grains)
 
 
@@ -295,7 +295,7 @@ def _add_wall_forces(
 
 
 @compiled
-def _measure_side(
+def _measure_wall_energy(
     law: Any, count: int, moments: Array | None, side: WallSide, stiffness: Array, energies: Array
 ) -> float:
     if law is None:
@@ -308,7 +308,7 @@ def _measure_side(
 
 
 @compiled
-def _measure_walls(
+def _measure_wall_energies(
     laws: WallLaws,
     count: int,
     moments: Array | None,
@@ -325,10 +325,10 @@ def _measure_walls(
     ratio for every species.
     """
     return (
-        _measure_side(laws.left, count, moments, WallSide(x, y, 0.0, 1.0), stiffness, energies)
-        + _measure_side(laws.right, count, moments, WallSide(x, y, width, -1.0), stiffness, energies)
-        + _measure_side(laws.bottom, count, moments, WallSide(y, x, 0.0, 1.0), stiffness, energies)
-        + _measure_side(laws.top, count, moments, WallSide(y, x, height, -1.0), stiffness, energies)
+        _measure_wall_energy(laws.left, count, moments, WallSide(x, y, 0.0, 1.0), stiffness, energies)
+        + _measure_wall_energy(laws.right, count, moments, WallSide(x, y, width, -1.0), stiffness, energies)
+        + _measure_wall_energy(laws.bottom, count, moments, WallSide(y, x, 0.0, 1.0), stiffness, energies)
+        + _measure_wall_energy(laws.top, count, moments, WallSide(y, x, height, -1.0), stiffness, energies)
     )
 
 

@@ -22,7 +22,7 @@ from granular.pairs.pair_sum_settings import SPLIT_RADIUS
 from granular.pairs.simd import pad_to_vectors
 from granular.pairs.stripes import CutOffSettings
 from granular.scene.scene import Scene
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 
 FAR_EVERY = 8
@@ -94,13 +94,13 @@ def scene_in_natural_units(
     scales = Scales.from_grains(scene.grains)
     species = scene.grains.species_indices()
     masses = scene.grains.mass_ratios()[species]
-    moments = scene.grains.moment_ratios()[species] * scene.grains.spread_factors()
+    moments = scene.grains.moment_ratios()[species] * scene.grains.moment_spread_factors()
     alike = bool((masses == moments).all())
     several = len(scene.grains.species) > 1 or not alike
     weakest = int(np.argmin(moments * (moments / masses))) if len(species) else None
     effects = scene.effects.in_loop_order
     acting = _acting_laws(scene, scales, species, method)
-    piston_mass, piston_weight = _piston_mass(
+    piston_mass, piston_weight = _piston_mass_and_weight(
         scene,
         scales,
         sum(effect.downward_acceleration(scales) for effect in effects if isinstance(effect, ForceEffect)),
@@ -131,7 +131,7 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
     dipole = scene.effects.dipole
     summed = None if dipole is None else scene.pair_method
     discs = None if dipole is None else _disc_laws(scene, scales, species)
-    far = _far_field(scene, scales, summed, method)
+    far = _far_field_settings(scene, scales, summed, method)
     if far is not None and discs is not None:
         far = far._replace(inverse_fifth_factor=float(discs.coefficients[FAR]))
     periods = _periodic_sides(scene, scales)
@@ -219,7 +219,7 @@ def explain_compile_errors(scene: Scene) -> Iterator[None]:
         raise
 
 
-def _far_field(
+def _far_field_settings(
     scene: Scene, scales: Scales, summed: str | None, method: Method | None
 ) -> FarFieldSettings | None:
     """Far field that is split off the law of a pair; None where that is summed as a whole."""
@@ -275,7 +275,7 @@ def _far_field_interval(scene: Scene, method: Method | None) -> int | None:
     return wanted if wanted > 1 else None
 
 
-def _piston_mass(scene: Scene, scales: Scales, gravity: float) -> tuple[float, float]:
+def _piston_mass_and_weight(scene: Scene, scales: Scales, gravity: float) -> tuple[float, float]:
     if scene.piston is None or scene.piston.mass is None:
         return np.inf, 0.0
     mass, host = scene.piston.mass / scales.mass, scene.effects.host

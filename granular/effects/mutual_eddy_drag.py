@@ -1,7 +1,7 @@
 """Eddy-current drag with the currents of all other grains, as a flow of second order.
 
 The velocities obey m_i dv_i/dt = -sum_j q_i q_j T_ij v_j while the positions stand still, with T of
-`granular.effects.eddy_tensor`. With A = dt M^(-1) T, a step is v - A v + A^2 v/2: of second order
+`granular.effects.eddy_drag_tensor`. With A = dt M^(-1) T, a step is v - A v + A^2 v/2: of second order
 in ``dt``, and never a gain of energy while no eigenvalue of A exceeds 2, as T is positive; longer
 steps are cut. The loss is that of the kinetic energy, to the last bit.
 
@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.eddy_tensor import FARTHEST, Plate, drag_tensor_polynomials, lone_disc_drag_factor
+from granular.effects.eddy_drag_tensor import FARTHEST, Plate, drag_tensor_polynomials, lone_disc_drag_factor
 from granular.effects.effect import EffectContext
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
@@ -380,7 +380,7 @@ def make_mutual_eddy_law(
     factor = max(
         (lone_disc_drag_factor(plate, disc) for disc in discs), default=plate.thickness_drag_factor()
     )
-    moments = context.grains.moment_ratios()[context.species] * context.grains.spread_factors()
+    moments = context.grains.moment_ratios()[context.species] * context.grains.moment_spread_factors()
     masses = context.grains.mass_ratios()[context.species]
     heaviest = float((moments**2 / masses).max())
     return MutualEddyLaw(

@@ -8,7 +8,7 @@ at speeds well below 2/(mu0 s d) the drag [Reitz 1970, doi:10.1063/1.1659172]
 It grows with the square of the moment, unlike viscous drag, and slows grains of another moment at
 another rate. The flow of a lone grain is exact: v exp(-c_i t) with c_i = c_1 q_i^2/m_i.
 
-The currents that a neighbour's motion makes act on a grain too: `granular.effects.eddy_mutual`.
+The currents that a neighbour's motion makes act on a grain too: `granular.effects.mutual_eddy_drag`.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.effects.dipole import discs_unless_dipoles
 from granular.effects.dissipative_effect import DissipativeEffect
-from granular.effects.eddy_mutual import MutualEddyLaw, make_mutual_eddy_law
-from granular.effects.eddy_tensor import Plate, lattice_drag_factor, lone_disc_drag_factor
+from granular.effects.eddy_drag_tensor import Plate, lattice_drag_factor, lone_disc_drag_factor
 from granular.effects.effect import Effect, EffectContext, energy_variable
+from granular.effects.mutual_eddy_drag import MutualEddyLaw, make_mutual_eddy_law
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.field_kinds import FieldError
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import choice_field, flag_field, integer_field, quantity
 
 SPACING = 1.375

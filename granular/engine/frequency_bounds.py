@@ -10,8 +10,8 @@ import math
 from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
 from granular.compiled.hook_calls import greatest_of_hooks
+from granular.effects.wall_kernels import add_piston_stiffness
 from granular.effects.wall_side import TOP
-from granular.effects.walls_law import add_piston_stiffness
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import Bed, Measurement
 from granular.pairs.close_disc_corrections import head_on_disc_frequency_squared
@@ -19,12 +19,12 @@ from granular.pairs.dipole_law import head_on_frequency_squared
 from granular.pairs.disc_law_tables import DiscLaw
 from granular.protocol.piston_motion import Motion
 
-_squared_collision_frequency = greatest_of_hooks("squared_collision_frequency", "speed constants")
+_squared_impact_frequency = greatest_of_hooks("squared_head_on_impact_frequency", "speed constants")
 
 
 @entry
-def collision_frequency(constants: Constants, speed: float) -> float:
-    """Highest angular frequency of a collision, for Python; see `highest_collision_frequency`.
+def evaluate_highest_impact_frequency(constants: Constants, speed: float) -> float:
+    """Highest angular frequency of a collision, for Python; see `highest_impact_frequency`.
 
     Parameters
     ----------
@@ -38,11 +38,11 @@ def collision_frequency(constants: Constants, speed: float) -> float:
     float
         [1/tau]
     """
-    return highest_collision_frequency(by_reference(constants), speed)
+    return highest_impact_frequency(by_reference(constants), speed)
 
 
 @compiled
-def highest_collision_frequency(constants: Constants, speed: float) -> float:
+def highest_impact_frequency(constants: Constants, speed: float) -> float:
     """Highest angular frequency of a collision at a speed.
 
     Two grains of this speed meet head-on, or one of them meets a wall: their energy fixes the
@@ -66,7 +66,7 @@ def highest_collision_frequency(constants: Constants, speed: float) -> float:
             constants.acting.discs, speed, constants.least_mass, constants.least_moment
         )
     laws = constants.acting.laws
-    return math.sqrt(max(square, _squared_collision_frequency(laws, laws, speed, constants)))
+    return math.sqrt(max(square, _squared_impact_frequency(laws, laws, speed, constants)))
 
 
 @compiled(inline=True)
@@ -119,4 +119,4 @@ def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement:
         add_piston_stiffness(constants.acting.walls[TOP], bed, slopes)
         total, largest = _total_and_largest_stiffness(slopes, constants.grains, constants.masses)
         highest = max(highest + largest, 2.0 * total / constants.piston_mass)
-    return max(math.sqrt(highest), highest_collision_frequency(constants, speed))
+    return max(math.sqrt(highest), highest_impact_frequency(constants, speed))

@@ -33,7 +33,7 @@ from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.field_kinds import FieldError
-from granular.schema.scales import Scales
+from granular.schema.natural_units import Scales
 from granular.schema.sections import integer_field, quantity
 
 LOW, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)

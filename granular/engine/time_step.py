@@ -10,12 +10,12 @@ from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_last_hook
 from granular.effects.host_structure import HostLaw, HostWorkspace
 from granular.engine.forces import compute_and_measure_forces, compute_forces
+from granular.engine.grain_kicks import kick_grains
 from granular.engine.host_motion import drift_host, kick_host
-from granular.engine.kick import kick_grains
 from granular.engine.piston import drift_piston, kick_piston
 from granular.engine.runge_kutta import runge_kutta_step
 from granular.engine.step_size import StepRequest
-from granular.kernel_data.compensation import compensated_sum
+from granular.kernel_data.compensated_summation import compensated_sum
 from granular.kernel_data.state import Bed, Measurement, State, X, Y
 from granular.methods import Method
 from granular.pairs.mesh_far_field import FarFieldSettings
@@ -94,7 +94,7 @@ def drift_grains(rounding: Array | None, dt: float, state: State, count: int) ->
 
 
 @compiled(inline=True)
-def _kick_bed(
+def _kick_bed_and_piston(
     host: HostLaw | None,
     workspace: HostWorkspace | None,
     dt: float,
@@ -112,13 +112,13 @@ def _kick_bed(
 
 
 @compiled(inline=True)
-def _drift_freely(dt: float, bed: Bed) -> int:
+def _drift_without_effects(dt: float, bed: Bed) -> int:
     state, constants = bed.state, bed.constants
     drift_grains(state.rounding, dt, state, constants.grains)
     return 0
 
 
-_drift_all = call_last_hook("drift", "dt bed", _drift_freely)
+_drift_all = call_last_hook("drift", "dt bed", _drift_without_effects)
 
 
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
@@ -178,7 +178,9 @@ def advance_one_step(
                 if kicks[k] != 0.0:
                     opens_step = 2 * k + part < stages + parts - 1
                     dt = kicks[k] * h / parts
-                    _kick_bed(constants.acting.host, state.host, dt, bed, motion, stage, start, opens_step)
+                    _kick_bed_and_piston(
+                        constants.acting.host, state.host, dt, bed, motion, stage, start, opens_step
+                    )
             if k < stages:
                 dt = drifts[k] * h
                 stage += dt

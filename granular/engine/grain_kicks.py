@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_last_hook, sum_of_hooks
-from granular.kernel_data.compensation import add_to_velocity
+from granular.kernel_data.compensated_summation import add_to_velocity
 from granular.kernel_data.state import Bed, State
 
 
 @compiled(inline=True)
-def _kick_freely(rounding: Array | None, dt: float, state: State, count: int, masses: Array | None) -> None:
+def _kick_by_forces(
+    rounding: Array | None, dt: float, state: State, count: int, masses: Array | None
+) -> None:
     if masses is None:
         for i in range(count):
             add_to_velocity(rounding, state, i, dt * state.fx[i], dt * state.fy[i])
@@ -26,13 +28,13 @@ def _kick_freely(rounding: Array | None, dt: float, state: State, count: int, ma
 
 
 @compiled(inline=True)
-def _plain_kick(dt: float, bed: Bed, opens_step: bool) -> int:
+def _kick_without_effects(dt: float, bed: Bed, opens_step: bool) -> int:
     state, constants = bed.state, bed.constants
-    _kick_freely(state.rounding, dt, state, constants.grains, constants.masses)
+    _kick_by_forces(state.rounding, dt, state, constants.grains, constants.masses)
     return 0
 
 
-_kick = call_last_hook("kick", "dt bed opens_step", _plain_kick)
+_kick = call_last_hook("kick", "dt bed opens_step", _kick_without_effects)
 _flow = sum_of_hooks("damp_velocities", "dt bed opens_step")
 _flow_back = sum_of_hooks("damp_velocities", "dt bed opens_step", backward=True)
 

@@ -19,11 +19,11 @@ from granular.effects.wall_side import TOP
 from granular.engine import columns
 from granular.engine.far_field_forces import compute_far_field, kick_by_far_field
 from granular.engine.forces import compute_and_measure_forces, kinetic_energy, potential_energies
+from granular.engine.frequency_bounds import highest_frequency_bound
 from granular.engine.host_motion import record_host_motion
 from granular.engine.piston import piston_energy
-from granular.engine.step import StepPlan, advance_one_step
 from granular.engine.step_size import StepSchedule, steps_in_tick, tick_start_time
-from granular.engine.stiffness import highest_frequency_bound
+from granular.engine.time_step import StepPlan, advance_one_step
 from granular.engine.variable_step import advance_step_density
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import (

@@ -120,7 +120,7 @@ def check_functions_compile(definition: CustomDefinition, p: Any) -> None:
             kernel(*arguments.get(name, (p, grain, 0.0)))
         except NumbaError as error:
             raise InputError(
-                f"{definition.title}: {name!r} does not compile: {_main_error_line(error)}; take "
+                f"{definition.display_name}: {name!r} does not compile: {_main_error_line(error)}; take "
                 "arithmetic, math, and functions that are compiled themselves"
             ) from None
 
@@ -140,7 +140,7 @@ def _call_user_function(definition: CustomDefinition, name: str, *arguments: Any
     except Exception as error:
         raise user_code_error(definition, f"{name!r} fails", error) from None
     if len(numbers) != count:
-        raise InputError(f"{definition.title}: {name!r} gives {len(numbers)} numbers, not {count}")
+        raise InputError(f"{definition.display_name}: {name!r} gives {len(numbers)} numbers, not {count}")
     return numbers[0] if count == 1 else numbers
 
 
@@ -159,7 +159,7 @@ def _compare_with_derivative(
         return  # a place where it cannot be evaluated says nothing
     if abs(result - slope) > CLOSE * max(abs(slope), abs(result), size):
         raise InputError(
-            f"{definition.title}: {name!r} gives {result:.6g} where its energy asks for "
+            f"{definition.display_name}: {name!r} gives {result:.6g} where its energy asks for "
             f"{slope:.6g} (natural units); correct one of them"
         )
 
@@ -196,7 +196,7 @@ def _check_pair_force(definition: CustomDefinition, p: Any, r: float, grains: li
         other = _call_user_function(definition, "pair_force", p, r, second, first)
         if not np.isclose(result, other, rtol=1e-9, atol=0.0, equal_nan=True):
             raise InputError(
-                f"{definition.title}: 'pair_force' gives {result:.6g} and, with the grains "
+                f"{definition.display_name}: 'pair_force' gives {result:.6g} and, with the grains "
                 f"exchanged, {other:.6g}; a pair must pull and push equally"
             )
         if "pair_stiffness" in definition.functions:
@@ -207,11 +207,13 @@ def _check_flow(definition: CustomDefinition, p: Any, grain: Grain) -> None:
     for vx, vy, dt in ((0.3, -0.2, 0.1), (0.0, 0.5, 0.02)):
         wx, wy = _call_user_function(definition, "flow", p, grain, vx, vy, dt, count=2)
         if wx * wx + wy * wy > (vx * vx + vy * vy) * (1.0 + 1e-12):
-            raise InputError(f"{definition.title}: 'flow' makes a grain faster; it may only take energy")
+            raise InputError(
+                f"{definition.display_name}: 'flow' makes a grain faster; it may only take energy"
+            )
         twice = _call_user_function(definition, "flow", p, grain, wx, wy, dt, count=2)
         total = _call_user_function(definition, "flow", p, grain, vx, vy, 2.0 * dt, count=2)
         if not np.allclose(twice, total, rtol=1e-9, atol=1e-14):
             raise InputError(
-                f"{definition.title}: 'flow' over two spans is not that over both together; "
+                f"{definition.display_name}: 'flow' over two spans is not that over both together; "
                 "solve it exactly, as v*exp(-rate*dt)"
             )
