@@ -6,9 +6,10 @@
 
 `exact` holds motions that are known, `hard_cases` what may break a simulation, `cost` error
 against time. On these stand the sections of the report, a file each with its tasks, tables and
-figures: `order`, `depaula`, `energy`, `cost.section`, `stability`; `overview` is the first screen.
-`report` makes the page of them in one loop, and `runner` keeps what is measured. `own_method`
-measures a user's own methods, `recommendation` answers which step and method to take.
+figures: `convergence_order`, `depaula_experiment`, `energy_drift`, `cost.report_section`,
+`hard_case_outcomes`; `overview` is the first screen. `report` makes the page of them in one loop, and
+`report_tasks` keeps what is measured. `custom_method` measures a user's own methods, `recommendation`
+answers which step and method to take.
 """
 
 import lazy_loader

@@ -256,7 +256,9 @@ def _neighbouring_counts(problem: ExactProblem, count: int) -> range:
 
 
 def _rounding_error(problem: ExactProblem, solve: Solver, count: int, plain: np.ndarray) -> float:
-    differences = [solve(problem.perturb_start(bits), count).positions - plain for bits in NUDGES]
+    differences = [
+        solve(problem.perturb_start(last_place_units), count).positions - plain for last_place_units in NUDGES
+    ]
     if problem.smooth:
         less, more = (solve(problem, count + by).positions for by in (-1, 1))
         differences.append((less - plain) + (more - plain))

@@ -82,7 +82,7 @@ class ConvergenceResult(PlainData):
 
     @property
     def local_slopes(self) -> tuple[float, ...]:
-        """Slope from each step to the next finer one; NaN where an error is zero."""
+        """Slopes from each step to the next finer one, one fewer than steps; NaN where an error is zero."""
         return tuple(
             math.log(e0 / e1) / math.log(h0 / h1) if e0 > 0.0 < e1 else math.nan
             for h0, h1, e0, e1 in zip(self.steps, self.steps[1:], self.errors, self.errors[1:], strict=False)
@@ -90,7 +90,7 @@ class ConvergenceResult(PlainData):
 
     @property
     def is_exact(self) -> bool:
-        """True where no error stands clear of rounding."""
+        """True where no error stands clear of rounding: where none is above seven times it."""
         return max(self.errors) <= CLEAR * self.rounding
 
     def shows_declared_order(self, tolerance: float) -> bool:
@@ -112,7 +112,7 @@ class ConvergenceResult(PlainData):
 
     @property
     def decades_of_fit(self) -> float:
-        """Over how many decades of steps the slope was fitted."""
+        """Decades of steps over which the slope was fitted; 0 without a fit."""
         if self.fit is None:
             return 0.0
         return math.log10(self.steps[self.fit.first] / self.steps[self.fit.last])

@@ -88,12 +88,12 @@ class Recommendation(PlainData):
 
     @property
     def needs_more_starts(self) -> bool:
-        """True where the starts scatter by too much for a single run."""
+        """True where the starts scatter by too much for a single run to reach the tolerance."""
         return self.tolerance < FLOORS * self.study.floor
 
     @property
     def command(self) -> str:
-        """The same for the command line."""
+        """Text of the command line that runs the scene with this setting."""
         words = ["python", "-m", "granular", "run", self.scene]
         for key, value in self.changes.items():
             words += ["--set", f"{key}={value}"]

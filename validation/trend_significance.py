@@ -60,12 +60,12 @@ class EnergyTrend:
 
     @property
     def p_value(self) -> float:
-        """Probability of such a slope without a trend."""
+        """Probability of such a slope without a trend, the greater of both tests' p-values."""
         return max(self.p_stationary, self.p_walk)
 
     @property
     def total_drift(self) -> float:
-        """Slope over the whole series."""
+        """Change of the energy along the fitted line over the whole series, in the energy's unit."""
         return self.rate * self.duration
 
     def verdict(self, significance: float = SIGNIFICANCE) -> str:

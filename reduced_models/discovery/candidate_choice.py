@@ -224,7 +224,7 @@ class StructureEvidence(NamedTuple):
 
     @property
     def rival_note(self) -> str:
-        """That the data cannot tell, where they cannot; empty otherwise."""
+        """Note, a str, that the data cannot tell the structure from its rivals; empty without rivals."""
         if not self.rivals:
             return ""
         return (

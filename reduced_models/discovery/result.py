@@ -63,17 +63,17 @@ class CandidateEquation:
 
     @property
     def model(self) -> ReducedModel | None:
-        """That of the first record."""
+        """Polished model of the first record, a ReducedModel; None where there is none."""
         return self.models[0] if self.models else None
 
     @property
     def terms(self) -> dict[AnyTerm, float] | None:
-        """The terms with their coefficients; None where it is no sum of library terms."""
+        """Terms of the equation with their coefficients, a dict; None where it is no sum of terms."""
         return split_terms(self.expression)
 
     @property
     def text(self) -> str:
-        """The equation, numbers cut to five digits."""
+        """Text of the equation, such as "z'' = -39.5*z - 0.2*z'", its numbers cut to five digits."""
         import sympy
 
         numbers = {atom: sympy.Float(atom, 5) for atom in self.expression.atoms(sympy.Float)}
@@ -114,12 +114,12 @@ class Discovery:
 
     @property
     def best(self) -> CandidateEquation:
-        """The chosen candidate."""
+        """Chosen candidate, a CandidateEquation."""
         return self.candidates[self.chosen]
 
     @property
     def expression(self) -> sympy.Expr:
-        """That of the chosen candidate."""
+        """Right side of the chosen equation, a sympy.Expr in z, v (for z') and u (for the input)."""
         return self.best.expression
 
     @property

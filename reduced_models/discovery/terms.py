@@ -92,27 +92,27 @@ class CustomTerm:
 
     @functools.cached_property
     def text(self) -> str:
-        """As a law writes it."""
+        """Text of the term as a law writes it, such as "sin(z)"."""
         return expression_text(round_fractions_for_print(self.expression))
 
     @property
     def has_input(self) -> bool:
-        """True where it holds the input."""
+        """True where the term holds the input."""
         return bool(self.expression.has(state_symbols()[2]))
 
     @property
     def is_speed_independent(self) -> bool:
-        """True for a term of z (and the input) alone."""
+        """True for a term of z (and the input) alone, without z'."""
         return not self.expression.has(state_symbols()[1])
 
     @property
     def varies_with_speed(self) -> bool:
-        """True where it changes with the speed."""
+        """True where the term changes with the speed z'."""
         return not self.is_speed_independent
 
     @property
     def is_total_derivative(self) -> bool:
-        """True for the rate of a function of z."""
+        """True for a term G'(z) z', the rate of a function G of z."""
         return self._height_factor is not None
 
     @functools.cached_property
@@ -333,7 +333,7 @@ class Term(NamedTuple):
 
     @property
     def is_speed_independent(self) -> bool:
-        """True for a term of z (and the input) alone."""
+        """True for a term of z (and the input) alone, without z'."""
         return self.speed == 0 and not self.odd
 
     @property
@@ -343,17 +343,17 @@ class Term(NamedTuple):
 
     @property
     def varies_with_speed(self) -> bool:
-        """True where it changes with the speed other than by its sign."""
+        """True where the term changes with the speed other than by its sign."""
         return self.speed > 0
 
     @property
     def text(self) -> str:
-        """As a law writes it, ``"z**2*z'"``."""
+        """Text of the term as a law writes it, such as "z**2*z'"."""
         return expression_text(self.expression)
 
     @property
     def expression(self) -> sympy.Expr:
-        """In the symbols of `state_symbols`."""
+        """Term as a sympy.Expr in the symbols of `state_symbols`."""
         import sympy
 
         z, v, u = state_symbols()

@@ -214,17 +214,17 @@ class WeakForm:
 
     @property
     def motions(self) -> tuple[SmoothedMotion, ...]:
-        """The motions."""
+        """Motions whose integrals these are, a tuple of SmoothedMotion."""
         return tuple(part.motion for part in self.parts)
 
     @property
     def sample_count(self) -> int:
-        """Number of samples of all motions."""
+        """Number of samples of all motions together."""
         return sum(len(motion.time) for motion in self.motions)
 
     @property
     def target(self) -> np.ndarray:
-        """The integrals (r,) of z''."""
+        """Integrals of z'' (or of the force) against all bumps, float64 (r,), in the unit of z over s."""
         return np.concatenate([part.target for part in self.parts])
 
     def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:

@@ -73,7 +73,7 @@ class FallSummary(NamedTuple):
 
     @property
     def loss_over_affine(self) -> float:
-        """Energy lost, over that of grains that follow the piston affinely."""
+        """Energy lost over that lost by grains that follow the piston affinely, without unit."""
         return 1.0 + self.excess_loss / self.affine_loss
 
     def __str__(self) -> str:

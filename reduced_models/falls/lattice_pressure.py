@@ -54,7 +54,7 @@ class PressedLattice(NamedTuple):
 
     @property
     def relative_shear_modulus(self) -> float:
-        """Shear modulus over that of dipoles, both over the pressure.
+        """Shear modulus over that of dipoles, both over the pressure, without unit.
 
         Pairs that repel along their line have B = 2 mu + 2 p in an isotropic lattice, whatever
         their law, so that mu/p = power/2 - 1: 1/4 for dipoles.

@@ -118,7 +118,7 @@ class DropScores:
 
     @property
     def verdict(self) -> str:
-        """The law that predicts unseen falls best, and the others."""
+        """Verdict in words: the law that predicts unseen falls best, and the errors of the others."""
         best, *others = [row for row in self.rows if row.model is not None]
         if math.isinf(best.median_error):
             return "No law that was fitted to one fall follows the others."
@@ -258,20 +258,20 @@ def score_drops(
     """
     if not laws:
         raise InputError("give at least one law")
-    level = float(record.height[-max(1, len(record) // 10) :].mean()) if rest is None else rest
-    _check_falls(record, unseen, level)  # before the fits, which take minutes
-    return score_fitted_laws(record, fit_laws_to_fall(record, laws, scene, starts), unseen, level)
+    rest_height = float(record.height[-max(1, len(record) // 10) :].mean()) if rest is None else rest
+    _check_falls(record, unseen, rest_height)  # before the fits, which take minutes
+    return score_fitted_laws(record, fit_laws_to_fall(record, laws, scene, starts), unseen, rest_height)
 
 
-def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], level: float) -> None:
+def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], rest_height: float) -> None:
     """Refuse falls that are none, and a call without an unseen one."""
     if not unseen:
         raise InputError("give at least one unseen fall")
     for label, item in {"the fall": record, **unseen}.items():
-        if not item.height[0] > level:
+        if not item.height[0] > rest_height:
             raise InputError(
                 f"{label} begins at {item.height[0]:g} m, not above the level of rest, "
-                f"{level:g} m; give a fall"
+                f"{rest_height:g} m; give a fall"
             )
 
 
@@ -305,7 +305,7 @@ def fit_laws_to_fall(
 
 
 def score_fitted_laws(
-    record: PistonRecord, fits: Sequence[DropScore], unseen: Mapping[str, PistonRecord], level: float
+    record: PistonRecord, fits: Sequence[DropScore], unseen: Mapping[str, PistonRecord], rest_height: float
 ) -> DropScores:
     """Score the laws of `fit_laws_to_fall` on falls that they were not fitted to.
 
@@ -317,7 +317,7 @@ def score_fitted_laws(
         The fitted laws.
     unseen : mapping of str to PistonRecord
         Other falls, under labels that say what they differ in.
-    level : float
+    rest_height : float
         Height where the piston comes to rest [m].
 
     Returns
@@ -331,22 +331,22 @@ def score_fitted_laws(
         If there is no unseen fall, no law could be fitted, or a record begins below the level of
         rest.
     """
-    _check_falls(record, unseen, level)
+    _check_falls(record, unseen, rest_height)
     rows = [
         row
         if (model := row.model) is None
         else dataclasses.replace(
-            row, errors=tuple(fall_prediction_error(model, fall, level) for fall in unseen.values())
+            row, errors=tuple(fall_prediction_error(model, fall, rest_height) for fall in unseen.values())
         )
         for row in fits
     ]
     if all(row.model is None for row in rows):
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
     rows.sort(key=lambda row: (row.model is None, row.median_error))
-    drop = float(record.height[0]) - level
+    drop = float(record.height[0]) - rest_height
     alike = [fall for fall in unseen.values() if abs(fall.height[0] - record.height[0]) <= SAME * drop]
     scatter = tuple(_rms_difference(fall, record.time, record.height) / drop for fall in alike)
-    return DropScores(record, level, tuple(unseen), tuple(unseen.values()), tuple(rows), scatter)
+    return DropScores(record, rest_height, tuple(unseen), tuple(unseen.values()), tuple(rows), scatter)
 
 
 def _fit_law_to_fall(law: Law, record: PistonRecord, scene: Scene | None, starts: int) -> DropScore:
@@ -379,7 +379,7 @@ def _scene_starts(law: Law, scene: Scene | None) -> dict[str, float] | None:
         return None
 
 
-def fall_prediction_error(model: ReducedModel, fall: PistonRecord, level: float) -> float:
+def fall_prediction_error(model: ReducedModel, fall: PistonRecord, rest_height: float) -> float:
     """Rms error of a law that predicts a fall from its first height alone, over the drop.
 
     Infinite where the law diverges.
@@ -390,7 +390,7 @@ def fall_prediction_error(model: ReducedModel, fall: PistonRecord, level: float)
         Fitted law.
     fall : PistonRecord
         Fall from rest, heights [m].
-    level : float
+    rest_height : float
         Height where the piston comes to rest [m].
 
     Returns
@@ -403,7 +403,7 @@ def fall_prediction_error(model: ReducedModel, fall: PistonRecord, level: float)
         motion = model.simulate(fall.time, z0=first, v0=0.0)
     except InputError:
         return math.inf
-    return _rms_difference(fall, motion.time, motion.height) / (first - level)
+    return _rms_difference(fall, motion.time, motion.height) / (first - rest_height)
 
 
 def _rms_difference(record: PistonRecord, time: np.ndarray, height: np.ndarray) -> float:

@@ -34,17 +34,17 @@ class SolverSettings(NamedTuple):
 
     @property
     def is_external(self) -> bool:
-        """True for an outside reference."""
+        """True where the method is an outside integrator, not one of the toolkit's."""
         return self.method in ORDERS
 
     @property
     def fineness(self) -> str:
-        """The step, or an outside reference's tolerance, in words."""
+        """Text of the step, or of an outside integrator's tolerance."""
         return f"tolerance {self.dt}" if self.is_external else str(self.dt)
 
     @property
     def family(self) -> str:
-        """Name that settings have in common which differ in their step alone."""
+        """Text that settings have in common which differ in their step alone: method and changes."""
         changes = (f"{key.rpartition('.')[2]} {change}" for key, change in self.changes.items())
         return ", ".join([self.method, *changes])
 
@@ -110,12 +110,12 @@ class WorkPrecisionPoint:
 
     @property
     def upper_error_bound(self) -> float:
-        """Upper bound of the error, as far as the starts tell."""
+        """Upper bound of the error, one-sided at 95 % over the starts, in the error's unit."""
         return self.error + confidence_factor(self.starts) * self.doubt
 
     @property
     def lower_error_bound(self) -> float:
-        """Lower bound of the error."""
+        """Lower bound of the error, one-sided at 95 % over the starts, in the error's unit; 0 at least."""
         return max(0.0, self.error - confidence_factor(self.starts) * self.doubt)
 
 
@@ -185,12 +185,12 @@ class AdvisedSetting(NamedTuple):
 
     @property
     def needs_more_starts(self) -> bool:
-        """True where the starts scatter by too much for a single run."""
+        """True where the starts scatter by too much for a single run to reach the tolerance."""
         return self.tolerance < FLOORS * self.floor
 
     @property
     def seconds(self) -> float:
-        """Time of all the runs; NaN where no setting is advised."""
+        """Wall time of all the runs together [s]; NaN where no setting is advised."""
         return math.nan if self.point is None else self.starts * self.point.seconds
 
     def __str__(self) -> str:

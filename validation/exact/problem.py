@@ -116,7 +116,7 @@ class ExactProblem:
     conservative: bool = True
     smooth: bool = True
 
-    def perturb_start(self, bits: int) -> ExactProblem:
+    def perturb_start(self, last_place_units: int) -> ExactProblem:
         """Return the same problem with its start moved by a few units in the last place.
 
         The exact motion is not moved along: what a simulation of the nudged problem differs from
@@ -124,7 +124,7 @@ class ExactProblem:
 
         Parameters
         ----------
-        bits : int
+        last_place_units : int
             Units in the last place by which positions and velocities are scaled.
 
         Returns
@@ -133,7 +133,7 @@ class ExactProblem:
             The same problem with another start and the old exact motion.
         """
         plan = self.scene.arrangement
-        factor = 1.0 + bits * np.finfo(float).eps
+        factor = 1.0 + last_place_units * np.finfo(float).eps
         moved = {
             f"arrangement.{name}": [[factor * x, factor * y] for x, y in rows]
             for name, rows in (("positions", plan.positions), ("velocities", plan.velocities))
