@@ -11,8 +11,8 @@ name, what it does, its options and examples; `option` takes what
         examples="example:\n  %(prog)s damper --set piston.mass=6.5",
     )
     def show(options: Any) -> None:
-        scene = scene_of(options)
-        emit(scene_figures(scene), scene_text(scene), options.json)
+        scene = scene_from_options(options)
+        print_result(derived_scene_values(scene), scene_text(scene), options.json)
 
 A package's ``__main__`` lists its commands in a `Program`.
 

@@ -318,7 +318,7 @@ def _add_track_slip(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, s
 
 
 def _slip_of_event(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
-    """Sum of `swept`, as if ended tracks had gone to the event, and new ones had come from it."""
+    """Sum of `slip_area_tensor`, as if ended tracks had gone to the event, and new ones had come from it."""
     total = np.zeros((2, 2))
     for point in event.ended:
         track = tracks[point]
