@@ -76,8 +76,8 @@ class DropStatistics(NamedTuple):
     mean: float
 
 
-def plastic_events(time: np.ndarray, values: np.ndarray, least: float) -> PlasticEvents:
-    """Every stretch along which a quantity falls without a rise, by ``least`` or more.
+def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -> PlasticEvents:
+    """Every stretch along which a quantity falls without a rise, by ``smallest_drop`` or more.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def plastic_events(time: np.ndarray, values: np.ndarray, least: float) -> Plasti
         Times of the samples [s].
     values : float (n,)
         Such as the piston's force under compression, ``run.dataset["piston_force"]``.
-    least : float
+    smallest_drop : float
         Smallest drop that counts, above the noise, in the unit of the values.
 
     Returns
@@ -96,34 +96,36 @@ def plastic_events(time: np.ndarray, values: np.ndarray, least: float) -> Plasti
     Raises
     ------
     InputError
-        If the shapes do not fit, a value is not finite, or ``least`` is not above 0.
+        If the shapes do not fit, a value is not finite, or ``smallest_drop`` is not above 0.
     """
     times, series = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
     if series.ndim != 1 or times.shape != series.shape:
         raise InputError(f"the shapes {times.shape} and {series.shape} differ; give two (n,)")
     if not np.isfinite(series).all():
         raise InputError("a value is not finite; leave such samples out")
-    if not least > 0.0:
-        raise InputError(f"least {least:g} is not above 0; give the smallest drop that counts")
+    if not smallest_drop > 0.0:
+        raise InputError(
+            f"smallest_drop {smallest_drop:g} is not above 0; give the smallest drop that counts"
+        )
     falls = np.concatenate([[False], np.diff(series) < 0.0, [False]])
     edges = np.flatnonzero(np.diff(falls.astype(np.int8)))
     begin, end = edges[::2], edges[1::2]
     size = series[begin] - series[end]
-    chosen = size >= least
+    chosen = size >= smallest_drop
     return PlasticEvents(begin[chosen], end[chosen], size[chosen], times[begin[chosen]])
 
 
-def drop_statistics(sizes: np.ndarray, least: float) -> DropStatistics:
+def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
     """Exponent of a power law of drops, by greatest likelihood, and their mean.
 
-    tau = 1 + k/sum log(size/least), with the error (tau - 1)/sqrt(k) (Clauset, Shalizi and Newman,
+    tau = 1 + k/sum log(size/smallest_drop), with the error (tau - 1)/sqrt(k) (Clauset, Shalizi and Newman,
     SIAM Review 51, 661, 2009). Whether a power law holds at all it does not say.
 
     Parameters
     ----------
     sizes : float (k,)
         Sizes of the drops, in any one unit.
-    least : float
+    smallest_drop : float
         Smallest drop that counts, in the same unit.
 
     Returns
@@ -134,13 +136,15 @@ def drop_statistics(sizes: np.ndarray, least: float) -> DropStatistics:
     Raises
     ------
     InputError
-        If ``least`` is not above 0, or a drop is smaller.
+        If ``smallest_drop`` is not above 0, or a drop is smaller.
     """
     drops = np.asarray(sizes, dtype=np.float64)
-    if not least > 0.0 or (drops < least).any():
-        raise InputError(f"drops below least = {least:g}, or least is not above 0; leave them out")
+    if not smallest_drop > 0.0 or (drops < smallest_drop).any():
+        raise InputError(
+            f"drops below smallest_drop = {smallest_drop:g}, or it is not above 0; leave them out"
+        )
     count = len(drops)
-    logs = float(np.log(drops / least).sum())
+    logs = float(np.log(drops / smallest_drop).sum())
     if count < 2 or logs == 0.0:
         return DropStatistics(np.nan, np.nan, count, float(drops.mean()) if count else np.nan)
     exponent = 1.0 + count / logs

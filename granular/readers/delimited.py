@@ -39,7 +39,7 @@ _HEADER = 4
 """Lines above the rows among which names and units are looked for."""
 
 
-def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: int = 2) -> Sheet:
+def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least_columns: int = 2) -> Sheet:
     """Read the table in a text: CSV and its kin, with preambles, unit rows and decimal commas.
 
     Parameters
@@ -50,7 +50,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: 
         Decimal sign; detected if not given.
     skip : int
         Lines at the head of the text that precede the table.
-    least : int
+    least_columns : int
         Columns of numbers that a table has at least: 1 where the times are not in the file.
 
     Returns
@@ -79,7 +79,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: 
     plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
     if not plain:
         raise RecordError("is empty; a header and samples are wanted")
-    dialect = detect_dialect(plain, decimal, least)
+    dialect = detect_dialect(plain, decimal, least_columns)
     if dialect is None:
         single = detect_dialect(plain, decimal, 1)
         if single is not None and single.width == 1:
@@ -94,7 +94,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: 
     below, commas = plain[start:], dialect.decimal == ","
     if dialect.separator == "," and not names and _has_decimal_commas(below, dialect, decimal):
         below, commas = replace_decimal_commas(below), True
-        dialect = detect_dialect(below, ".", least) or dialect
+        dialect = detect_dialect(below, ".", least_columns) or dialect
     rows, notes = _drop_trailing_text(below, dialect)
     columns = _make_columns(rows, dialect, names, units)
     words = f"text separated by {SEPARATORS[dialect.separator]}"

@@ -58,7 +58,7 @@ class FileFormat(NamedTuple):
     """A format of files: the reader of its bytes, and how many it takes at most."""
 
     read: Callable[[bytes, ReadOptions], Sheet]
-    most: int = MAX_BYTES
+    max_bytes: int = MAX_BYTES
 
 
 def interpret_record_file(
@@ -146,8 +146,8 @@ def read_sheet(path: Path, options: ReadOptions, form: FileFormat | None = None)
     RecordError
         If it cannot be read as such, or what reads it is not installed.
     """
-    read, most = form or BINARY.get(path.suffix.lower(), TEXT)
-    content = _read_bytes(path, most)
+    read, max_bytes = form or BINARY.get(path.suffix.lower(), TEXT)
+    content = _read_bytes(path, max_bytes)
     with _name_file_in_errors(path):
         return read(content, options)
 
@@ -161,12 +161,12 @@ def _name_file_in_errors(path: Path) -> Iterator[None]:
         raise RecordError(f"{sanitize(path)}: {error}") from None
 
 
-def _read_bytes(path: Path, most: int) -> bytes:
-    with reading_file(path, most, RecordError), path.open("rb") as file:
-        content = file.read(most + 1)
-    if len(content) > most:  # of a file that says that it is empty, as in /proc
+def _read_bytes(path: Path, max_bytes: int) -> bytes:
+    with reading_file(path, max_bytes, RecordError), path.open("rb") as file:
+        content = file.read(max_bytes + 1)
+    if len(content) > max_bytes:  # of a file that says that it is empty, as in /proc
         raise RecordError(
-            f"{sanitize(path)}: is too long; at most {most // 2**20} MB are read: make it shorter"
+            f"{sanitize(path)}: is too long; at most {max_bytes // 2**20} MB are read: make it shorter"
         )
     return content
 

@@ -43,7 +43,9 @@ class Dialect(NamedTuple):
     numeric: tuple[int, ...]
 
 
-def detect_dialect(lines: Sequence[NumberedLine], decimal: str | None, least: int = 2) -> Dialect | None:
+def detect_dialect(
+    lines: Sequence[NumberedLine], decimal: str | None, least_numbers: int = 2
+) -> Dialect | None:
     """Detect the dialect in which most lines are rows of numbers.
 
     Parameters
@@ -52,7 +54,7 @@ def detect_dialect(lines: Sequence[NumberedLine], decimal: str | None, least: in
         Lines of a file, without comments.
     decimal : str or None
         Decimal sign; both are tried if not given.
-    least : int
+    least_numbers : int
         Least count of numbers in a row.
 
     Returns
@@ -64,7 +66,7 @@ def detect_dialect(lines: Sequence[NumberedLine], decimal: str | None, least: in
     best: tuple[tuple[int, float, int], Dialect] | None = None
     for separator in SEPARATORS:
         for mark in (".", ",") if decimal is None else (decimal,):
-            candidate = _try_dialect(sample, separator, mark, least)
+            candidate = _try_dialect(sample, separator, mark, least_numbers)
             if candidate is not None and (best is None or candidate[0] > best[0]):
                 best = candidate
     return None if best is None else best[1]
@@ -86,7 +88,7 @@ def _indices_to_inspect(lines: Sequence[NumberedLine]) -> list[int]:
 
 
 def _try_dialect(
-    sample: Sequence[str], separator: str, decimal: str, least: int
+    sample: Sequence[str], separator: str, decimal: str, least_numbers: int
 ) -> tuple[tuple[int, float, int], Dialect] | None:
     """Count the lines that a dialect explains, the fraction of numbers in them, and columns."""
     rows = [split_fields(line, separator) for line in sample]
@@ -94,7 +96,7 @@ def _try_dialect(
         return None
     numeric = [{k for k, cell in enumerate(row) if is_number(cell, decimal)} for row in rows]
     widths = collections.Counter(
-        len(row) for row, good in zip(rows, numeric, strict=True) if len(good) >= least
+        len(row) for row, good in zip(rows, numeric, strict=True) if len(good) >= least_numbers
     )
     if not widths:
         return None
@@ -106,7 +108,7 @@ def _try_dialect(
     numbers = collections.Counter(field for k in same for field in numeric[k])
     lost = collections.Counter(field for k in same for field, cell in enumerate(rows[k]) if cell in LOST)
     core = tuple(field for field in sorted(numbers) if numbers[field] + lost[field] >= 0.5 * len(same))
-    if len(core) < least:
+    if len(core) < least_numbers:
         return None
     fraction = (sum(numbers.values()) + sum(lost.values())) / (len(same) * raw)
     return (widths[raw], fraction, len(core)), Dialect(separator, decimal, width, core)

@@ -182,12 +182,12 @@ def check_archive_sizes(archive: ZipFile) -> None:
                 _check_element_count(info.filename, part, elements, most.elements)
 
 
-def _check_element_count(name: str, part: IO[bytes], elements: Iterator[int], most: int) -> None:
+def _check_element_count(name: str, part: IO[bytes], elements: Iterator[int], max_elements: int) -> None:
     rows = itertools.count(1)
 
     def begin(kind: str, _attributes: object) -> None:
-        if next(elements) > most:
-            raise _too_large_error(f"{name} in it, and those before, hold more than {most} elements")
+        if next(elements) > max_elements:
+            raise _too_large_error(f"{name} in it, and those before, hold more than {max_elements} elements")
         if kind.endswith("row") and next(rows) > MAX_ROWS:
             raise _too_large_error(f"{name} in it holds more than {MAX_ROWS} rows, the limit")
 
@@ -200,14 +200,14 @@ def _check_element_count(name: str, part: IO[bytes], elements: Iterator[int], mo
     parser.ParseFile(part)
 
 
-def expand_rows(rows: Rows, most: int = MAX_CELLS) -> list[Sequence[Any]]:
+def expand_rows(rows: Rows, max_cells: int = MAX_CELLS) -> list[Sequence[Any]]:
     """List the rows up to the last that holds something, with repeated ones repeated.
 
     Parameters
     ----------
     rows : iterable of (int, sequence)
         Number of repeats, and the cells of each row.
-    most : int
+    max_cells : int
         Greatest number of cells of the rectangle that holds all.
 
     Returns
@@ -228,7 +228,7 @@ def expand_rows(rows: Rows, most: int = MAX_CELLS) -> list[Sequence[Any]]:
         if not width:
             continue
         widest = max(widest, width)
-        if number > MAX_ROWS or number * widest > most:
+        if number > MAX_ROWS or number * widest > max_cells:
             raise _too_large_error(
                 f"a sheet reaches to row {number} and column {widest}; at most {MAX_ROWS} rows, "
                 f"and {MAX_CELLS} cells of all sheets, are read"

@@ -404,14 +404,14 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
             f"the host is shaken by {quote(host.excitation.kind)}; give an impulse, behind which "
             "it swings freely"
         )
-    ends = host.excitation.start + (host.excitation.duration or 0.0)
+    impulse_end = host.excitation.start + (host.excitation.duration or 0.0)
     return settling_time_of_samples(
-        run.dataset.time.values, run.dataset.host_displacement.values, ends, fraction
+        run.dataset.time.values, run.dataset.host_displacement.values, impulse_end, fraction
     )
 
 
 def settling_time_of_samples(
-    time: np.ndarray, displacement: np.ndarray, ends: float, fraction: float
+    time: np.ndarray, displacement: np.ndarray, impulse_end: float, fraction: float
 ) -> float:
     """Time from the end of an impulse until a displacement stays within a fraction of its peak.
 
@@ -423,7 +423,7 @@ def settling_time_of_samples(
         Times [s], increasing.
     displacement : float64 (n,)
         Displacement from rest [m].
-    ends : float
+    impulse_end : float
         Time at which the impulse ends [s].
     fraction : float
         Fraction of the peak, above 0 and below 1.
@@ -440,9 +440,9 @@ def settling_time_of_samples(
         wider at their end.
     """
     check_peak_fraction(fraction)
-    behind = time >= ends
+    behind = time >= impulse_end
     if not behind.any():
-        raise InputError(f"the run ends at {time[-1]:g} s, before the impulse does, {ends:g} s")
+        raise InputError(f"the run ends at {time[-1]:g} s, before the impulse does, {impulse_end:g} s")
     sizes = np.abs(displacement[behind])
     wide = np.flatnonzero(sizes > fraction * sizes.max())
     last = int(wide[-1]) if len(wide) else 0
@@ -451,7 +451,7 @@ def settling_time_of_samples(
             f"at the end of the run, {time[-1]:g} s, the body still swings wider than "
             f"{fraction:g} of its peak; run longer, or take a greater fraction"
         )
-    return float(time[behind][last + 1] - ends)
+    return float(time[behind][last + 1] - impulse_end)
 
 
 def check_peak_fraction(fraction: float) -> None:

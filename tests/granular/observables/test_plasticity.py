@@ -39,7 +39,7 @@ def test_of_a_run_and_wrong_input(make_run: MakeRun) -> None:
     force = run.dataset["piston_force"]
     found = plastic_events(force["time"].values, force.values, 0.1)
     assert found.size.tolist() == [0.5]
-    with pytest.raises(InputError, match="least 0 is not above 0"):
+    with pytest.raises(InputError, match="smallest_drop 0 is not above 0"):
         plastic_events(np.arange(2.0), np.arange(2.0), 0.0)
     with pytest.raises(InputError, match="not finite"):
         plastic_events(np.arange(2.0), np.array([1.0, np.nan]), 1.0)
