@@ -12,7 +12,7 @@ from granular import PistonRecord, Scene, Trajectory, damper, load_scene, simula
 from granular.pairs.disc_law import Disc, disc_energy_and_force
 from reduced_models import HeightMap, fit, predict, score_drops
 from reduced_models.falls.lattice_pressure import lattice_pressure
-from reduced_models.laws.elliptic import (
+from reduced_models.laws.elliptic_motion import (
     OSCILLATORS,
     averaged_amplitude,
     averaged_frequency,

@@ -459,7 +459,7 @@ def _compare_laws(options: Any) -> None:
 def _compare_response(options: Any) -> None:
     """Solve the law, say how far off it is, and write the report."""
     from granular.response import load_response
-    from reduced_models.machines.comparison import response_page_with_law
+    from reduced_models.machines.response_comparison import response_page_with_law
 
     response = load_response(options.response)
     page, law, why = response_page_with_law(response)
@@ -471,14 +471,14 @@ def _compare_response(options: Any) -> None:
             "force": peak.force,
             "simulated": peak.simulated,
             "law": peak.law,
-            "error": peak.error,
+            "error": peak.law_peak_error,
             "linear": peak.linear,
-            "linear_error": peak.linear_error,
+            "linear_error": peak.small_swing_peak_error,
             "outside": peak.outside or None,
         }
         for peak in peaks
     ]
-    lines = [response.table, why] if law is None else [law.table]
+    lines = [response.table, why] if law is None else [law.peak_table]
     lines += [f"warning: under {peak.force:g} N {peak.outside}" for peak in peaks if peak.outside]
     print_result(
         {"peaks": rows, "missing": why or None, "report": str(path)},

@@ -404,7 +404,7 @@ class Design:
         page.add_footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
         return page
 
-    def sheet(self) -> HtmlPage:
+    def workshop_sheet_page(self) -> HtmlPage:
         """Sheet to build the damper from.
 
         Returns
@@ -451,7 +451,7 @@ class Design:
         write_json(folder / "design.json", self.to_plain())
         self.scene.save(folder / "scene.toml")
         self.page(maps).save(folder / "report.html")
-        self.sheet().save(folder / "workshop.html")
+        self.workshop_sheet_page().save(folder / "workshop.html")
 
 
 def _deviation_text(value: float, wanted: float) -> str:

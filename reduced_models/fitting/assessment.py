@@ -134,7 +134,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
     ]
     profiled = None
     if problem.intervals == "profile":
-        from reduced_models.fitting.profile import profile_intervals
+        from reduced_models.fitting.profile_likelihood import profile_intervals
 
         quantile = known[0].student_quantile(problem.confidence)
         profiled = profile_intervals(joint, theta, covariance, quantile)
@@ -164,7 +164,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
         if profiled is not None:
             intervals = widen_to_linear_intervals(linear, undetermined, profiled[k])
         names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
-        model = _make_model(result, k, intervals, at_rest, motions, residuals[k])
+        model = _make_model_of_record(result, k, intervals, at_rest, motions, residuals[k])
         notes = (*model.notes, _DRIFT_FOUND) if drift_was_found else model.notes
         models.append(
             dataclasses.replace(
@@ -174,7 +174,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
     return tuple(models)
 
 
-def _make_model(
+def _make_model_of_record(
     result: SearchResult,
     k: int,
     intervals: Mapping[str, Interval],
@@ -187,7 +187,7 @@ def _make_model(
     theta = result.theta[result.joint.entries[k]]
     values, shift, scale, z0, v0, hidden = unknowns.physical_values(theta)
     height_map = HeightMap(float(shift), float(scale), fitted=unknowns.map is None)
-    quality = _quality(result, k, residuals)
+    quality = _assess_quality(result, k, residuals)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
     return ReducedModel(
         law=unknowns.law,
@@ -291,7 +291,7 @@ def _suspicious_unit_notes(amplitude: float, speed: float) -> tuple[str, ...]:
     )
 
 
-def _quality(result: SearchResult, k: int, residuals: np.ndarray) -> Quality:
+def _assess_quality(result: SearchResult, k: int, residuals: np.ndarray) -> Quality:
     problem, grid, here = result.problem, result.joint.grids[k], result.joint.entries[k]
     record, swings = grid.record, problem.data[k].test_swings
     swing = float(record.height.std())
@@ -320,14 +320,16 @@ def _quality(result: SearchResult, k: int, residuals: np.ndarray) -> Quality:
         noise=noise_level(record.height, record.time) if level is None else level,
         correlation=autocorrelation_time(residuals),
         collocation=result.collocation,
-        shifts=_small_motion_changes(grid.unknowns, result.theta[here], result.trained[here])
+        shifts=_relative_small_motion_changes(grid.unknowns, result.theta[here], result.trained[here])
         if swings
         else {},
         **structure,
     )
 
 
-def _small_motion_changes(unknowns: Unknowns, theta: np.ndarray, trained: np.ndarray) -> dict[str, float]:
+def _relative_small_motion_changes(
+    unknowns: Unknowns, theta: np.ndarray, trained: np.ndarray
+) -> dict[str, float]:
     """Relative changes of the figures of rest between two search vectors; empty where there are none."""
     figures, others = (small_motion_figures(unknowns, vector) for vector in (theta, trained))
     if isinstance(figures, NoSwing) or isinstance(others, NoSwing):

@@ -23,7 +23,7 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.assessment import has_sensor_drift, models_from_fit
 from reduced_models.fitting.force_fit import fit_force, is_force_fit
-from reduced_models.fitting.history import fit_with_histories, is_motion_history, prepend_histories
+from reduced_models.fitting.motion_history import fit_with_histories, is_motion_history, prepend_histories
 from reduced_models.fitting.options import (
     STARTS,
     TEST_FRACTION,
@@ -151,7 +151,7 @@ def fit(
     intervals : "linear", "bootstrap" or "profile"
         From the linearisation at the best fit, by fitting resampled records, or by holding each
         parameter at values further and further away and fitting the others again: right also
-        where parameters are bounded or trade places (see `reduced_models.fitting.profile`).
+        where parameters are bounded or trade places (see `reduced_models.fitting.profile_likelihood`).
         Intervals of the small swing at rest are always those of the linearisation.
     start, fix : mapping of str to float, optional
         Values about which parameters are looked for first, and values that they keep; ``fix`` also

@@ -240,7 +240,7 @@ def _make_model(
         else:
             intervals[name] = (math.exp(ends[0]), math.exp(ends[1]))
     left = np.concatenate([residual for residual, _ in linear]) * size
-    quality = _quality(problem, result, linear, left, test_fraction)
+    quality = _assess_quality(problem, result, linear, left, test_fraction)
     open_names = [name for k, name in enumerate(names) if log[k] and spread[k] > quantile * _HARDLY]
     if open_names:
         notes = [*notes, f"hardly told by these records: {', '.join(open_names)}; read their intervals"]
@@ -290,7 +290,7 @@ def _calibration_covariance(
     return result
 
 
-def _quality(
+def _assess_quality(
     problem: ForceFitProblem,
     result: ForceSearchResult,
     linear: Sequence[tuple[np.ndarray, np.ndarray]],

@@ -478,7 +478,7 @@ def _parameters_linear_in_force(field: Law) -> list[str]:
     """Parameters in which the force is linear together, and which no hidden state knows."""
     import sympy
 
-    parsed = field.parsed
+    parsed = field.parsed_equation
     chosen: list[Any] = []
     for name in field.parameters:
         symbol = sympy.Symbol(name)

@@ -13,7 +13,7 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 from reduced_models.laws.law import Law
-from reduced_models.laws.symmetry import similarity
+from reduced_models.laws.symmetry import find_similarity
 from reduced_models.records.sensor import Sensor
 
 
@@ -59,7 +59,7 @@ def identifiable_sensor(
     """
     held: tuple[str, ...] = ()
     untold: list[str] = []
-    shift = similarity(law, "shift") if not law.mapped else None
+    shift = find_similarity(law, "shift") if not law.mapped else None
     level_is_open = sensor.derivative_order > 0 or sensor.offset == "free"
     if shift is not None and level_is_open and "height" not in initial:
         known = shift.level in declared
@@ -68,7 +68,7 @@ def identifiable_sensor(
         if not known:
             untold += ["level", *(name for name in shift.moving if name == shift.level)]
     if sensor.gain == "free" or isinstance(sensor.gain, tuple):
-        scale = similarity(law, "scale") if not law.mapped else None
+        scale = find_similarity(law, "scale") if not law.mapped else None
         if scale is not None and not {*scale.moving} & {*declared}:
             if sensor.gain == "free":
                 untold += ["size", *(name for name in scale.moving if name not in untold)]

@@ -380,7 +380,7 @@ def _damping_at_two_amplitudes(
         (figures[0] - shift) / scale,
         2.0 * math.pi / figures[1],
     )
-    wide, narrow = result.resistance(amplitude)
+    wide, narrow = result.equivalent_friction(amplitude)
     friction = (FRACTIONS[0] * narrow - FRACTIONS[1] * wide) / (FRACTIONS[0] - FRACTIONS[1])
     return np.vstack([result.damping_ratio, friction])
 

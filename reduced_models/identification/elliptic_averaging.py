@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.shared.errors import InputError, RecordError
 from reduced_models.laws.duffing import DUFFING
-from reduced_models.laws.elliptic import (
+from reduced_models.laws.elliptic_motion import (
     OSCILLATORS,
     EllipticMotion,
     averaged_amplitude,

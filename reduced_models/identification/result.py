@@ -33,7 +33,7 @@ from reduced_models.identification.swing_quantities import (
 )
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
-from reduced_models.laws.elliptic import EllipticMotion
+from reduced_models.laws.elliptic_motion import EllipticMotion
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import time_step_text
 

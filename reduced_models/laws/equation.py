@@ -46,7 +46,7 @@ class ParsedEquation:
     inputs: tuple[str, ...] = ()
 
     @property
-    def arguments(self) -> list[Any]:
+    def argument_symbols(self) -> list[Any]:
         """Symbols of z, z', hidden states, inputs and parameters, in this order."""
         import sympy
 
@@ -65,13 +65,13 @@ class EquationTrees(NamedTuple):
     hidden: dict[str, formulas.Node]
 
     @property
-    def all(self) -> tuple[formulas.Node, ...]:
+    def all_trees(self) -> tuple[formulas.Node, ...]:
         return self.left, self.right, *self.hidden.values()
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names as they are written, without primes, each once."""
-        return tuple(dict.fromkeys(symbol.name for symbol in formulas.variable_names(*self.all)))
+        return tuple(dict.fromkeys(symbol.name for symbol in formulas.variable_names(*self.all_trees)))
 
 
 @functools.lru_cache(maxsize=COMPILED)
@@ -109,7 +109,7 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
     symbols = {"z": z, "z'": v, "z''": a}
     try:
-        left, right, *rates = (algebra.sympy_expression(tree, symbols) for tree in trees.all)
+        left, right, *rates = (algebra.sympy_expression(tree, symbols) for tree in trees.all_trees)
         difference = sympy.expand(left - right)
     except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be read: {error}") from None
@@ -171,7 +171,7 @@ def parse_law_formulas(equation: str) -> EquationTrees:
         raise InputError(f"{law} has an equation for the rate of its coordinate; drop it")
     if len(trees.hidden) < len(hidden):
         raise InputError(f"{law} has two equations for one hidden state; write one")
-    for position, tree in enumerate(trees.all):
+    for position, tree in enumerate(trees.all_trees):
         for item in formulas.variable_names(tree):
             if item.primes > (2 if position < 2 else 1) or (item.primes and item.name != "z"):
                 raise InputError(
@@ -249,7 +249,7 @@ def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "j
     """
     parsed = parse_equation(equation, inputs)
     rates = [parsed.acceleration, *parsed.hidden.values()]
-    return algebra.compile_function(parsed.arguments, rates, modules)
+    return algebra.compile_function(parsed.argument_symbols, rates, modules)
 
 
 @functools.lru_cache(maxsize=COMPILED)
@@ -281,7 +281,7 @@ def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..
 
     parsed = parse_equation(equation, inputs)
     # Of real numbers, or the derivative of a modulus would be one of complex numbers.
-    real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.arguments}
+    real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.argument_symbols}
     rates = [rate.xreplace(real) for rate in (parsed.acceleration, *parsed.hidden.values())]
     states = list(real.values())[: 2 + len(parsed.hidden)]
     return jacobian_function(rates, states, list(real.values()))

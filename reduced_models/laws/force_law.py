@@ -93,7 +93,7 @@ class ForceLaw:
         """
         import sympy
 
-        parsed = self.acceleration_law.parsed
+        parsed = self.acceleration_law.parsed_equation
         numbers = {sympy.Symbol(name): sympy.Float(value) for name, value in values.items()}
         rates = {"force": parsed.acceleration} | {f"{name}'": rate for name, rate in parsed.hidden.items()}
         lines = [f"{name} = {round_expression(rate.subs(numbers), digits)}" for name, rate in rates.items()]

@@ -89,24 +89,24 @@ class Law:
         return (self.source,)
 
     @property
-    def parsed(self) -> ParsedEquation:
+    def parsed_equation(self) -> ParsedEquation:
         """The equation taken apart."""
         return parse_equation(self.equation, self.inputs)
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters, in the order in which the equation names them."""
-        return self.parsed.parameters
+        return self.parsed_equation.parameters
 
     @property
     def hidden(self) -> tuple[str, ...]:
         """Names of the hidden states."""
-        return tuple(self.parsed.hidden)
+        return tuple(self.parsed_equation.hidden)
 
     @property
     def acceleration(self) -> sympy.Expr:
         """Acceleration z'' in the symbols z, z_first, hidden states, inputs and parameters."""
-        return self.parsed.acceleration
+        return self.parsed_equation.acceleration
 
     def sympy_equation(self, values: Mapping[str, float] | None = None) -> sympy.Eq:
         """Equation in z(t), with numbers where ``values`` gives them.
@@ -125,7 +125,7 @@ class Law:
         """
         import sympy
 
-        parsed = self.parsed
+        parsed = self.parsed_equation
         t = sympy.Symbol("t")
         z = sympy.Function("z")(t)
         numbers = {sympy.Symbol(name): number for name, number in (values or {}).items()}
@@ -152,7 +152,7 @@ class Law:
         """
         import sympy
 
-        parsed, t = self.parsed, sympy.Symbol("t")
+        parsed, t = self.parsed_equation, sympy.Symbol("t")
         z = sympy.Function("z")(t)
         numbers = {sympy.Symbol(name): number for name, number in (values or {}).items()}
         motion = {parsed.symbol_v: z.diff(t), parsed.symbol_z: z}
@@ -209,7 +209,7 @@ def law_from_text(equation: str, columns: Collection[str] = (), declared: Collec
     """
     trees = parse_law_formulas(equation)
     law = f"the law {quote(equation)}"
-    for name in formulas.constant_names(*trees.all):
+    for name in formulas.constant_names(*trees.all_trees):
         if name in columns:
             raise InputError(
                 f"{law} names {name}, a number, and the record has a column of that name; rename the column"

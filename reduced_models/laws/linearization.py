@@ -155,7 +155,7 @@ def acceleration_expression(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.
 
 def _swing_with_velocity_jump(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
     """Swing; where the law jumps with the sign of the velocity, that of the mean of both."""
-    result = _find_rest(rates, slopes, state)
+    result = _find_rest_state(rates, slopes, state)
     if result is not JUMPS or len(state) > 2:
         return result
     creep = np.array([0.0, _CREEP])
@@ -163,11 +163,11 @@ def _swing_with_velocity_jump(rates: Field, slopes: Field, state: np.ndarray) ->
     def mean(function: Field) -> Field:
         return lambda at: 0.5 * (function(at + creep) + function(at - creep))
 
-    result = _find_rest(mean(rates), mean(slopes), state)
+    result = _find_rest_state(mean(rates), mean(slopes), state)
     return result._replace(damping_ratio=math.inf) if isinstance(result, SmallSwing) else result
 
 
-def _find_rest(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
+def _find_rest_state(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
     """By Newton's method, and the eigenvalues of what is linear there."""
     state = state.copy()
     with np.errstate(all="ignore"):
@@ -245,7 +245,7 @@ class HarmonicCycles(NamedTuple):
         with np.errstate(all="ignore"):
             return np.asarray(self.damping / (2.0 * np.sqrt(self.stiffness)))
 
-    def resistance(self, amplitude: Any) -> np.ndarray:
+    def equivalent_friction(self, amplitude: Any) -> np.ndarray:
         """Constant friction, per unit of mass, that takes as much energy from such a cycle.
 
         Parameters

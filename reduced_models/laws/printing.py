@@ -126,7 +126,7 @@ def round_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
     return expression.xreplace({item: sympy.Float(round_significant(float(item), digits)) for item in result})
 
 
-def _terms(side: Any) -> list[Any]:
+def _terms_by_derivative(side: Any) -> list[Any]:
     """Terms of a side, the highest derivative first."""
     import sympy
 
@@ -163,7 +163,7 @@ def latex(equation: sympy.Eq) -> str:
 
     def side(expression: Any) -> str:
         text = ""
-        for term in _terms(expression):
+        for term in _terms_by_derivative(expression):
             negative = term.could_extract_minus_sign()
             sign = " - " if negative else " + "
             text_of_term = sympy.latex(-term if negative else term)
@@ -221,7 +221,7 @@ def _signed_terms(expression: Any) -> list[str]:
 
     printer = MathMLPresentationPrinter()
     result: list[str] = []
-    for term in _terms(expression):
+    for term in _terms_by_derivative(expression):
         negative = term.could_extract_minus_sign()
         text = ""
         if result or negative:

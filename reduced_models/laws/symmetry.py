@@ -40,7 +40,7 @@ class Symmetries(NamedTuple):
     flipping: tuple[tuple[str, str | None], ...]
 
 
-def symmetries(law: Law) -> Symmetries:
+def find_symmetries(law: Law) -> Symmetries:
     """Symmetries of a law, by trial.
 
     Parameters
@@ -113,7 +113,7 @@ class Similarity(NamedTuple):
     level: str = ""
 
 
-def similarity(law: Law, change: Literal["shift", "scale"]) -> Similarity | None:
+def find_similarity(law: Law, change: Literal["shift", "scale"]) -> Similarity | None:
     """Parameters that take up a shift or another unit of the coordinate; None where none can.
 
     Parameters
@@ -208,7 +208,7 @@ def canonical_parameters(
         Parameters in the same units: angles in (-pi, pi], signs positive.
     """
     result = {name: np.asarray(value, dtype=np.float64) for name, value in values.items()}
-    known, edges = symmetries(law), bounds or {}
+    known, edges = find_symmetries(law), bounds or {}
     unchanged = {*unchanged, *law.positive, *(name for name, (low, high) in edges.items() if low == high)}
     for name, other in known.flipping:
         if name in unchanged or other in unchanged:

@@ -169,7 +169,7 @@ def levenberg_marquardt(
         moved = np.where(np.isfinite(moved), moved, theta)
         total = cost + (precision * (theta - start) ** 2).sum(axis=1)
         idle = np.where((gain <= _VAIN * tolerance * total) & (sizes >= _LONG), patience, idle)
-        if _search_is_over(idle >= patience, wanted, cost, prior.samples):
+        if _starts_have_settled(idle >= patience, wanted, cost, prior.samples):
             break
         trial = _evaluate_point(normal, moved)
         trial_total = trial[1] + (precision * (moved - start) ** 2).sum(axis=1)
@@ -179,12 +179,12 @@ def levenberg_marquardt(
         idle = np.where(better & ~small, 0, idle + 1)
         theta, cost, gradient, matrix = map(functools.partial(_select_rows, better), trial, best)
         best = theta, cost, gradient, matrix
-        if _search_is_over(idle >= patience, wanted, cost, prior.samples):
+        if _starts_have_settled(idle >= patience, wanted, cost, prior.samples):
             break
     return best[:2]
 
 
-def _search_is_over(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float) -> bool:
+def _starts_have_settled(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float) -> bool:
     """Return whether all that are wanted rest, or nine tenths of them at the same least cost."""
     agreeing = resting & (cost <= agreeing_cost_limit(cost, samples))
     return bool((resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(cost))

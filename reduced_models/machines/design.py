@@ -132,7 +132,7 @@ class DamperDesign:
             return f"no: the best bed, {what}, leaves most of the vibration: {figures}"
         return f"{what}, take away {100.0 * self.reduction:.3g} % of the peak: {figures}"
 
-    def sheet(self) -> HtmlPage:
+    def workshop_sheet_page(self) -> HtmlPage:
         """Sheet to build the damper from.
 
         Returns

@@ -88,7 +88,7 @@ def numpy_source(model: FittedLaw) -> str:
     import sympy
     from sympy.printing.numpy import NumPyPrinter
 
-    law, parsed = model.law, model.law.parsed
+    law, parsed = model.law, model.law.parsed_equation
     doprint = NumPyPrinter({"fully_qualified_modules": True}).doprint
     safe = _python_names((*law.parameters, *law.hidden, *law.inputs))
     symbols = {sympy.Symbol(name): sympy.Symbol(other) for name, other in safe.items()}
@@ -164,7 +164,7 @@ def equations_text(model: FittedLaw) -> str:
         lines.append(f"  seen: {name} from {low:.5g} to {high:.5g} {unit}".rstrip())
     lines += [f"  {name}: {words}" for name, words in model.provenance.items()]
     lines += ["", "LaTeX:", model.latex, model.fitted_latex]
-    for name, rate in model.law.parsed.hidden.items():
+    for name, rate in model.law.parsed_equation.hidden.items():
         lines.append(f"hidden state: {name}' = {rate}".replace("z_first", "z'"))
     return "\n".join(lines) + "\n"
 

@@ -67,7 +67,7 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
     """
     import sympy
 
-    law, parsed = model.law, model.law.parsed
+    law, parsed = model.law, model.law.parsed_equation
     groups = [
         (law.parameters, ascii_names("p_", law.parameters)),
         (law.hidden, ascii_names("h_", law.hidden)),

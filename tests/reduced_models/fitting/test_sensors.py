@@ -14,7 +14,7 @@ from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError, RecordWarning
 from reduced_models import ReducedModel, Sensor, compare, fit
 from reduced_models.laws.law import law_from_text
-from reduced_models.laws.symmetry import similarity
+from reduced_models.laws.symmetry import find_similarity
 from reduced_models.least_squares.sensor_signal import sensor_signal_tables, solution_signal
 from reduced_models.records.inputs import StepGrid
 from reduced_models.records.sensor import parse_sensor
@@ -109,10 +109,10 @@ def test_a_filter_is_exact_between_grid_points(derivative: int, kind: str, order
 
 def test_laws_know_what_shifts_and_scales() -> None:
     pendulum = law_from_text("z'' + 2*a*z' + k*sin(z) = 0")
-    assert similarity(pendulum, "shift") is None
-    assert similarity(pendulum, "scale") is None
+    assert find_similarity(pendulum, "shift") is None
+    assert find_similarity(pendulum, "scale") is None
     spring = law_from_text("z'' + c*Abs(z')*z' + k*(z - r) + b*(z - r)**3 = 0")
-    shift, scale = similarity(spring, "shift"), similarity(spring, "scale")
+    shift, scale = find_similarity(spring, "shift"), find_similarity(spring, "scale")
     assert shift is not None
     assert (shift.moving, shift.level) == (("r",), "r")
     assert scale is not None

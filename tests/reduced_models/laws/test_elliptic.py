@@ -9,7 +9,7 @@ from scipy.special import ellipe, ellipj, ellipk
 
 from granular import PistonRecord
 from reduced_models import HeightMap
-from reduced_models.laws.elliptic import (
+from reduced_models.laws.elliptic_motion import (
     OSCILLATORS,
     DuffingVanDerPolOscillator,
     averaged_amplitude,

@@ -24,7 +24,7 @@ def test_friction_and_a_dashpot(dry: str) -> None:
         np.testing.assert_allclose(found.frequency, OMEGA, rtol=1e-9)
         np.testing.assert_allclose(found.centre, LEVEL, rtol=1e-9)
         dashpot = 0.5 * np.pi * SIZES * OMEGA * LAM
-        np.testing.assert_allclose(found.resistance(SIZES) - dashpot, FRICTION, rtol=1e-4)
+        np.testing.assert_allclose(found.equivalent_friction(SIZES) - dashpot, FRICTION, rtol=1e-4)
 
 
 def test_many_laws_at_once() -> None:

@@ -39,14 +39,14 @@ def test_the_equation_is_that_of_the_law_where_the_bed_weighs_nothing() -> None:
         "w": 0.02,
         "q": 0.6,
     }
-    parsed = ANNEALING_BED.parsed
+    parsed = ANNEALING_BED.parsed_equation
     values = [parsed.acceleration, parsed.hidden["w"], parsed.hidden["q"]]
     exact = [float(one.subs({s: numbers[_name(s)] for s in one.free_symbols})) for one in values]
     np.testing.assert_allclose(rates[3:], exact, rtol=1e-9)
 
 
 def _name(symbol: sympy.Symbol) -> str:
-    parsed = ANNEALING_BED.parsed
+    parsed = ANNEALING_BED.parsed_equation
     return {parsed.symbol_z: "z", parsed.symbol_v: "z_first"}.get(symbol, symbol.name)
 
 

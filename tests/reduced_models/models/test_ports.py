@@ -19,7 +19,7 @@ from granular.shared.errors import InputError
 from reduced_models import fit
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.machines import export_bed
-from reduced_models.machines.port import bed_force_port, mass_matrix
+from reduced_models.machines.bed_element import bed_force_port, mass_matrix
 from reduced_models.machines.response import CoupledSystem, fill_rates
 from reduced_models.models.export import write_code
 from reduced_models.models.ports import (

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
 from granular.shared.errors import RecordError
-from reduced_models.laws.elliptic import DuffingVanDerPolOscillator, averaged_frequency
+from reduced_models.laws.elliptic_motion import DuffingVanDerPolOscillator, averaged_frequency
 from reduced_models.records.envelope import envelope
 
 TIME = np.linspace(0.0, 60.0, 4000)

@@ -41,12 +41,12 @@ class PeakComparison:
     outside: str
 
     @property
-    def error(self) -> float:
+    def law_peak_error(self) -> float:
         """Relative error of the law's peak."""
         return self.law / self.simulated - 1.0
 
     @property
-    def linear_error(self) -> float:
+    def small_swing_peak_error(self) -> float:
         """Relative error of the small swing's peak."""
         return self.linear / self.simulated - 1.0
 
@@ -71,7 +71,7 @@ class ResponseComparison:
     linear: dict[float, np.ndarray]
 
     @property
-    def table(self) -> str:
+    def peak_table(self) -> str:
         """The peaks in columns."""
         return align_columns([_HEAD, *_table_cells(self.peaks)])
 
@@ -169,9 +169,9 @@ def _table_cells(peaks: Sequence[PeakComparison]) -> list[tuple[str, ...]]:
             f"{peak.force:g}",
             format_number(1e3 * peak.simulated, 3),
             format_number(1e3 * peak.law, 3),
-            f"{100.0 * peak.error:+.0f}",
+            f"{100.0 * peak.law_peak_error:+.0f}",
             format_number(1e3 * peak.linear, 3),
-            f"{100.0 * peak.linear_error:+.0f}",
+            f"{100.0 * peak.small_swing_peak_error:+.0f}",
         )
         for peak in peaks
     ]
