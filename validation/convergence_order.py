@@ -175,6 +175,11 @@ def method_suits_problem(problem: ExactProblem, method: str) -> bool:
     -------
     bool
         True where the method can run the problem's scene.
+
+    Raises
+    ------
+    InputError
+        If there is no such method.
     """
     from granular.run.time_steps import can_run_with_step
 
@@ -272,18 +277,20 @@ def _rounding_error(problem: ExactProblem, solve: Solver, count: int, plain: np.
 def fit_convergence_slope(
     steps: Sequence[float], errors: Sequence[float], rounding: float
 ) -> FittedSlope | None:
-    """Slope over the finest decade of steps whose errors are `CLEAR` of rounding.
+    """Fit the slope over the finest decade of steps whose errors are `CLEAR` of rounding.
 
     Parameters
     ----------
     steps, errors : sequence of float
-        Steps from coarse to fine.
+        Steps [s] from coarse to fine, and the error at each [m].
     rounding : float
+        Effect of rounding at the finest step [m].
 
     Returns
     -------
-    Slope or None
-        None where fewer than four steps, or less than half a decade, stand clear.
+    FittedSlope or None
+        Slope of a straight line in logarithms (least squares) with its 95 % interval, without unit; None
+        where fewer than four steps, or less than half a decade, stand clear.
     """
     clear = [k for k, error in enumerate(errors) if error > CLEAR * rounding]
     # Behind the first error that does not stand clear, one that does is a matter of luck.
@@ -383,6 +390,11 @@ def method_name_to_plot(name: str) -> str:
     -------
     str
         The name, with "+compensated" for compositions of order six and more.
+
+    Raises
+    ------
+    InputError
+        If there is no such method.
     """
     method = method_named(name)
     high = method.order >= HIGH_ORDER and method.tableau is None

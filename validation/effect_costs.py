@@ -96,7 +96,9 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
     Parameters
     ----------
     scene : Scene
+        Scene whose effects are timed.
     rounds : int
+        Number of rounds.
     workers : int
         Processes that compile side by side before.
 

@@ -79,6 +79,11 @@ def workshop_sheet(
     -------
     Page
         Drawing, parts, liquid, swing_sensitivities, scatter, and first measurement.
+
+    Raises
+    ------
+    InputError
+        If the piston has no swing about rest, or the law of its fall is not known.
     """
     page = HtmlPage(title, lead)
     for note in notes:
@@ -156,15 +161,17 @@ def workshop_sheet(
 def silicone_oil_viscosity_ratio(celsius: float) -> float:
     """Viscosity of a silicone oil over that at 25 degrees Celsius.
 
+    From 100 mm^2/s on (Shin-Etsu, Silicone Fluid KF-96, Performance Test Results).
+
     Parameters
     ----------
     celsius : float
-        [deg C]
+        Temperature [deg C].
 
     Returns
     -------
     float
-        10^(a (1/T - 1/298.15 K)), with the a of `VISCOSITY_SLOPE`.
+        Ratio without unit: 10^(a (1/T - 1/298.15 K)), with the a of `VISCOSITY_SLOPE` and T in K.
     """
     return float(10.0 ** (VISCOSITY_SLOPE * (1.0 / (celsius + 273.15) - 1.0 / 298.15)))
 
@@ -181,6 +188,11 @@ def swing_sensitivities(scene: Scene) -> dict[str, tuple[float, float]]:
     -------
     dict of str to (float, float)
         By the part; 0.5 is half a percent for a percent.
+
+    Raises
+    ------
+    InputError
+        If the piston has no swing about rest, or the law of its fall is not known.
     """
     still = scene.replace(**{"effects.host": "none"}) if scene.effects.host else scene
     result = {}

@@ -120,6 +120,11 @@ def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
     -------
     Scene
         Scene of one grain of 5 mm.
+
+    Raises
+    ------
+    SceneError
+        If the height or the time cannot be that of a scene.
     """
     effects = {"gravity": {}, "walls": BOTTOM_ONLY}
     arrangement = {"positions": [["30 D", f"{start!r} D"]]}

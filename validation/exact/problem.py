@@ -164,6 +164,11 @@ def few_grains_scene(name: str, time: float, effects: dict[str, Any], **parts: A
     -------
     Scene
         Scene with as many grains as the arrangement has positions.
+
+    Raises
+    ------
+    SceneError
+        If a value cannot be that of a scene.
     """
     count = len(parts["arrangement"]["positions"])
     plain: dict[str, Any] = {

@@ -204,6 +204,13 @@ def cut_to_few_grains(name: str, **changes: Any) -> Scene:
     -------
     Scene
         The scene, in a cell of 15 D.
+
+    Raises
+    ------
+    InputError
+        If there is no such packaged scene.
+    SceneError
+        If a change cannot be that of a scene.
     """
     size = {"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D", "arrangement.height": "5.5 D"}
     if name == "damper":
