@@ -119,14 +119,14 @@ def residual_tests(
     ResidualTests
         Size of the residuals, and tests of what follows the release's transient.
     """
-    left = height - model_heights
-    rms, size = _rms(left), float(height.std())
+    residuals = height - model_heights
+    rms, size = _rms(residuals), float(height.std())
     swing, double = 1.0, 1.0
     whiteness, signs, start = model.quality.whiteness, model.quality.signs, 0
     if model.at_rest is not None and rms > 0.0:
         period = model.at_rest.period
-        start = count_release_transient_samples(time, left, period)
-        times, later = time[start:], left[start:]
+        start = count_release_transient_samples(time, residuals, period)
+        times, later = time[start:], residuals[start:]
         swing, double = (_spectral_line_strength(times, later, k / period) for k in (1.0, 2.0))
         if start:
             speed = np.gradient(height[start:], times)
@@ -140,7 +140,7 @@ def residual_tests(
         swing,
         double,
         transient=float(time[start] - time[0]),
-        after=_rms(left[start:]) / size,
+        after=_rms(residuals[start:]) / size,
     )
 
 
@@ -148,10 +148,10 @@ def _rms(values: np.ndarray) -> float:
     return math.sqrt(float((values**2).mean()))
 
 
-def _spectral_line_strength(time: np.ndarray, left: np.ndarray, frequency: float) -> float:
+def _spectral_line_strength(time: np.ndarray, residuals: np.ndarray, frequency: float) -> float:
     """Mean power in a band about a frequency, over that next to the band."""
     count = len(time)
-    even = np.interp(np.linspace(time[0], time[-1], count), time, left)
+    even = np.interp(np.linspace(time[0], time[-1], count), time, residuals)
     power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count)) ** 2
     lines = np.fft.rfftfreq(4 * count, float(time[-1] - time[0]) / (count - 1)) / frequency
     inside = np.abs(lines - 1.0) <= _BAND

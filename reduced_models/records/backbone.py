@@ -189,7 +189,9 @@ def _amplitude_loss_per_radian(
     return result
 
 
-def driven_backbone(record: PistonRecord, drive: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Backbone:
+def driven_backbone(
+    record: PistonRecord, drive_acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> Backbone:
     """Backbone and damping curves of a driven swing, from its restoring force.
 
     What the acceleration leaves of the drive is fitted in each cycle by a stiffness and a damping (restoring
@@ -199,7 +201,7 @@ def driven_backbone(record: PistonRecord, drive: Callable[[np.ndarray, np.ndarra
     ----------
     record : PistonRecord
         Driven swing of n samples, heights in [m] or angles in [rad].
-    drive : callable
+    drive_acceleration : callable
         From heights (n,) [m] and velocities (n,) [m/s] to the part (n,) of the acceleration that the
         drive makes [m/s^2].
 
@@ -215,7 +217,7 @@ def driven_backbone(record: PistonRecord, drive: Callable[[np.ndarray, np.ndarra
     """
     smooth = derivatives(record)
     time, height, velocity = smooth.time, smooth.height, smooth.velocity
-    force = drive(height, velocity) - smooth.acceleration
+    force = drive_acceleration(height, velocity) - smooth.acceleration
     times, heights, _ = find_alternating_extremes(smooth)
     sizes, rows = [], []
     for k in range(len(times) - 2):

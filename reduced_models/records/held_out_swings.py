@@ -24,8 +24,8 @@ _FEWEST_SWINGS = 10
 _FEWEST_TESTED = 2
 
 
-def find_whole_swings(time: np.ndarray, height: np.ndarray, moving: int) -> tuple[slice, ...]:
-    """Return the samples of the whole swings that are above the noise, in the first ``moving``.
+def find_whole_swings(time: np.ndarray, height: np.ndarray, moving_samples: int) -> tuple[slice, ...]:
+    """Return the samples of the whole swings that are above the noise, in the first ``moving_samples``.
 
     Each reaches from a passage through the level of rest to the one after next; of few, half swings
     are taken, and of many, several make one block.
@@ -36,26 +36,26 @@ def find_whole_swings(time: np.ndarray, height: np.ndarray, moving: int) -> tupl
         Times of a record's samples [s].
     height : float64 (n,)
         Heights [m], or angles [rad].
-    moving : int
-        Number of samples until the motion is lost in noise; see `sensor_limits.count_samples_in_motion`.
+    moving_samples : int
+        Number of samples until the motion is lost in noise; see `sensor_artefacts.count_samples_in_motion`.
 
     Returns
     -------
     tuple of slice
         Samples of each swing, or block of swings, in order.
     """
-    swing = height[:moving] - height[-len(height) // 3 :].mean()
+    swing = height[:moving_samples] - height[-len(height) // 3 :].mean()
     largest = float(np.abs(swing).max())
     least = max(_LEAST_SWING * largest, _NOISES * noise_level(height, time))
-    passages = zero_crossing_times(time[:moving], swing, min(least, 0.5 * largest))
+    passages = zero_crossing_times(time[:moving_samples], swing, min(least, 0.5 * largest))
     passages = passages[::2] if len(passages) > 2 * _FEWEST_SWINGS else passages
     passages = passages[:: max(1, -(-len(passages) // _MOST_BLOCKS))]
-    edges = np.searchsorted(time[:moving], passages)
+    edges = np.searchsorted(time[:moving_samples], passages)
     return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(edges) if b > a)
 
 
 def choose_test_swings(
-    time: np.ndarray, height: np.ndarray, fraction: float, moving: int
+    time: np.ndarray, height: np.ndarray, fraction: float, moving_samples: int
 ) -> tuple[slice, ...]:
     """Return the samples of a fraction of the whole swings, evenly spread over them.
 
@@ -70,15 +70,15 @@ def choose_test_swings(
         Heights [m], or angles [rad].
     fraction : float
         Fraction of the swings, from 0 to 1.
-    moving : int
-        Number of samples until the motion is lost in noise; see `sensor_limits.count_samples_in_motion`.
+    moving_samples : int
+        Number of samples until the motion is lost in noise; see `sensor_artefacts.count_samples_in_motion`.
 
     Returns
     -------
     tuple of slice
         Samples of each swing that is held out, in order.
     """
-    swings = find_whole_swings(time, height, moving)
+    swings = find_whole_swings(time, height, moving_samples)
     passed = np.floor(fraction * np.arange(len(swings) + 1) + 0.5 + 1e-9)
     chosen = tuple(swing for swing, step in zip(swings, np.diff(passed), strict=True) if step > 0.0)
     chosen = chosen[1:] if chosen[:1] == swings[:1] else chosen

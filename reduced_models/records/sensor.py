@@ -268,14 +268,14 @@ class Sensor:
         )
 
 
-def sensor_report_lines(sensor: Sensor | None, untold: Iterable[str]) -> list[str]:
+def sensor_report_lines(sensor: Sensor | None, undetermined: Iterable[str]) -> list[str]:
     """Lines of a model's text that say what was measured, and what that does not tell of a law.
 
     Parameters
     ----------
     sensor : Sensor or None
         Sensor of the record; None for heights.
-    untold : iterable of str
+    undetermined : iterable of str
         Names of parameters, ``"level"`` and ``"size"`` that the signal leaves undetermined.
 
     Returns
@@ -286,7 +286,7 @@ def sensor_report_lines(sensor: Sensor | None, untold: Iterable[str]) -> list[st
     if sensor is None:
         return []
     words = {"level": "the level of rest", "size": "the size of the motion"}
-    names = ", ".join(words.get(name, name) for name in untold)
+    names = ", ".join(words.get(name, name) for name in undetermined)
     return [f"  measured: {sensor}"] + [f"  not told by that: {names}"] * bool(names)
 
 

@@ -142,14 +142,14 @@ def make_directory(out: str | Path | None) -> Path | None:
     return path
 
 
-def shortened_path_text(path: Path, most: int = 80) -> str:
+def shortened_path_text(path: Path, greatest_length: int = 80) -> str:
     """Path for a message, cut where it is long, and without control characters.
 
     Parameters
     ----------
     path : Path
         Any path.
-    most : int
+    greatest_length : int
         Greatest number of characters.
 
     Returns
@@ -157,7 +157,7 @@ def shortened_path_text(path: Path, most: int = 80) -> str:
     str
         Text of the path.
     """
-    return sanitize(path, most)
+    return sanitize(path, greatest_length)
 
 
 def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
