@@ -347,7 +347,7 @@ def load_user_sections(file: UserFile) -> dict[str, type[CustomSection]]:
     result = {}
     for content in list(user_definitions(file).values()):
         own = isinstance(content, type) and issubclass(content, CustomSection)
-        if own and content.__module__ == file.module:
+        if own and content.__module__ == file.module_name:
             content.origin = file
             result[content.definition.key] = content
     return result

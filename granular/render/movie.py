@@ -158,7 +158,7 @@ def _render_images(picture: BedPicture, beds: Iterator[BedFrame], stop: StopRequ
     for frame in beds:
         picture.show_frame(frame)
         yield picture.pixels()
-        if stop.asked:
+        if stop.is_requested:
             return
 
 

@@ -109,7 +109,7 @@ class PistonRecord:
             )
 
     def _validated_column(self, name: str, values: np.ndarray) -> np.ndarray:
-        array = _as_finite_type(name, values)
+        array = _to_float64(name, values)
         if array.ndim != 1 or len(array) != len(np.atleast_1d(self.time)):
             raise RecordError(
                 f"{sanitize(name)}: has the shape {array.shape}; one value a sample of time, "
@@ -188,7 +188,9 @@ class PistonRecord:
         return ax
 
     @classmethod
-    def from_file(cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
+    def from_file(
+        cls, path: str | Path, units: Mapping[str, str] | None = None, **options: Any
+    ) -> PistonRecord:
         """Read a record from a file, as an instrument or a program writes it.
 
         CSV and its kin in any encoding, with preambles, rows of units, decimal commas, lost
@@ -206,7 +208,7 @@ class PistonRecord:
             File to read.
         units : mapping of str to str, optional
             Units of the columns, instead of those in the file.
-        **said
+        **options
             The fields of `granular.readers.read_options.ReadOptions`: ``columns``, ``decimal``,
             ``skip``, ``sheet``, ``flip``, ``between``, ``scale``, ``zero``, ``calibration``,
             ``rate``, ``sort``, but for ``release``, which `reduced_models.read_record` heeds.
@@ -221,10 +223,12 @@ class PistonRecord:
         RecordError
             If the file cannot be read as such; the message names line and column.
         """
-        return cls._read_file(Path(path), None, units, said)
+        return cls._read_file(Path(path), None, units, options)
 
     @classmethod
-    def from_csv(cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
+    def from_csv(
+        cls, path: str | Path, units: Mapping[str, str] | None = None, **options: Any
+    ) -> PistonRecord:
         """Read a record from a file of text, whatever its name; see `from_file`.
 
         Parameters
@@ -233,7 +237,7 @@ class PistonRecord:
             File to read.
         units : mapping of str to str, optional
             Units of the columns, instead of those in the file.
-        **said
+        **options
             Options of `from_file`.
 
         Returns
@@ -248,11 +252,11 @@ class PistonRecord:
         """
         from granular.readers.file_formats import TEXT
 
-        return cls._read_file(Path(path), TEXT, units, said)
+        return cls._read_file(Path(path), TEXT, units, options)
 
     @classmethod
     def from_parquet(
-        cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any
+        cls, path: str | Path, units: Mapping[str, str] | None = None, **options: Any
     ) -> PistonRecord:
         """Read a record from a Parquet file (needs the extra ``parquet``); see `from_file`.
 
@@ -265,7 +269,7 @@ class PistonRecord:
             File to read.
         units : mapping of str to str, optional
             Units of the columns, instead of those in the file.
-        **said
+        **options
             Options of `from_file`.
 
         Returns
@@ -280,10 +284,10 @@ class PistonRecord:
         """
         from granular.readers.file_formats import PARQUET
 
-        return cls._read_file(Path(path), PARQUET, units, said)
+        return cls._read_file(Path(path), PARQUET, units, options)
 
     @classmethod
-    def from_table(cls, table: Any, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
+    def from_table(cls, table: Any, units: Mapping[str, str] | None = None, **options: Any) -> PistonRecord:
         """Record in a DataFrame, an xarray object, or a mapping of names to arrays.
 
         Names and units are read as those of a file; see `from_file`.
@@ -294,7 +298,7 @@ class PistonRecord:
             Table with columns of time and height.
         units : mapping of str to str, optional
             Units of the columns, instead of those in the table.
-        **said
+        **options
             Options of `from_file`.
 
         Returns
@@ -320,18 +324,18 @@ class PistonRecord:
         from granular.readers.sheet import sheet_from_table
         from granular.readers.sheet_interpretation import interpret_sheet
 
-        meaning = interpret_sheet(sheet_from_table(table), ReadOptions(units=units or {}, **said))
+        meaning = interpret_sheet(sheet_from_table(table), ReadOptions(units=units or {}, **options))
         if meaning.notes:
             warnings.warn("; ".join(meaning.notes), RecordWarning, stacklevel=2)
         return cls.from_interpreted_columns(meaning)
 
     @classmethod
     def _read_file(
-        cls, path: Path, form: FileFormat | None, units: Mapping[str, str] | None, said: dict[str, Any]
+        cls, path: Path, form: FileFormat | None, units: Mapping[str, str] | None, options: dict[str, Any]
     ) -> PistonRecord:
         from granular.readers.file_formats import interpret_record_file
 
-        meaning = interpret_record_file(path, ReadOptions(units=units or {}, **said), form)
+        meaning = interpret_record_file(path, ReadOptions(units=units or {}, **options), form)
         try:
             record = cls.from_interpreted_columns(meaning)
         except RecordError as error:
@@ -585,7 +589,7 @@ class PistonRecord:
         )
 
 
-def _as_finite_type(name: str, values: Any) -> np.ndarray:
+def _to_float64(name: str, values: Any) -> np.ndarray:
     """Copy of values in double precision: neither truth values, texts nor complex numbers."""
     try:
         given = np.asarray(values)

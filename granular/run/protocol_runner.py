@@ -50,10 +50,10 @@ class ProtocolRunner(RunState):
         """Sum up the steps, the energy residual, and the extremes of step and distance so far, in SI."""
         scales, progress, clock = self.system.scales, self.progress, self.state.clock
         figures: dict[str, Any] = {
-            "steps": self.steps,
+            "steps": self.steps_made,
             "ledger_residual": 0.0 if self.ledger is None else self.ledger.worst_relative_residual,
         }
-        if self.steps:
+        if self.steps_made:
             figures["shortest_step"] = float(clock[SHORTEST]) * scales.time
             figures["longest_step"] = float(clock[LONGEST]) * scales.time
         if self.plan.fraction is None:
@@ -76,7 +76,7 @@ class ProtocolRunner(RunState):
         self.motion = stage_motion(self.scene.protocol, stage, progress.height, scales)
         if not self.motion.free:
             self._set_prescribed_speed(driven_height_and_velocity(self.motion, 0.0)[1])
-        row = self.look(ARRANGE)
+        row = self.present_record(ARRANGE)
         update_held_far_field(self.state)
         self.set_step_schedule(row)
         self.band[:] = (0.0, row[columns.HEIGHT], row[columns.HEIGHT])
@@ -89,24 +89,24 @@ class ProtocolRunner(RunState):
 
     def _open_energy_ledger(self) -> None:
         if self.ledger is None:
-            row = self.look(ARRANGE)
+            row = self.present_record(ARRANGE)
             self.ledger = EnergyLedger.from_first_record(
                 row[: self._entered], coarse=has_coarse_friction(self.scene)
             )
 
     def _jump_piston(self, by: float) -> None:
-        before = self.energy(ARRANGE)
+        before = self.total_energy(ARRANGE)
         self.state.piston[HEIGHT] += by
         moved = f"stage {self.stage.name!r} sets the piston into the bed; let it end higher"
-        self.state.ledger[WORK] += self.energy(moved) - before
+        self.state.ledger[WORK] += self.total_energy(moved) - before
 
     def _set_prescribed_speed(self, speed: float) -> None:
         """Give the piston the speed of its path; the hand that drives it does the work."""
         mass, piston = self.constants.piston_mass, self.state.piston
         if self.scene.effects.host is not None:  # which has a fraction in the piston's momentum
-            before = self.energy(ARRANGE)
+            before = self.total_energy(ARRANGE)
             piston[SPEED] = speed
-            self.state.ledger[WORK] += self.energy(ARRANGE) - before
+            self.state.ledger[WORK] += self.total_energy(ARRANGE) - before
         elif math.isfinite(mass):
             self.state.ledger[WORK] += 0.5 * mass * (speed**2 - piston[SPEED] ** 2)
         piston[SPEED] = speed
@@ -124,7 +124,7 @@ class ProtocolRunner(RunState):
         progress = self.progress
         if not progress.started:
             self.begin_stage()
-            if self.at_end:
+            if self.is_at_end:
                 return
         ticks = self.ticks_of_next_call()
         if ticks > 0:
@@ -159,7 +159,7 @@ class ProtocolRunner(RunState):
 
     def _call_compiled_loop(self, ticks: int) -> None:
         progress, schedule = self.progress, self.schedule
-        window = TickRange(progress.start, 0.0, self.total, progress.ticks, ticks)
+        window = TickRange(progress.start, 0.0, self.stage_length, progress.ticks, ticks)
         started = time.perf_counter()
         status, done, rows = self._run_ticks(window, schedule, self.stop_criteria())
         seconds = time.perf_counter() - started
@@ -194,15 +194,15 @@ class ProtocolRunner(RunState):
 
     def _remove_departed_grains(self) -> None:
         """Take out the grains that have left through the gap, with the energy they carry."""
-        before = self.energy(self.remedy_for_long_steps)
+        before = self.total_energy(self.remedy_for_long_steps)
         self.constants = remove_outflowed_grains(self.state, self.constants)
-        self.state.ledger[WORK] += self.energy(self.remedy_for_long_steps) - before
+        self.state.ledger[WORK] += self.total_energy(self.remedy_for_long_steps) - before
 
     def _advance_rest_of_stage(self, left: float) -> None:
         """Rest of a stage that is no whole tick, in steps that are a little shorter."""
         if not left > 0.0:  # the end falls on a tick, which may lie between two records
             if self.progress.ticks % self.schedule.every:
-                self._record_rows(self.look(self.remedy_for_long_steps)[None])
+                self._record_rows(self.present_record(self.remedy_for_long_steps)[None])
             return
         schedule, reached = self.schedule, float(self.state.clock[TIME])
         steps = max(1, math.ceil(left / schedule.h - 1e-6))
@@ -236,9 +236,9 @@ class ProtocolRunner(RunState):
         RunError
             If the run cannot be trusted any more.
         """
-        if self.finished or not self.progress.started:
+        if self.is_protocol_finished or not self.progress.started:
             return self.progress.start
-        left = self.t_end - self.time
+        left = self.t_end - self.present_time
         if left > self.rounding_time():
             self._advance_rest_of_stage(left)
             self._record_frame(self.t_end)
@@ -246,7 +246,7 @@ class ProtocolRunner(RunState):
         self._advance_rest_of_stage(0.0)
         if self.progress.ticks % self.schedule.frames_every:
             self._record_frame()
-        return self.time
+        return self.present_time
 
     def _finish_stage(self, reason: str, *, new_frame: bool) -> None:
         progress, stage = self.progress, self.stage
@@ -258,8 +258,8 @@ class ProtocolRunner(RunState):
                 stage.total_duration(0.0) or 0.0,
                 (abs(float(state.piston[SPEED])) * scales.velocity, fastest * scales.velocity),
                 self.stop_criteria().rest * scales.length,
-                self.steps,
-                self.time * scales.time,
+                self.steps_made,
+                self.present_time * scales.time,
             )
         end = progress.last
         final = stage.prescribed_final_height() if reason == "duration" else None
@@ -327,15 +327,15 @@ class ProtocolRunner(RunState):
             if not np.isfinite(turned).all():
                 raise NotFiniteError(
                     "an energy is not finite any more",
-                    step=self.steps,
+                    step=self.steps_made,
                     time=moment,
                     remedy=self.remedy_for_non_finite,
                 ).with_context(self.too_long_step_text)
             error = unbalanced_energy_error(
-                wrong[1], self.ledger.wrong, self.steps, moment, self.remedy_for_long_steps
+                wrong[1], self.ledger.wrong, self.steps_made, moment, self.remedy_for_long_steps
             )
             raise error.with_context(self.too_long_step_text)
 
     def _record_frame(self, at: float | None = None) -> None:
-        moment = self.time if at is None else at
+        moment = self.present_time if at is None else at
         self.recorder.add_frame(moment, self.state, self.constants)

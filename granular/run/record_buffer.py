@@ -68,16 +68,16 @@ class RecordBuffer:
         frame = {
             "frame_time": np.array(time),
             "frame_height": state.piston[HEIGHT].copy(),
-            "position": self._field(state, constants.grains, state.x, state.y),
-            "velocity": self._field(state, constants.grains, state.vx, state.vy),
-            "force": self._field(state, constants.grains, *force_with_far_field(state)),
+            "position": self._grain_field(state, constants.grains, state.x, state.y),
+            "velocity": self._grain_field(state, constants.grains, state.vx, state.vy),
+            "force": self._grain_field(state, constants.grains, *force_with_far_field(state)),
         }
         for effect, law in zip(self.effects, constants.acting.laws, strict=True):
             for name, values in effect.grain_record_values(law, state).items():
-                frame[name] = self._field(state, constants.grains, values)[:, 0]
+                frame[name] = self._grain_field(state, constants.grains, values)[:, 0]
         self.frames.append(frame)
 
-    def _field(self, state: State, present: int, *components: np.ndarray) -> np.ndarray:
+    def _grain_field(self, state: State, present: int, *components: np.ndarray) -> np.ndarray:
         field = np.full((self.count, len(components)), np.nan)
         field[state.label[:present]] = np.stack([component[:present] for component in components], axis=1)
         return field

@@ -10,7 +10,7 @@ import uuid
 from pathlib import Path
 
 from granular.shared.errors import StoreError
-from granular.shared.file_locks import HAS_LOCKS, hold
+from granular.shared.file_locks import HAS_LOCKS, lock_open_file
 
 SCENE = "scene.toml"
 SETTINGS = "run.json"
@@ -44,28 +44,28 @@ def lock_directory(path: Path) -> int | None:
     """
     if not HAS_LOCKS:
         return None
-    held = os.open(path, os.O_RDONLY)
+    lock_descriptor = os.open(path, os.O_RDONLY)
     try:
-        hold(held, wait=False)
+        lock_open_file(lock_descriptor, wait=False)
     except BlockingIOError:
-        os.close(held)
+        os.close(lock_descriptor)
         raise StoreError(f"another process is running in {path}; wait for it, or stop it") from None
     except OSError:
-        os.close(held)
+        os.close(lock_descriptor)
         return None
-    return held
+    return lock_descriptor
 
 
-def unlock_directory(held: int | None) -> None:
+def unlock_directory(lock_descriptor: int | None) -> None:
     """Unlock a directory, so that others may write to it.
 
     Parameters
     ----------
-    held : int or None
+    lock_descriptor : int or None
         File descriptor of `lock_directory`; nothing is done for None.
     """
-    if held is not None:
-        os.close(held)
+    if lock_descriptor is not None:
+        os.close(lock_descriptor)
 
 
 def create_partial_directory(path: Path) -> tuple[Path, int | None]:
@@ -100,12 +100,12 @@ def create_partial_directory(path: Path) -> tuple[Path, int | None]:
             part = target.with_name(f".{target.name}.{uuid.uuid4().hex[:8]}.part")
             part.mkdir()
             try:
-                held = lock_directory(part)
+                lock_descriptor = lock_directory(part)
             except (FileNotFoundError, StoreError):
                 continue  # taken for remains by another process, before it was locked
             if part.is_dir():
-                return part, held
-            unlock_directory(held)
+                return part, lock_descriptor
+            unlock_directory(lock_descriptor)
     except OSError as error:
         raise StoreError(f"{path} cannot be made: {error.strerror}") from None
 
@@ -149,10 +149,12 @@ def _remove_abandoned_parts(target: Path) -> None:
         if not name.fullmatch(part.name):
             continue
         with contextlib.suppress(StoreError, OSError):  # one begins there, or removes it, just now
-            held = lock_directory(part) if {path.name for path in part.iterdir()} <= KNOWN else None
-            if held is not None:
+            lock_descriptor = (
+                lock_directory(part) if {path.name for path in part.iterdir()} <= KNOWN else None
+            )
+            if lock_descriptor is not None:
                 shutil.rmtree(part, ignore_errors=True)
-                unlock_directory(held)
+                unlock_directory(lock_descriptor)
 
 
 def replace_run_file(file: Path, content: bytes) -> None:

@@ -80,7 +80,7 @@ class RunProgressBar:
                 self._bar.close()
                 self._bar = None
             self._stage = progress.stage
-            if run.finished:
+            if run.is_protocol_finished:
                 return
             self._bar, self._settling = self._new_stage_bar(run)
         if self._bar is None:
@@ -88,9 +88,9 @@ class RunProgressBar:
         words = ""
         if run.scene.piston is not None:
             words = f", piston at {run.state.piston[HEIGHT]:.3f} D"
-        reached = (run.time - progress.start) * run.system.scales.time
+        reached = (run.present_time - progress.start) * run.system.scales.time
         if self._settling is not None:
-            self._settling.look(run)
+            self._settling.update(run)
             reached, words = self._settling.fraction, f"{reached:.2f} s, {self._settling}{words}"
         self._bar.set_postfix_str(words.removeprefix(", "), refresh=False)
         if self._bar.total is not None:
@@ -100,7 +100,7 @@ class RunProgressBar:
     def _new_stage_bar(self, run: ProtocolRunner) -> tuple[Any, RestApproach | None]:
         """Bar of the stage's time; of a stage that ends at rest, of the approach to rest."""
         name = f"{run.scene.name}: {run.stage.name}"
-        if run.rest_limit >= 0.0:
+        if run.rest_motion_limit >= 0.0:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
             return progress_bar(desc=name, total=1.0, bar_format=form), RestApproach(run)
         form = "{desc} {bar:20} {n:.2f} s{postfix} [{elapsed}<{remaining}]"
@@ -110,12 +110,12 @@ class RunProgressBar:
         """Say once how many steps are ahead, and how long they take, if that is long."""
         now = time.perf_counter()
         if self._first is None:
-            self._first = now, run.steps
+            self._first = now, run.steps_made
         started, made = self._first
-        if self._told or now - started < JUDGED or run.steps == made:
+        if self._told or now - started < JUDGED or run.steps_made == made:
             return
         self._told = True
-        words = remaining_time_text(remaining_steps(run), (run.steps - made) / (now - started))
+        words = remaining_time_text(remaining_steps(run), (run.steps_made - made) / (now - started))
         if words is not None:
             print_above_bar(f"{run.scene.name}: {words}")
 
@@ -136,13 +136,13 @@ class RestApproach:
     def __init__(self, run: ProtocolRunner) -> None:
         stage = run.stage
         assert isinstance(stage, TimedStage)
-        self.limit = run.rest_limit
+        self.limit = run.rest_motion_limit
         self.amplitude, self.fraction = math.inf, 0.0
         self._window = stage.window / run.system.scales.time
         self._seen: deque[tuple[float, float, float]] = deque()
         self._greatest = 0.0
 
-    def look(self, run: ProtocolRunner) -> None:
+    def update(self, run: ProtocolRunner) -> None:
         """Take in the present heights and speeds.
 
         Parameters
@@ -152,8 +152,8 @@ class RestApproach:
         """
         state = run.state
         fastest = float(np.hypot(state.vx, state.vy).max(initial=abs(float(state.piston[SPEED]))))
-        self._seen.append((run.time, float(state.piston[HEIGHT]), fastest))
-        while self._seen[0][0] < run.time - self._window:
+        self._seen.append((run.present_time, float(state.piston[HEIGHT]), fastest))
+        while self._seen[0][0] < run.present_time - self._window:
             self._seen.popleft()
         heights = [height for _, height, _ in self._seen]
         swing = max(heights) - min(heights)
@@ -185,7 +185,7 @@ def stage_duration(run: ProtocolRunner) -> float | None:
     stage = run.scene.protocol[run.progress.stage]
     if isinstance(stage, TimedStage) and stage.until == "rest":
         return None
-    end = min(run.total, run.t_end - run.progress.start)
+    end = min(run.stage_length, run.t_end - run.progress.start)
     return end * run.system.scales.time if math.isfinite(end) else None
 
 
@@ -206,14 +206,14 @@ def remaining_steps(run: ProtocolRunner) -> float:
         Number of steps; infinite without an end that is known.
     """
     progress, last = run.progress, run.scene.protocol[-1]
-    if run.finished or not progress.started:
+    if run.is_protocol_finished or not progress.started:
         return 0.0
     later = run.scene.protocol[progress.stage + 1 :]
     durations = [stage.total_duration(progress.height) or 0.0 for stage in later]
-    end = min(progress.start + run.total + math.fsum(durations) / run.system.scales.time, run.t_end)
+    end = min(progress.start + run.stage_length + math.fsum(durations) / run.system.scales.time, run.t_end)
     if isinstance(last, TimedStage) and last.until is None and math.isfinite(run.t_end):
         end = run.t_end  # such a stage is lengthened up to it
-    return max(0.0, end - run.time) / run.schedule.h
+    return max(0.0, end - run.present_time) / run.schedule.h
 
 
 def remaining_time_text(steps: float, rate: float) -> str | None:

@@ -130,7 +130,7 @@ class RunState:
         return self.scene.protocol[self.progress.stage]
 
     @property
-    def total(self) -> float:
+    def stage_length(self) -> float:
         """Length of the present stage [tau]; infinite where only ``t_end`` ends it."""
         stage = self.stage
         duration = stage.total_duration(self.progress.height)
@@ -141,17 +141,17 @@ class RunState:
         return duration / self.system.scales.time
 
     @property
-    def time(self) -> float:
+    def present_time(self) -> float:
         """Present time [tau], at the last whole tick."""
         return self.progress.start + float(self.state.clock[TIME])
 
     @property
-    def steps(self) -> int:
+    def steps_made(self) -> int:
         """Number of steps made so far."""
         return int(self.state.clock[STEPS])
 
     @property
-    def finished(self) -> bool:
+    def is_protocol_finished(self) -> bool:
         """True where all stages of the protocol have ended."""
         return self.progress.stage == len(self.scene.protocol)
 
@@ -162,14 +162,14 @@ class RunState:
         return StepSchedule(*self.progress.schedule)
 
     @property
-    def at_end(self) -> bool:
+    def is_at_end(self) -> bool:
         """True where nothing but the unfinished tick before ``t_end`` is left."""
         progress = self.progress
-        if self.finished:
+        if self.is_protocol_finished:
             return True
         if not progress.started:
             return progress.start >= self.t_end * (1.0 - 1e-12) and bool(progress.results)
-        before_end = self.whole_ticks_until(self.total) > 0 or self.remaining_stage_time() > 0.0
+        before_end = self.whole_ticks_until(self.stage_length) > 0 or self.remaining_stage_time() > 0.0
         return before_end and self.whole_ticks_until_end() <= 0
 
     def whole_ticks_until(self, time: float) -> float:
@@ -209,7 +209,7 @@ class RunState:
         float
             Time [tau]; 0 where the stage has no end, or less than ``least`` steps are left.
         """
-        total = self.total
+        total = self.stage_length
         if math.isinf(total):
             return 0.0
         left = total - float(self.state.clock[TIME])
@@ -237,7 +237,9 @@ class RunState:
         ticks, schedule = self.progress.ticks, self.schedule
         to_frame = schedule.frames_every - ticks % schedule.frames_every
         to_review = REVIEW - ticks % REVIEW
-        left = min(self.whole_ticks_until(self.total), self.whole_ticks_until_end(), to_frame, to_review)
+        left = min(
+            self.whole_ticks_until(self.stage_length), self.whole_ticks_until_end(), to_frame, to_review
+        )
         return int(left)
 
     @property
@@ -278,7 +280,7 @@ class RunState:
             return ""
         return f"dt = {self.step.seconds:g} s is {swings:.2g} periods of the stiffest swing: "
 
-    def look(self, remedy: str) -> np.ndarray:
+    def present_record(self, remedy: str) -> np.ndarray:
         """Compute the forces, and a record of the present moment.
 
         Parameters
@@ -303,7 +305,7 @@ class RunState:
             raise self.misplaced_grain_error(remedy)
         return self._row
 
-    def energy(self, remedy: str) -> float:
+    def total_energy(self, remedy: str) -> float:
         """Total energy of the present moment, in the ledger's sense.
 
         Parameters
@@ -321,7 +323,7 @@ class RunState:
         RunError
             If a grain is outside of the walls, or a number is not finite.
         """
-        return columns.total_energy(self.look(remedy)[: self._entered])
+        return columns.total_energy(self.present_record(remedy)[: self._entered])
 
     def misplaced_grain_error(self, remedy: str) -> RunError:
         """Error for a grain that stands where none can be, with the present step and time.
@@ -336,7 +338,7 @@ class RunState:
         RunError
             Error to raise.
         """
-        moment = self.steps, self.time * self.system.scales.time
+        moment = self.steps_made, self.present_time * self.system.scales.time
         error = misplaced_grain_error(self.state, self.constants, self.system.scales, *moment, remedy)
         if isinstance(error, NotFiniteError) and remedy == self.remedy_for_long_steps:
             error = NotFiniteError(
@@ -384,7 +386,7 @@ class RunState:
             scales.time,
         )
         self._apply_schedule(schedule)
-        end = min(self.total, self.t_end - self.progress.start)
+        end = min(self.stage_length, self.t_end - self.progress.start)
         steps = end / schedule.h if end < math.inf else 0.0
         self._refuse_too_many_steps("the path to the end", steps, MOST_COUNT)
         if self.plan.fraction is not None:
@@ -429,8 +431,8 @@ class RunState:
 
     def _refuse_too_many_steps(self, what: str, steps: float, limit: float) -> None:
         if not steps <= limit:
-            seconds = self.time * self.system.scales.time
-            raise too_many_steps_error(what, steps, limit, self.steps, seconds)
+            seconds = self.present_time * self.system.scales.time
+            raise too_many_steps_error(what, steps, limit, self.steps_made, seconds)
 
     def _apply_schedule(self, schedule: StepSchedule) -> None:
         self.progress.schedule = list(schedule)
@@ -442,7 +444,7 @@ class RunState:
     # The end of a stage --------------------------------------------------------------------------
 
     @property
-    def rest_limit(self) -> float:
+    def rest_motion_limit(self) -> float:
         """Range of heights [D] and speed [D/tau] that count as rest; negative for other ends."""
         stage = self.stage
         if not isinstance(stage, TimedStage) or stage.until != "rest":
@@ -453,7 +455,7 @@ class RunState:
 
     def stop_criteria(self) -> StopCriteria:
         """Criteria at which the compiled loop stops in the present stage, in natural units."""
-        stage, rest, window = self.stage, self.rest_limit, 0
+        stage, rest, window = self.stage, self.rest_motion_limit, 0
         if isinstance(stage, TimedStage) and rest >= 0.0:
             ticks = stage.window / self.system.scales.time / self.schedule.length
             window = math.ceil(min(ticks, MOST_COUNT))

@@ -174,7 +174,7 @@ class _SimulationJob:
         failure = partial(run.misplaced_grain_error, run.remedy_for_long_steps)
         with RunProgressBar(progress) as bar:
             try:
-                while not run.at_end and not stop.asked:
+                while not run.is_at_end and not stop.is_requested:
                     with report_arithmetic_errors_as(failure):
                         run.advance()
                     bar.show(run)
@@ -182,14 +182,14 @@ class _SimulationJob:
                         self.kept = self._snapshot_with_counts()
                         self._write_and_commit(complete=False)
                 self.kept = self._snapshot_with_counts()
-                complete = run.at_end
+                complete = run.is_at_end
                 with report_arithmetic_errors_as(failure):
-                    until = run.finish_last_partial_tick() if complete else run.time
+                    until = run.finish_last_partial_tick() if complete else run.present_time
             except RunError as error:
-                error.trajectory = self._save_and_load_trajectory(complete=False, until=run.time)
+                error.trajectory = self._save_and_load_trajectory(complete=False, until=run.present_time)
                 raise
             except KeyboardInterrupt:  # from a compilation
-                stop.trajectory = self._save_and_load_trajectory(complete=False, until=run.time)
+                stop.trajectory = self._save_and_load_trajectory(complete=False, until=run.present_time)
                 raise
         stop.trajectory = trajectory = self._save_and_load_trajectory(complete, until)
         if complete:
@@ -211,7 +211,7 @@ class _SimulationJob:
         """Write what was recorded, with the last snapshot to resume from."""
         if self.store is None:
             return
-        outcome = self._outcome_fields(complete, self.run.time if until is None else until)
+        outcome = self._outcome_fields(complete, self.run.present_time if until is None else until)
         try:
             self.store.append_records(self.run.recorder)
             self.store.replace_checkpoint(self.kept | {"outcome": np.array(json.dumps(outcome))})

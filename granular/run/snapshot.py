@@ -75,7 +75,7 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
         run.motion = stage_motion(run.scene.protocol, run.stage, height, scales)
     # What is not kept follows from the positions; what is kept has the bits of the pass that
     # made it, which may have been a measuring one.
-    run.look(ARRANGE)
+    run.present_record(ARRANGE)
     restore_persistent_arrays(state, saved)
     _refuse_unreachable_end(run)
 
@@ -84,21 +84,21 @@ def _refuse_unreachable_end(run: RunState) -> None:
     """Refuse an end that the run cannot reach any more."""
     seconds = run.system.scales.time
     ahead = run.t_end * (1.0 + 1e-9) if math.isfinite(run.t_end) else math.inf
-    if run.time > ahead:
+    if run.present_time > ahead:
         raise StoreError(
-            f"the run has reached {run.time * seconds:g} s already, t_end = "
+            f"the run has reached {run.present_time * seconds:g} s already, t_end = "
             f"{run.t_end * seconds:g} s lies before; give a later one"
         )
     last = run.scene.protocol[-1]
     longer = isinstance(last, TimedStage) and last.until is None and math.isfinite(run.t_end)
-    if run.finished and longer and run.time < run.t_end * (1.0 - 1e-9):
+    if run.is_protocol_finished and longer and run.present_time < run.t_end * (1.0 - 1e-9):
         raise StoreError(
-            f"the protocol of this run has ended, at {run.time * seconds:g} s; "
+            f"the protocol of this run has ended, at {run.present_time * seconds:g} s; "
             f"t_end = {run.t_end * seconds:g} s needs a new run"
         )
-    if not run.finished and run.progress.started and run.remaining_stage_time(0) < 0.0:
+    if not run.is_protocol_finished and run.progress.started and run.remaining_stage_time(0) < 0.0:
         raise StoreError(
-            f"the run has gone on to {run.time * seconds:g} s, behind the end of stage "
+            f"the run has gone on to {run.present_time * seconds:g} s, behind the end of stage "
             f"{run.stage.name!r}; give a t_end from there on"
         )
 

@@ -130,10 +130,10 @@ class Trajectory:
         ax.set(xlabel="time [s]", ylabel=f"{name.replace('_', ' ')} [{unit}]")
         return ax
 
-    def view(self) -> InteractivePage:
+    def animate(self) -> InteractivePage:
         """Bed, the piston's curve and its phase plane in motion, as a page for a notebook.
 
-        ``run.view().save("view.html")`` writes it for a browser; it needs nothing else.
+        ``run.animate().save("view.html")`` writes it for a browser; it needs nothing else.
 
         Returns
         -------

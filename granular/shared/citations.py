@@ -101,12 +101,12 @@ def citation_keys_by_doi() -> dict[str, str]:
     return result
 
 
-def module_docstring_of(of: type) -> str:
+def module_docstring_of(cls: type) -> str:
     """Docstring of the module that a class is from, where its law and its source stand.
 
     Parameters
     ----------
-    of : type
+    cls : type
         The class.
 
     Returns
@@ -114,4 +114,4 @@ def module_docstring_of(of: type) -> str:
     str
         Docstring; empty where the module has none.
     """
-    return sys.modules[of.__module__].__doc__ or ""
+    return sys.modules[cls.__module__].__doc__ or ""

@@ -50,7 +50,7 @@ def lock_file(path: Path, wait: bool) -> Iterator[bool]:
         os.close(held)
 
 
-def hold(opened: int, wait: bool) -> None:
+def lock_open_file(opened: int, wait: bool) -> None:
     """Lock an open file or directory until it is closed; only where `HAS_LOCKS` is True.
 
     Parameters
@@ -76,7 +76,7 @@ def _try_lock(path: Path, wait: bool) -> int | None:
     while True:
         held = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
         try:
-            hold(held, wait)
+            lock_open_file(held, wait)
             if _is_current_lock(held, path):
                 return held
         except BlockingIOError:

@@ -116,16 +116,16 @@ def write_files_atomically(
         yield lambda name: stack.enter_context(write_atomically(directory / name, overwrite))
 
 
-def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str:
+def read_text(path: Path, most_bytes: int, error_type: type[InputError] = InputError) -> str:
     """Read a text file in UTF-8, with or without a byte-order mark.
 
     Parameters
     ----------
     path : Path
         File to read.
-    most : int
+    most_bytes : int
         Greatest number of bytes.
-    kind : type of InputError
+    error_type : type of InputError
         Class of the error that is raised.
 
     Returns
@@ -138,19 +138,21 @@ def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str
     InputError
         Of that kind, if there is no such file, or it cannot be read or is too long.
     """
-    with report_read_errors(path, most, kind):
+    with report_read_errors(path, most_bytes, error_type):
         with path.open("rb") as file:
-            content = file.read(most + 1)
-        if len(content) > most:  # of a file that says that it is empty, as in /proc
-            raise _too_long_error(path, most, kind)
+            content = file.read(most_bytes + 1)
+        if len(content) > most_bytes:  # of a file that says that it is empty, as in /proc
+            raise _too_long_error(path, most_bytes, error_type)
         try:
             return content.decode("utf-8-sig")
         except UnicodeDecodeError as error:
-            raise kind(f"{sanitize(path)}: cannot be read as text: {error}; save it as UTF-8") from None
+            raise error_type(f"{sanitize(path)}: cannot be read as text: {error}; save it as UTF-8") from None
 
 
 @contextlib.contextmanager
-def report_read_errors(path: Path, most: int, kind: type[InputError] = InputError) -> Iterator[None]:
+def report_read_errors(
+    path: Path, most_bytes: int, error_type: type[InputError] = InputError
+) -> Iterator[None]:
     """Report errors within the block, which reads a file, in one line.
 
     A pipe, which may never begin or never end, and a device are no files.
@@ -159,9 +161,9 @@ def report_read_errors(path: Path, most: int, kind: type[InputError] = InputErro
     ----------
     path : Path
         File that is read.
-    most : int
+    most_bytes : int
         Greatest number of bytes.
-    kind : type of InputError
+    error_type : type of InputError
         Class of the error that is raised.
 
     Yields
@@ -178,29 +180,31 @@ def report_read_errors(path: Path, most: int, kind: type[InputError] = InputErro
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
-            raise kind(f"{name}: cannot be read: it is a directory; name a file in it")
+            raise error_type(f"{name}: cannot be read: it is a directory; name a file in it")
         if not stat.S_ISREG(status.st_mode):
-            raise kind(f"{name}: cannot be read: it is a pipe or a device; make a file of it first")
-        if status.st_size > most:
-            raise _too_long_error(path, most, kind)
+            raise error_type(f"{name}: cannot be read: it is a pipe or a device; make a file of it first")
+        if status.st_size > most_bytes:
+            raise _too_long_error(path, most_bytes, error_type)
         yield
     except InputError:
         raise
     except (FileNotFoundError, NotADirectoryError):
-        raise kind(f"there is no file {quote(str(path))}; check the path") from None
+        raise error_type(f"there is no file {quote(str(path))}; check the path") from None
     except OSError as error:
         if error.errno is None:
             raise
-        raise kind(f"{name}: cannot be read: {error.strerror}; check the path") from None
+        raise error_type(f"{name}: cannot be read: {error.strerror}; check the path") from None
     except ValueError as error:
         # Of a path that holds a null character, or one that no file system can write.
         if "null" not in str(error) and not isinstance(error, UnicodeEncodeError):
             raise
-        raise kind(f"{name}: cannot be read: {error}; check the path") from None
+        raise error_type(f"{name}: cannot be read: {error}; check the path") from None
 
 
-def _too_long_error(path: Path, most: int, kind: type[InputError]) -> InputError:
-    return kind(f"{sanitize(path)}: is too long; at most {most // 2**20} MB are read: make it shorter")
+def _too_long_error(path: Path, most_bytes: int, error_type: type[InputError]) -> InputError:
+    return error_type(
+        f"{sanitize(path)}: is too long; at most {most_bytes // 2**20} MB are read: make it shorter"
+    )
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -229,14 +233,14 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ValueError("tables or lists too deep within each other") from None
 
 
-def read_toml(path: Path, kind: type[InputError] = InputError) -> dict[str, Any]:
+def read_toml(path: Path, error_type: type[InputError] = InputError) -> dict[str, Any]:
     """Read a TOML file.
 
     Parameters
     ----------
     path : Path
         File to read.
-    kind : type of InputError
+    error_type : type of InputError
         Class of the error that is raised.
 
     Returns
@@ -249,11 +253,11 @@ def read_toml(path: Path, kind: type[InputError] = InputError) -> dict[str, Any]
     InputError
         Of the given kind, if it cannot be read.
     """
-    text = read_text(path, MOST_TOML_BYTES, kind)
+    text = read_text(path, MOST_TOML_BYTES, error_type)
     try:
         return parse_toml(text)
     except ValueError as error:
-        raise kind(f"{path}: not a TOML file: {error}") from None
+        raise error_type(f"{path}: not a TOML file: {error}") from None
 
 
 def write_text(path: Path, text: str) -> None:

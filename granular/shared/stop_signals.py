@@ -40,11 +40,11 @@ class StopRequest:
         self.trajectory: object = None
 
     @property
-    def asked(self) -> bool:
+    def is_requested(self) -> bool:
         """True once a signal has come."""
         return self.number is not None
 
-    def error(self) -> KeyboardInterrupt:
+    def stop_exception(self) -> KeyboardInterrupt:
         """Make the error that the signal would have raised, with the run that is kept.
 
         Returns
@@ -61,7 +61,7 @@ class StopRequest:
         self.number = number
         # Numba may be of no use after that, which matters where the process goes on: in a notebook.
         if signal.getsignal(signal.SIGTERM) == self._record_signal and _is_compiling():
-            _raise_stop(self.error())
+            _raise_stop(self.stop_exception())
 
 
 @contextlib.contextmanager
@@ -96,8 +96,8 @@ def defer_stop_signals() -> Iterator[StopRequest]:
     finally:
         for number, handler in former.items():
             signal.signal(number, handler)
-        if stop.asked:
-            raise stop.error()
+        if stop.is_requested:
+            raise stop.stop_exception()
 
 
 def _raise_stop(error: KeyboardInterrupt) -> NoReturn:

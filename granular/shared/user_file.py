@@ -30,7 +30,7 @@ class UserFile(NamedTuple):
     text: str
 
     @property
-    def module(self) -> str:
+    def module_name(self) -> str:
         """Name of the module that the file is run as."""
         return f"imported_{Path(self.path).stem}"
 
@@ -82,7 +82,7 @@ def user_definitions(file: UserFile) -> dict[str, Any]:
     Exception
         If the file fails: its own error.
     """
-    module = ModuleType(file.module)
+    module = ModuleType(file.module_name)
     module.__file__ = file.path
     sys.modules[module.__name__] = module  # data classes in the file look it up there
     exec(compile(file.text, file.path, "exec"), vars(module))

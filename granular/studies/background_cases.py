@@ -57,7 +57,7 @@ class BackgroundCaseRunner:
             self._own = ProcessPool(max(1, (os.cpu_count() or 1) - 1))
         return self._own
 
-    def start(
+    def submit_cases(
         self, scene: Scene, changes: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]
     ) -> list[BackgroundCase]:
         """Hand cases to the executor, without waiting for them.
@@ -94,7 +94,9 @@ class BackgroundCaseRunner:
         self._started += started
         return started
 
-    def finish(self, started: Sequence[BackgroundCase], title: str, progress: bool) -> list[Outcome]:
+    def wait_for_outcomes(
+        self, started: Sequence[BackgroundCase], title: str, progress: bool
+    ) -> list[Outcome]:
         """Wait for cases, and return their outcomes; those whose process died are tried again.
 
         Parameters

@@ -69,7 +69,7 @@ def piston_columns(run: Trajectory) -> Mapping[str, Any]:
     return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
-def find_measure(name: str, own: Mapping[str, Measure] | None = None) -> Measure:
+def find_measure(name: str, user_measures: Mapping[str, Measure] | None = None) -> Measure:
     """Find a measure by its name: "last-values", one of the user's own, or an installed entry point.
 
     A name is looked up and never imported: no study's file decides which code runs.
@@ -78,7 +78,7 @@ def find_measure(name: str, own: Mapping[str, Measure] | None = None) -> Measure
     ----------
     name : str
         Name of the measure.
-    own : mapping of str to measure, optional
+    user_measures : mapping of str to measure, optional
         The user's own measures; see `granular.user_code.import_user_code`.
 
     Returns
@@ -93,8 +93,8 @@ def find_measure(name: str, own: Mapping[str, Measure] | None = None) -> Measure
     """
     if name == "last-values":
         return last_values
-    if own is not None and name in own:
-        return own[name]
+    if user_measures is not None and name in user_measures:
+        return user_measures[name]
     result: Measure | None = load_entry_point(GROUP, name, "measure")
     if callable(result):
         return result
@@ -161,5 +161,5 @@ def _functions_in_file(file: UserFile) -> dict[str, FunctionType]:
     return {
         name: content
         for name, content in user_definitions(file).items()
-        if isinstance(content, FunctionType) and content.__module__ == file.module
+        if isinstance(content, FunctionType) and content.__module__ == file.module_name
     }

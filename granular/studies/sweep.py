@@ -253,11 +253,11 @@ def sweep(
             done[case.key] = outcome
             bar.advance(outcome["error"] is not None)
     study = Study(tuple(every), tuple(done[case.key] for case in every), reused)
-    _warn_once(study)
+    _warn_of_doubtful_cases(study)
     return study
 
 
-def _warn_once(study: Study) -> None:
+def _warn_of_doubtful_cases(study: Study) -> None:
     doubtful = [
         (case, outcome["warning"])
         for case, outcome in zip(study.cases, study.outcomes, strict=True)
@@ -439,14 +439,14 @@ class _SweepProgressBar:
 KEYS = ("scene", "measure", "dt", "t_end", "method", "changes", "grid", "cases")
 
 
-def load_study(path: str | Path, own: Mapping[str, Measure] | None = None) -> dict[str, Any]:
+def load_study(path: str | Path, user_measures: Mapping[str, Measure] | None = None) -> dict[str, Any]:
     """Read a study's TOML file into the arguments of `sweep`.
 
     Parameters
     ----------
     path : str or Path
         File to read.
-    own : mapping of str to measure, optional
+    user_measures : mapping of str to measure, optional
         Measures that the file may name, besides those that are packaged or installed.
 
     Returns
@@ -474,7 +474,7 @@ def load_study(path: str | Path, own: Mapping[str, Measure] | None = None) -> di
     result: dict[str, Any] = {key: plain[key] for key in ("dt", "t_end", "method", "cases") if key in plain}
     result["grid"] = _flatten_keys(plain.get("grid", {}))
     result["cases"] = [_flatten_keys(case) for case in plain.get("cases", [])]
-    result["measure"] = find_measure(str(plain.get("measure", "last-values")), own)
+    result["measure"] = find_measure(str(plain.get("measure", "last-values")), user_measures)
     result["scene"] = scene.replace(**_flatten_keys(plain.get("changes", {})))
     return result
 

@@ -130,10 +130,10 @@ class SceneChecks:
 
     def _start_runs(self, checks: Sequence[RunCheck]) -> list[tuple[RunCheck, BackgroundCase]]:
         cases = [check.changes for check in checks]
-        started = self._background.start(self._scene, cases, self._settings)
+        started = self._background.submit_cases(self._scene, cases, self._settings)
         return list(zip(checks, started, strict=True))
 
-    def finish(self, run: Trajectory, falls: bool, progress: bool) -> CheckOutcomes:
+    def wait_for_outcomes(self, run: Trajectory, falls: bool, progress: bool) -> CheckOutcomes:
         """Run what depends on the scene's own run, fit laws of its fall meanwhile, wait for all.
 
         Parameters
@@ -156,7 +156,7 @@ class SceneChecks:
         drops = self._start_runs([] if fall is None else other_drop_checks(run, fall))
         fits = [] if fall is None else fit_laws_to_fall(fall, FALL_LAWS, self._scene, STARTS)
         order = [*other, *self._starts, *self._lift, *drops]
-        outcomes = self._background.finish([case for _, case in order], TITLE, progress)
+        outcomes = self._background.wait_for_outcomes([case for _, case in order], TITLE, progress)
         motions = iter([_records_of_case(*pair) for pair in zip(order, outcomes, strict=True)])
         (changed,), starts, lifts, others = (
             [next(motions) for _ in group] for group in (other, self._starts, self._lift, drops)

@@ -67,7 +67,7 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
             evaluate_far(far, Bed(state, run.constants), 0.0)
             assert (far.fx != before).any() == finds
             places[:] = start
-            run.look(ARRANGE)
+            run.present_record(ARRANGE)
     assert system.constants.acting.far is not None
     often = scene_in_natural_units(on_mesh(rubbing(small_bed), far_every=1), method=method)
     assert often.constants.acting.far == system.constants.acting.far._replace(rubbing=None)

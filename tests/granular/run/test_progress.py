@@ -35,7 +35,7 @@ def test_steps_ahead_are_those_of_all_stages() -> None:
     for t_end, count in ((None, 3000), (0.015, 1500), (0.1, 10000)):
         run = ProtocolRunner(scene, scene_in_natural_units(scene), method, StepRequest(seconds=1e-5), t_end)
         run.advance()
-        assert remaining_steps(run) + run.steps == pytest.approx(count)
+        assert remaining_steps(run) + run.steps_made == pytest.approx(count)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGTERM"), reason="needs signals")
@@ -75,8 +75,8 @@ def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit() -> No
     fractions, amplitudes = [], []
     run.advance()
     settling = RestApproach(run)
-    while not run.at_end:
-        settling.look(run)
+    while not run.is_at_end:
+        settling.update(run)
         fractions.append(settling.fraction)
         amplitudes.append(settling.amplitude)
         run.advance()

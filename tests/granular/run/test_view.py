@@ -30,7 +30,7 @@ def numbers(packed: str) -> np.ndarray:
 
 
 def test_the_page_holds_the_run(run: Trajectory, tmp_path: Path) -> None:
-    page = run.view()
+    page = run.animate()
     data = data_of(page)
     place = run.dataset["position"].values.astype("<f4")
     np.testing.assert_array_equal(numbers(data["position"]).reshape(place.shape), place)
@@ -49,23 +49,23 @@ def test_names_cannot_leave_their_place(run: Trajectory) -> None:
     name = "</script><b>&"
     stage = dataclasses.replace(run.stages[0], name=name)
     named = dataclasses.replace(run, scene=run.scene.replace(name=name), stages=(stage,))
-    page = named.view()
+    page = named.animate()
     assert "<b>" not in page.page
     assert data_of(page)["stages"][0]["name"] == name
 
 
 def test_of_many_frames_some_are_held(run: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(animation_page, "MOST_VALUES", 30 * 7 * 4)
-    data = data_of(run.view())
+    data = data_of(run.animate())
     assert data["frames"] == list(run.dataset["frame_time"].values[::3])
     assert len(numbers(data["velocity"])) == 30 * 7 * 2
 
 
 def test_without_a_piston_the_energy_is_shown() -> None:
     run = simulate(load_scene("single-particle"), t_end=0.3, progress=False)
-    data = data_of(run.view())
+    data = data_of(run.animate())
     assert data["phase"] is None
     np.testing.assert_allclose(data["curve"], run.dataset["kinetic_energy"])
     assert data["top"] > 0.2
     with pytest.raises(InputError, match="no frames"):
-        dataclasses.replace(run, dataset=run.dataset.isel(frame=slice(0, 0))).view()
+        dataclasses.replace(run, dataset=run.dataset.isel(frame=slice(0, 0))).animate()

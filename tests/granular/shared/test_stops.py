@@ -97,9 +97,9 @@ def test_a_stop_that_was_swallowed_at_the_very_end_ends_the_command() -> None:
 def stopped(number: int, seen: list[bool], error: Exception | None = None) -> None:
     """A block with a stop in it, which it looks at before it ends, or fails."""
     with defer_stop_signals() as stop:
-        seen.append(stop.asked)
+        seen.append(stop.is_requested)
         os.kill(os.getpid(), number)
-        seen.append(stop.asked)
+        seen.append(stop.is_requested)
         if error is not None:
             raise error
 
@@ -133,7 +133,7 @@ def test_other_threads_have_no_signals() -> None:
 
     def other() -> None:
         with handle_sigterm(), defer_stop_signals() as stop:
-            seen.append(stop.asked)
+            seen.append(stop.is_requested)
 
     thread = threading.Thread(target=other)
     thread.start()

@@ -259,8 +259,8 @@ print("started")
 cases = [{"dt": dt} for dt in (1e-3, "auto")]
 settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
 with BackgroundCaseRunner(piston_record_columns, None) as background:
-    started = background.start(load_trajectory(sys.argv[1]).scene, cases, settings)
-    for outcome in background.finish(started, "checks", False):
+    started = background.submit_cases(load_trajectory(sys.argv[1]).scene, cases, settings)
+    for outcome in background.wait_for_outcomes(started, "checks", False):
         print(sorted(outcome["figures"]), outcome["error"])
 """
 
