@@ -316,8 +316,7 @@ class PistonRecord:
         >>> import numpy as np
         >>> from reduced_models import PistonRecord
         >>> time = np.linspace(0.0, 2.0, 2000)
-        >>> columns = {"time": time, "height": 0.06 + 1e-3 * np.cos(9.0 * time)}
-        >>> record = PistonRecord.from_table(columns)
+        >>> record = PistonRecord.from_table({"time": time, "height": 0.06 + 1e-3 * np.cos(9.0 * time)})
         >>> len(record)
         2000
         """
@@ -493,7 +492,7 @@ class PistonRecord:
         >>> float(record.between(0.5, 1.5).time[0].round(2))
         0.5
         """
-        return self._select_samples((self.time >= start) & (self.time <= stop))
+        return self.select((self.time >= start) & (self.time <= stop))
 
     def select(self, samples: np.ndarray | slice) -> PistonRecord:
         """Return some of the samples.
@@ -508,7 +507,16 @@ class PistonRecord:
         PistonRecord
             Record with these samples; its times are kept as they are.
         """
-        return self._select_samples(samples)
+        return PistonRecord(
+            self.time[samples],
+            self.height[samples],
+            None if self.velocity is None else self.velocity[samples],
+            None if self.force is None else self.force[samples],
+            {key: values[samples] for key, values in self.extra.items()},
+            self.angle,
+            {key: values[:, samples] for key, values in self.deviations.items()},
+            self.measured,
+        )
 
     def first(self, count: int) -> PistonRecord:
         """First ``count`` samples.
@@ -523,7 +531,7 @@ class PistonRecord:
         PistonRecord
             Beginning of the record.
         """
-        return self._select_samples(slice(count))
+        return self.select(slice(count))
 
     def with_time_from_zero(self) -> PistonRecord:
         """Return the same record with times that start at 0.
@@ -574,18 +582,6 @@ class PistonRecord:
         }
         return dataclasses.replace(
             self, height=(self.height - shift) / scale, velocity=velocity, deviations=deviations
-        )
-
-    def _select_samples(self, samples: np.ndarray | slice) -> PistonRecord:
-        return PistonRecord(
-            self.time[samples],
-            self.height[samples],
-            None if self.velocity is None else self.velocity[samples],
-            None if self.force is None else self.force[samples],
-            {key: values[samples] for key, values in self.extra.items()},
-            self.angle,
-            {key: values[:, samples] for key, values in self.deviations.items()},
-            self.measured,
         )
 
 
