@@ -178,16 +178,16 @@ def damper_mass(scene: Scene) -> float:
     return mass + (0.0 if host is None or host.cell_mass is None else host.cell_mass)
 
 
-def host_with_amplitude(host: Host, key: str, size: float) -> Host:
+def host_with_amplitude(host: Host, quantity: str, amplitude: float) -> Host:
     """Copy a host with another amplitude of its excitation.
 
     Parameters
     ----------
     host : Host
         With an excitation.
-    key : str
+    quantity : str
         ``"force"``, ``"acceleration"`` or ``"displacement"``.
-    size : float
+    amplitude : float
         Amplitude [N], [m/s^2] or [m].
 
     Returns
@@ -196,14 +196,14 @@ def host_with_amplitude(host: Host, key: str, size: float) -> Host:
         The same host under that amplitude.
     """
     plain = host.to_plain()
-    return Host.from_plain(plain | {"excitation": plain["excitation"] | {key: size}})
+    return Host.from_plain(plain | {"excitation": plain["excitation"] | {quantity: amplitude}})
 
 
 def linear_host_comparison(
     scene: Scene,
     host: Host,
-    key: str,
-    sizes: Sequence[float],
+    quantity: str,
+    amplitudes: Sequence[float],
     frequencies: Sequence[float],
     swing: np.ndarray,
 ) -> dict[str, tuple[str, str, np.ndarray]]:
@@ -218,9 +218,9 @@ def linear_host_comparison(
         Scene of the damper.
     host : Host
         Its host, with an excitation.
-    key : str
+    quantity : str
         ``"force"``, ``"acceleration"`` or ``"displacement"``.
-    sizes : sequence of float, s long
+    amplitudes : sequence of float, s long
         Amplitudes of the excitation [N], [m/s^2] or [m].
     frequencies : sequence of float, f long
         Frequencies [Hz].
@@ -237,7 +237,7 @@ def linear_host_comparison(
     omega, mass = math.tau * np.array(frequencies), damper_mass(scene)
     spring, dashpot = tuned_mass_spring_and_dashpot(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
     tuned = dynamic_stiffness_of_hanging_mass(frequencies, mass, spring, dashpot)
-    hosts = [host_with_amplitude(host, key, size) for size in sizes]
+    hosts = [host_with_amplitude(host, quantity, amplitude) for amplitude in amplitudes]
     alone = np.array([np.abs(linear_response(host, frequencies)[:, -1]) for host in hosts])
     ideal = np.array([np.abs(linear_response(host, frequencies, tuned)[:, -1]) for host in hosts])
     result = {
@@ -249,7 +249,7 @@ def linear_host_comparison(
     # The force of the damper on the host that leaves this displacement, as a dynamic stiffness.
     body = host.bodies[-1]
     own = body.stiffness - omega**2 * body.mass + 1j * omega * body.damping
-    added = np.array(sizes)[:, None] / swing - own
+    added = np.array(amplitudes)[:, None] / swing - own
     power = 0.5 * 1j * omega * added * np.abs(swing) ** 2  # complex: what is taken, and swings
     return result | {
         "effective_mass": ("kg", "mass that the damper adds to the host", -added.real / omega**2),

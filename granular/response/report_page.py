@@ -433,14 +433,14 @@ def amplitude_header_and_scale(response: FrequencyResponse) -> tuple[str, float]
     return head, scale
 
 
-def amplitude_phrase(response: FrequencyResponse, size: float) -> str:
+def amplitude_phrase(response: FrequencyResponse, amplitude: float) -> str:
     """Phrase that tells an amplitude at the head of a sentence, such as "Under 5 N".
 
     Parameters
     ----------
     response : FrequencyResponse
         Measured response, under a force or on a moving base.
-    size : float
+    amplitude : float
         Amplitude [N], [m/s^2] or [m].
 
     Returns
@@ -449,7 +449,7 @@ def amplitude_phrase(response: FrequencyResponse, size: float) -> str:
         Phrase with a capital, without a stop.
     """
     _, words, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
-    return words.format(size=scale * size)
+    return words.format(size=scale * amplitude)
 
 
 def table_frequency_count(response: FrequencyResponse) -> int:
@@ -468,14 +468,14 @@ def table_frequency_count(response: FrequencyResponse) -> int:
     return min(response.dataset.sizes["frequency"], MOST_ROWS)
 
 
-def response_at_table_frequencies(response: FrequencyResponse, size: float) -> xarray.Dataset:
+def response_at_table_frequencies(response: FrequencyResponse, amplitude: float) -> xarray.Dataset:
     """Response at one amplitude, at the frequencies that tables show; its peak is one of them.
 
     Parameters
     ----------
     response : FrequencyResponse
         Measured response.
-    size : float
+    amplitude : float
         Amplitude [N], [m/s^2] or [m], one of the response's.
 
     Returns
@@ -483,7 +483,7 @@ def response_at_table_frequencies(response: FrequencyResponse, size: float) -> x
     xarray.Dataset
         Fields of the response on ``frequency`` [Hz].
     """
-    part = response.dataset.sel(amplitude=size)
+    part = response.dataset.sel(amplitude=amplitude)
     count = part.sizes["frequency"]
     indices = np.unique(np.linspace(0, count - 1, table_frequency_count(response)).round().astype(int))
     peak = int(part.displacement.values.argmax())

@@ -92,12 +92,12 @@ class FrequencyResponse:
             result.append(row)
         return result
 
-    def linear_curves(self, size: float) -> dict[str, np.ndarray]:
+    def linear_curves(self, amplitude: float) -> dict[str, np.ndarray]:
         """Exact amplitudes of the host alone and with Den Hartog's tuned mass, at `DENSE` frequencies.
 
         Parameters
         ----------
-        size : float
+        amplitude : float
             Amplitude of the excitation [N], [m/s^2] or [m].
 
         Returns
@@ -107,7 +107,7 @@ class FrequencyResponse:
         """
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
-        host = host_with_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
+        host = host_with_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), amplitude)
         dense = np.geomspace(known.min(), known.max(), DENSE)
         mass = damper_mass(self.scene)
         attached = dynamic_stiffness_of_hanging_mass(dense, mass, *tuned_mass_spring_and_dashpot(host, mass))
@@ -293,22 +293,22 @@ def _steady_dataset(
 
 
 def response_dataset(
-    key: str,
-    sizes: Sequence[float],
+    quantity: str,
+    amplitudes: Sequence[float],
     frequencies: Sequence[float],
-    mapping: Mapping[str, tuple[str, str, np.ndarray]],
+    fields: Mapping[str, tuple[str, str, np.ndarray]],
 ) -> xarray.Dataset:
     """Put fields of a response into one dataset, with units and meanings.
 
     Parameters
     ----------
-    key : str
+    quantity : str
         ``"force"``, ``"acceleration"`` or ``"displacement"``: what the amplitudes are of.
-    sizes : sequence of float, s long
+    amplitudes : sequence of float, s long
         Amplitudes [N], [m/s^2] or [m].
     frequencies : sequence of float, f long
         Frequencies [Hz].
-    mapping : mapping of str to (str, str, float64 (s, f))
+    fields : mapping of str to (str, str, float64 (s, f))
         Unit, meaning and values of each field.
 
     Returns
@@ -319,14 +319,14 @@ def response_dataset(
     import xarray
 
     dims = ("amplitude", "frequency")
-    units = {"force": "N", "acceleration": "m/s^2", "displacement": "m"}[key]
+    units = {"force": "N", "acceleration": "m/s^2", "displacement": "m"}[quantity]
     return xarray.Dataset(
         {
             name: (dims, values, {"units": unit, "long_name": what})
-            for name, (unit, what, values) in mapping.items()
+            for name, (unit, what, values) in fields.items()
         },
         coords={
-            "amplitude": ("amplitude", list(sizes), {"units": units, "long_name": key}),
+            "amplitude": ("amplitude", list(amplitudes), {"units": units, "long_name": quantity}),
             "frequency": ("frequency", list(frequencies), {"units": "Hz"}),
         },
     )
