@@ -51,7 +51,13 @@ class CompileTimer(Listener):
 
 @contextlib.contextmanager
 def measure_compile_time() -> Iterator[CompileTimer]:
-    """Measure the time in which kernels are compiled or read within the block."""
+    """Measure the time in which kernels are compiled or read within the block.
+
+    Returns
+    -------
+    context manager of CompileTimer
+        Timer, whose ``seconds`` [s] grow within the block.
+    """
     with install_listener("numba:compiler_lock", CompileTimer()) as timer:
         yield timer
 
@@ -93,6 +99,11 @@ def report_compiled_kernels(report: Callable[[int], None]) -> Iterator[None]:
     ----------
     report : Callable[[int], None]
         Function of the number of kernels so far.
+
+    Returns
+    -------
+    context manager
+        Block in which kernels are reported.
     """
     with install_listener("numba:compile", CompileReporter(report)):
         yield

@@ -368,8 +368,8 @@ def _unpickle_from_script(made_by: Callable[[type], Any], user_class: type, valu
 def make_section_class(
     user_class: type,
     base: type[CustomSection],
-    known: Sequence[str],
-    needed: Sequence[str],
+    allowed_functions: Sequence[str],
+    required_functions: Sequence[str],
     what: str,
     /,
     **more: Any,
@@ -381,10 +381,10 @@ def make_section_class(
     user_class : type
         As the user wrote it.
     base : type
-    known : sequence of str
-        Names of the functions that there may be, and must be.
-    needed : sequence of str
-        Names of the functions that there may be, and must be.
+    allowed_functions : sequence of str
+        Names of the functions that there may be.
+    required_functions : sequence of str
+        Names of the functions that there must be.
     what : str
         In messages: ``"effect"``.
     **more
@@ -406,9 +406,11 @@ def make_section_class(
     }
     functions = static_methods_of(content)
     for name in functions:
-        if name not in known:
-            raise InputError(f"{what} {key!r}: {unknown_word_message(name, tuple(known), 'function')}")
-    for name in needed:
+        if name not in allowed_functions:
+            raise InputError(
+                f"{what} {key!r}: {unknown_word_message(name, tuple(allowed_functions), 'function')}"
+            )
+    for name in required_functions:
         if name not in functions:
             raise InputError(f"{what} {key!r} has no {name!r}; give it, as a static method")
     for name, value in content.items():

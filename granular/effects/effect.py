@@ -165,6 +165,11 @@ class Effect(Section):
         -------
         named tuple or None
             None for what is no law of its own.
+
+        Raises
+        ------
+        NotImplementedError
+            In the base class.
         """
         raise NotImplementedError
 

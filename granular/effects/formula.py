@@ -67,6 +67,11 @@ class EnergyFormula(SectionWithFormula):
         -------
         dict of str to Expr
             Expressions, by the names that `make_kernel_functions` takes.
+
+        Raises
+        ------
+        NotImplementedError
+            In the base class.
         """
         raise NotImplementedError
 
@@ -83,6 +88,11 @@ class EnergyFormula(SectionWithFormula):
         -------
         dict of str to function
             Functions by their names in `custom_functions.FUNCTIONS`.
+
+        Raises
+        ------
+        NotImplementedError
+            In the base class.
         """
         raise NotImplementedError
 
@@ -99,6 +109,11 @@ class EnergyFormula(SectionWithFormula):
         -------
         tuple of str
             Keys of what `make_kernel_functions` returns.
+
+        Raises
+        ------
+        NotImplementedError
+            In the base class.
         """
         raise NotImplementedError
 

@@ -214,12 +214,17 @@ def too_many_steps_error(what: str, steps: float, limit: float, step: int, time:
 def report_arithmetic_errors_as(failure: Callable[[], Exception]) -> Iterator[None]:
     """Without the compiler, turn arithmetic that fails in a kernel into a run's error.
 
-    Compiled code goes on with infinities there, and the loop then reports the same.
+    Compiled code goes on with infinities there, and the loop then reports the same. Yields None.
 
     Parameters
     ----------
     failure : Callable[[], Exception]
         Function that makes the error.
+
+    Raises
+    ------
+    Exception
+        What ``failure`` returns, where arithmetic fails in the block.
     """
     try:
         yield

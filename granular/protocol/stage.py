@@ -83,6 +83,11 @@ class Stage(Section):
         -------
         float or None
             [s]; None is without end.
+
+        Raises
+        ------
+        NotImplementedError
+            In the base class.
         """
         raise NotImplementedError
 
@@ -100,6 +105,11 @@ class Stage(Section):
         -------
         Motion
             In natural units.
+
+        Raises
+        ------
+        NotImplementedError
+            In the base class.
         """
         raise NotImplementedError
 
@@ -186,6 +196,11 @@ def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales:
     -------
     Motion
         In natural units.
+
+    Raises
+    ------
+    FieldError
+        If a height of the stage does not begin at the piston's, or is not finite or smooth.
     """
     motion = stage.motion(height, scales)
     return with_table_arrays(motion) if any(stage.is_tabulated for stage in protocol) else motion
@@ -209,7 +224,7 @@ class SampledStage(Stage):
 
     @property
     def driven_quantity(self) -> str:
-        """Name of the function, ``"height"`` or ``"force"``."""
+        """Name of the function, ``"height"`` or ``"force"``; each subclass says it."""
         raise NotImplementedError
 
     @property
@@ -251,6 +266,11 @@ class SampledStage(Stage):
         -------
         float64 (2, k)
             Values [m] or [N], and slopes [m/s] or [N/s].
+
+        Raises
+        ------
+        NotImplementedError
+            In the base class.
         """
         raise NotImplementedError
 

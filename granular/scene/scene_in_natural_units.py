@@ -205,6 +205,11 @@ def explain_compile_errors(scene: Scene) -> Iterator[None]:
     scene : Scene
         The scene.
 
+    Returns
+    -------
+    context manager
+        Block in which kernels are compiled.
+
     Raises
     ------
     InputError
