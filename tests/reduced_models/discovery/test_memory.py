@@ -68,7 +68,7 @@ def test_hidden_states_are_those_of_their_rates(state: HiddenState) -> None:
         rtol=1e-9,
         atol=1e-11,
     ).y[0]
-    found = state.values(time, z, np.array([[0.1]]))[0]
+    found = state.values_along_motion(time, z, np.array([[0.1]]))[0]
     np.testing.assert_allclose(found, exact, atol=1e-4)
 
 
