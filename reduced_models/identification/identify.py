@@ -351,7 +351,7 @@ def _add_check_outcomes(
     A check that fails becomes a note. The other lift is run where there are laws to choose from,
     and other falls, if asked for, where the scene begins with one.
     """
-    checks = further.finish(run, falls, progress)
+    checks = further.wait_for_outcomes(run, falls, progress)
     comparison, model, figures, own = result.comparison, result.model_of_figures, result.figures, result.own
     record, mass = result.record, result.mass
     if checks.lift is not None and len(result.models) > 1:
