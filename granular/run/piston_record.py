@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from granular.readers.column_headers import ACCELERATION, VELOCITY
-from granular.readers.read_options import ReadOptions
+from granular.readers.read_options import options_from_plain
 from granular.readers.signal_integration import integrate_without_drift
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.files import write_atomically
@@ -221,7 +221,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If the file cannot be read as such; the message names line and column.
+            If there is no such option, or the file cannot be read; the message names line and column.
         """
         return cls._read_file(Path(path), None, units, options)
 
@@ -323,10 +323,10 @@ class PistonRecord:
         from granular.readers.sheet import sheet_from_table
         from granular.readers.sheet_interpretation import interpret_sheet
 
-        meaning = interpret_sheet(sheet_from_table(table), ReadOptions(units=units or {}, **options))
-        if meaning.notes:
-            warnings.warn("; ".join(meaning.notes), RecordWarning, stacklevel=2)
-        return cls.from_interpreted_columns(meaning)
+        seen = interpret_sheet(sheet_from_table(table), options_from_plain({"units": units or {}, **options}))
+        if seen.notes:
+            warnings.warn("; ".join(seen.notes), RecordWarning, stacklevel=2)
+        return cls.from_interpreted_columns(seen)
 
     @classmethod
     def _read_file(
@@ -334,7 +334,7 @@ class PistonRecord:
     ) -> PistonRecord:
         from granular.readers.file_formats import interpret_record_file
 
-        meaning = interpret_record_file(path, ReadOptions(units=units or {}, **options), form)
+        meaning = interpret_record_file(path, options_from_plain({"units": units or {}, **options}), form)
         try:
             record = cls.from_interpreted_columns(meaning)
         except RecordError as error:

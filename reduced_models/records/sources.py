@@ -186,10 +186,8 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     Raises
     ------
     RecordError
-        If the file cannot be read as a record, an option is out of its range, or the file holds no
-        such release.
-    TypeError
-        If there is no option of a name.
+        If the file cannot be read as a record, an option is unknown or out of its range, or the file
+        holds no such release.
 
     Warns
     -----
@@ -224,9 +222,7 @@ def read_releases(
     Raises
     ------
     RecordError
-        If the file cannot be read as a record, or an option is out of its range.
-    TypeError
-        If there is no option of a name.
+        If the file cannot be read as a record, or an option is unknown or out of its range.
 
     Warns
     -----

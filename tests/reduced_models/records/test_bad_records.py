@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from granular.commands.console import BAD_INPUT, launch
+from granular.shared.errors import RecordError
+from reduced_models import read_record, read_releases
 from reduced_models.__main__ import main
 
 N = 600
@@ -128,3 +130,11 @@ def test_doubtful_records_give_a_result_with_a_warning(
     assert "warning: fit of linear: " in complaint
     assert words in complaint
     assert "Traceback" not in complaint
+
+
+def test_misspelt_options_of_reading_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "swing.csv"
+    path.write_text(table(SWING))
+    for read in (read_record, read_releases):
+        with pytest.raises(RecordError, match="'betwen'"):
+            read(path, betwen=(0.5, 2.0))
