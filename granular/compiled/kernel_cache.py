@@ -176,7 +176,10 @@ class KernelCache(_Cache):
         body = None if entry is None else _read_kernel_file_or_claim(*entry)
         if body is None:
             return None
-        types, payload = pickle.loads(body)
+        try:
+            types, payload = pickle.loads(body)
+        except (ImportError, AttributeError):  # its modules were renamed while it was compiled
+            return None
         return rebuild_kernel(target_context, payload) if types == sig else None
 
     def save_overload(self, sig: Any, data: Any) -> None:

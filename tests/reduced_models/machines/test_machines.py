@@ -15,7 +15,7 @@ from granular.shared.errors import InputError
 from reduced_models.falls.predicted_law import OutsideRangeWarning
 from reduced_models.laws.annealing_bed import ANNEALING_BED
 from reduced_models.machines import design_damper_for_host, predicted_response
-from reduced_models.machines.design import DamperDesign, _frequencies_near_peak, _outside_text
+from reduced_models.machines.design import DamperDesign, _frequencies_near_peak, _outside_range_text
 from reduced_models.machines.response import CoupledSystem, PredictedResponse, fill_rates, solve_host_response
 
 FREQUENCIES = np.linspace(2.6, 3.2, 13).tolist()
@@ -122,7 +122,7 @@ def test_a_verdict_says_what_its_figures_say(peak: float, stroke: float, words: 
     """Of 9.95 mm; a bed that takes most of it away damps, however little it moves."""
     curve = np.array([peak, 0.5 * peak])
     law = PredictedResponse(np.array([3.0, 3.5]), curve, curve, curve, False)
-    outside = _outside_text(stroke)
+    outside = _outside_range_text(stroke)
     found = DamperDesign(load_scene("machine"), law, 9.95e-3, 5e-4, 6e-3 * stroke, 7.75, outside)
     assert words in found.verdict
     assert found.verdict.startswith("no: ") == (not peak < 1e-3) == (not found.is_worthwhile)
