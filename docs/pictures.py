@@ -36,7 +36,7 @@ from granular.shared.plotting import COLOURS, GREY, figure, line_style
 from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps
 from reduced_models.falls.predicted_law import lattice_at_rest
-from reduced_models.machines import design_damper_for_host, predicted_response
+from reduced_models.machines import design_for, predicted_response
 from reduced_models.machines.response import CoupledSystem, LinearSwing, solve_host_response
 from research.published.judging import judged
 from research.published.results import committed
@@ -555,7 +555,7 @@ def write_machine_design() -> None:
     host = load_scene("machine").effects.host
     assert host is not None
     assert host.excitation is not None
-    found = design_damper_for_host(host, host.excitation, limit=7.75)
+    found = design_for(host, host.excitation, limit=7.75)
     response = frequency_response(
         found.scene,
         np.geomspace(2.6, 3.8, 13).tolist(),

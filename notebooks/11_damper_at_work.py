@@ -34,7 +34,7 @@ from IPython.display import Image
 from granular import load_scene, simulate
 from granular.render import movie
 from granular.response import frequency_response
-from reduced_models.machines import design_damper_for_host, predicted_response
+from reduced_models.machines import design_for, predicted_response
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
 warnings.simplefilter("ignore")  # that grains come close is known; see notebook 4
@@ -192,11 +192,11 @@ plt.show()
 # %% [markdown]
 # ## A better damper
 #
-# With the law, all dampers of a given mass can be tried within a second: `design_damper_for_host` searches
+# With the law, all dampers of a given mass can be tried within a second: `design_for` searches
 # the number of grains, the piston and the drag. What it proposes is a scene, to be simulated.
 
 # %%
-better = design_damper_for_host(packaged.effects.host, packaged.effects.host.excitation, limit=7.75)
+better = design_for(packaged.effects.host, packaged.effects.host.excitation, limit=7.75)
 is_worthwhile = better.is_worthwhile
 print(better)
 

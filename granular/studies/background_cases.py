@@ -87,7 +87,7 @@ class BackgroundCaseRunner:
         for case in make_cases(scene, {}, changes, settings, self._measure) if changes else ():
             try:
                 future = self._pool().submit(compute_case, case, self._measure, None, False, True)
-            except BrokenExecutor as error:  # `finish` tries again
+            except BrokenExecutor as error:  # whoever waits tries again
                 future = Future()
                 future.set_exception(error)
             started.append(BackgroundCase(case, future))

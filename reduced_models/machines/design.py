@@ -163,7 +163,7 @@ class DamperDesign:
         return self.verdict
 
 
-def design_damper_for_host(
+def design_for(
     host: Host,
     excitation: Excitation,
     *,

@@ -31,7 +31,9 @@ def symbols(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     monkeypatch.setattr("granular.run.protocol_runner.advance_ticks", spy)
     simulate(scene, 1e-6, 1e-4, progress=False)
-    place = advance_ticks._cache._entry(asked[0], advance_ticks.overloads[asked[0]].library.codegen)
+    place = advance_ticks._cache._kernel_file_and_label(
+        asked[0], advance_ticks.overloads[asked[0]].library.codegen
+    )
     body = read_sealed_file(*place)
     assert body is not None
     _, (library, *_) = pickle.loads(body)

@@ -153,7 +153,7 @@ def damper_at_work(found: Numbers) -> None:
     assert weak["reduction"] > 4.0
     assert strong["peak"] < 2.5 * weak["peak"]  # 3 times the force
     assert found["grains_share"] > 0.5
-    assert found["helps"]
+    assert found["is_worthwhile"]
 
 
 def defects_on_the_move(found: Numbers) -> None:

@@ -14,7 +14,7 @@ from granular.effects.host_structure import Host
 from granular.shared.errors import InputError
 from reduced_models.falls.predicted_law import OutsideRangeWarning
 from reduced_models.laws.annealing_bed import ANNEALING_BED
-from reduced_models.machines import design_damper_for_host, predicted_response
+from reduced_models.machines import design_for, predicted_response
 from reduced_models.machines.design import DamperDesign, _frequencies_near_peak, _outside_range_text
 from reduced_models.machines.response import CoupledSystem, PredictedResponse, fill_rates, solve_host_response
 
@@ -71,7 +71,7 @@ def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
     host = scene.effects.host
     assert host is not None
     assert host.excitation is not None
-    found = design_damper_for_host(host, host.excitation, limit=7.75)
+    found = design_for(host, host.excitation, limit=7.75)
     assert found.is_worthwhile
     assert found.mass <= 7.75
     packaged = predicted_response(scene, FREQUENCIES).peak
@@ -82,11 +82,11 @@ def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
     )
     stiff = Host.from_plain({"bodies": [{"mass": "100 kg", "stiffness": "4 MN/m", "damping": 4e3}]})
     with pytest.warns(OutsideRangeWarning):
-        no = design_damper_for_host(stiff, Excitation(force=10.0, frequency=30.0), limit=7.75, simulate=False)
+        no = design_for(stiff, Excitation(force=10.0, frequency=30.0), limit=7.75, simulate=False)
     assert not no.is_worthwhile
     assert no.verdict.startswith("no: ")
     with pytest.warns(OutsideRangeWarning, match="it expects"):
-        less = design_damper_for_host(host, Excitation(force=0.5, frequency=3.0), limit=7.75, simulate=False)
+        less = design_for(host, Excitation(force=0.5, frequency=3.0), limit=7.75, simulate=False)
     assert less.peak < 0.5 * less.alone
     assert less.is_worthwhile
     assert less.verdict.endswith("in which it was compared with simulations: simulate it")
@@ -96,7 +96,7 @@ def test_discs_are_stiffer_and_a_design_is_made_of_them() -> None:
     host = load_scene("machine").effects.host
     assert host is not None
     assert host.excitation is not None
-    found = design_damper_for_host(host, host.excitation, limit=4.0, magnets="cylinders", simulate=False)
+    found = design_for(host, host.excitation, limit=4.0, magnets="cylinders", simulate=False)
     assert found.scene.grains.magnets == "cylinders"
     assert found.is_worthwhile
     of_dipoles = found.scene.replace(**{"grains.magnets": "dipoles"})
