@@ -90,12 +90,15 @@ class Law:
 
     @property
     def parsed_equation(self) -> ParsedEquation:
-        """The equation taken apart."""
+        """The equation taken apart; `InputError` where it cannot be read or is not linear in z''."""
         return parse_equation(self.equation, self.inputs)
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters, in the order in which the equation names them."""
+        """Names of the parameters, in the order in which the equation names them.
+
+        `InputError` where the equation cannot be read or is not linear in z''.
+        """
         return self.parsed_equation.parameters
 
     @property
@@ -116,12 +119,18 @@ class Law:
         Parameters
         ----------
         values : mapping of str to float, optional
-            Values of parameters; the others stay symbols.
+            Values of parameters, in the units of ``units``; the others stay symbols. Names that are not
+            in the equation are ignored.
 
         Returns
         -------
         sympy.Eq
-            Equation z'' = f.
+            Both sides as the equation has them, not solved for z''.
+
+        Raises
+        ------
+        InputError
+            If the equation cannot be read or is not linear in z''.
         """
         import sympy
 
@@ -138,17 +147,23 @@ class Law:
         return sympy.Eq(*sides, evaluate=False)
 
     def sympy_hidden(self, values: Mapping[str, float] | None = None) -> dict[str, sympy.Expr]:
-        """Rate of each hidden state, in z(t) and z'(t).
+        """Rate of each hidden state, in z(t), z'(t), hidden states and inputs.
 
         Parameters
         ----------
         values : mapping of str to float, optional
-            Values of parameters; the others stay symbols.
+            Values of parameters, in the units of ``units``; the others stay symbols. Names that are not
+            in the equation are ignored.
 
         Returns
         -------
         dict of str to sympy.Expr
-            Rate of each hidden state by its name.
+            Rate [1/s times the state's unit] of each hidden state by its name; empty without any.
+
+        Raises
+        ------
+        InputError
+            If the equation cannot be read or is not linear in z''.
         """
         import sympy
 

@@ -64,27 +64,31 @@ class ForceModel:
     Attributes
     ----------
     law : ForceLaw
+        Law of the force that moves the coordinate upwards.
     parameters : mapping of str to float
         In the units of ``law.units``.
     intervals : mapping of str to (float, float)
+        Confidence intervals of the parameters, in their units; of no width for a given one.
     confidence : float
-        Confidence level of the intervals.
+        Confidence level of the intervals, between 0 and 1.
     quantile : float
         Half-width of an interval over the standard deviation.
     covariance : float64 (p, p)
         Covariance of the parameters, in their order and units.
     quality : Quality
-        Residual and noise are in N.
+        Quality of the fit; its residual and noise are in N.
     cycles : tuple of ForceCycle
         As measured: cycles of the records that are alike are one.
     domain : mapping of str to (float, float)
         Range of heights [m] and velocities [m/s] seen.
     hidden : mapping of str to float
-        Hidden states at the first record's start.
+        Hidden states at the first record's start, in the law's units.
     sign : float
-        Sign of the measured force; -1 where it is the reaction of what is moved.
+        Sign of the measured force, 1 or -1; -1 where it is the reaction of what is moved.
     notes : tuple of str
+        Warnings in plain words.
     provenance : mapping of str to str
+        Data and fit that the model comes from.
     """
 
     law: ForceLaw
@@ -103,26 +107,28 @@ class ForceModel:
 
     @property
     def text(self) -> str:
-        """Equation with the fitted numbers."""
+        """Equation with the fitted numbers, to five digits, and the rates of hidden states."""
         return self.law.text(self.parameters)
 
     def forces(self, record: PistonRecord) -> np.ndarray:
-        """Return the forces along the stroke of a record, as its load cell shows them.
+        """Return the forces along the stroke of a record, with the sign of the measured ones.
+
+        The stroke is smoothed first; hidden states start as at the start of the first record fitted.
 
         Parameters
         ----------
         record : PistonRecord
-            Stroke, heights (n,) [m], with the columns that are inputs of the law.
+            Stroke, heights (n,) [m], with the columns that are inputs of the law; n is 20 or more.
 
         Returns
         -------
         float64 (n,)
-            Forces [N].
+            Forces [N], without the gain and offset of a load cell.
 
         Raises
         ------
         RecordError
-            If the record lacks an input of the law.
+            If the record has fewer than 20 samples, or lacks an input of the law.
         """
         values = np.array([self.parameters[name] for name in self.law.parameters])
         start = np.array([self.hidden.get(name, 0.0) for name in self.law.hidden])
@@ -135,12 +141,12 @@ class ForceModel:
         return np.asarray(function(tuple(values), start, stroke_of_record(record, field)))
 
     def residuals(self, record: PistonRecord) -> np.ndarray:
-        """Measured forces less those of the law.
+        """Measured forces less those of the law, `forces`.
 
         Parameters
         ----------
         record : PistonRecord
-            Record that the model was fitted to.
+            Stroke, heights (n,) [m], with the measured forces (n,) [N]; n is 20 or more.
 
         Returns
         -------
@@ -152,7 +158,7 @@ class ForceModel:
         InputError
             If the record holds no force.
         RecordError
-            If the record lacks an input of the law.
+            If the record has fewer than 20 samples, or lacks an input of the law.
         """
         if record.force is None:
             raise InputError("the record holds no force; give one with a column force")
@@ -161,25 +167,30 @@ class ForceModel:
     def harmonic_cycle(self, amplitude: float, frequency: float, centre: float | None = None) -> ForceCycle:
         """Steady harmonic cycle by the law, with what the parameters' errors leave open.
 
+        The stiffness and the damping are the first Fourier coefficients of the force, along the stroke
+        and the velocity (Krylov and Bogoliubov 1947, Introduction to Non-Linear Mechanics). Hidden
+        states start at zero and are taken to repeat after three cycles.
+
         Parameters
         ----------
         amplitude : float
             Half of the stroke [m].
         frequency : float
-            Frequency [Hz].
+            Cycles a second [Hz], no angular frequency.
         centre : float, optional
-            Height of its middle [m]; that of the records if not given.
+            Height of its middle [m]; that of the range of heights seen if not given.
 
         Returns
         -------
         ForceCycle
-            Energy [J], stiffness [N/m] and damping [N s/m] of the cycle, with the half-widths of
-            their intervals.
+            Energy [J], stiffness [N/m] and damping [N s/m] of the force that moves the stroke, with
+            the half-widths of their intervals (zero where all parameters are given).
 
         Raises
         ------
         InputError
-            If a number is not above zero, or the law has inputs.
+            If amplitude or frequency is not above zero and finite, the law has inputs, or the centre
+            is not finite, or not given while the model has no range of heights.
         """
         for name, value in (("amplitude", amplitude), ("frequency", frequency)):
             if not 0.0 < value < math.inf:
@@ -188,6 +199,8 @@ class ForceModel:
             raise InputError(
                 f"the law has the inputs {', '.join(self.law.inputs)}; take cycles from .forces(record)"
             )
+        if centre is None and "height" not in self.domain:
+            raise InputError("the model has no range of heights; give centre, the middle of the stroke")
         middle = sum(self.domain["height"]) / 2.0 if centre is None else centre
         omega = 2.0 * math.pi * frequency
         time = np.arange(_TURNS * _NODES + 1) / (_NODES * frequency)
@@ -216,12 +229,12 @@ class ForceModel:
         return ForceCycle(amplitude, frequency, loss, stiff, damp, (first, second, third))
 
     def plot(self, record: PistonRecord, ax: Axes | None = None) -> Axes:
-        """Draw the loops of a record, force over stroke, and those of the law.
+        """Draw the loops of a record, force [N] over stroke [mm], and those of the law.
 
         Parameters
         ----------
         record : PistonRecord
-            Record with a force.
+            Stroke, heights (n,) [m], and forces (n,) [N]; without a force the law's loops alone.
         ax : Axes, optional
             Axes to draw on; new ones if not given.
 
@@ -233,7 +246,7 @@ class ForceModel:
         Raises
         ------
         RecordError
-            If the record lacks an input of the law.
+            If the record has fewer than 20 samples, or lacks an input of the law.
         """
         from granular.shared.plotting import axes_or_new
 
@@ -285,7 +298,9 @@ class ForceModel:
         Returns
         -------
         dict
-            Law, parameters, intervals, quality, and cycles as measured and by the law.
+            The attributes in their units, of the law its name, equation and units, and with
+            ``cycles_by_law`` the cycles by the law (none where it has inputs). Numbers may be NaN or
+            infinite.
         """
         law = self.law
         by_law = (
@@ -310,7 +325,7 @@ class ForceModel:
         }
 
     def save(self, path: str | Path) -> None:
-        """Write the model as JSON.
+        """Write the plain data of `to_plain` as JSON; NaN and infinite numbers become null.
 
         Parameters
         ----------

@@ -81,20 +81,24 @@ def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> Pis
     model : FittedLaw
         Law with numbers.
     amplitude : float
-        Height above the level of rest at the release [m].
+        Height above the level of rest at the release [m]; negative below it.
     periods : float
-        Duration in periods of small swings.
+        Duration in periods of small swings, above 0.
 
     Returns
     -------
     PistonRecord
-        Motion from the release on: times [s] and heights [m].
+        Motion from the release on, inputs at zero: times [s], heights [m] and velocities [m/s], 64
+        steps or more a period.
 
     Raises
     ------
     InputError
-        If the law has no level of rest or has inputs, or the motion cannot be followed.
+        If the law has no level of rest, the duration is not above zero and finite, or the motion cannot
+        be followed, as with an amplitude that is not finite.
     """
+    if not 0.0 < periods < math.inf:
+        raise InputError(f"periods = {quote(periods)}; give a number above 0")
     height, period = _rest_height_and_period(model)
     time = np.linspace(0.0, periods * period, max(2, math.ceil(periods * _PER_PERIOD) + 1))
     still = {name: np.zeros_like(time) for name in model.law.inputs}
@@ -102,12 +106,14 @@ def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> Pis
 
 
 def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
-    """Harmonic cycle of a model.
+    """Harmonic cycle of a model; inputs are at zero.
 
     Parameters
     ----------
+    model : FittedLaw
+        Law with numbers.
     amplitude : float
-        [m]
+        Amplitude [m].
     frequency : float, optional
         Angular [rad/s]; without, that at which the equivalent stiffness carries the inertia.
 
@@ -120,11 +126,13 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
     Raises
     ------
     InputError
-        If the amplitude is not above zero, the law has no level of rest, or the cycle leaves where
-        the law is defined.
+        If the amplitude is not above zero, the frequency not above zero and finite, the law has no
+        level of rest, without a frequency no stiffness, or the cycle leaves where the law is defined.
     """
     if not amplitude > 0.0:
         raise InputError(f"amplitude = {quote(amplitude)} m; give one above 0")
+    if frequency is not None and not 0.0 < frequency < math.inf:
+        raise InputError(f"frequency = {quote(frequency)} rad/s; give one above 0")
     height, period = _rest_height_and_period(model)
     result = harmonic_cycles(
         _model_rates(model),
@@ -158,27 +166,35 @@ def frequency_response(
 
     Parameters
     ----------
+    model : FittedLaw
+        Law with numbers.
     force : float
         Amplitude of the force per kilogram [m/s^2].
     frequencies : float (n,)
-        Angular [rad/s].
+        Angular, above 0 [rad/s].
     largest : float, optional
         Greatest amplitude to look for [m]; ten times the farthest swing of the record without.
 
     Returns
     -------
     SteadyAmplitudes
-        Least and greatest amplitude (n,) [m] at each frequency, which differ where the response folds over.
+        Least and greatest amplitude (n,) [m] at each frequency, which differ where the response folds
+        over; NaN where there is none up to the greatest amplitude.
 
     Raises
     ------
     InputError
-        If the force is not above zero or the law has no level of rest.
+        If the force, a frequency or the greatest amplitude is not above zero and finite, the frequencies
+        are no array (n,), or the law has no level of rest.
     """
-    if not force > 0.0:
+    if not 0.0 < force < math.inf:
         raise InputError(f"force = {quote(force)} N/kg; give one above 0")
+    if largest is not None and not 0.0 < largest < math.inf:
+        raise InputError(f"largest = {quote(largest)} m; give one above 0")
     height, period = _rest_height_and_period(model)
     omega = np.asarray(frequencies, dtype=np.float64)
+    if omega.ndim != 1 or not ((omega > 0.0) & (omega < math.inf)).all():
+        raise InputError("frequencies must be an array (n,) of angular frequencies above 0")
     edges = model.domain.get("height", (height, height))
     far = largest or 10.0 * max(abs(edge - height) for edge in edges)
     amplitude = far * np.logspace(-5.0, 0.0, _AMPLITUDES)
@@ -204,19 +220,21 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
     Parameters
     ----------
     law : Law
-        Law without that input.
+        Law without that input, its coordinate written ``z``.
     name : str
-        Name of the input, a column of the records that the law is fitted to.
+        Name of the input, a column of the records that the law is fitted to; ``"t"`` would be the time.
 
     Returns
     -------
     Law
-        Law with one more input; parameters and their units stay.
+        Law with z'' less the input in place of z''; parameters and their units stay. It has no start
+        values of its own.
 
     Raises
     ------
     InputError
-        If the law has something else of that name.
+        If the law has something else of that name or no ``z''``, or the name cannot stand for an input,
+        as ``"z"``, ``"pi"`` and ``"1x"`` cannot.
 
     Examples
     --------
@@ -227,7 +245,7 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
     if name in (*law.parameters, *law.hidden, *law.inputs):
         raise InputError(f"the law {quote(law.name)} has a {quote(name)} already; give another name")
     text = law.equation.replace("z''", f"(z'' - {name})")
-    return Law(
+    driven = Law(
         name=f"{law.name}, driven",
         equation=text,
         positive=law.positive,
@@ -237,6 +255,8 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
         inputs=(*law.inputs, name),
         resolution=law.resolution,
     )
+    _ = driven.parsed_equation  # which refuses a name that is none
+    return driven
 
 
 def _rest_height_and_period(model: FittedLaw) -> tuple[float, float]:

@@ -51,25 +51,27 @@ class RollOut(NamedTuple):
 def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     """Predict a record from its initial state alone.
 
-    Height and velocity at the start are fitted to the record's first period, with the parameters of
-    the model as they are; all the rest is prediction.
+    Height and velocity at the start are fitted to the heights of the record's first period, with the
+    parameters of the model as they are and its hidden states at zero; all the rest is prediction.
 
     Parameters
     ----------
     model : FittedLaw
         Law with numbers.
     record : PistonRecord
-        Record to predict.
+        Record to predict, of n samples, with the columns that are inputs of the law.
 
     Returns
     -------
     RollOut
-        Motion [m], its rms error [m] and that over the rms swing; infinite where it diverges.
+        Motion (n,) [m], its rms error [m] and that over the rms swing. Where the law diverges, the motion
+        ends there (with two samples at least), both errors are infinite and ``standard_error`` is None.
 
     Raises
     ------
     RecordError
-        If the record is too short, does not move, or lacks an input of the law.
+        If the record has fewer than 20 samples, does not move, lasts more periods than can be followed,
+        has heights or times beyond what can be computed with, or lacks an input of the law.
 
     Examples
     --------

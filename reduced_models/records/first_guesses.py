@@ -23,14 +23,16 @@ _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 
 @dataclasses.dataclass(frozen=True)
 class FirstGuesses:
-    """First guesses of the parameters of a record's motion.
+    """First guesses of the parameters of a record's motion, as `first_guesses` makes them.
+
+    Of an angle [rad] stands for [m].
 
     Attributes
     ----------
     rest, amplitude : float
-        Level at the end of the record, and the greatest distance from it [m].
+        Mean level of the last third of the record, and the greatest distance from it [m].
     frequency, decay : float
-        Angular frequency [rad/s] and decay rate [1/s] of the swing about it.
+        Angular frequency [rad/s] and decay rate [1/s] of the swing about it, above 0.
     height, velocity : float
         Height [m] and velocity [m/s] at the start.
     crossings : int
@@ -57,12 +59,18 @@ class FirstGuesses:
         shift : float
             Height at z = 0 [m].
         scale : float
-            Height per unit of z [m].
+            Height per unit of z [m], not zero.
 
         Returns
         -------
         FirstGuesses
-            Guesses in z.
+            Guesses in z, velocity in z over s; frequencies [rad/s] and decay [1/s] as they were. Of a
+            negative scale the amplitude is negative too.
+
+        Raises
+        ------
+        ZeroDivisionError
+            If the scale is zero.
         """
         return dataclasses.replace(
             self,
@@ -74,22 +82,22 @@ class FirstGuesses:
 
     @property
     def is_poor(self) -> bool:
-        """True where too few passages through rest are seen to guess frequency and rest level well."""
+        """True where fewer than three passages through rest are seen, so that guesses are poor."""
         return self.crossings < LEAST_CROSSINGS
 
     @property
     def log_frequency_spread(self) -> float:
-        """Half-width of the natural logarithm of the starting frequencies, without unit."""
+        """Half-width of the natural logarithm of the starting frequencies: 0.15, or ln 6 if poor."""
         return _SPREAD_IF_POOR if self.is_poor else _SPREAD
 
     @property
     def period(self) -> float:
-        """Period of the swing [s]."""
+        """Period of the swing [s], 2 pi over its angular frequency."""
         return 2.0 * math.pi / self.frequency
 
     @property
     def shortest_start_period(self) -> float:
-        """Shortest period of all motions that a search may start from [s]."""
+        """Shortest period of all motions that a search may start from, rivals included [s]."""
         return self.shortest_swing_period * math.exp(-self.log_frequency_spread)
 
     @property
@@ -98,56 +106,71 @@ class FirstGuesses:
         return 2.0 * math.pi / max(self.frequency, *self.rivals, 0.0)
 
     def draw_frequencies(self, random: np.random.Generator, count: int) -> np.ndarray:
-        """Random starting frequencies [rad/s], log-uniform about the estimate and its rivals.
+        """Random starting frequencies, log-uniform about the estimate and its rivals in turn.
 
         Parameters
         ----------
         random : numpy.random.Generator
             Source of the random numbers.
         count : int
-            Number of draws.
+            Number of draws, 0 or more.
 
         Returns
         -------
         float64 (count,)
-            Draws [rad/s].
+            Angular frequencies [rad/s], within a factor exp(`log_frequency_spread`) of these.
+
+        Raises
+        ------
+        ValueError
+            If the number is negative.
         """
         spread = self.log_frequency_spread
         about = np.resize([self.frequency, *self.rivals], count)
         return np.asarray(about * np.exp(random.uniform(-spread, spread, count)))
 
     def draw_rest_levels(self, random: np.random.Generator, count: int) -> np.ndarray:
-        """Random starting levels of rest [m], uniform about the estimate.
+        """Random starting levels of rest, uniform about the estimate.
 
         Parameters
         ----------
         random : numpy.random.Generator
             Source of the random numbers.
         count : int
-            Number of draws.
+            Number of draws, 0 or more.
 
         Returns
         -------
         float64 (count,)
-            Draws [m].
+            Levels [m], within a tenth of the amplitude, or the amplitude where guesses are poor.
+
+        Raises
+        ------
+        ValueError
+            If the number is negative.
         """
         spread = 1.0 if self.is_poor else 0.1
         return np.asarray(self.rest + self.amplitude * random.uniform(-spread, spread, count))
 
     def draw_decay_rates(self, random: np.random.Generator, count: int) -> np.ndarray:
-        """Random starting decay rates [1/s], log-uniform about the estimate.
+        """Random starting decay rates, log-uniform about the estimate.
 
         Parameters
         ----------
         random : numpy.random.Generator
             Source of the random numbers.
         count : int
-            Number of draws.
+            Number of draws, 0 or more.
 
         Returns
         -------
         float64 (count,)
-            Draws [1/s].
+            Rates [1/s], within a factor exp(1.5).
+
+        Raises
+        ------
+        ValueError
+            If the number is negative.
         """
         return np.asarray(self.decay * np.exp(random.uniform(-1.5, 1.5, count)))
 

@@ -45,6 +45,10 @@ _DRIVES = ("force", "base", "drive", "input")
 def cut_at_release(record: PistonRecord) -> PistonRecord:
     """Cut a record at its release, where it stands still before it moves.
 
+    A hold is told by its end, as `reduced_models.records.release` says: the displacement then grows
+    with the square of the time since the release, or faster. A force, base, drive or input that acts
+    before it makes it none. In much noise nothing is cut.
+
     Parameters
     ----------
     record : PistonRecord
@@ -53,7 +57,8 @@ def cut_at_release(record: PistonRecord) -> PistonRecord:
     Returns
     -------
     PistonRecord
-        Record from the release on; the same object where it does not stand still.
+        Record from the release on, at its own times [s], with all its columns; the same object where it
+        does not stand still first or has fewer than 20 samples.
 
     Warns
     -----

@@ -33,17 +33,20 @@ class Sensor:
     Attributes
     ----------
     quantity : str
-        ``"height"``, ``"velocity"`` or ``"acceleration"`` of the coordinate; ``"base_force"``, the
-        reaction of the mass on the base: the gain is the mass [kg] then; or ``"force"`` along a
-        prescribed stroke (of a record without heights: that which accelerates the mass).
+        ``"height"`` [m], ``"velocity"`` [m/s] or ``"acceleration"`` [m/s^2] of the coordinate;
+        ``"base_force"``, the reaction of the mass on the base: the gain is the mass [kg] then; or
+        ``"force"`` along a prescribed stroke (of a record without heights: that which accelerates
+        the mass).
     gain, offset : float, (float, float) or "free", optional
-        Known, between two numbers, or fitted. If not given, the gain is 1, or free for a force, and
-        the offset is free, or 0 for a height.
+        Known, between two increasing numbers, or fitted; the gain, in the signal's unit over the
+        quantity's, is not 0 and its bounds have one sign; the offset is in the signal's unit. If not
+        given, the gain is 1, or free for a force, and the offset is free, or 0 for a height.
     low_pass, high_pass : float, optional
-        Corner frequency of the filter [Hz]. A geophone is a velocity behind a high pass.
+        Corner frequency of the filter, above 0 [Hz]; one of the two. A geophone is a velocity behind
+        a high pass.
     damping_ratio : float, optional
-        Damping ratio of a filter of second order, without unit; the filter is of first order where
-        it is not given.
+        Damping ratio of a filter of second order, above 0, without unit; the filter is of first
+        order where it is not given.
     absolute : bool
         Measures in the frame at rest: the motion of the base (column ``base_height`` or
         ``base_acceleration``) counts too.
@@ -53,7 +56,8 @@ class Sensor:
     Raises
     ------
     InputError
-        If a number is out of its range.
+        If the quantity is none of these, gain or offset is no finite number, increasing pair or
+        ``"free"``, a number is out of its range, or a damping ratio has no filter, or two.
 
     Examples
     --------
@@ -104,7 +108,7 @@ class Sensor:
 
     @property
     def derivative_order(self) -> int:
-        """Order of the time derivative of the coordinate that is measured: 0, 1 or 2."""
+        """Order of the measured time derivative of the coordinate: 0, 1, or 2 also for forces."""
         return _DERIVATIVES[self.quantity]
 
     @property
@@ -114,7 +118,7 @@ class Sensor:
 
     @property
     def corner_frequency(self) -> float | None:
-        """Corner frequency of the sensor's low or high pass [Hz]; None without a filter."""
+        """Corner frequency of the sensor's low pass or high pass [Hz]; None without a filter."""
         return self.low_pass or self.high_pass
 
     @property
@@ -124,7 +128,10 @@ class Sensor:
 
     @property
     def nominal_gain(self) -> float:
-        """Gain to start from, signal over quantity: as given, the middle of its bounds, or 1 if free."""
+        """Gain to start from, in the signal's unit over the quantity's.
+
+        It is as given, the middle of its bounds, or 1 where it is free.
+        """
         return _nominal_value(self.gain, 1.0)
 
     @property
@@ -133,22 +140,22 @@ class Sensor:
         return _nominal_value(self.offset, 0.0)
 
     def signal(self, columns: Columns) -> np.ndarray:
-        """Signal that the columns of a record hold of it.
+        """Signal of this sensor among the columns of a record, as it was measured.
 
         Parameters
         ----------
         columns : mapping of str to float64 (n,)
-            Columns of the record, in SI units.
+            Columns of the record, in SI units or the sensor's own.
 
         Returns
         -------
         float64 (n,)
-            Signal, in the unit of the quantity or in the sensor's own.
+            The column ``column``, or that of the quantity's name, in its unit.
 
         Raises
         ------
         RecordError
-            If it has no such column.
+            If the record has no such column.
         """
         name = self.column or self.quantity
         if name not in columns:
@@ -162,23 +169,26 @@ class Sensor:
     def approximate_heights(self, columns: Columns, *, about_rest: bool) -> np.ndarray:
         """Heights behind the signal, roughly: the record's, or else the integrated signal.
 
+        The signal is taken with the nominal gain and offset and without its filter, and integrated by
+        `granular.readers.signal_integration.integrate_without_drift`.
+
         Parameters
         ----------
         columns : mapping of str to float64 (n,)
-            Columns of the record, in SI units.
+            Columns of a `PistonRecord` of two samples or more, in SI units; ``time`` is needed.
         about_rest : bool
-            Count from the level of rest.
+            Count the record's heights from the mean of their last third.
 
         Returns
         -------
         float64 (n,)
-            Heights [m].
+            Heights [m]; those of a signal are about zero in any case.
 
         Raises
         ------
         RecordError
             If the record has neither heights nor the sensor's signal, or lacks the motion of the base that an
-            absolute sensor needs.
+            absolute sensor needs, or that base has a height of fewer than 20 samples.
         """
         if "height" in columns:
             height = columns["height"]
@@ -193,12 +203,13 @@ class Sensor:
         Parameters
         ----------
         deviations : mapping of str to float64 (k, n)
-            What a calibration leaves open, by column.
+            Changes of each column by a standard deviation of each number of its calibration, in the
+            column's unit.
 
         Returns
         -------
         dict of str to float64 (k, n)
-            Deviations by column.
+            The same, those of the signal's column as those of ``height``, whose own are left out.
         """
         result = {name: values for name, values in deviations.items() if name != "height"}
         mine = deviations.get(self.column or self.quantity)
@@ -209,7 +220,7 @@ class Sensor:
         """Deviations of a calibration, with that of a gain known between two bounds.
 
         The gain is taken as spread evenly between its bounds, which has the standard deviation of their
-        distance over the square root of 12.
+        distance over the square root of 12 (JCGM 100:2008, 4.3.7). The signal's mean is left out.
 
         Parameters
         ----------
@@ -221,12 +232,12 @@ class Sensor:
         Returns
         -------
         dict of str to float64 (k or k + 1, n)
-            The same, with one more row for the signal's column where the gain has bounds.
+            The same, with one more row for the signal's column, in its unit, where the gain has bounds.
 
         Raises
         ------
         RecordError
-            If the record has no column of the signal.
+            If the gain has bounds, and the record no column of the signal.
         """
         result = dict(deviations)
         if isinstance(self.gain, tuple):
@@ -237,22 +248,25 @@ class Sensor:
         return result
 
     def base_motion(self, columns: Columns) -> np.ndarray:
-        """SensorQuantity of the base, where the sensor measures it too; zero otherwise.
+        """Motion of the base, where an absolute sensor measures it too; zero otherwise.
 
         Parameters
         ----------
         columns : mapping of str to float64 (n,)
-            Columns of the record, in SI units.
+            Columns of a `PistonRecord`, in SI units: ``time``, and ``base_height`` or, for an
+            acceleration or a force, ``base_acceleration``, which goes first.
 
         Returns
         -------
         float64 (n,)
-            In the quantity's unit.
+            Height [m], velocity [m/s] or acceleration [m/s^2] of the base, by `derivative_order`; a
+            base height is smoothed for it (`reduced_models.records.derivatives.derivatives`).
 
         Raises
         ------
         RecordError
-            If the record does not hold it.
+            If the sensor is absolute, and the record has no such column of the base, or fewer than 20
+            samples of its height.
         """
         if not self.absolute:
             return np.zeros(len(columns["time"]))

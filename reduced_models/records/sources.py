@@ -164,15 +164,16 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     """Read the motion in a file, as `PistonRecord.from_file` does, from its release on.
 
     Left out are samples that the sensor lost or clipped, what stands before the release, further
-    releases, what follows a knock, and an end that is noise (`reduced_models.records.free_motion`),
-    unless times are given, here or in the ``record.toml``; ``release=2`` takes the second one.
+    releases, what follows a knock, and an end that is noise (`reduced_models.records.free_motion`).
+    ``release=2`` takes the second one. Nothing is left out where times (``between``) are given, here or
+    in the ``record.toml``, or where the file is of a force on a prescribed stroke.
 
     Parameters
     ----------
     path : str or Path
-        File to read.
+        File to read, or a ``record.toml`` that describes one.
     units : mapping of str to str, optional
-        Units of the columns by their names, instead of those in the file.
+        Units of the columns by their roles or names, instead of those in the file.
     **said
         How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``, ``between``,
         ``scale``, ``zero``, ``calibration``, ``rate``, ``sort`` and ``release``, the fields of
@@ -181,13 +182,15 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     Returns
     -------
     PistonRecord
-        Motion in SI units: times [s] and heights [m], (n,) each.
+        Motion in SI units: times [s] and heights [m], or angles [rad], (n,) each, and further columns.
 
     Raises
     ------
     RecordError
-        If the file cannot be read as a record, an option is unknown or out of its range, or the file
-        holds no such release.
+        If the file cannot be read as a record, an option is unknown or out of its range, a release is
+        given with times, the file holds no such release, or all (``release="all"``) are asked for.
+    InputError
+        If a ``.toml`` file is no TOML.
 
     Warns
     -----
@@ -205,24 +208,31 @@ def read_releases(
 ) -> list[PistonRecord]:
     """Read the motions in a file of several releases, to be fitted together or one by one.
 
+    Each is cut as by `read_record`, also where times (``between``) are given; a record of a force on a
+    prescribed stroke comes whole, as the only one.
+
     Parameters
     ----------
     path : str or Path
         File as for `read_record`.
     units : mapping of str to str, optional
-        Units of columns whose headings have none.
+        Units of the columns by their roles or names, instead of those in the file.
     **said : Any
-        Further options of `read_record`.
+        Further options of `read_record`; ``release`` is checked, and then ignored.
 
     Returns
     -------
     list of PistonRecord
-        One for each release, in SI units: times [s] and heights [m], (n,) each.
+        One for each release, in SI units: times [s] and heights [m], or angles [rad], (n,) each, and
+        further columns.
 
     Raises
     ------
     RecordError
-        If the file cannot be read as a record, or an option is unknown or out of its range.
+        If the file cannot be read as a record, an option is unknown or out of its range, or a release
+        is given with times.
+    InputError
+        If a ``.toml`` file is no TOML.
 
     Warns
     -----

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections import defaultdict
@@ -87,6 +88,8 @@ def test_cycles_take_what_friction_and_drag_take() -> None:
     assert measured.loss == pytest.approx(by_law.loss, rel=0.01)
     assert measured.stiffness == pytest.approx(by_law.stiffness, rel=0.03)
     assert "loss per cycle" in str(model)
+    with pytest.raises(InputError, match="no range of heights"):
+        dataclasses.replace(model, domain={}).harmonic_cycle(0.004, 3.0)
 
 
 def test_a_law_of_the_force_is_discovered() -> None:

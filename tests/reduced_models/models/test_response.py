@@ -78,6 +78,16 @@ def test_a_decay_loses_the_energy_of_its_cycles(linear: ReducedModel) -> None:
 def test_cycles_that_cannot_be(linear: ReducedModel, made: Any) -> None:
     with pytest.raises(InputError, match="give one above 0"):
         linear.harmonic_cycle(0.0)
+    with pytest.raises(InputError, match=r"frequency = 0\.0 rad/s"):
+        linear.harmonic_cycle(1.0, 0.0)
+    with pytest.raises(InputError, match="periods = nan"):
+        linear.free_decay(1.0, math.nan)
+    with pytest.raises(InputError, match="frequencies must be"):
+        linear.frequency_response(0.1, np.array([0.0]))
+    with pytest.raises(InputError, match=r"largest = 0\.0 m"):
+        linear.frequency_response(0.1, np.array([1.0]), 0.0)
+    with pytest.raises(InputError, match="does not name"):
+        law_with_force_input(linear.law, "pi")
     law, values = LAWS["power-law-spring"], made.true["power-law-spring"]
     spring = dataclasses.replace(linear, law=law, parameters=values)
     with pytest.raises(InputError, match="leaves where the law"):
