@@ -13,9 +13,9 @@ from granular.observables.correlation import (
     mean_over_pairs,
     sum_pair_products,
 )
-from granular.observables.displacement import check_lags
-from granular.observables.frame import check_frames, check_positions, observable, sum_by_index
-from granular.observables.voronoi import VoronoiCells, voronoi_cells
+from granular.observables.displacement import check_lags, check_periods
+from granular.observables.frame import check_frames, check_positions, is_present, observable, sum_by_index
+from granular.observables.voronoi import VoronoiCells, check_cells, voronoi_cells
 from granular.shared.errors import InputError
 
 
@@ -41,7 +41,7 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     Raises
     ------
     InputError
-        If the positions have another shape than (n, 2).
+        If the positions have another shape than (n, 2), or the cells are of another number of grains.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     1.0
     """
     positions = check_positions(positions)
-    cells = voronoi_cells(positions) if cells is None else cells
+    cells = check_cells(positions, cells)
     i, j = cells.neighbours.T
     arm = positions[j] - positions[i]
     bond = arm[:, 0] + 1j * arm[:, 1]
@@ -71,8 +71,7 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
 def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
     """Psi6 = mean of |local Psi6| over the grains with an interior cell [D, eq. 4.28].
 
-    1 for a perfect hexagonal arrangement, whatever its orientations. NaN without interior cells.
-    The arguments are those of `local_psi6`.
+    It is 1 for a perfect hexagonal arrangement, whatever its orientations.
 
     Parameters
     ----------
@@ -84,12 +83,12 @@ def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
     Returns
     -------
     float
-        Order parameter from 0 to 1.
+        Order parameter from 0 to 1, without unit; NaN without interior cells.
 
     Raises
     ------
     InputError
-        If the positions have another shape.
+        If the positions have another shape than (n, 2), or the cells are of another number of grains.
 
     Examples
     --------
@@ -102,7 +101,7 @@ def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
     >>> round(psi6(places), 3)
     1.0
     """
-    cells = voronoi_cells(positions) if cells is None else cells
+    cells = check_cells(positions, cells)
     sizes = np.abs(local_psi6(positions, cells)[cells.interior])
     return float(sizes.mean()) if len(sizes) else np.nan
 
@@ -128,7 +127,7 @@ def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> com
     Raises
     ------
     InputError
-        If the positions have another shape than (n, 2).
+        If the positions have another shape than (n, 2), or the cells are of another number of grains.
 
     Examples
     --------
@@ -141,7 +140,7 @@ def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> com
     >>> round(abs(global_psi6(places)), 3)
     1.0
     """
-    cells = voronoi_cells(positions) if cells is None else cells
+    cells = check_cells(positions, cells)
     values = local_psi6(positions, cells)[cells.interior]
     return complex(values.mean()) if len(values) else complex(np.nan, np.nan)
 
@@ -182,33 +181,37 @@ def hexatic_susceptibility(orders: np.ndarray, counts: np.ndarray | int) -> floa
 
 
 def block_susceptibilities(frames: np.ndarray, blocks: Sequence[int] = (1, 2, 4, 8)) -> np.ndarray:
-    """Susceptibility chi6 of the bed cut into 1, 2 x 2, 4 x 4 ... blocks of equal sides.
+    """Susceptibility chi6 of the bed cut into 1, 2 x 2, 4 x 4 ... equal blocks.
 
-    Each block's order is the mean of psi6 over its grains with an interior cell, and its
+    Blocks are equal parts of the box of the outermost centres of all frames, as oblong as it is. Each
+    block's order is the mean of psi6 over its grains with an interior cell, and its
     fluctuation that over the frames; the mean over the blocks is given. How it goes on to larger
     blocks tells a susceptibility that diverges from one that does not (Weber, Marx, Binder, Phys.
-    Rev. B 51, 14636, 1995). NaN where no block has two frames with grains.
+    Rev. B 51, 14636, 1995).
 
     Parameters
     ----------
     frames : float (f, n, 2)
         Positions of the grains in each frame [m]; NaN for absent grains.
-    blocks : sequence of int
-        Blocks along each side.
+    blocks : sequence of int (k,)
+        Blocks along each side, 1 or more.
 
     Returns
     -------
     float64 (k,)
-        Susceptibility of each cut, without unit.
+        Susceptibility of each cut, without unit; NaN where no block has grains with an interior cell in
+        two frames.
 
     Raises
     ------
     InputError
-        If the shape is another one, or a number of blocks is below 1.
+        If the shape is another one, there is no frame, or ``blocks`` is empty or has a number below 1.
     """
-    array = check_frames(frames)
-    if not blocks or min(blocks) < 1:
+    array = check_frames(frames, least=1)
+    if not len(blocks) or min(blocks) < 1:
         raise InputError(f"blocks {tuple(blocks)}; give integers from 1 up")
+    if not is_present(array).any():
+        return np.full(len(blocks), np.nan)
     low, high = np.nanmin(array, axis=(0, 1)), np.nanmax(array, axis=(0, 1))
     sums = {number: np.zeros((len(array), number**2), dtype=complex) for number in blocks}
     counts = {number: np.zeros((len(array), number**2)) for number in blocks}
@@ -254,17 +257,17 @@ def bond_correlation(
     Returns
     -------
     PairDistanceFunction
-        Mean of each bin (k,), without unit, and the number of its pairs.
+        Mean of each bin (k,), without unit, NaN in bins without pairs, and the number of its pairs.
 
     Raises
     ------
     InputError
-        If the positions have another shape, the edges do not increase, or fewer than two grains have
-        an interior cell.
+        If the positions have another shape, the cells are of another number of grains, the edges do not
+        increase from 0 m or more, or fewer than two grains have an interior cell.
     """
     positions = check_positions(positions)
     edges = default_bin_edges(positions) if edges is None else check_bin_edges(edges)
-    cells = voronoi_cells(positions) if cells is None else cells
+    cells = check_cells(positions, cells)
     inside = np.flatnonzero(cells.interior)
     if len(inside) < 2:
         raise InputError(f"{len(inside)} grains have an interior cell; g6(r) needs at least 2")
@@ -277,7 +280,7 @@ def bond_correlation(
 def bond_relaxation(
     frames: np.ndarray, lags: np.ndarray | None = None, periods: tuple[float, float] | None = None
 ) -> np.ndarray:
-    """Bond relaxation g6(t) = Re <psi6*(0) psi6(t)> of a grain, over grains and frames (k,).
+    """Bond relaxation g6(t) = Re <psi6*(0) psi6(t)> of a grain, over grains and frames.
 
     It is constant in a crystal, falls algebraically in the hexatic phase and exponentially in a
     liquid (Zahn and Maret, Phys. Rev. Lett. 85, 3656, 2000). Grains count that have an interior
@@ -288,9 +291,10 @@ def bond_relaxation(
     frames : float (f, n, 2)
         Positions of the grains in each frame [m]; NaN for absent grains.
     lags : int (k,), optional
-        Numbers of frames; about 30 at even ratios if not given.
+        Numbers of frames, 1 to f - 1; about 30 at even ratios if not given.
     periods : (float, float), optional
-        Sides of a periodic cell [m], in which neighbours are looked for.
+        Sides of a periodic cell [m], above 0, into which positions are brought back. Neighbours are
+        looked for within it, not across its sides.
 
     Returns
     -------
@@ -300,12 +304,13 @@ def bond_relaxation(
     Raises
     ------
     InputError
-        If a shape or lag does not fit, or no grain has an interior cell in two such frames.
+        If a shape, lag or period does not fit, there are fewer than two frames, or no grain has an
+        interior cell in both of two frames that lie a lag apart.
     """
     frames = check_frames(frames, least=2)
     lags = check_lags(lags, len(frames))
     orders = np.full(frames.shape[:2], complex(np.nan, np.nan))
-    for k, positions in enumerate(frames if periods is None else np.mod(frames, periods)):
+    for k, positions in enumerate(frames if periods is None else np.mod(frames, check_periods(periods))):
         cells = voronoi_cells(positions)
         orders[k, cells.interior] = local_psi6(positions, cells)[cells.interior]
     result = []

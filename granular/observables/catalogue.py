@@ -396,28 +396,31 @@ def per_frame(
     run : Trajectory
         Finished run, or one that was cut off.
     function : str or function of Frame
-        A name of `OBSERVABLES`, or a function that returns a number, a number, a vector or a tensor
-        for each grain, or a mapping of labels to such values.
+        A name of `OBSERVABLES` or of an installed distribution's; or a function that returns a number, a
+        number (n,), a vector (n, 2) or a tensor (n, 2, 2) for each grain, or a mapping of labels to such
+        values, of the same labels and shapes in every frame.
     start, stop : float
         First and last time of the frames [s].
 
     Returns
     -------
     xarray.DataArray
-        On ``frame``, then on ``label`` for a mapping, and on ``grain`` and the axes; with its unit
-        if the function is an `observable`.
+        Values on ``frame``, then on ``label`` for a mapping, and on ``grain`` and ``axis``, or ``row`` and
+        ``column``, as they come; with unit and meaning if the function is an `observable`. NaN where the
+        function returns it, as for grains that have left the cell.
 
     Raises
     ------
     InputError
-        If there is no such name or frame, or the function fails or returns something else.
+        If there is no such name, no frame lies in the range, or the function fails or returns something
+        else.
     """
     import xarray
 
     if isinstance(function, str):
         function = find_observable(function)
     marked = observable_metadata(function)
-    name = function.__name__ if marked is None else marked.name
+    name = getattr(function, "__name__", type(function).__name__) if marked is None else marked.name
     chosen = select_frames(run, start, stop)
     values = [_evaluate_on_frame(function, name, frame) for frame in frames(run, chosen)]
     labels = tuple(values[0]) if values and isinstance(values[0], Mapping) else None

@@ -59,7 +59,7 @@ def per_distance(
     start: float = 0.0,
     stop: float = np.inf,
 ) -> xarray.DataArray:
-    """Return a function of the distance over all pairs of the frames with start <= time <= stop.
+    """Evaluate a function of the distance over all pairs of the frames with start <= time <= stop.
 
     Parameters
     ----------
@@ -69,19 +69,22 @@ def per_distance(
         `radial_distribution`, `bond_correlation` or `translational_correlation`, or one's own.
         Each frame has its own box and its own reciprocal lattice vector.
     edges : float (k + 1,), optional
-        Edges of the bins [m]; those of the frame that reach least if not given.
+        Edges of the bins [m], increasing from 0 or more; if not given, the default ones of the frame whose
+        edges reach least.
     start, stop : float
         First and last time of the frames [s].
 
     Returns
     -------
     xarray.DataArray
-        On ``distance``, the middle of the bins [m].
+        Mean over the frames, weighted by their pairs (see `PairDistanceFunction`), on ``distance``, the
+        middle of the bins [m]; NaN in bins without pairs; with unit and meaning if the function is an
+        `observable`. Frames in which the grains span no box are left out.
 
     Raises
     ------
     InputError
-        As the function, and where there is no such frame, or in none the grains span a box.
+        As the function, and if no frame lies in the range, or in none the grains span a box.
     """
     import xarray
 
@@ -281,8 +284,8 @@ def radial_distribution(
     positions : float (n, 2)
         Positions of the grains [m]; NaN for absent grains.
     edges : float (k + 1,), optional
-        Edges of the bins [m]; 100 bins up to half the shorter side of the box of the outermost
-        centres (or 10 mean spacings, where that is less) if not given.
+        Edges of the bins [m], increasing from 0 or more; 100 bins up to half the shorter side of the box of
+        the outermost centres (or 10 mean spacings, where that is less) if not given.
     box : float (2, 2), optional
         Lowest and highest x and y of the rectangle that the grains could be in [m]; that of the
         outermost centres if not given.
@@ -290,13 +293,14 @@ def radial_distribution(
     Returns
     -------
     PairDistanceFunction
-        Function g of each bin (k,), without unit, and the number of its pairs.
+        Function g of each bin (k,), without unit, 0 in bins without pairs, and the number of its pairs.
 
     Raises
     ------
     InputError
-        If the edges do not increase or reach beyond the shorter side of the box, a grain lies
-        outside of the box, or there are fewer than two grains.
+        If positions or box have another shape, the edges do not increase from 0 m or more or reach beyond
+        the shorter side of the box, a grain lies outside of the box, the grains span no box, or there are
+        fewer than two.
 
     Examples
     --------
@@ -314,7 +318,10 @@ def radial_distribution(
     if len(points) < 2:
         raise InputError(f"{len(points)} grains; g(r) needs at least 2")
     edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
-    low, high = bounding_box(points) if box is None else np.asarray(box, dtype=np.float64)
+    box = bounding_box(points) if box is None else np.asarray(box, dtype=np.float64)
+    if box.shape != (2, 2):
+        raise InputError(f"the box has the shape {box.shape}; (2, 2) is wanted: lowest and highest x and y")
+    low, high = box
     if not ((points >= low) & (points <= high)).all():
         raise InputError("a grain lies outside of the box; give a box that holds all grains")
     pairs = count_pairs(points, edges)
@@ -340,31 +347,29 @@ def spatial_correlation(
 ) -> PairDistanceFunction:
     """Spatial correlation <dv(0) dv(r)>/<dv^2>, dv being a grain's deviation from the mean value.
 
-    It is 1 where both grains have the same deviation, and 0 where they are independent (Pearson's
-    correlation of pairs at a distance).
-
-    In mixtures take values over the mean of their species, or the order of the species is what is
-    found.
+    It is Pearson's correlation of pairs at a distance, with the mean and variance of all grains: positive
+    where both deviate the same way, and 0 where they are independent. In mixtures take values over the
+    mean of their species, or the order of the species is what is found.
 
     Parameters
     ----------
     positions : float (n, 2)
         Positions of the grains [m]; NaN for absent ones.
     values : float (n,)
-        Grains whose value or position is NaN are left out.
+        Value v of each grain, of any unit; grains whose value or position is not finite are left out.
     edges : float (k + 1,), optional
         Edges of the bins [m]; as for `radial_distribution` if not given.
 
     Returns
     -------
     PairDistanceFunction
-        Correlation of each bin (k,), 1 for equal deviations and NaN in bins without pairs, and the number
-        of its pairs.
+        Correlation of each bin (k,), without unit, NaN in bins without pairs, and the number of its pairs.
 
     Raises
     ------
     InputError
-        If shapes or edges do not fit, or all values are the same.
+        If a shape does not fit, the edges do not increase from 0 m or more, all values are the same, or,
+        without ``edges``, the grains that count span no box.
     """
     positions = check_positions(positions)
     values = check_grain_values("values", values, len(positions))

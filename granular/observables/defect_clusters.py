@@ -16,7 +16,7 @@ from granular.observables.defects import (
     orient_counter_clockwise,
 )
 from granular.observables.frame import check_positions
-from granular.observables.voronoi import VoronoiCells, circumcentres, voronoi_cells
+from granular.observables.voronoi import VoronoiCells, check_cells, circumcentres
 from granular.shared.errors import InputError
 
 DISLOCATION, DISCLINATION, VACANCY, INTERSTITIAL, PAIR, BOUNDARY = KINDS = (
@@ -87,7 +87,8 @@ def detect_defects(
 ) -> FrameDefects:
     """Defects of the hexagonal order, by clusters of neighbouring grains that have not six.
 
-    Of each cluster the Burgers circuit about it is taken. A cluster with a charge is a
+    Of each cluster the Burgers circuit about it is taken (Hirth and Lothe, Theory of Dislocations, 1982;
+    see `granular.observables.defects.burgers_vectors`). A cluster with a charge is a
     disclination, one with a Burgers vector a dislocation, and one with neither a vacancy or an
     interstitial, by the number of grains in it against that of lattice sites within the circuit;
     with as many as there are sites it is a bound pair of dislocations, as heat makes them and takes
@@ -110,15 +111,17 @@ def detect_defects(
     Returns
     -------
     FrameDefects
-        Kinds, positions [m], Burgers vectors and charges of the defects.
+        Kinds (d,), positions (d, 2) [m], Burgers vectors (d, 2) [m] and charges (d,) of the defects; d is 0
+        without defects.
 
     Raises
     ------
     InputError
-        If the shape is another one, or no grain has an interior cell.
+        If the positions have another shape than (n, 2), the cells are of another number of grains, or no
+        grain has an interior cell.
     """
     positions = check_positions(positions)
-    cells = voronoi_cells(positions) if cells is None else cells
+    cells = check_cells(positions, cells)
     if not cells.interior.any():
         raise InputError("no grain has an interior cell; give a larger bed")
     if angle is None:

@@ -356,12 +356,14 @@ def detect_defects_in_frames(frames: np.ndarray) -> list[FrameDefects]:
     Raises
     ------
     InputError
-        If the shape is another one, or a frame has no interior cells.
+        If the shape is another one, there is no frame, or a frame has no interior cells.
     """
-    array = check_frames(frames)
+    array = check_frames(frames, least=1)
     defects: list[FrameDefects] = []
     for frame in array:
         cells = voronoi_cells(frame)
+        if not cells.interior.any():
+            raise InputError("no grain of a frame has an interior cell; give a larger bed")
         angle = float(np.angle(global_psi6(frame, cells))) / 6.0
         if defects:
             # The bond order knows it up to 60 degrees: the nearest of these is the same lattice.
@@ -379,11 +381,13 @@ def track_defects(
     memory: int = MEMORY,
     least: int = LEAST,
 ) -> xarray.Dataset:
-    """Tracks of the defects over the frames with start <= time <= stop [s].
+    """Tracks of the defects over the frames with start <= time <= stop.
 
-    Frames should follow each other so closely that a defect goes less than ``reach`` spacings in
-    between. Defects are those of `detect_defects`: a bed of one crystal, or of parts turned by less
-    than 25 degrees.
+    Defects of one kind and Burgers vector are linked from frame to frame as in Crocker and Grier, J.
+    Colloid Interface Sci. 179, 298 (1996), by `link_defect_tracks`; events are those of
+    `find_defect_events`. Frames should follow each other so closely that a defect goes less than
+    ``reach`` spacings in between. Defects are those of `detect_defects`: a bed of one crystal, or of
+    parts turned by less than 25 degrees.
 
     Parameters
     ----------
@@ -392,27 +396,30 @@ def track_defects(
     start, stop : float
         First and last time of the frames [s].
     reach : float
-        Greatest displacement from frame to frame, in spacings.
+        Greatest displacement from frame to frame, above 0, in lattice spacings.
     memory : int
-        Frames that a defect may be out of sight.
+        Frames that a defect may be out of sight, 0 or more.
     least : int
-        Frames in which a track was seen at least; shorter ones are left out.
+        Frames in which a track was seen at least, 1 or more; shorter ones are left out.
 
     Returns
     -------
     xarray.Dataset
-        On ``track``: ``kind``, ``begin`` and ``end`` [s], ``burgers`` [m], ``velocity``, ``speed``,
-        ``glide`` and ``climb`` [m/s], ``born`` and ``ended`` (kinds of the events; empty where the
-        frames begin or end); on (``frame``, ``track``, ``axis``): ``position`` [m]; on ``event``:
-        ``event_kind``, ``event_time`` [s], ``event_position`` and ``event_burgers`` [m], what came
-        from the rim; on (``frame``, ``defect``): ``count``; on ``frame``: ``total_burgers`` [m].
-        The attribute ``conserved`` is the fraction of events away from the rim whose Burgers
-        vectors add up; NaN without events.
+        On ``track``: ``kind``, ``begin`` and ``end`` [s], ``burgers`` [m] and ``velocity`` [m/s] with an
+        ``axis``, ``speed``, ``glide`` and ``climb`` [m/s] (all NaN for a track seen once; glide and climb
+        NaN without a Burgers vector), ``born`` and ``ended`` (kinds of the events; empty where the
+        frames begin or end); on (``frame``, ``track``, ``axis``): ``position`` [m], NaN where it was not
+        seen; on ``event``: ``event_kind``, ``event_time`` [s], ``event_position`` and ``event_burgers`` [m],
+        what came from the rim, with an ``axis``; on (``frame``, ``defect``): ``count`` of each kind; on
+        (``frame``, ``axis``): ``total_burgers`` [m]. The attribute ``conserved`` is the fraction of events
+        away from the rim whose Burgers vectors add up, NaN without such events; ``spacing`` is the mean
+        lattice spacing [m].
 
     Raises
     ------
     InputError
-        If there are no such frames, a frame has no interior cells, or an option is not possible.
+        If no frame lies in the range, a frame has no interior cells, ``reach`` is not above 0, ``memory``
+        is below 0 or ``least`` below 1.
     """
     if least < 1:
         raise InputError(f"least {least}; take 1 frame or more")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.observables.frame import check_positions
-from granular.observables.voronoi import VoronoiCells, voronoi_cells
+from granular.observables.voronoi import VoronoiCells, check_cells
 
 SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
 """Nearest neighbours in the lattice, counter-clockwise from a1."""
@@ -195,10 +195,9 @@ class Dislocations(NamedTuple):
 
 
 def disclination_charges(cells: VoronoiCells) -> np.ndarray:
-    """Charge of each grain, 6 minus the number of its neighbours, int (n,).
+    """Disclination charge of each grain, 6 minus the number of its neighbours.
 
-    Pentagons have the charge 1 and heptagons -1; grains without an interior cell have 0 (Nelson and
-    Halperin, Phys. Rev. B 19, 2457, 1979).
+    (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979.)
 
     Parameters
     ----------
@@ -208,8 +207,7 @@ def disclination_charges(cells: VoronoiCells) -> np.ndarray:
     Returns
     -------
     int64 (n,)
-        1 for a pentagon, -1 for a heptagon, 0 for a hexagon and where there is no interior
-        cell.
+        Charge: 1 for a pentagon, 0 for a hexagon, -1 for a heptagon; 0 where there is no interior cell.
 
     Examples
     --------
@@ -254,15 +252,15 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     Returns
     -------
     Dislocations
-        Pairs, positions [m] and Burgers vectors.
+        Pairs (d, 2), positions (d, 2) [m] and Burgers vectors (d, 2) [m]; d is 0 without such pairs.
 
     Raises
     ------
     InputError
-        If the positions have another shape.
+        If the positions have another shape than (n, 2), or the cells are of another number of grains.
     """
     positions = check_positions(positions)
-    cells = voronoi_cells(positions) if cells is None else cells
+    cells = check_cells(positions, cells)
     pairs = _match_pentagons_to_heptagons(cells)
     five, seven = positions[pairs[:, 0]], positions[pairs[:, 1]]
     arm = seven - five

@@ -33,7 +33,7 @@ EVEN = 1e-6
 def per_lag(
     run: Trajectory, function: Callable[..., np.ndarray], start: float = 0.0, stop: float = np.inf
 ) -> xarray.DataArray:
-    """Return a function of the lag over the frames with start <= time <= stop, on ``lag`` [s].
+    """Evaluate a function of the lag over the frames with start <= time <= stop.
 
     Parameters
     ----------
@@ -49,12 +49,14 @@ def per_lag(
     Returns
     -------
     xarray.DataArray
-        Values on ``lag`` [s].
+        Values (k,) on ``lag`` [s], at about 30 lags of even ratios; with unit and meaning if the function
+        is an `observable`.
 
     Raises
     ------
     InputError
-        As the function, and if the frames are not evenly spaced in time, or fewer than two.
+        As the function, and if no frame lies in the range, there is only one, or they are not evenly
+        spaced in time.
     """
     import xarray
 
@@ -108,6 +110,30 @@ def check_lags(lags: np.ndarray | None, count: int) -> np.ndarray:
     return array
 
 
+def check_periods(periods: tuple[float, float]) -> np.ndarray:
+    """Check the sides of a periodic cell, and convert them.
+
+    Parameters
+    ----------
+    periods : (float, float)
+        Width and height [m].
+
+    Returns
+    -------
+    float64 (2,)
+        The same sides [m].
+
+    Raises
+    ------
+    InputError
+        If they are not two lengths above 0 m.
+    """
+    array = np.asarray(periods, dtype=np.float64)
+    if array.shape != (2,) or not (array > 0.0).all():
+        raise InputError(f"periods {periods}; give the width and height of the cell, above 0 m")
+    return array
+
+
 @observable("m^2", "mean square displacement")
 def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None) -> np.ndarray:
     """Mean square displacement <|r(t) - r(0)|^2> over grains and frames.
@@ -118,9 +144,10 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
     Parameters
     ----------
     frames : float (f, n, 2)
-        Positions of the grains in each frame [m]; NaN for absent grains.
+        Positions of the grains in each frame [m], not brought back into a periodic cell; NaN for absent
+        grains.
     lags : int (k,), optional
-        Numbers of frames; about 30 at even ratios if not given.
+        Numbers of frames, 1 to f - 1; about 30 at even ratios if not given.
 
     Returns
     -------
@@ -130,7 +157,8 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
     Raises
     ------
     InputError
-        If a shape or lag does not fit, or no grain is present in two such frames.
+        If a shape or lag does not fit, there are fewer than two frames, or no grain is present in both of
+        two frames that lie a lag apart.
     """
     return _displacement_moments(frames, lags)[0]
 
@@ -139,17 +167,17 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
 def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -> np.ndarray:
     """Non-Gaussian parameter alpha_2(t) = <r^4>/(2 <r^2>^2) - 1 of displacements r in the time t.
 
-    It is 0 where the displacements are normally distributed.
-
-    In two dimensions (Rahman, Phys. Rev. 136, A405, 1964, has it in three). It peaks where some
-    grains leave their cages and others do not.
+    It is 0 where the displacements are normally distributed, and peaks where some grains leave their
+    cages and others do not. This is its form in two dimensions (Rahman, Phys. Rev. 136, A405, 1964, has it
+    in three).
 
     Parameters
     ----------
-    frames : float64 (f, n, 2)
-        Positions of the grains in each frame [m]; NaN for absent ones.
+    frames : float (f, n, 2)
+        Positions of the grains in each frame [m], not brought back into a periodic cell; NaN for absent
+        grains.
     lags : int (k,), optional
-        Lags in frames; about 30 at even ratios if not given.
+        Numbers of frames, 1 to f - 1; about 30 at even ratios if not given.
 
     Returns
     -------
@@ -159,7 +187,8 @@ def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -
     Raises
     ------
     InputError
-        If a shape or lag does not fit, or no grain is present in two such frames.
+        If a shape or lag does not fit, there are fewer than two frames, or no grain is present in both of
+        two frames that lie a lag apart.
     """
     second, fourth = _displacement_moments(frames, lags)
     squared = np.where(second > 0.0, second, np.nan) ** 2
@@ -197,27 +226,29 @@ def lindemann_parameter(
     frames : float (f, n, 2)
         Positions of the grains in each frame [m]; NaN for absent grains.
     lags : int (k,), optional
-        Numbers of frames; about 30 at even ratios if not given.
+        Numbers of frames, 1 to f - 1; about 30 at even ratios if not given.
     periods : (float, float), optional
-        Sides of a periodic cell [m], in which neighbours are looked for; positions are then those
-        that were not brought back.
+        Sides of a periodic cell [m], above 0, within which neighbours are looked for; positions are then
+        those that were not brought back.
 
     Returns
     -------
-    float (k,)
+    float64 (k,)
         Parameter at each lag, without unit.
 
     Raises
     ------
     InputError
-        If a shape or lag does not fit, or in no frame two neighbours have interior cells.
+        If a shape, lag or period does not fit, there are fewer than two frames, or at some lag no two
+        neighbours with interior cells are present in both frames.
     """
     frames = check_frames(frames, least=2)
+    sides = None if periods is None else check_periods(periods)
     lags = check_lags(lags, len(frames))
     total, number = np.zeros((2, len(lags)))
     areas = []
     for first, start in enumerate(frames[:-1]):
-        cells = voronoi_cells(start if periods is None else np.mod(start, periods))
+        cells = voronoi_cells(start if sides is None else np.mod(start, sides))
         i, j = cells.neighbours[cells.interior[cells.neighbours].all(axis=1)].T
         areas.append(cells.area[cells.interior])
         for k, lag in enumerate(lags):
@@ -241,7 +272,7 @@ class NonAffineMotion(NamedTuple):
     d2min : float (n,)
         Mean square of what is left over by the best local strain [m^2].
     strain : float (n, 2, 2)
-        The best local deformation gradient minus 1.
+        The best local deformation gradient minus 1, without unit.
     """
 
     d2min: np.ndarray
@@ -266,12 +297,13 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     Returns
     -------
     NonAffineMotion
-        D2min [m^2] and the local strain of each grain.
+        D2min [m^2] (n,) and local strain (n, 2, 2), without unit; NaN for grains without an interior cell
+        in the first frame, absent in the second, or with fewer than three neighbours there.
 
     Raises
     ------
     InputError
-        If the shapes do not fit.
+        If the positions have another shape than (n, 2), or the frames differ in their number of grains.
     """
     first, second = check_positions(first), check_positions(second)
     if first.shape != second.shape:
@@ -296,19 +328,22 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
 
 
 def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
-    """D2min of each grain since ``every`` frames before, on (``frame``, ``grain``) [m^2].
+    """D2min of each grain since ``every`` frames before, as `non_affine_motion` defines it.
+
+    (Falk and Langer, Phys. Rev. E 57, 7192, 1998.)
 
     Parameters
     ----------
     run : Trajectory
         Finished run, or one that was cut off.
     every : int
-        Frames between the two that are compared.
+        Frames from the first to the second of the two that are compared, 1 or more.
 
     Returns
     -------
     xarray.DataArray
-        D2min [m^2] on (``frame``, ``grain``); NaN without an interior cell.
+        D2min [m^2] on (``frame``, ``grain``); NaN in the first ``every`` frames, and for grains without an
+        interior cell in the earlier frame, or absent.
 
     Raises
     ------

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.frame import Frame, check_grain_values, species_names
+from granular.observables.frame import Frame, check_grain_values, check_positions, species_names
 from granular.observables.interactions import iterate_pair_forces, iterate_wall_forces
 from granular.observables.statistics import DipTest, Histogram, dip_test, knuth_histogram
-from granular.observables.voronoi import VoronoiCells, voronoi_cells
+from granular.observables.voronoi import VoronoiCells, check_cells, voronoi_cells
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def piston_force(run: Trajectory) -> xarray.DataArray:
 
 
 def wall_forces(run: Trajectory) -> xarray.DataArray:
-    """Force of the grains on every wall that acts, outwards [N], on (``time``, ``wall``).
+    """Force of the grains on every wall that acts, outwards.
 
     Parameters
     ----------
@@ -58,12 +58,13 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
     Returns
     -------
     xarray.DataArray
-        Force on each wall [N] on (``time``, ``wall``).
+        Force on each wall [N], positive outwards, on ``time`` [s] and ``wall``: of left, right, bottom and
+        piston those that act.
 
     Raises
     ------
     InputError
-        If the scene has no walls.
+        If no wall acts in the scene.
     """
     import xarray
 
@@ -79,10 +80,11 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
 
 
 def interaction_forces(frame: Frame) -> np.ndarray:
-    """Force of grains and walls on each grain (n, 2) [N].
+    """Force of grains and walls on each grain.
 
     These are the frame's forces without weight, and without inertia where the cell is shaken: the
-    resulting magnetic force of [D, 4.3.5], and contact where the scene has it.
+    resulting magnetic force of [D, 4.3.5], and contact where the scene has it. Forces of own fields
+    and gradients are left in them.
 
     Parameters
     ----------
@@ -92,12 +94,14 @@ def interaction_forces(frame: Frame) -> np.ndarray:
     Returns
     -------
     float64 (n, 2)
-        Force on each grain [N].
+        Force on each grain [N]; NaN for absent grains.
     """
-    acceleration = np.zeros(2)
-    gravity, shaking = frame.scene.effects.gravity, frame.scene.effects.shaking
+    acceleration, effects = np.zeros(2), frame.scene.effects
+    gravity, shaking, host = effects.gravity, effects.shaking, effects.host
     if gravity is not None:
-        acceleration[1] -= gravity.acceleration
+        # A host that carries the piston has the cell upside down.
+        upwards = host is not None and host.mount == "piston"
+        acceleration[1] += gravity.acceleration if upwards else -gravity.acceleration
     if shaking is not None:
         omega = 2.0 * np.pi * shaking.frequency
         swing = shaking.amplitude * omega**2 * np.sin(omega * frame.time)
@@ -110,29 +114,31 @@ def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: float
 
     De Paula writes it apart from the resulting force (``comPart`` and ``forPart``) and draws its
     distribution [D, 4.3.5, Fig. 5.3, Appendix B]. In a bed at rest the resulting force is what
-    friction holds, some hundredths of it.
+    friction holds, some hundredths of it. Forces are those of dipoles or discs, of contact without its
+    dashpot, and of walls; each grain meets the nearest image of every other one in a periodic cell.
 
     Parameters
     ----------
     scene : Scene
         Scene that the grains belong to.
     positions : float (n, 2)
-        Positions of the grains [m]; NaN for absent grains.
+        Positions of the grains within the cell [m]; NaN for absent grains.
     piston_height : float, optional
         Height of the piston [m]; the scene's where not given.
 
     Returns
     -------
-    float (n,)
-        Compressive force [N]; NaN for absent grains.
+    float64 (n,)
+        Compressive force [N]; NaN for absent grains, and for all that stand at one point or meet a piston
+        whose height is NaN.
 
     Raises
     ------
     InputError
-        If the shape is not that of the scene's grains, or an effect acts between grains by a law
-        other than dipole and contact.
+        If the shape is not that of the scene's grains, or an effect acts between grains by another law
+        than dipole and contact (``pair_law``, an own effect).
     """
-    total = np.full(len(positions), np.nan)
+    total = np.full(len(check_positions(positions)), np.nan)
     for some in iterate_pair_forces(scene, positions):
         total[some.grains] = np.linalg.norm(some.forces, axis=2).sum(axis=1)
     walls = iterate_wall_forces(scene, positions, piston_height)
@@ -141,24 +147,25 @@ def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: float
 
 
 def relative_force_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> np.ndarray:
-    """|F_k - mean F| / mean F, with the mean over the species of grain k [D, eq. 4.35].
+    """Relative fluctuation |F_k - mean F|/mean F, with the mean over the species of grain k [D, eq. 4.35].
 
     Parameters
     ----------
     magnitudes : float (n,)
-        Magnitudes of the forces on the grains [N]; NaN for grains that are not to count.
+        Magnitudes of the forces on the grains [N], 0 or more; NaN for grains that are not to count.
     species : int (n,)
         Index of each grain's species.
 
     Returns
     -------
-    float (n,)
-        NaN for grains that do not count, and where the mean is 0.
+    float64 (n,)
+        Fluctuation without unit; NaN for grains whose magnitude is not finite, and where the mean of their
+        species is not above 0.
 
     Raises
     ------
     InputError
-        If shapes do not fit.
+        If magnitudes or species have another shape than (n,), or differ in it.
     """
     magnitudes = np.asarray(magnitudes, dtype=np.float64)
     magnitudes = check_grain_values("magnitudes", magnitudes, magnitudes.size)
@@ -177,29 +184,31 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: float | No
 
     The branch of a pair belongs to both grains, that of a wall to one alone. So the sum over all
     grains is that of the bed: with every grain at rest its yy component is the piston force times
-    the piston's height, plus what weight and friction hold (the virial theorem).
+    the piston's height, plus what weight and friction hold (the virial theorem; Allen and Tildesley,
+    Computer Simulation of Liquids, 2nd ed. 2017). Forces are those of `compressive_forces`.
 
     Parameters
     ----------
     scene : Scene
         Scene that the grains belong to.
     positions : float (n, 2)
-        Positions of the grains [m]; NaN for absent grains.
+        Positions of the grains within the cell [m]; NaN for absent grains.
     piston_height : float, optional
         Height of the piston [m]; the scene's where not given.
 
     Returns
     -------
-    float (n, 2, 2)
-        Virial [J], positive where the grain is pressed; NaN for absent grains.
+    float64 (n, 2, 2)
+        Virial [J], positive where the grain is pressed; NaN for absent grains, and for all that stand at
+        one point or meet a piston whose height is NaN.
 
     Raises
     ------
     InputError
-        If the shape is not that of the scene's grains, or an effect acts between grains by a law
-        other than dipole and contact.
+        If the shape is not that of the scene's grains, or an effect acts between grains by another law
+        than dipole and contact (``pair_law``, an own effect).
     """
-    virials = np.full((len(positions), 2, 2), np.nan)
+    virials = np.full((len(check_positions(positions)), 2, 2), np.nan)
     for some in iterate_pair_forces(scene, positions):
         virials[some.grains] = 0.5 * np.einsum("kmi,kmj->kij", some.branches, some.forces)
     walls = iterate_wall_forces(scene, positions, piston_height)
@@ -219,8 +228,8 @@ def grain_stresses(
     ----------
     scene : Scene
         Scene that the grains belong to.
-    positions : float64 (n, 2)
-        Positions of the grains [m]; NaN for absent ones.
+    positions : float (n, 2)
+        Positions of the grains within the cell [m]; NaN for absent grains.
     piston_height : float, optional
         Height of the piston [m]; the scene's where not given.
     cells : VoronoiCells, optional
@@ -229,29 +238,33 @@ def grain_stresses(
     Returns
     -------
     float64 (n, 2, 2)
-        Stress [N/m], positive for compression; NaN for grains without an interior Voronoi cell.
+        Stress [N/m], positive for compression; NaN for grains without an interior Voronoi cell, and where
+        `grain_virials` is.
 
     Raises
     ------
     InputError
-        If the positions have another shape than the scene's grains, or an effect acts between grains
-        by a law other than dipole and contact.
+        If the positions have another shape than the scene's grains, the cells are of another number of
+        grains, or an effect acts between grains by another law than dipole and contact (``pair_law``, an
+        own effect).
     """
-    cells = voronoi_cells(scene.cell.wrap_positions(positions)) if cells is None else cells
+    cells = check_cells(scene.cell.wrap_positions(positions), cells)
     return grain_virials(scene, positions, piston_height) / cells.area[:, None, None]
 
 
 def grain_pressures(
     scene: Scene, positions: np.ndarray, piston_height: float | None = None, cells: VoronoiCells | None = None
 ) -> np.ndarray:
-    """Half the trace of `grain_stresses`: the virial pressure of each grain in two dimensions.
+    """Virial pressure of each grain in two dimensions: half the trace of `grain_stresses`.
+
+    (Irving and Kirkwood, J. Chem. Phys. 18, 817, 1950.)
 
     Parameters
     ----------
     scene : Scene
         Scene that the grains belong to.
-    positions : float64 (n, 2)
-        Positions of the grains [m]; NaN for absent ones.
+    positions : float (n, 2)
+        Positions of the grains within the cell [m]; NaN for absent grains.
     piston_height : float, optional
         Height of the piston [m]; the scene's where not given.
     cells : VoronoiCells, optional
@@ -260,13 +273,14 @@ def grain_pressures(
     Returns
     -------
     float64 (n,)
-        Pressure of each grain [N/m]; NaN without an interior Voronoi cell.
+        Pressure of each grain [N/m], positive for compression; NaN where `grain_stresses` is.
 
     Raises
     ------
     InputError
-        If the positions have another shape than the scene's grains, or an effect acts between grains
-        by a law other than dipole and contact.
+        If the positions have another shape than the scene's grains, the cells are of another number of
+        grains, or an effect acts between grains by another law than dipole and contact (``pair_law``, an
+        own effect).
     """
     stresses = grain_stresses(scene, positions, piston_height, cells)
     return np.asarray(0.5 * np.trace(stresses, axis1=1, axis2=2))
@@ -275,12 +289,13 @@ def grain_pressures(
 def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histogram]:
     """Histograms of the compressive force on the grains of a frame [D, Fig. 4.21].
 
-    Only grains with an interior Voronoi cell count, as in de Paula's pictures of forces.
+    Only grains with an interior Voronoi cell count, as in de Paula's pictures of forces; bins are those of
+    `knuth_histogram`.
 
     Parameters
     ----------
     frame : Frame
-        See `frame_at`.
+        Instant of a run; see `frame_at`.
     pooled : bool
         All species in one histogram, named ``"all"``, over the greatest force of the frame, as the
         source draws them.

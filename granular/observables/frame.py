@@ -32,13 +32,14 @@ class Frame(NamedTuple):
     time : float
         Time in the run [s].
     positions, velocities, forces : float (n, 2)
-        Positions [m], within the cell where it is periodic; velocities [m/s]; forces [N]
+        Positions [m], within the cell where it is periodic; velocities [m/s]; forces [N]: magnetic ones,
+        contact, weight, own fields and the inertia of a shaken cell, but no drag and no friction.
     piston_height : float
         Height of the piston [m]; NaN without a piston.
     species : int (n,)
         Index of each grain's species.
     diameters, masses : float (n,)
-        Diameters [m]; masses [kg]
+        Diameters [m]; masses [kg].
     """
 
     scene: Scene
@@ -69,17 +70,17 @@ def observable(unit: str, meaning: str = "", name: str | None = None) -> Callabl
     meaning : str
         In words, for the axis of a plot.
     name : str, optional
-        By which tables and commands know it; the function's if not given.
+        Python identifier by which tables and commands know it; the function's own if not given.
 
     Returns
     -------
     function
-        Decorator that marks a function.
+        Decorator, which marks a function by its attribute ``observable`` and returns it.
 
     Raises
     ------
     InputError
-        If the unit cannot be read, or the name is no word.
+        If the unit cannot be read; by the decorator, if the name is no identifier or there is none.
 
     Examples
     --------
@@ -95,7 +96,7 @@ def observable(unit: str, meaning: str = "", name: str | None = None) -> Callabl
         unit_size(unit)
 
     def mark(function: Function) -> Function:
-        called = function.__name__ if name is None else name
+        called = getattr(function, "__name__", "") if name is None else name
         if not called.isidentifier():
             raise InputError(f"observable {quote(called)}; give a name such as 'greatest_force'")
         function.observable = Observable(called, unit, meaning)  # type: ignore[attr-defined]
@@ -188,19 +189,19 @@ def frames(run: Trajectory, indices: Sequence[int] | np.ndarray | None = None) -
 
 
 def frame_at(run: Trajectory, index: int = -1) -> Frame:
-    """Frame of a run by its index, the last one if not given; negative ones count from the end.
+    """Frame of a run by its index; the last one if not given.
 
     Parameters
     ----------
     run : Trajectory
         Finished run, or one that was cut off.
     index : int
-        Number of the frame; negative ones count from the end.
+        Number of the frame from 0; negative ones count from the end.
 
     Returns
     -------
     Frame
-        The frame, in SI units.
+        The frame, in SI; NaN for grains that have left the cell.
 
     Raises
     ------

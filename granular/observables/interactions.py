@@ -29,7 +29,10 @@ FARTHEST = 20.0
 """Distance over that of contact from which the series of a disc's field has its first term only."""
 
 KNOWN = ("dipole", "contact", "walls")
-SILENT = ("bath", "drag", "eddy", "field", "friction", "gradient", "gravity", "shaking", "wall_friction")
+SILENT = (
+    *("bath", "drag", "eddy", "field", "friction"),
+    *("gradient", "gravity", "host", "shaking", "wall_friction"),
+)
 """Effects that press no grain against another one or a wall."""
 
 

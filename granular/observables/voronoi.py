@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.observables.frame import check_positions, is_present
+from granular.shared.errors import InputError
 
 SHORTEST_SIDE = 1e-9
 """A side shorter than this, in mean spacings, is rounding: four or more grains on one circle."""
@@ -87,12 +88,13 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     Returns
     -------
     VoronoiCells
-        Corners [m], neighbours and areas [m^2], and the grains whose cells are interior.
+        Sides (n,), areas [m^2] (n,), NaN without an interior cell, neighbours (m, 2), corners [m] (t, 2),
+        and the grains whose cells are interior (n,).
 
     Raises
     ------
     InputError
-        If the positions have another shape.
+        If the positions have another shape than (n, 2).
 
     Notes
     -----
@@ -142,6 +144,36 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     )
 
 
+def check_cells(positions: np.ndarray, cells: VoronoiCells | None) -> VoronoiCells:
+    """Check that Voronoi cells are those of as many grains, or find them.
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        Positions of the grains [m]; NaN for absent grains.
+    cells : VoronoiCells or None
+        Voronoi cells of these positions; None to find them.
+
+    Returns
+    -------
+    VoronoiCells
+        Cells of the n grains.
+
+    Raises
+    ------
+    InputError
+        If the positions have another shape, or the cells are those of another number of grains.
+    """
+    if cells is None:
+        return voronoi_cells(positions)
+    if len(cells.sides) != len(positions):
+        raise InputError(
+            f"Voronoi cells of {len(cells.sides)} grains for {len(positions)} positions; give those of "
+            "the same positions"
+        )
+    return cells
+
+
 def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:
     """Fractions of pentagons, hexagons, heptagons and all others among interior cells [D, 4.2.4].
 
@@ -154,7 +186,7 @@ def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:
     -------
     PolygonFractions
         Four fractions without unit, which add up to 1, or NaN without interior cells; and ``cells``, the
-        number of those.
+        number of interior cells.
 
     Examples
     --------
@@ -177,7 +209,7 @@ def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:
 
 
 def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
-    """Corners of every interior cell, counter-clockwise, as float (k, 2) [m] by grain.
+    """Corners of every interior Voronoi cell, counter-clockwise [D, 4.2.3.1].
 
     Parameters
     ----------
@@ -187,7 +219,8 @@ def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
     Returns
     -------
     dict of int to array
-        Corners [m] of each interior cell, float64 (k, 2), by the grain's number.
+        Corners [m] of each interior cell, float64 (k, 2), by the grain's number; empty without interior
+        cells. Where four grains or more lie on one circle, their common corner stands more than once.
 
     Examples
     --------
@@ -312,9 +345,9 @@ def hexagon_regularity(cells: VoronoiCells) -> np.ndarray:
 
     Returns
     -------
-    float (n,)
-        4/sqrt(3) * area / (sum of the squares of the sides) [D, eq. 4.25]; NaN where the cell is no
-        interior hexagon, for which alone 1 is the greatest value.
+    float64 (n,)
+        4/sqrt(3) * area / (sum of the squares of the sides) [D, eq. 4.25], without unit; NaN where the
+        cell is no interior hexagon, for which alone 1 is the greatest value.
 
     Examples
     --------

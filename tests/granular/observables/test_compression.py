@@ -16,9 +16,11 @@ from granular.observables import (
     grain_pressures,
     grain_stresses,
     grain_virials,
+    interaction_forces,
     per_frame,
     voronoi_cells,
 )
+from granular.observables.frame import Frame
 from granular.observables.interactions import iterate_pair_forces, iterate_wall_forces
 from granular.shared.errors import InputError
 from tests.granular.observables.conftest import MakeRun, hexagonal
@@ -161,6 +163,29 @@ def test_unknown_laws_and_shapes_are_input_errors() -> None:
         compressive_forces(bed(**{"effects.pair_law": law}), np.zeros((COUNT, 2)))
     with pytest.raises(InputError, match="7 positions for 30 grains"):
         compressive_forces(bed(), np.zeros((7, 2)))
+    with pytest.raises(InputError, match="Voronoi cells of 3 grains for 30 positions"):
+        grain_stresses(bed(), np.zeros((COUNT, 2)), cells=voronoi_cells(np.zeros((3, 2))))
+
+
+@pytest.mark.parametrize("mount", ["cell", "piston"])
+def test_a_host_is_no_law_between_grains(mount: str) -> None:
+    """One that carries the piston has the cell upside down: the weight points at the piston."""
+    scene = load_scene("machine")
+    if mount == "piston":
+        change = {"effects.host.mount": mount, "piston.mass": "1 kg", "effects.host.cell_mass": "1 kg"}
+        scene = scene.replace(**change)
+    positions = scene.initial_positions_and_velocities()[0]
+    assert np.isfinite(grain_virials(scene, positions)).all()
+    total = iterate_wall_forces(scene, positions).forces.sum(axis=1)
+    for one in iterate_pair_forces(scene, positions):
+        total[one.grains] += one.forces.sum(axis=1)
+    grains, height = scene.grains, scene.piston.height
+    frame = Frame(
+        *(scene, 0.0, positions, 0.0 * positions, evaluate(scene, positions).force, height),
+        *(grains.species_indices(), grains.diameters(), grains.masses()),
+    )
+    found = interaction_forces(frame)
+    np.testing.assert_allclose(found, total, rtol=0.0, atol=1e-12 * np.abs(total).max())
 
 
 def test_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:

@@ -80,6 +80,9 @@ def test_blocks_of_independent_grains_fluctuate_alike(random: np.random.Generato
     assert found[2] == pytest.approx(found[1], rel=0.3)
     with pytest.raises(InputError, match="from 1 up"):
         block_susceptibilities(frames, (0,))
+    with pytest.raises(InputError, match="0 frames"):
+        block_susceptibilities(frames[:0])
+    assert np.isnan(block_susceptibilities(frames[:, :0])).all()
 
 
 def walk(random: np.random.Generator, frames: int, step: float) -> np.ndarray:
@@ -159,6 +162,8 @@ def test_wrong_lags_and_frames(make_run: MakeRun) -> None:
         mean_square_displacement(frames, np.array([4]))
     with pytest.raises(InputError, match=r"\(f, n, 2\)"):
         lindemann_parameter(frames[0])
+    with pytest.raises(InputError, match="periods"):
+        lindemann_parameter(frames, periods=(0.0, 1.0))
     run = make_run(0.006 * frames)
     run.dataset["frame_time"] = ("frame", np.array([0.0, 1.0, 2.0, 9.0]))
     with pytest.raises(InputError, match="within one stage"):

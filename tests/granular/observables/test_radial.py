@@ -106,6 +106,8 @@ def test_unfit_arguments_are_input_errors(random: np.random.Generator) -> None:
         radial_distribution(points, np.array([0.0, 1.2]))
     with pytest.raises(InputError, match="increase"):
         radial_distribution(points, np.array([0.3, 0.2]))
+    with pytest.raises(InputError, match=r"the box has the shape \(3,\)"):
+        radial_distribution(hexagonal(4, 4), box=np.ones(3))
     with pytest.raises(InputError, match="outside of the box"):
         radial_distribution(points, box=np.array([[0.0, 0.0], [0.5, 0.5]]))
     with pytest.raises(InputError, match="at least 2"):
