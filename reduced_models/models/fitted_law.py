@@ -7,7 +7,7 @@ import decimal
 import functools
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -102,6 +102,37 @@ class AtRest:
     equivalent: EquivalentDamping | None = None
     peaks: PeakDamping | None = None
     calibration: Mapping[str, float] = dataclasses.field(default_factory=dict)
+
+    def small_swing_text(self, coordinate: str, unit: str, untold: Collection[str]) -> str:
+        """Line of a model's text on the small swing.
+
+        Parameters
+        ----------
+        coordinate, unit : str
+            Name and unit of the coordinate.
+        untold : collection of str
+            ``level`` or ``size`` of the motion, where they are conventions and not printed.
+
+        Returns
+        -------
+        str
+            Level of rest, period [s] and damping ratio in words.
+        """
+        words = "  small swing about rest: "
+        words += "" if "level" in untold else f"{coordinate} {self.height:.5g} {unit}, "
+        words += f"period {self.period:.5g} s, damping ratio "
+        if self.peaks is not None:
+            return words + f"{self.peaks.mean:.4g} by the record's peaks"
+        words += f"{self.damping_ratio:.4g}"
+        item = self.equivalent
+        if item is not None:
+            sized = "size" not in untold
+            half = f"{item.amplitude:.3g} {unit}" if sized else "half of the swing"
+            tenth = f"{item.tenth_of_greatest_swing:.3g} {unit}" if sized else "a tenth"
+            words += f" at {half}" + f" and {item.tenth_ratio:.4g} at {tenth}" * item.is_swinging_at_tenth
+            if sized and item.friction > 0.0:
+                words += f", friction {item.friction:.4g} {unit}/s^2"
+        return words
 
     def __str__(self) -> str:
         item, known = self.equivalent, dict(self.intervals)

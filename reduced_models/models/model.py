@@ -18,10 +18,9 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.sensor_signal import motion_signal
 from reduced_models.models import export, prediction, response, schema
-from reduced_models.models.fitted_law import AtRest, EquivalentDamping, FittedLaw
+from reduced_models.models.fitted_law import AtRest, FittedLaw
 from reduced_models.models.ports import GRAVITY, force_port
 from reduced_models.models.quality import ParameterDirection, Quality
-from reduced_models.records.envelope import PeakDamping
 from reduced_models.records.inputs import Interpolation
 from reduced_models.records.sensor import Sensor, sensor_report_lines
 
@@ -45,18 +44,22 @@ class ReducedModel(FittedLaw):
     Attributes
     ----------
     law : Law
+        Law of motion.
     parameters : mapping of str to float
         In the units of ``law.units``.
     intervals : mapping of str to (float, float)
-        Confidence intervals of the parameters, and of ``shift`` and ``scale`` where fitted.
+        Confidence intervals of the parameters, and of ``shift`` and ``scale`` where fitted, in their
+        units; their ends may be infinite.
     confidence : float
-        Confidence level of the intervals.
+        Confidence level of the intervals, between 0 and 1.
     map : HeightMap
+        Map from the law's z to the height [m].
     initial : (float, float)
         Height [m] and velocity [m/s] at the record's start.
     at_rest : AtRest or None
-        None where the law has no small swing near the record.
+        Small swing about the level of rest; None where the law has none near the record.
     quality : Quality
+        Quality of the fit: residual, noise, test error and the search.
     undetermined : tuple of ParameterDirection
         Directions that the data leave open.
     domain : mapping of str to (float, float)
@@ -109,23 +112,34 @@ class ReducedModel(FittedLaw):
 
     @property
     def correlation(self) -> np.ndarray:
-        """Correlation matrix (p, p) of what ``covariance_names`` names, without unit."""
+        """Correlation matrix (p, p) of what ``covariance_names`` names, from -1 to 1, without unit.
+
+        Rows and columns of what does not vary are zero; (0, 0) where the model has no covariance.
+        """
         return prediction.correlation_matrix(self.covariance)
 
     def residuals(self, record: PistonRecord) -> np.ndarray:
         """Heights of a record that the model was fitted to, less those of the model.
 
-        Where a sensor's signal was fitted, its signal less that of the model, in its unit.
+        Where a sensor's signal was fitted, its signal less that of the model, in its unit. The model
+        starts at the record's first time from the fitted state, ``initial``.
 
         Parameters
         ----------
         record : PistonRecord
-            Record that the model was fitted to.
+            Record (n,) that the model was fitted to.
 
         Returns
         -------
         float64 (n,)
-            Residuals [m].
+            Residuals [m], or in the unit of the sensor's signal.
+
+        Raises
+        ------
+        RecordError
+            If the record lacks an input, the sensor's signal, or the motion of its base.
+        InputError
+            If the solution diverges or is too stiff to follow.
         """
         motion = self.simulate_record(record)
         if self.sensor is None:
@@ -139,12 +153,12 @@ class ReducedModel(FittedLaw):
     def predict_with_band(
         self, t: np.ndarray, inputs: Mapping[str, np.ndarray] | None = None, confidence: float | None = None
     ) -> prediction.PredictionBand:
-        """Motion at increasing times with its confidence band, by error propagation; see `simulate`.
+        """Motion with its confidence band, by linear error propagation (JCGM 100:2008, 5); see `simulate`.
 
         Parameters
         ----------
         t : float64 (n,)
-            Increasing times [s].
+            Two or more increasing times [s]; the fitted initial state is at the first.
         inputs : mapping of str to array, optional
             Inputs (n,) of the law at these times, in the units of the records' columns.
         confidence : float, optional
@@ -153,13 +167,13 @@ class ReducedModel(FittedLaw):
         Returns
         -------
         prediction.PredictionBand
-            Heights (n,) [m] with lower and upper bounds.
+            Heights (n,) [m] with lower and upper bounds of the motion, without a sample's noise.
 
         Raises
         ------
         InputError
-            If the confidence is no such fraction, the model has no covariance, the times do not
-            increase, an input is missing, or the solution diverges.
+            If the confidence is no such fraction, the model has no covariance, the times are fewer than
+            two or do not increase, an input is missing or of another length, or the solution diverges.
         """
         from scipy.stats import norm
 
@@ -191,26 +205,26 @@ class ReducedModel(FittedLaw):
     def plot(self, record: PistonRecord | None = None, ax: Axes | None = None) -> Axes:
         """Draw the model's motion over a record that it was fitted to.
 
-        Without a record: how it swings from the farthest height that it has seen. In a figure of
-        its own what is left over of the record stands below.
+        Without a record: how it swings from the farthest height that it has seen, its inputs zero. In
+        a figure of its own what is left over of the record stands below. Heights are in mm.
 
         Parameters
         ----------
         record : PistonRecord, optional
-            Motion of the piston.
+            Record (n,) that the model was fitted to, with the inputs of the law.
         ax : Axes, optional
             Axes to draw on; new ones if not given.
 
         Returns
         -------
         Axes
-            Axes that hold the drawing.
+            Axes that hold the motion.
 
         Raises
         ------
         InputError
-            If the record lacks an input, or the solution diverges; without a record, if the law is
-            driven or has no level of rest.
+            If the record lacks an input, or the solution diverges or is too stiff to follow; without a
+            record, if the law has no level of rest.
         """
         from granular.shared.plotting import axes_or_new, new_axes
 
@@ -251,22 +265,23 @@ class ReducedModel(FittedLaw):
         return f"$${self.fitted_latex}$$"
 
     def score(self, record: PistonRecord) -> float:
-        """Coefficient of determination R^2 of a prediction from the record's first period.
+        """Coefficient of determination R^2 of all heights of a record, predicted as by `roll_out`.
 
         Parameters
         ----------
         record : PistonRecord
-            Record to predict.
+            Record (n,) to predict, with the inputs of the law.
 
         Returns
         -------
         float
-            R^2, at most 1.
+            R^2, at most 1; below 0 where the mean height is nearer, -inf where the law diverges.
 
         Raises
         ------
         RecordError
-            If the record is too short, does not move, or lacks an input of the law.
+            If the record has fewer than 20 samples, does not move, lasts too many periods, has heights
+            or times beyond what can be computed with, or lacks an input of the law.
         """
         from reduced_models.models.roll_out import roll_out
 
@@ -278,31 +293,34 @@ class ReducedModel(FittedLaw):
         Parameters
         ----------
         amplitude : float
-            Height above the level of rest at the release [m].
+            Height above the level of rest at the release [m]; negative below it.
         periods : float
-            Duration in periods of small swings.
+            Duration in periods of small swings, above 0.
 
         Returns
         -------
         PistonRecord
-            Motion from the release on, its inputs zero: times [s] and heights [m].
+            Motion from the release on, its inputs zero: times [s], heights [m] and velocities [m/s].
 
         Raises
         ------
         InputError
-            If the law has no level of rest, or the motion cannot be followed.
+            If the law has no level of rest, the duration is not above zero and finite, or the motion
+            cannot be followed, as with an amplitude that is not finite.
         """
         return response.free_decay(self, amplitude, periods)
 
     def harmonic_cycle(self, amplitude: float, frequency: float | None = None) -> response.HarmonicCycle:
         """Equivalent stiffness and damping, and energy dissipated, in a cycle; see `response`.
 
+        By one harmonic (Krylov and Bogoliubov 1947, Introduction to Non-Linear Mechanics), inputs zero.
+
         Parameters
         ----------
         amplitude : float
-            Amplitude about rest [m].
+            Amplitude about the cycle's centre, above 0 [m].
         frequency : float, optional
-            Angular frequency [rad/s]; by default that of the equivalent stiffness.
+            Angular frequency, above 0 [rad/s]; by default the root of the equivalent stiffness.
 
         Returns
         -------
@@ -312,40 +330,43 @@ class ReducedModel(FittedLaw):
         Raises
         ------
         InputError
-            If the amplitude is not above zero, the law has no level of rest or no stiffness at this
-            amplitude, or the cycle leaves where the law is defined.
+            If the amplitude is not above zero, the frequency not above zero and finite, the law has no
+            level of rest, without a frequency no stiffness at this amplitude, or the cycle leaves where
+            the law is defined.
         """
         return response.harmonic_cycle(self, amplitude, frequency)
 
     def frequency_response(
         self, force: float, frequencies: np.ndarray, largest: float | None = None
     ) -> response.SteadyAmplitudes:
-        """Steady amplitudes under a harmonic force, by describing functions; see `response`.
+        """Steady amplitudes under a harmonic force, by describing functions as in `harmonic_cycle`.
 
         Parameters
         ----------
         force : float
-            Amplitude of the force [N/kg].
+            Amplitude of the force, above 0 [N/kg].
         frequencies : float64 (k,)
-            Angular frequencies [rad/s].
+            Angular frequencies, above 0 [rad/s].
         largest : float, optional
-            Greatest amplitude looked for [m]; by default ten times the record's farthest swing.
+            Greatest amplitude looked for, above 0 [m]; by default ten times the record's farthest swing.
 
         Returns
         -------
         response.SteadyAmplitudes
-            Least and greatest amplitude (k,) [m] at each frequency; NaN where there is none.
+            Least and greatest amplitude (k,) [m] at each frequency; NaN where there is none up to
+            the greatest one looked for.
 
         Raises
         ------
         InputError
-            If the force is not above zero, or the law has no level of rest.
+            If the force, a frequency or the greatest amplitude is not above zero and finite, the
+            frequencies are no array (k,), or the law has no level of rest.
         """
         return response.frequency_response(self, force, frequencies, largest)
 
     @property
     def numpy_source(self) -> str:
-        """Python source of a stand-alone module of the model, which needs NumPy alone."""
+        """Python source of a stand-alone module of the model, which needs NumPy alone; SI units."""
         return export.numpy_source(self)
 
     def export(
@@ -365,24 +386,26 @@ class ReducedModel(FittedLaw):
         Parameters
         ----------
         path : str or Path
-            File to write; its ending names the language.
+            File to write; its ending names the language, and one that exists is replaced.
         port : str, optional
             ``"force"``: in place of the record's motion, an element with the inputs height [m] and
             velocity [m/s] of the piston over the cell, and the output force [N].
         mass, gravity : float, optional
-            Of the piston that was recorded [kg], and [m/s^2]: a port needs the mass.
+            Of the piston that was recorded, above 0 [kg], and [m/s^2]: a port needs the mass.
         fmi : int
             Version of FMI of an ``.fmu``, 2 or 3.
 
         Returns
         -------
         str
-            Language of the file.
+            Language of the file, in words.
 
         Raises
         ------
         InputError
-            If the ending is another one, the file cannot be written, or a port has no mass.
+            If the ending is another one, the file cannot be written, a name of ``.m``, ``.mo`` or a port's
+            ``.c`` is none of a function, ``port`` or ``fmi`` is another one, a port has no mass or is of
+            an angle, or no C compiler makes the ``.fmu``.
         """
         if port not in (None, "force"):
             raise InputError(f"port = {quote(port)}; give 'force'")
@@ -391,23 +414,23 @@ class ReducedModel(FittedLaw):
 
     @property
     def text(self) -> str:
-        """Equation, parameters, domain, provenance and LaTeX as text."""
+        """Equation, parameters with units and intervals, domain, provenance and LaTeX as text."""
         return export.equations_text(self)
 
     def outside_range_text(self, motion: PistonRecord) -> str:
         """Warn in words of a motion that leaves the range of the fit; empty where none does.
 
-        Heights alone are judged, and may leave the range by a twentieth of it.
+        Heights alone are judged, and may leave the range by a twentieth of it, on each side.
 
         Parameters
         ----------
         motion : PistonRecord
-            Motion to judge.
+            Motion to judge, of any length.
 
         Returns
         -------
         str
-            Warning, or an empty text.
+            Warning, or an empty text, as where the model has no range of heights.
         """
         low, high = self.domain.get("height", (-math.inf, math.inf))
         margin = _MARGIN * (high - low)
@@ -439,23 +462,7 @@ class ReducedModel(FittedLaw):
             lines.append(f"  {name} = {value:.{digits}g} {unit}  [{interval}]")
         lines += [f"  open: {direction}" for direction in self.undetermined]
         if self.at_rest is not None:
-            rest = self.at_rest
-            level = f"{self.coordinate} {rest.height:.5g} {self.unit}, "
-            words = "  small swing about rest: " + ("" if "level" in self.untold else level)
-            words += f"period {rest.period:.5g} s, damping ratio "
-            if rest.peaks is not None:
-                words += f"{rest.peaks.mean:.4g} by the record's peaks"
-            else:
-                words += f"{rest.damping_ratio:.4g}"
-            item = rest.equivalent
-            if rest.peaks is None and item is not None:
-                sized = "size" not in self.untold
-                half = f"{item.amplitude:.3g} {self.unit}" if sized else "half of the swing"
-                tenth = f"{item.tenth_of_greatest_swing:.3g} {self.unit}" if sized else "a tenth"
-                words += f" at {half}" + f" and {item.tenth_ratio:.4g} at {tenth}" * item.is_swinging_at_tenth
-                if sized and item.friction > 0.0:
-                    words += f", friction {item.friction:.4g} {self.unit}/s^2"
-            lines.append(words)
+            lines.append(self.at_rest.small_swing_text(self.coordinate, self.unit, self.untold))
         elif self.no_swing:
             lines.append(f"  small swing about rest: none, {self.no_swing}")
         lines += sensor_report_lines(self.sensor, self.untold)
@@ -478,7 +485,7 @@ class ReducedModel(FittedLaw):
         Returns
         -------
         dict
-            Plain data for JSON.
+            The attributes in their units, with equation and LaTeX; ends of intervals may be infinite.
         """
         return {
             "format": schema.FORMAT,
@@ -534,43 +541,35 @@ class ReducedModel(FittedLaw):
         Parameters
         ----------
         plain : mapping of str
-            Plain data, as `to_plain` makes them.
+            Plain data, as `to_plain` makes them or JSON holds them, with null for infinite ends.
+
+        Returns
+        -------
+        ReducedModel
+            Model, whose law is that of the package where name and equation are the same.
 
         Raises
         ------
         InputError
-            If the data are not those of a model.
+            If the data are not those of a model, or the equation cannot be read.
         """
         data = schema.check_plain_model(plain)
         at_rest = data["at_rest"]
+        same = ("parameters", "intervals", "confidence", "domain", "provenance", "hidden", "angle")
         return cls(
+            **{name: data[name] for name in (*same, "input_interpolation", "no_swing")},
             law=schema.law_from_plain(data),
-            parameters=data["parameters"],
-            intervals=data["intervals"],
-            confidence=data["confidence"],
             map=HeightMap(**data["map"]),
             initial=(data["initial"][0], data["initial"][1]),
-            at_rest=None if at_rest is None else _at_rest_from_plain(at_rest),
+            at_rest=None if at_rest is None else schema.at_rest_from_plain(at_rest),
             quality=schema.quality_from_plain(data["quality"]),
             undetermined=tuple(ParameterDirection(**direction) for direction in data["undetermined"]),
-            domain=data["domain"],
             notes=tuple(data["notes"]),
-            provenance=data["provenance"],
-            hidden=data["hidden"],
-            input_interpolation=data["input_interpolation"],
             covariance_names=tuple(data["covariance_names"]),
             covariance=np.reshape(data["covariance"], 2 * (len(data["covariance"]),)),
-            no_swing=data["no_swing"],
-            angle=data["angle"],
             sensor=None if data["sensor"] is None else Sensor(**data["sensor"]),
             untold=tuple(data["untold"]),
         )
-
-
-def _at_rest_from_plain(plain: Mapping[str, Any]) -> AtRest:
-    kinds = {"equivalent": EquivalentDamping, "peaks": PeakDamping}
-    parts = {name: None if plain[name] is None else kind(**plain[name]) for name, kind in kinds.items()}
-    return AtRest(**{**plain, **parts})
 
 
 def load_model(path: str | Path) -> ReducedModel:

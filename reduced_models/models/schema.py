@@ -20,7 +20,9 @@ from granular.shared.files import read_text
 from granular.shared.message_text import quote, sanitize
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.law import Law
+from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.models.quality import Quality
+from reduced_models.records.envelope import PeakDamping
 from reduced_models.records.inputs import INTERPOLATIONS
 from reduced_models.records.sensor import SensorQuantity
 
@@ -376,6 +378,24 @@ def law_from_plain(plain: Mapping[str, Any]) -> Law:
         )
     packaged = LAWS.get(own.name)
     return packaged if packaged is not None and packaged.equation == own.equation else own
+
+
+def at_rest_from_plain(plain: Mapping[str, Any]) -> AtRest:
+    """Small motions about the level of rest.
+
+    Parameters
+    ----------
+    plain : mapping of str
+        Checked plain data of them.
+
+    Returns
+    -------
+    AtRest
+        Height [m], period [s] and damping ratio, with their intervals.
+    """
+    kinds = {"equivalent": EquivalentDamping, "peaks": PeakDamping}
+    parts = {name: None if plain[name] is None else kind(**plain[name]) for name, kind in kinds.items()}
+    return AtRest(**{**plain, **parts})
 
 
 def quality_from_plain(plain: Mapping[str, Any]) -> Quality:
