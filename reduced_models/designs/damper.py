@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import math
 import warnings
+from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.scene.published_beds import REFERENCE_COUNT, damper
 from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+from granular.shared.message_text import quote
 
 GRAVITY = 9.8
 """[m/s²], as in the packaged scenes."""
@@ -46,15 +49,17 @@ NAMES = ("mass for 368 grains", "grains", "affine damping ratio", "fraction of s
 class DamperCandidate(NamedTuple):
     """A damper, by the figures that a designer chooses.
 
+    They are not checked here: methods refuse what is out of its range.
+
     Attributes
     ----------
     mass : float
-        Mass of the piston [kg].
+        Mass of the piston [kg], above 0.
     grains : int
-        Number of grains; the cell is as wide as keeps the packing, 60 D sqrt(grains/368), where
-        D = 6 mm is the diameter of a large grain.
+        Number of grains, above 0; the cell is as wide as keeps the packing, 60 D sqrt(grains/368),
+        where D = 6 mm is the diameter of a large grain.
     drag : float
-        Drag coefficient gamma of a large grain [kg/s].
+        Drag coefficient gamma of a large grain [kg/s], above 0.
     small_share : float
         Fraction of the grains that are small, of the diameter 0.6 D, from 0 to 1.
     magnets : str
@@ -75,16 +80,34 @@ class DamperCandidate(NamedTuple):
 
     @property
     def cell_width_ratio(self) -> float:
-        """Width of the cell over that for 368 grains, sqrt(grains/368), without unit."""
+        """Width of the cell over that for 368 grains, sqrt(grains/368), without unit.
+
+        Raises
+        ------
+        InputError
+            If ``grains`` is no number above 0.
+        """
+        _check_above_zero("grains", self.grains)
         return math.sqrt(self.grains / REFERENCE_COUNT)
 
     @property
     def viscosity(self) -> float:
-        """Viscosity of the liquid that has the drag by Stokes's law, gamma/(3 pi D) [Pa s]."""
+        """Viscosity of the liquid that gives a large grain its drag, gamma/(3 pi D) [Pa s].
+
+        By Stokes's law for a sphere of the diameter D = 6 mm.
+
+        Raises
+        ------
+        InputError
+            If ``drag`` is no number above 0.
+        """
+        _check_above_zero("drag", self.drag, "kg/s")
         return self.drag / (3.0 * math.pi * DIAMETER)
 
     def scene(self, seed: int = 1) -> Scene:
         """Scene of the damper that falls, comes to rest, is lifted by 0.2 D and released.
+
+        The fall begins at 20 D sqrt(grains/368); D = 6 mm.
 
         Parameters
         ----------
@@ -94,13 +117,15 @@ class DamperCandidate(NamedTuple):
         Returns
         -------
         Scene
-            Scene with the stages ``drop`` and, for 3 s, ``release``.
+            Scene with the stages ``drop``, ``lift`` and, for 3 s, ``release``.
 
         Raises
         ------
         InputError
-            If a figure of the damper is out of its range, or there are no such magnets.
+            If a figure of the damper is out of its range, there are no such magnets, or ``seed`` is
+            no integer from 0 on.
         """
+        _check_figures(self)
         made = damper(
             self.mass / self.cell_width_ratio,
             count=self.grains,
@@ -126,13 +151,35 @@ class DamperCandidate(NamedTuple):
         Returns
         -------
         float64 (4,)
-            Mass of the piston over the scale, number of grains and affine damping ratio, on
+            Mass of the piston over `cell_width_ratio`, number of grains and affine damping ratio
+            (that of grains which all follow the piston in proportion to their heights), on
             logarithmic scales, and fraction of small grains; without unit, from -1 to 1 inside the
             box.
+
+        Raises
+        ------
+        InputError
+            If mass, grains or drag is no number above 0, or the fraction is not from 0 to 1.
         """
+        _check_figures(self)
         plain = (self.mass / self.cell_width_ratio, self.grains, affine_damping_ratio(self), self.small_share)
         low, high = _logarithmic_coordinates(LOWEST), _logarithmic_coordinates(HIGHEST)
         return 2.0 * (_logarithmic_coordinates(plain) - low) / (high - low) - 1.0
+
+
+def _check_above_zero(name: str, value: Any, unit: str = "") -> None:
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 < float(value) < math.inf:
+        raise InputError(f"{name} = {quote(value)}; give a number above 0 {unit}".rstrip())
+
+
+def _check_figures(candidate: DamperCandidate) -> None:
+    """Refuse figures of a damper that are out of their ranges."""
+    _check_above_zero("mass", candidate.mass, "kg")
+    _check_above_zero("grains", candidate.grains)
+    _check_above_zero("drag", candidate.drag, "kg/s")
+    fraction: Any = candidate.small_share
+    if not (isinstance(fraction, Real) and 0.0 <= float(fraction) <= 1.0):
+        raise InputError(f"small_share = {quote(fraction)}; give a fraction from 0 to 1")
 
 
 def damper_at_coordinates(coordinates: np.ndarray) -> DamperCandidate:

@@ -15,11 +15,15 @@ import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from numbers import Integral
 from pathlib import Path
+
+import numpy as np
 
 from granular.run.settings_for_accuracy import longest_step_hidden_by_scatter
 from granular.scene.published_beds import damper
-from granular.shared.errors import GranularError, InputError
+from granular.shared.errors import GranularError, InputError, StoreError
+from granular.shared.message_text import quote
 from granular.studies.executors import case_executor
 from granular.studies.sweep import sweep
 from reduced_models.designs.damper import DamperCandidate
@@ -37,7 +41,7 @@ from reduced_models.designs.result import (
     DesignCheck,
     DesignRound,
 )
-from reduced_models.designs.study import figures_of_design_check, measure_design_check
+from reduced_models.designs.study import check_workers, figures_of_design_check, measure_design_check
 from reduced_models.records.sources import METHOD
 
 DISC_FREQUENCY_TOLERANCE = 0.03
@@ -87,18 +91,19 @@ def design(
 ) -> Design:
     """Design a magnetic granular damper whose piston swings as wanted.
 
-    The maps propose a damper, simulations check it, and secant steps correct the proposal.
+    The maps propose a damper, simulations check it, and secant steps correct the proposal, up to
+    eight proposals in all.
 
     Parameters
     ----------
     frequency : float
-        Frequency of the undamped small swing about rest [Hz]; that of the damped one is
+        Frequency of the undamped small swing about rest [Hz], above 0; that of the damped one is
         sqrt(1 - damping^2) of it.
     damping : float
-        Damping ratio, a fraction of critical damping.
+        Damping ratio, a fraction of critical damping, above 0.
     grains : int, optional
-        Number of grains. If neither it nor ``mass`` is given: 368, the published number, if that
-        does, and else the nearest that does.
+        Number of grains, from 92 to 368. If neither it nor ``mass`` is given: 368, the published
+        number, if that does, and else fewer, the nearest that do.
     mass : float, optional
         Mass of the piston [kg], where the load is given; the number of grains is free then.
     small_share : float
@@ -108,16 +113,17 @@ def design(
         ``"dipoles"``, or ``"cylinders"``: discs as in the packaged scene ``magnets``, for which
         theory turns the maps of dipoles into proposals.
     seeds : sequence of int
-        Random starts of the checks, each of which must meet the target.
+        Random starts of the checks, integers from 0 on, each of which must meet the target.
     maps : DamperMaps, optional
         Maps of a study of one's own; `damper_maps` if not given.
     out : str or Path, optional
         Directory for simulations, scene.toml, design.json and report.html; called again, what was
-        simulated is used again.
+        simulated is used again. Nothing is written if not given.
     executor : concurrent.futures.Executor, optional
         Where the cases run, as in `granular.sweep`.
     workers : int, optional
-        Number of processes; as many as there are processors if not given.
+        Number of processes, from 1 on; as many as there are processors, but no more than
+        ``seeds``, if not given.
     progress : bool
         Show a progress bar on standard error.
 
@@ -131,18 +137,29 @@ def design(
     ------
     InputError
         If an argument is out of its range, ``grains`` and ``mass`` are both given, ``seeds`` is
-        empty, or the target lies outside the maps; the message tells what can be had.
+        empty or holds something else than integers from 0 on, or the target lies outside the maps;
+        the message tells what can be had.
     StoreError
         If ``out`` cannot be made or written to.
     DesignError
-        If the proposals missed the target, or a simulation failed; its ``design`` holds the last
-        one.
+        If the proposals missed the target, or a simulation failed before one met it; its ``design``
+        holds all proposals that were simulated, and is None where the first one failed.
     KeyboardInterrupt
         On Ctrl-C; ``out`` keeps what was simulated.
+
+    Warns
+    -----
+    UserWarning
+        Once for each proposal whose simulations warned, as `granular.sweep` does.
     """
     target = DesignTarget(frequency, damping, grains, mass, small_share, magnets)
-    if not seeds:
+    if not isinstance(seeds, Sequence | np.ndarray) or any(
+        not isinstance(seed, Integral) or seed < 0 for seed in seeds
+    ):
+        raise InputError(f"seeds = {quote(seeds)}; give integers from 0 on")
+    if not len(seeds):
         raise InputError("seeds is empty; give at least one random start")
+    check_workers(workers)
     chosen = damper_maps() if maps is None else maps
     propose_design(chosen, target)  # refuses what the maps do not hold, before anything is simulated
     with case_executor(executor, min(len(seeds), workers or os.cpu_count() or 1)) as pool:
@@ -172,6 +189,8 @@ def _search_damper(
                 break
             try:
                 checks = _run_checks(candidate, seeds, out, executor, progress)
+            except StoreError:
+                raise
             except GranularError as error:
                 if met is not None or near is not None:
                     break

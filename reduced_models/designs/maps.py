@@ -99,14 +99,17 @@ class DamperMaps:
     Parameters
     ----------
     study : DataFrame
-        A row for each damper that `run_design_study` simulated; those with an error are left out.
+        A row for each damper of dipoles, with the columns ``mass``, ``grains``, ``drag``,
+        ``small_share``, ``rest_height``, ``frequency``, ``damping_ratio``, ``k1``, ``k2`` and
+        ``k3`` of `run_design_study`. Those that lack a figure, as runs that failed do, are left
+        out; at least 70 must be left.
 
     Attributes
     ----------
     dampers : tuple of DamperCandidate
         Dampers that the maps were fitted to.
     study : DataFrame
-        Rows of these dampers.
+        Rows of these dampers, in the same order.
     surfaces : mapping of str to FigureMap
         Polynomial of each figure: of the logarithms of ``rest_height`` [m], ``frequency`` [Hz] and
         ``damping_ratio``, and of ``quadratic`` and ``cubic``, k2 h/k1 and k3 h^2/k1 at the rest
@@ -115,7 +118,9 @@ class DamperMaps:
     Raises
     ------
     InputError
-        If a column is missing, a figure is not above 0, or there are too few dampers.
+        If a column is missing or holds something that is no number, a figure other than
+        ``small_share``, ``k2`` and ``k3`` is not above 0, one of these is not finite, or there are
+        fewer than 70 dampers.
     """
 
     def __init__(self, study: pandas.DataFrame) -> None:
@@ -124,11 +129,16 @@ class DamperMaps:
         if missing:
             raise InputError(f"the study has no column {missing[0]!r}; make it by run_design_study")
         sound = study[study[list(wanted)].notna().all(axis=1)]
-        positive = [*COLUMNS[:3], *LOGARITHMIC, "k1"]
-        for name in positive:
-            if not (np.isfinite(sound[name]) & (sound[name] > 0.0)).all():
-                worst = float(sound[name].min())
-                raise InputError(f"the study has {name} = {worst:g}; it must be above 0")
+        positive = (*COLUMNS[:3], *LOGARITHMIC, "k1")
+        for name in wanted:
+            try:
+                values = sound[name].to_numpy(dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise InputError(f"the study has a {name} that is no number: {error}") from None
+            refused = values[~np.isfinite(values) | ((values <= 0.0) & (name in positive))]
+            if len(refused):
+                limit = "above 0" if name in positive else "finite"
+                raise InputError(f"the study has {name} = {refused.min():g}; it must be {limit}")
         least = 2 * len(_monomial_exponents(max(DEGREES.values())))
         if len(sound) < least:
             raise InputError(
@@ -153,21 +163,24 @@ class DamperMaps:
         Parameters
         ----------
         damper : DamperCandidate
-            Damper inside the box.
+            Damper inside the box: mass over `DamperCandidate.cell_width_ratio` from 2 to 10 kg, 92
+            to 368 grains, affine damping ratio from 0.023 to 0.25, and up to half of small grains;
+            one hundredth beyond it, in `DamperCandidate.map_coordinates`, is allowed.
 
         Returns
         -------
         PredictedFigures
-            Rest height [m], frequency [Hz], damping ratio, and the law of the swing (SI).
+            Rest height [m], frequency [Hz] of the undamped small swing, damping ratio, and the law
+            of the swing (SI).
 
         Raises
         ------
         InputError
-            If the damper lies outside the box, has no such magnets, or its piston presses discs
-            together.
+            If a figure of the damper is out of its range or the damper outside the box, there are
+            no such magnets, or its piston presses discs together.
         """
         coordinates = damper.map_coordinates()
-        if np.abs(coordinates).max() > _EDGE:
+        if not np.abs(coordinates).max() <= _EDGE:
             limits = ", ".join(
                 f"{name} {low:g} to {high:g}" for name, low, high in zip(NAMES, LOWEST, HIGHEST, strict=True)
             )
@@ -195,29 +208,33 @@ class DamperMaps:
             Name of a figure: ``rest_height`` [m], ``frequency`` [Hz], ``damping_ratio``,
             ``quadratic`` or ``cubic``.
         coordinates : float64 (4,)
-            Point of the box, each coordinate from -1 to 1.
+            Point of the box as by `DamperCandidate.map_coordinates`, each from -1 to 1; beyond it
+            the polynomial goes on, and means nothing.
 
         Returns
         -------
         float
-            Natural logarithm of the figure for the first three, else the figure itself.
+            Natural logarithm of the figure, in its unit, for the first three; else the figure
+            itself, without unit. NaN where a coordinate is NaN.
 
         Raises
         ------
         InputError
-            If there is no figure of that name.
+            If there is no figure of that name, or the coordinates are no four numbers.
         """
-        if name not in self.surfaces:
+        if name not in tuple(self.surfaces):
             raise InputError(f"the maps have no figure {quote(name)}; give one of {', '.join(self.surfaces)}")
+        if (point := np.asarray(coordinates)).shape != (4,) or point.dtype.kind not in "fiu":
+            raise InputError(f"coordinates = {quote(coordinates)}; give four numbers")
         return float(_monomials(coordinates, DEGREES[name]) @ self.surfaces[name].coefficients)
 
     def interactive_page(self) -> InteractivePage:
-        """Page with the maps under sliders; its ``save`` writes it for a browser.
+        """Page on which sliders move a damper of dipoles through the maps.
 
         Returns
         -------
         InteractivePage
-            Page that a notebook shows, and that ``save`` writes to a file.
+            Page that a notebook shows, and whose ``save`` writes it to a file for a browser.
         """
         from granular.shared.html_pages import InteractivePage
 

@@ -32,16 +32,18 @@ COUNTS = tuple(round(count) for count in np.geomspace(HIGHEST[1], LOWEST[1], 24)
 class DesignTarget(NamedTuple):
     """Figures that a damper shall have, and what of it is fixed.
 
+    They are not checked here: `check_ranges` refuses what is out of its range.
+
     Attributes
     ----------
     frequency : float
-        Frequency of the undamped small swing about rest [Hz].
+        Frequency of the undamped small swing about rest [Hz], above 0.
     damping : float
-        Damping ratio, a fraction of critical damping.
+        Damping ratio, a fraction of critical damping, above 0.
     grains : int or None
         Number of grains, from 92 to 368; None where it is free.
     mass : float or None
-        Mass of the piston [kg]; None where it is free. At most one of both is fixed.
+        Mass of the piston [kg], above 0; None where it is free. At most one of both is fixed.
     small_share : float
         Fraction of grains with 0.6 of the diameter, from 0 to 0.5.
     magnets : str
@@ -56,13 +58,16 @@ class DesignTarget(NamedTuple):
     magnets: str = "dipoles"
 
     def check_ranges(self) -> None:
-        """Refuse values out of range.
+        """Refuse values out of their ranges.
+
+        A target that passes may still be none that the maps of dampers hold: see `propose_design`.
 
         Raises
         ------
         InputError
-            If frequency, damping or mass is not above 0, grains and mass are both fixed, or the
-            number of grains or the fraction of small ones lies outside the maps.
+            If frequency, damping or mass is no finite number above 0, grains and mass are both
+            fixed, grains is no integer from 92 to 368, the fraction of small ones is not from 0 to
+            0.5, or there are no such magnets.
         """
         for name, value, unit in (
             ("frequency", self.frequency, " Hz"),
@@ -84,6 +89,8 @@ class DesignTarget(NamedTuple):
             raise InputError(
                 f"small_share = {quote(self.small_share)}; give a fraction from 0 to {HIGHEST[3]:g}"
             )
+        if self.magnets not in ("dipoles", "cylinders"):
+            raise InputError(f"magnets = {quote(self.magnets)}; give 'dipoles' or 'cylinders'")
 
 
 def _is_number(value: object) -> bool:
@@ -95,26 +102,27 @@ Coordinates = Callable[[float, float], np.ndarray | None]
 
 
 def propose_design(maps: DamperMaps, target: DesignTarget) -> DamperCandidate:
-    """Propose a damper that has the wanted figures by the maps.
+    """Propose a damper that has the wanted figures by the maps; nothing is simulated.
 
     Parameters
     ----------
     maps : DamperMaps
         Maps of a study of dampers.
     target : DesignTarget
-        With neither grains nor mass fixed, the number of grains is 368 if that does, and else the
-        nearest that does.
+        Wanted frequency [Hz] and damping ratio. With neither grains nor mass fixed, 24 numbers of
+        grains from 368 down to 92 are tried, and the first that does is taken.
 
     Returns
     -------
     DamperCandidate
-        Damper inside the box of the maps.
+        Damper inside the box of the maps, whose frequency and damping ratio there are those of the
+        target but for the rounding of its number of grains.
 
     Raises
     ------
     InputError
-        If a value is out of range, or no damper of the maps meets the target: the message tells
-        what can be had.
+        If a value is out of its range, no damper of the maps meets the target (the message tells
+        what can be had), or the piston of one with discs presses them together.
     """
     target.check_ranges()
     aim = (target.frequency, target.damping)

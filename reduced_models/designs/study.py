@@ -19,6 +19,7 @@ from granular.run.piston_record import PistonRecord
 from granular.run.trajectory import Trajectory
 from granular.scene.published_beds import damper
 from granular.shared.errors import InputError
+from granular.shared.message_text import quote
 from granular.studies.cases import keep_measure_name
 from granular.studies.sweep import sweep
 from reduced_models.designs.damper import DamperCandidate, damper_at_coordinates
@@ -66,37 +67,44 @@ def run_design_study(
     workers: int | None = None,
     progress: bool = True,
 ) -> pandas.DataFrame:
-    """Simulate dampers spread over the box of the maps.
+    """Simulate dampers of dipoles spread over the box of the maps.
 
-    The corners of the box, and points of Sobol's sequence (1967, doi:10.1016/0041-5553(67)90144-9).
+    They are the corners of the box, and points of Sobol's sequence (1967,
+    doi:10.1016/0041-5553(67)90144-9), scrambled by a fixed seed.
 
     Parameters
     ----------
     out : str or Path, optional
         Directory that keeps every case as soon as it is done; called again, the study goes on.
+        Nothing is kept if not given.
     points : int
         Number of points of Sobol's sequence, a power of two from 64 on; the sixteen corners of the
         box are added.
     executor : concurrent.futures.Executor, optional
         Where the cases run, as in `granular.sweep`.
     workers : int, optional
-        Number of processes; as many as there are processors if not given.
+        Number of processes, from 1 on; as many as there are processors if not given.
     progress : bool
         Show a progress bar on standard error.
 
     Returns
     -------
     DataFrame
-        One row a damper: ``mass`` [kg], ``grains``, ``drag`` [kg/s], ``small_share``, ``magnets``,
-        the figures of the fall and the swing (``rest_height`` [m], ``frequency`` [Hz],
-        ``damping_ratio``, ``lam`` [1/s], ``k1`` [1/s^2], ``k2`` [1/(m s^2)], ``k3`` [1/(m^2 s^2)],
-        ``misfit``, ``rest_gap``, ``fall_gap`` and ``ledger``), and ``error``: why its run failed,
-        else empty.
+        One row a damper, 16 and ``points`` of them, those with few grains first: ``mass`` [kg],
+        ``grains``, ``drag`` [kg/s], ``small_share``, ``magnets``; ``rest_height`` [m]; the law of
+        the swing, ``frequency`` [Hz] of the undamped one, ``damping_ratio``, ``lam`` [1/s], ``k1``
+        [1/s^2], ``k2`` [1/(m s^2)], ``k3`` [1/(m^2 s^2)], and its rms error over the rms swing,
+        ``misfit``; the least distance of two grains at rest over that of their contact,
+        ``rest_gap``, and in the whole run over the large diameter, ``fall_gap``; the energy that
+        the simulation's ledger lacks, a fraction, ``ledger``; and ``error``: why its run failed,
+        else empty. The figures of a run that failed are NaN, and ``frequency`` and
+        ``damping_ratio`` where the law has no small swing.
 
     Raises
     ------
     InputError
-        If ``points`` is no power of two from 64 on: fewer do not make maps.
+        If ``points`` is no power of two from 64 on (fewer do not make maps), or ``workers`` no
+        integer from 1 on.
     StoreError
         If ``out`` cannot be made or written to.
     ExecutorLostError
@@ -111,8 +119,9 @@ def run_design_study(
     """
     import pandas
 
-    if points < 64 or points & (points - 1):
-        raise InputError(f"points = {points}; give a power of two from 64 on, such as {POINTS}")
+    if not isinstance(points, int) or points < 64 or points & (points - 1):
+        raise InputError(f"points = {quote(points)}; give a power of two from 64 on, such as {POINTS}")
+    check_workers(workers)
     dampers = design_points(points)
     study = sweep(
         damper(),
@@ -129,6 +138,23 @@ def run_design_study(
         for damper_, outcome in zip(dampers, study.outcomes, strict=True)
     ]
     return pandas.DataFrame(rows)
+
+
+def check_workers(workers: object) -> None:
+    """Refuse a number of processes that is none.
+
+    Parameters
+    ----------
+    workers : int or None
+        Number of processes; None for as many as there are processors.
+
+    Raises
+    ------
+    InputError
+        If it is neither None nor an integer from 1 on.
+    """
+    if workers is not None and (not isinstance(workers, int) or workers < 1):
+        raise InputError(f"workers = {quote(workers)}; give an integer from 1 on")
 
 
 LAW = "polynomial-spring"

@@ -43,7 +43,7 @@ LAWS = Registry(((law.name, law) for law in _ALL), lambda law: law.equation)
 
 
 def law_named(name: str) -> Law:
-    """Return the law of a name.
+    """Return the law of a name, from the catalogue of the package.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def law_named(name: str) -> Law:
     Raises
     ------
     InputError
-        If there is none; the nearest name is given.
+        If it is the name of none; the message gives the nearest name, or all.
 
     Examples
     --------
@@ -66,6 +66,6 @@ def law_named(name: str) -> Law:
     >>> law_named("duffing").equation
     "z'' + 2*lam*z' + k*(z - rest) + beta*(z - rest)**3 = 0"
     """
-    if name not in LAWS:
+    if not isinstance(name, str) or name not in LAWS:
         raise InputError(unknown_word_message(str(name), tuple(LAWS), "law"))
     return LAWS[name]

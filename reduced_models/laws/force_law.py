@@ -11,10 +11,12 @@ import dataclasses
 import difflib
 import re
 from collections.abc import Collection, Mapping
+from numbers import Real
 
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from granular.shared.registry import Registry
+from reduced_models.laws.height_map import check_digits
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.laws.printing import round_expression
 
@@ -25,11 +27,14 @@ ACCELERATION = "acceleration"
 
 @dataclasses.dataclass(frozen=True)
 class ForceLaw:
-    """A law of the force on a prescribed stroke.
+    """A law of the force on a prescribed stroke, force [N] by z [m], z' [m/s] and hidden states.
+
+    The equation is read where the law is first used, and refused there if it cannot be.
 
     Attributes
     ----------
     name : str
+        Name under which the law is listed.
     equation : str
         Such as ``"force = c*z' + k*z + zero"``; a rate of each hidden state behind a semicolon, and
         ``z''`` for the inertia of what moves.
@@ -38,10 +43,12 @@ class ForceLaw:
     units : mapping of str to str
         SI units of the parameters; the search takes its first values from them.
     given : str
-        Parameter that is held at the mean height of the records.
+        Parameter that is held at the mean height of the records [m], unless it is fixed otherwise;
+        empty if none is.
     source : str
+        Origin of the law, in words; empty if none is named.
     inputs : tuple of str
-        Columns of the record that it names, such as a current.
+        Columns of the record that it names, such as a current, in the units of the record.
 
     Examples
     --------
@@ -60,7 +67,16 @@ class ForceLaw:
 
     @property
     def acceleration_law(self) -> Law:
-        """Law whose z'' stands for the force: what `compile_rates` takes."""
+        """Law whose z'' stands for the force [N], for `reduced_models.laws.equation.compile_rates`.
+
+        Its input ``acceleration`` stands for the z'' [m/s^2] of the force's equation, if it has one.
+
+        Raises
+        ------
+        InputError
+            If the equation has no ``force =`` in front. The rest of it is not read yet, unless it
+            names the time ``t``.
+        """
         equation, inputs = _acceleration_equation(self.equation), self.inputs
         if "z''" in self.equation:
             inputs = (ACCELERATION, *inputs)
@@ -68,12 +84,26 @@ class ForceLaw:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters, in the order in which the equation names them."""
+        """Names of the parameters, in the order in which the equation names them.
+
+        Raises
+        ------
+        InputError
+            If the equation has no ``force =`` in front, cannot be read, or does not name one of
+            the ``inputs``.
+        """
         return self.acceleration_law.parameters
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """Names of the hidden states."""
+        """Names of the hidden states, in the order of their equations; empty without any.
+
+        Raises
+        ------
+        InputError
+            If the equation has no ``force =`` in front, cannot be read, or does not name one of
+            the ``inputs``.
+        """
         return self.acceleration_law.hidden
 
     def text(self, values: Mapping[str, float], digits: int = 5) -> str:
@@ -82,18 +112,30 @@ class ForceLaw:
         Parameters
         ----------
         values : mapping of str to float
-            Values of parameters; the others stay names.
+            Values of parameters by name, in their SI units; the others stay names, and names that
+            the law does not have are ignored.
         digits : int
-            Significant digits.
+            Significant digits of all numbers, from 1 on.
 
         Returns
         -------
         str
-            The force, and the rate of each hidden state behind a semicolon.
+            ``force = ...`` [N], and the rate of each hidden state behind a semicolon. A value that
+            is NaN makes ``nan`` of its side.
+
+        Raises
+        ------
+        InputError
+            If the equation has no ``force =`` in front, cannot be read, or does not name one of
+            the ``inputs``; a value is no number; or ``digits`` is no integer from 1 on.
         """
         import sympy
 
+        check_digits(digits)
         parsed = self.acceleration_law.parsed_equation
+        for name, value in values.items():
+            if not isinstance(value, Real):
+                raise InputError(f"{name} = {quote(value)}; give a number")
         numbers = {sympy.Symbol(name): sympy.Float(value) for name, value in values.items()}
         rates = {"force": parsed.acceleration} | {f"{name}'": rate for name, rate in parsed.hidden.items()}
         lines = [f"{name} = {round_expression(rate.subs(numbers), digits)}" for name, rate in rates.items()]
@@ -143,6 +185,8 @@ def resolve_force_law(
     """
     if isinstance(law, ForceLaw):
         return law
+    if not isinstance(law, str):
+        raise InputError(f"law = {quote(law)}; give a name, an equation or a ForceLaw")
     if law in FORCE_LAWS:
         return FORCE_LAWS[law]
     if not is_force_equation(law):

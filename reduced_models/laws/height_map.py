@@ -5,17 +5,24 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from granular.shared.errors import InputError
+from granular.shared.message_text import quote
+
 
 @dataclasses.dataclass(frozen=True)
 class HeightMap:
-    """The affine map of the height: height = shift + scale z.
+    """The affine map between height and the coordinate z of a law: height = shift + scale z.
+
+    It is not checked: functions that take a map refuse numbers that do not suit them.
 
     Attributes
     ----------
-    shift, scale : float
-        Height at z = 0, and height per unit of z [m].
+    shift : float
+        Height at z = 0 [m]; an angle [rad] for a record of one.
+    scale : float
+        Height per unit of z, in the same unit; not zero, negative where z points down.
     fitted : bool
-        Whether the map was fitted to the data, or given.
+        True where the map was fitted to data, False where it was given.
 
     Examples
     --------
@@ -32,22 +39,28 @@ class HeightMap:
         return self.text()
 
     def text(self, digits: int = 5, name: str = "height", unit: str = "m") -> str:
-        """Map in words, its numbers cut to so many digits.
+        """Map as an equation for z, its numbers rounded.
 
         Parameters
         ----------
         digits : int
-            Significant digits.
+            Significant digits, from 1 on.
         name : str
             Name of the height.
         unit : str
-            Unit of the height.
+            Unit of shift and scale; only written, nothing is converted.
 
         Returns
         -------
         str
-            The map as an equation.
+            Equation such as ``"z = (height - 0.05 m)/(0.006 m)"``.
+
+        Raises
+        ------
+        InputError
+            If ``digits`` is no integer from 1 on.
         """
+        check_digits(digits)
         sign = "-" if self.shift >= 0.0 else "+"
         shift, scale = f"{abs(self.shift):.{digits}g}", f"{self.scale:.{digits}g}"
         return f"z = ({name} {sign} {shift} {unit})/({scale} {unit})"
@@ -58,12 +71,18 @@ class HeightMap:
         Parameters
         ----------
         height : float or array
-            Height [m].
+            Height [m], of any shape.
 
         Returns
         -------
         float or array
-            Coordinate z, without unit.
+            Coordinate z = (height - shift)/scale, without unit, of the same shape; NaN where the
+            height is NaN.
+
+        Raises
+        ------
+        ZeroDivisionError
+            If ``scale`` is 0 and ``height`` a plain number; arrays then give infinities or NaN.
         """
         return (height - self.shift) / self.scale
 
@@ -73,11 +92,28 @@ class HeightMap:
         Parameters
         ----------
         z : float or array
-            Coordinate, without unit.
+            Coordinate, without unit, of any shape.
 
         Returns
         -------
         float or array
-            Height [m].
+            Height shift + scale z [m], of the same shape; NaN where z is NaN.
         """
         return self.shift + self.scale * z
+
+
+def check_digits(digits: object) -> None:
+    """Refuse a number of significant digits that is none.
+
+    Parameters
+    ----------
+    digits : object
+        Number of significant digits.
+
+    Raises
+    ------
+    InputError
+        If it is no integer from 1 on.
+    """
+    if not isinstance(digits, int) or digits < 1:
+        raise InputError(f"digits = {quote(digits)}; give an integer from 1 on")

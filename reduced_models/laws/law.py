@@ -29,9 +29,12 @@ SwingStarts = Callable[
 class Law:
     """A law z'' = f(z, z', hidden states, inputs) with parameters.
 
+    The equation is read where the law is first used, and refused there if it cannot be.
+
     Attributes
     ----------
     name : str
+        Name under which the law is listed.
     equation : str
         Such as ``"z'' + 2*lam*z' + omega**2*z = g0"``: linear in ``z''``. A law with memory has
         hidden states, which start at zero, each with an equation of its own behind a semicolon:
@@ -42,7 +45,7 @@ class Law:
     positive : tuple of str
         Parameters that are above zero; they are searched for on a logarithmic scale.
     units : mapping of str to str
-        SI units of the parameters.
+        SI units of the parameters, for printed results; those that are left out have none there.
     mapped : bool
         The law does not keep its form when the height is shifted or scaled, so it holds for
         z = (height - shift)/scale with a map of its own. Its z is a pure number and its time unit
@@ -50,12 +53,18 @@ class Law:
     swing_form : NormalizedSwingLaw, optional
         Of a mapped law: the same law without a map, for the swing about the level of rest.
     source : str
+        Papers behind the law, in words; empty if none is named.
     inputs : tuple of str
         Names in the equation that stand for columns of the record, such as the motion of a base or
         a force: known functions of time, in the units that the columns have. ``t``, the time since
         the start, is one wherever it is named.
     resolution : int
         Ratio of the steps a period that a solution needs to those of a smooth law.
+
+    Raises
+    ------
+    InputError
+        If the equation has the word ``t``, the time, and cannot be read.
 
     Examples
     --------
@@ -85,7 +94,7 @@ class Law:
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Texts that name the papers behind it; see `granular.cite`."""
+        """Texts that name the papers behind the law, for `granular.cite`: its ``source`` alone."""
         return (self.source,)
 
     @property
@@ -103,12 +112,28 @@ class Law:
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """Names of the hidden states."""
+        """Names of the hidden states, in the order of their equations; empty without any.
+
+        Raises
+        ------
+        InputError
+            If the equation cannot be read, is not linear in z'', or does not name one of the
+            ``inputs``.
+        """
         return tuple(self.parsed_equation.hidden)
 
     @property
     def acceleration(self) -> sympy.Expr:
-        """Acceleration z'' in the symbols z, z_first, hidden states, inputs and parameters."""
+        """Acceleration z'' in the symbols z, z_first (for z'), hidden states, inputs and parameters.
+
+        In m/s^2 where z is the height [m]; in 1/s^2 for a mapped law, whose z has no unit.
+
+        Raises
+        ------
+        InputError
+            If the equation cannot be read, is not linear in z'', or does not name one of the
+            ``inputs``.
+        """
         return self.parsed_equation.acceleration
 
     def sympy_equation(self, values: Mapping[str, float] | None = None) -> sympy.Eq:

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular import simulate
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, StoreError
 from reduced_models import DamperCandidate, DamperMaps, damper_maps, design, fit
 from reduced_models.designs.damper import affine_damping_ratio, damper_at_coordinates
 from reduced_models.designs.design import DesignError
@@ -174,6 +174,9 @@ def test_published_number_of_grains_where_it_does():
         ({"frequency": -3.3, "damping": 0.1}, "frequency = -3.3"),
         ({"frequency": 3.3, "damping": float("nan")}, "damping = nan"),
         ({"frequency": 3.3, "damping": 0.1, "small_share": 0.8}, "small_share = 0.8"),
+        ({"frequency": 3.3, "damping": 0.1, "magnets": "cubes"}, "magnets = 'cubes'"),
+        ({"frequency": 3.3, "damping": 0.1, "seeds": (-1,)}, "give integers from 0 on"),
+        ({"frequency": 3.3, "damping": 0.1, "workers": 0}, "workers = 0; give an integer from 1 on"),
     ],
 )
 def test_refusals_name_value_limit_and_remedy(wish, words):
@@ -203,6 +206,22 @@ def test_maps_refuse_other_tables(tmp_path):
         damper_maps(tmp_path / "other.csv")
     with pytest.raises(InputError, match="holds no study"):
         damper_maps(tmp_path / "none.csv")
+    with pytest.raises(InputError, match="a k2 that is no number"):
+        DamperMaps(damper_maps().study.assign(k2="soft"))
+
+
+@pytest.mark.parametrize("wrong", [{"mass": 0.0}, {"grains": -3}, {"drag": np.nan}, {"small_share": 1.5}])
+def test_figures_of_a_damper_out_of_range_are_refused(wrong):
+    candidate = DamperCandidate(7.5, 368, 0.1)._replace(**wrong)
+    for act in (candidate.map_coordinates, candidate.scene, lambda: damper_maps().predict(candidate)):
+        with pytest.raises(InputError, match=f"{next(iter(wrong))} = "):
+            act()
+
+
+def test_a_directory_that_cannot_be_made_is_no_missed_design(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(StoreError):
+        design(3.5, 0.05, out=tmp_path / "file", progress=False)
 
 
 def test_design_is_met_and_kept(tmp_path):
@@ -243,6 +262,8 @@ def simulate_as_promised(monkeypatch, frequency, damping):
 def test_unknown_figures_of_maps_are_refused_by_those_there_are():
     with pytest.raises(InputError, match="no figure 'period'; give one of rest_height, frequency"):
         damper_maps().figure_at("period", np.zeros(4))
+    with pytest.raises(InputError, match="give four numbers"):
+        damper_maps().figure_at("frequency", np.zeros(3))
 
 
 def test_a_design_that_is_off_to_one_side_is_centred(monkeypatch):

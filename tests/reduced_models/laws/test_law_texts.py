@@ -11,7 +11,7 @@ import pytest
 
 from granular import formulas
 from granular.shared.errors import InputError
-from reduced_models import law_with_force_input
+from reduced_models import ForceLaw, HeightMap, law_named, law_with_force_input
 from reduced_models.jax_setup import jax
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates, parse_equation
@@ -174,6 +174,20 @@ def test_a_name_that_means_two_things_is_asked_about() -> None:
         parse_equation("z'' + k*z = w; w' = z'", ("w",))
     with pytest.raises(InputError, match="does not name its input 'push'"):
         parse_equation("z'' + k*z = 0", ("push",))
+
+
+def test_texts_of_laws_and_maps_take_numbers_alone() -> None:
+    law = ForceLaw("dashpot", "force = c*z'")
+    assert law.text({"c": 1.25}) == "force = 1.25*z'"
+    assert HeightMap(0.05, 0.006).text() == "z = (height - 0.05 m)/(0.006 m)"
+    with pytest.raises(InputError, match="c = 'x'; give a number"):
+        law.text({"c": "x"})  # type: ignore[dict-item]  # what is refused
+    with pytest.raises(InputError, match="digits = 0"):
+        law.text({}, 0)
+    with pytest.raises(InputError, match="digits = -1"):
+        HeightMap().text(-1)
+    with pytest.raises(InputError, match="unknown law"):
+        law_named([])  # type: ignore[arg-type]  # what is refused
 
 
 def test_names_that_python_has_are_parameters_like_others() -> None:
