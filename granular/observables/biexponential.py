@@ -58,25 +58,27 @@ class BiexponentialFit(NamedTuple):
 def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     """Least-squares fit of A exp(l1 x) + B exp(l2 x), as [D, Fig. 4.8, Table 4.5] for F_max(R).
 
-    The rates are sought from many starts with the best amplitudes for every pair of rates (variable
-    projection, Golub and Pereyra, SIAM J. Numer. Anal. 10, 413, 1973). The intervals are those of
-    the law linearised at the minimum, with Student's t.
+    The rates are sought from many starts, within -60 and 60 over the span of x, with the best amplitudes
+    for every pair of rates (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10, 413, 1973).
+    The intervals, of 95 % confidence, are those of the law linearised at the minimum, with Student's t.
 
     Parameters
     ----------
     x, y : float (n,)
-        At least five samples, all finite.
+        Samples, each of any unit, all finite, with at least five different x.
 
     Returns
     -------
     BiexponentialFit
-        Amplitudes A and B in the unit of y, rates l1 < l2 per unit of x, and their intervals.
+        Amplitudes A and B (2,) in the unit of y, rates l1 <= l2 (2,) in one over the unit of x, their
+        intervals (2, 2), infinite where the data leave a value open, NaN where every y is 0, and the
+        standard deviation of the residuals in the unit of y.
 
     Raises
     ------
     InputError
-        If the shapes differ, there are fewer than five samples or different x, or a value is not
-        finite.
+        If the shapes differ or are not (n,), a value is not finite, or there are fewer than five different
+        x.
 
     Examples
     --------

@@ -299,8 +299,8 @@ def radial_distribution(
     ------
     InputError
         If positions or box have another shape, the edges do not increase from 0 m or more or reach beyond
-        the shorter side of the box, a grain lies outside of the box, the grains span no box, or there are
-        fewer than two.
+        the shorter side of the box, a grain lies outside of the box, there are fewer than two, or they span
+        no box (without ``edges`` or ``box``).
 
     Examples
     --------

@@ -33,13 +33,14 @@ class HarmonicResponse(NamedTuple):
     harmonics : int (K,)
         Multiples k of the drive's frequency, 1 to K.
     ratio : float (K,)
-        Amplitude of the response's harmonic over U.
+        Amplitude of the response's harmonic over U, in the unit of the response over that of the drive.
     phase : float (K,)
         From -pi to pi; negative where the response lags [rad].
     ratio_error, phase_error : float (K,)
-        Standard errors, from the scatter of the single periods.
+        Standard errors, from the scatter of the single periods; of the phase [rad], infinite where the
+        ratio is 0.
     drive_amplitude : float
-        U
+        U, in the unit of the drive.
     periods : int
         Whole periods that were used.
     """
@@ -72,27 +73,29 @@ def harmonic_response(
     Parameters
     ----------
     time : float (n,)
-        Times [s], not decreasing.
+        Times [s], finite and not decreasing, evenly spaced or nearly so.
     drive, response : float (n,)
-        Driving and responding quantity at these times, each in its own unit.
+        Driving and responding quantity at these times, finite, each in its own unit.
     frequency : float
-        Frequency of the drive [Hz].
+        Frequency of the drive [Hz], above 0.
     harmonics : int
-        The highest one that is fitted.
+        The highest one that is fitted, 1 or more.
     discard : float, optional
-        Length of the transient at the start that is left out [s]; half of the record if not given.
+        Length of the transient at the start that is left out [s], 0 or more; half of the record if not
+        given.
 
     Returns
     -------
     HarmonicResponse
         Amplitude ratio (K,), in the unit of the response over that of the drive, and phase (K,) [rad]
-        of each harmonic, with standard errors.
+        of each harmonic, with standard errors; that of a phase is infinite where the ratio is 0.
 
     Raises
     ------
     InputError
-        If the shapes differ, fewer than `LEAST_PERIODS` whole periods are left, or there are too
-        few samples in a period for the harmonics.
+        If the shapes differ or are not (n,), there is no sample, a value, ``frequency``, ``harmonics`` or
+        ``discard`` is out of its limits, fewer than `LEAST_PERIODS` whole periods are left, there are fewer
+        than 2 K + 3 samples a period, or the drive has no amplitude at the frequency.
 
     Examples
     --------
@@ -110,7 +113,11 @@ def harmonic_response(
             f"time, drive and response have the shapes {time.shape}, {drive.shape}, "
             f"{response.shape}; all must be (n,)"
         )
-    if harmonics < 1 or not frequency > 0.0:
+    if not all(np.isfinite(series).all() for series in (time, drive, response)):
+        raise InputError("a time, drive or response is not finite; leave such samples out")
+    if discard is not None and not 0.0 <= discard < np.inf:
+        raise InputError(f"discard = {discard:g} s; give a length of 0 s or more")
+    if harmonics < 1 or not 0.0 < frequency < np.inf:
         raise InputError(
             f"harmonics = {harmonics} and frequency = {frequency:g} Hz; give at least 1, and a "
             "frequency above 0 Hz"
@@ -150,29 +157,30 @@ def stage_response(
 
     Of a ``push`` the drive is the force from outside and the response the piston's height (ratio
     in m/N); of an ``oscillate`` the drive is the height and the response the force of the grains on
-    the piston (ratio in N/m).
+    the piston (ratio in N/m). Sines are fitted as in IEEE Std 1057.
 
     Parameters
     ----------
     run : Trajectory
         Finished run, or one that was cut off.
     stage : str, optional
-        Name of the stage; the only one of these kinds if not given.
+        Name of the stage; the only driven one if not given.
     harmonics : int
-        The highest one that is fitted.
+        The highest one that is fitted, 1 or more.
     discard : float, optional
-        Length of the transient [s]; half of the stage if not given.
+        Length of the transient at the start that is left out [s], 0 or more; half of the stage if not given.
 
     Returns
     -------
     xarray.Dataset
-        ``ratio``, ``phase`` [rad], ``ratio_error``, ``phase_error`` on ``harmonic``; the frequency
-        [Hz], the drive's amplitude and the number of periods in the attributes.
+        ``ratio`` and ``ratio_error`` [m/N or N/m], ``phase`` and ``phase_error`` [rad] on ``harmonic``; in
+        the attributes ``stage``, ``frequency`` [Hz], ``drive_amplitude`` [N or m] and ``periods``.
 
     Raises
     ------
     InputError
-        If there is no such stage, or it is too short.
+        If there is no such stage, or several and none is named, the run has not reached it, it moves the
+        piston and no force on it is recorded, and as `harmonic_response`.
     """
     import xarray
 

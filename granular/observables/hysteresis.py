@@ -34,21 +34,21 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     Parameters
     ----------
     height : float (n,)
-        Height of the piston over a cycle: down and up again [m].
+        Height of the piston over a cycle: down and up again [m]; at least three samples.
     force : float (n,)
         Force of the grains on the piston, upwards [N].
 
     Returns
     -------
     float
-        -(integral of F dh) [J], positive where the bed takes up energy, by the trapezoidal rule.
-        Where the cycle does not end at the height it began at, only the part of the loop up to the
-        lower of both is counted, so that it is closed.
+        -(integral of F dh) [J], positive where the bed takes up energy, by the trapezoidal rule; NaN where
+        a height or force is. Where the cycle does not end at the height it began at, only the part of the
+        loop up to the lower of both is counted, so that it is closed.
 
     Raises
     ------
     InputError
-        If there are fewer than three samples, or the shapes differ.
+        If there are fewer than three samples, or the shapes differ or are not (n,).
 
     Examples
     --------
@@ -103,7 +103,10 @@ def cycle_bounds(height: np.ndarray) -> list[CompressionCycle]:
 
 
 def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
-    """`hysteresis_energy` of every cycle of compression and expansion of a run.
+    """Hysteresis of every cycle of compression and expansion of a run [D, Fig. 3.4].
+
+    Energies are those of `hysteresis_energy`. Reversals by less than `LEAST_STROKE` of the piston's whole
+    range make no cycle.
 
     Parameters
     ----------
@@ -113,13 +116,13 @@ def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     Returns
     -------
     xarray.Dataset
-        ``energy`` [J], ``start``, ``stop`` [s], ``lowest`` and ``highest`` [m] (between which the
+        ``energy`` [J], ``start`` and ``stop`` [s], ``lowest`` and ``highest`` [m] (between which the
         loop is closed) on ``cycle``; empty where there is no cycle.
 
     Raises
     ------
     InputError
-        If nothing acts on the piston.
+        If the scene has no piston, or no force acts on it (``effects.walls.top``).
     """
     import xarray
 

@@ -76,12 +76,12 @@ def dipole_pair_strength(moment: float) -> float:
     Parameters
     ----------
     moment : float
-        Magnetic moment of each [A m^2].
+        Magnetic moment m of each [A m^2]; its sign does not count.
 
     Returns
     -------
     float
-        Strength C [J m^3].
+        Strength C [J m^3], 0 or more.
     """
     from granular.schema.natural_units import MAGNETIC_CONSTANT
 
@@ -95,7 +95,7 @@ def crystal_moduli(density: float, strength: float) -> Moduli:
 
         p = (3/4) rho C S/a^3,   B = (5/2) p,   mu = p/4,
 
-    so that p ~ rho^2.5. In units of C (pi rho)^(3/2)/a^2 these moduli are 3.457 and 0.3457, and
+    so that p ~ rho^2.5. In units of C (pi rho)^(3/2)/a^2 these moduli are 3.458 and 0.3458, and
     Young's modulus is 1.257: multiplied by Gamma they are the limit of the crystals of Zahn et al.,
     Phys. Rev. Lett. 90, 155506 (2003), and von Gruenberg et al., ibid. 93, 255703 (2004), at low
     temperature.
@@ -103,9 +103,9 @@ def crystal_moduli(density: float, strength: float) -> Moduli:
     Parameters
     ----------
     density : float
-        Grains an area [1/m^2].
+        Grains an area rho [1/m^2], above 0.
     strength : float
-        C of the energy C/r^3 of a pair [J m^3]; see `dipole_pair_strength`.
+        C of the energy C/r^3 of a pair [J m^3], above 0; see `dipole_pair_strength`.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def crystal_moduli(density: float, strength: float) -> Moduli:
     Raises
     ------
     InputError
-        If one of them is not above 0.
+        If one of them is not above 0, or not finite.
     """
     _check_positive("density", density)
     _check_positive("strength", strength)
@@ -146,16 +146,16 @@ def lattice_spacing(density: float) -> float:
 
 
 def interaction_parameter(density: float, strength: float, temperature: float) -> float:
-    """Gamma = C (pi rho)^(3/2)/T, the energy of neighbours over the temperature.
+    """Interaction parameter Gamma = C (pi rho)^(3/2)/(k_B T), energy of neighbours over the temperature.
 
     Parameters
     ----------
     density : float
-        Grains an area [1/m^2].
+        Grains an area rho [1/m^2], above 0.
     strength : float
-        C of the energy C/r^3 of a pair [J m^3]; see `dipole_pair_strength`.
+        C of the energy C/r^3 of a pair [J m^3], above 0; see `dipole_pair_strength`.
     temperature : float
-        K_B T [J].
+        Boltzmann's constant times the temperature, k_B T [J], above 0.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def interaction_parameter(density: float, strength: float, temperature: float) -
     Raises
     ------
     InputError
-        If one of them is not above 0.
+        If one of them is not above 0, or not finite.
     """
     _check_positive("density", density)
     _check_positive("strength", strength)
@@ -174,18 +174,19 @@ def interaction_parameter(density: float, strength: float, temperature: float) -
 
 
 def melting_theory_modulus(moduli: Moduli, density: float, temperature: float) -> float:
-    """K = Y a^2/T of the theory of melting; where it has fallen to 16 pi dislocations unbind.
+    """Modulus K = Y a^2/(k_B T) of the theory of melting; where it has fallen to 16 pi dislocations unbind.
 
-    (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979.)
+    Y is `Moduli.young_modulus` and a the spacing of the hexagonal lattice (Nelson and Halperin, Phys. Rev.
+    B 19, 2457, 1979).
 
     Parameters
     ----------
     moduli : Moduli
-        Moduli of the crystal [N/m].
+        Moduli of the crystal [N/m], with a bulk and shear modulus whose sum is above 0.
     density : float
-        Grains an area [1/m^2].
+        Grains an area [1/m^2], above 0.
     temperature : float
-        K_B T [J].
+        Boltzmann's constant times the temperature, k_B T [J], above 0.
 
     Returns
     -------
@@ -195,9 +196,10 @@ def melting_theory_modulus(moduli: Moduli, density: float, temperature: float) -
     Raises
     ------
     InputError
-        If density or temperature is not above 0.
+        If density, temperature or the sum of bulk and shear modulus is not above 0, or not finite.
     """
     _check_positive("temperature", temperature)
+    _check_positive("bulk + shear modulus", moduli.bulk + moduli.shear)
     return moduli.young_modulus * lattice_spacing(density) ** 2 / temperature
 
 
@@ -250,27 +252,28 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
 
     with df the forces that the affine strain leaves on the inner grains, H the matrix of second
     derivatives of the energy and A the area (Maloney and Lemaitre, Phys. Rev. E 74, 016118, 2006).
-    The bed should be at rest.
+    The bed should be at rest. Images of a periodic cell do not count.
 
     Parameters
     ----------
     scene : Scene
-        Only dipoles count: contact, walls and weight are left out.
+        Scene that the grains belong to. Only dipoles count: contact, walls and weight are left out.
     positions : float (n, 2)
         Positions of the grains [m]; NaN for absent grains.
     reach : float
-        In mean spacings.
+        Distance up to which partners count, in mean spacings (the root of the mean cell area), above 1.
 
     Returns
     -------
     BedModuli
-        Pressure and moduli [N/m], with the number of grains that were counted.
+        Pressure and moduli [N/m], affine and relaxed, with the density [1/m^2] and number of inner grains.
 
     Raises
     ------
     InputError
-        If the shapes do not fit, an own effect acts between grains, the scene has no dipoles, or
-        no grain stands so far inside.
+        If the shape is not that of the scene's grains, ``reach`` is not above 1, an effect acts between
+        grains by another law than dipole and contact, the scene has no dipoles or has discs
+        (``grains.magnets = "cylinders"``), or no grain stands so far inside.
     """
     positions = check_positions(positions)
     if len(positions) != scene.grains.count:

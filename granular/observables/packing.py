@@ -32,9 +32,9 @@ def packing_fraction(diameters: np.ndarray, width: float, height: float | np.nda
     diameters : float (n,)
         Diameters of the grains that are in the cell [m].
     width : float
-        Width of the cell [m].
+        Width of the cell [m], above 0.
     height : float or float (...)
-        Height of the piston [m].
+        Height of the piston [m], above 0.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def packing_fraction_series(run: Trajectory) -> xarray.DataArray:
     Raises
     ------
     InputError
-        If the scene has no piston.
+        If the scene has no piston, or its height is not above 0 m at a record.
     """
     import xarray
 
@@ -122,22 +122,23 @@ def area_fraction_profile(
     positions : float (n, 2)
         Positions of the grains [m]; NaN for absent grains.
     diameters : float (n,)
-        Diameters of the grains [m].
+        Diameters of the grains [m], above 0.
     width : float
-        Width of the cell [m].
+        Width of the cell [m], above 0.
     edges : float (k + 1,)
-        Heights that part the strips, increasing [m].
+        Heights that part the strips [m], two at least, increasing.
 
     Returns
     -------
-    float (k,)
-        The strips' local area fraction [D, Fig. 3.2], from the area of each disc between two
-        horizontal lines.
+    float64 (k,)
+        Local area fraction of each strip [D, Fig. 3.2], without unit, from the area of each disc between
+        two horizontal lines; 0 in a strip without grains.
 
     Raises
     ------
     InputError
-        If shapes do not fit, the edges do not increase, or the width is not above 0 m.
+        If shapes do not fit, a diameter of a grain that is there or the width is not above 0 m, there are
+        fewer than two edges, or they do not increase.
 
     Examples
     --------
@@ -159,6 +160,7 @@ def area_fraction_profile(
     if not width > 0.0:
         raise InputError(f"width = {width:g} m; give a length above 0 m")
     here = is_present(positions)
+    _check_positive_length("diameter", diameters[here])
     covered = _disc_area_between_lines(positions[here, 1], diameters[here] / 2.0, edges)
     return np.asarray(covered / (width * np.diff(edges)))
 
@@ -171,14 +173,14 @@ def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> x
     run : Trajectory
         Finished run, or one that was cut off.
     thickness : float, optional
-        Thickness of the strips [m]; a diameter of the first species if not given.
+        Thickness of the strips [m], above 0; a diameter of the first species if not given.
 
     Returns
     -------
     xarray.DataArray
-        Fraction without unit on (``frame``, ``depth``); ``depth`` is the middle of each strip below
-        the piston [m]. A strip that the bottom cuts
-        counts with the part that is in the cell; below the bottom stands NaN.
+        Fraction without unit on (``frame``, ``depth``), by `area_fraction_profile`; ``depth`` is that of
+        the middle of each strip below the piston [m]. A strip that the bottom cuts counts with the part
+        that is in the cell; below the bottom stands NaN.
 
     Raises
     ------
@@ -245,7 +247,7 @@ def mean_pair_distance(positions: np.ndarray) -> float:
     Raises
     ------
     InputError
-        If the positions have another shape.
+        If the positions have another shape than (n, 2).
 
     Examples
     --------
@@ -284,7 +286,7 @@ def depaula_pair_distance(positions: np.ndarray) -> float:
     Raises
     ------
     InputError
-        If the positions have another shape.
+        If the positions have another shape than (n, 2).
 
     Examples
     --------
@@ -325,12 +327,12 @@ def least_piston_distance(positions: np.ndarray, piston_height: float) -> float:
     Returns
     -------
     float
-        Distance [m]; NaN without grains.
+        Distance [m], negative where a centre is above the piston; NaN without grains.
 
     Raises
     ------
     InputError
-        If the positions have another shape.
+        If the positions have another shape than (n, 2).
 
     Examples
     --------

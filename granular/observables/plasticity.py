@@ -33,6 +33,7 @@ from granular.observables.defect_tracks import (
     link_defect_tracks,
 )
 from granular.observables.defects import lattice_to_plane
+from granular.observables.frame import check_frames
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError
 
@@ -62,12 +63,12 @@ class DropStatistics(NamedTuple):
     Attributes
     ----------
     exponent, error : float
-        tau of a density ~ size^-tau above the least size, and its standard error; NaN for fewer
-        than two drops.
+        tau of a density ~ size^-tau above the least size, and its standard error, without unit; NaN for
+        fewer than two drops, and where all are as small as the smallest one that counts.
     events : int
         Number of drops.
     mean : float
-        In the unit of the drops.
+        Mean size, in the unit of the drops; NaN without drops.
     """
 
     exponent: float
@@ -77,26 +78,28 @@ class DropStatistics(NamedTuple):
 
 
 def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -> PlasticEvents:
-    """Every stretch along which a quantity falls without a rise, by ``smallest_drop`` or more.
+    """Plastic events: stretches along which a quantity falls without a rise, by ``smallest_drop`` or more.
 
     Parameters
     ----------
     time : float (n,)
-        Times of the samples [s].
+        Times of the samples [s], increasing.
     values : float (n,)
-        Such as the piston's force under compression, ``run.dataset["piston_force"]``.
+        Values of any unit, finite, such as the piston's force under compression,
+        ``run.dataset["piston_force"]``.
     smallest_drop : float
-        Smallest drop that counts, above the noise, in the unit of the values.
+        Smallest drop that counts, above 0 and above the noise, in the unit of the values.
 
     Returns
     -------
     PlasticEvents
-        Start, end and drop of each event.
+        Samples at the top and the foot (k,), drop (k,) in the unit of the values, and time at the top (k,)
+        [s] of each event; k is 0 without events.
 
     Raises
     ------
     InputError
-        If the shapes do not fit, a value is not finite, or ``smallest_drop`` is not above 0.
+        If the shapes differ or are not (n,), a value is not finite, or ``smallest_drop`` is not above 0.
     """
     times, series = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
     if series.ndim != 1 or times.shape != series.shape:
@@ -124,21 +127,24 @@ def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
     Parameters
     ----------
     sizes : float (k,)
-        Sizes of the drops, in any one unit.
+        Sizes of the drops, finite, in any one unit.
     smallest_drop : float
-        Smallest drop that counts, in the same unit.
+        Smallest drop that counts, above 0, in the same unit.
 
     Returns
     -------
     DropStatistics
-        Exponent with its standard error, mean size and number of drops.
+        Exponent and its standard error, without unit, NaN for fewer than two drops and where all are as
+        small as ``smallest_drop``; the mean in the unit of the drops, NaN without them; and their number.
 
     Raises
     ------
     InputError
-        If ``smallest_drop`` is not above 0, or a drop is smaller.
+        If the shape is not (k,), ``smallest_drop`` is not above 0, or a drop is smaller or not finite.
     """
     drops = np.asarray(sizes, dtype=np.float64)
+    if drops.ndim != 1 or not np.isfinite(drops).all():
+        raise InputError(f"drops of the shape {drops.shape}; finite values (k,) are wanted")
     if not smallest_drop > 0.0 or (drops < smallest_drop).any():
         raise InputError(
             f"drops below smallest_drop = {smallest_drop:g}, or it is not above 0; leave them out"
@@ -224,19 +230,22 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
 
     Parameters
     ----------
-    frames : float64 (f, n, 2)
-        Positions of the grains in each frame [m]; NaN for absent ones.
+    frames : float (f, n, 2)
+        Positions of the grains in each frame [m]; NaN for absent grains.
 
     Returns
     -------
     DislocationSlip
-        Distortion (f, 2, 2) carried by dislocations, without unit, and the defects and tracks behind it.
+        Distortion since the first frame (f, 2, 2) by moves, events and the rim, without unit, NaN from a
+        frame on in which no grain and all its neighbours have interior cells; and the defects and tracks
+        behind it.
 
     Raises
     ------
     InputError
-        If the shape is another one, or a frame has no interior cells.
+        If the shape is another one, there is no frame, or one has no interior cells.
     """
+    frames = check_frames(frames, least=1)
     defects = detect_defects_in_frames(frames)
     tracks = link_defect_tracks(defects)
     boxes = np.stack([np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)], axis=1)
@@ -337,24 +346,33 @@ def elastic_strain(frames: np.ndarray) -> np.ndarray:
     """Elastic strain (1/2) log M of the bonds in the inner part of a bed, less that of the first frame.
 
     M = <r r> is the texture, over the bonds r between Voronoi neighbours (Graner, Dollet, Raufaste and
-    Marmottant, Eur. Phys. J. E 25, 349, 2008).
+    Marmottant, Eur. Phys. J. E 25, 349, 2008), one of which has an interior cell as all its neighbours have.
 
     Parameters
     ----------
-    frames : float64 (f, n, 2)
-        Positions of the grains in each frame [m]; NaN for absent ones.
+    frames : float (f, n, 2)
+        Positions of the grains in each frame [m]; NaN for absent grains.
 
     Returns
     -------
     float64 (f, 2, 2)
-        Strain of each frame, without unit.
+        Strain of each frame, without unit; NaN for a frame without such bonds, and for all frames where the
+        first has none.
+
+    Raises
+    ------
+    InputError
+        If the shape is another one, or there is no frame.
     """
-    result = np.array([_log_texture(frame, voronoi_cells(frame)) for frame in frames])
+    array = check_frames(frames, least=1)
+    result = np.array([_log_texture(frame, voronoi_cells(frame)) for frame in array])
     return np.asarray(result - result[0])
 
 
 def _log_texture(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
     bonds = cells.neighbours[grains_with_interior_neighbours(cells)[cells.neighbours].any(axis=1)]
+    if not len(bonds):
+        return np.full((2, 2), np.nan)
     arm = positions[bonds[:, 1]] - positions[bonds[:, 0]]
     values, vectors = np.linalg.eigh(arm.T @ arm / len(arm))
     return np.asarray((vectors * (0.5 * np.log(values))) @ vectors.T)

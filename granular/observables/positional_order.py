@@ -39,12 +39,12 @@ def structure_factor(positions: np.ndarray, wave_vectors: np.ndarray) -> np.ndar
     Returns
     -------
     float64 (k,)
-        Structure factor, without unit; about 1 without order.
+        Structure factor, without unit, from 0 to n; about 1 without order.
 
     Raises
     ------
     InputError
-        If a shape is another one, or there is no grain.
+        If positions or wave vectors have another shape, or there is no grain.
     """
     points = present_positions(positions)
     vectors = np.asarray(wave_vectors, dtype=np.float64)
@@ -59,12 +59,13 @@ def reciprocal_lattice_vector(positions: np.ndarray) -> np.ndarray:
     """Shortest reciprocal lattice vector of the positional order that a bed has.
 
     It lies where `structure_factor` is greatest within `RING` of the length 4 pi/(sqrt(3) a) that the
-    hexagonal lattice of the mean cell area has, in a half plane.
+    hexagonal lattice of the mean cell area has, in a half plane (Nelson and Halperin, Phys. Rev. B 19,
+    2457, 1979). Only grains with an interior cell count.
 
     Parameters
     ----------
-    positions : float64 (n, 2)
-        Positions of the grains [m]; NaN for absent ones.
+    positions : float (n, 2)
+        Positions of the grains [m]; NaN for absent grains.
 
     Returns
     -------
@@ -74,11 +75,11 @@ def reciprocal_lattice_vector(positions: np.ndarray) -> np.ndarray:
     Raises
     ------
     InputError
-        If the positions have another shape, or no grain has an interior cell.
+        If the positions have another shape than (n, 2), or fewer than two grains have an interior cell.
     """
     cells = voronoi_cells(positions)
-    if not cells.interior.any():
-        raise InputError("no grain has an interior cell; give a larger bed")
+    if (inside := np.count_nonzero(cells.interior)) < 2:
+        raise InputError(f"{inside} grains have an interior cell; give a larger bed, with at least 2")
     area = float(cells.area[cells.interior].mean())
     length = 2.0 * math.pi * math.sqrt(2.0 / (math.sqrt(3.0) * area))
     points = np.asarray(positions, dtype=np.float64)[cells.interior]
@@ -130,11 +131,21 @@ def translational_order(positions: np.ndarray, vector: np.ndarray | None = None)
     Raises
     ------
     InputError
-        If the positions have another shape, or no grain has an interior cell.
+        If positions or vector have another shape, there is no grain, or, without ``vector``, fewer than two
+        grains have an interior cell.
     """
     points = present_positions(positions)
-    wave = reciprocal_lattice_vector(points) if vector is None else np.asarray(vector, dtype=np.float64)
+    wave = _wave_vector(points, vector)
     return float(abs(np.exp(1j * (points @ wave)).mean()))
+
+
+def _wave_vector(points: np.ndarray, vector: np.ndarray | None) -> np.ndarray:
+    wave = reciprocal_lattice_vector(points) if vector is None else np.asarray(vector, dtype=np.float64)
+    if wave.shape != (2,):
+        raise InputError(f"the wave vector has the shape {wave.shape}; (2,) is wanted")
+    if not len(points):
+        raise InputError("no grain is present; give a frame with grains")
+    return wave
 
 
 @observable("1", "correlation of translational order g_T(r)")
@@ -158,19 +169,18 @@ def translational_correlation(
     Returns
     -------
     PairDistanceFunction
-        Correlation of each bin (k,), without unit, and the number of its pairs.
+        Correlation of each bin (k,), without unit, NaN in bins without pairs, and the number of its pairs.
 
     Raises
     ------
     InputError
-        If positions or vector have another shape, the edges are negative or do not increase, the
-        grains span no area, or none of them has an interior cell.
+        If positions or vector have another shape, there is no grain, the edges do not increase from 0 m or
+        more, the grains span no box (without ``edges``), or fewer than two have an interior cell (without
+        ``vector``).
     """
     points = present_positions(positions)
     edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
-    wave = reciprocal_lattice_vector(points) if vector is None else np.asarray(vector, dtype=np.float64)
-    if wave.shape != (2,):
-        raise InputError(f"the wave vector has the shape {wave.shape}; (2,) is wanted")
+    wave = _wave_vector(points, vector)
     phase = points @ wave
     products = sum_pair_products(points, np.cos(phase), edges) + sum_pair_products(
         points, np.sin(phase), edges

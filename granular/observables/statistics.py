@@ -36,17 +36,18 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> PearsonCorrela
     Parameters
     ----------
     first, second : float (n,)
-        Samples, each of any unit; those where one is NaN are ignored.
+        Samples, each of any unit; those where one is not finite are ignored.
 
     Returns
     -------
     PearsonCorrelation
-        Coefficient from -1 to 1, its probability by chance, and the number of samples.
+        Coefficient from -1 to 1 and its probability by chance, both without unit and NaN where one of the
+        quantities does not vary, and the number of samples.
 
     Raises
     ------
     InputError
-        If the shapes differ, or fewer than three samples are left.
+        If the shapes differ or are not (n,), or fewer than three samples are left.
 
     Examples
     --------
@@ -174,17 +175,17 @@ def dip_test(values: np.ndarray) -> DipTest:
     Parameters
     ----------
     values : float (n,)
-        Values of any unit; NaN is ignored.
+        Values of any unit; those that are not finite are ignored.
 
     Returns
     -------
     DipTest
-        Dip, and its probability under one mode, both without unit.
+        Dip, and its probability under one mode, at least 1/(`DRAWS` + 1), both without unit.
 
     Raises
     ------
     InputError
-        If there are fewer than `LEAST_VALUES`.
+        If there are fewer than `LEAST_VALUES` finite values.
 
     Examples
     --------
@@ -345,24 +346,25 @@ def knuth_bin_count(values: np.ndarray) -> int:
 
 
 def knuth_histogram(values: np.ndarray) -> Histogram:
-    """Histogram of the values in the bins of `knuth_bin_count`, from the least to the greatest.
+    """Histogram of values by Knuth's rule, from the least to the greatest of them.
 
-    Values that are all the same have one bin about them, of width 1.
+    Bins are as many as `knuth_bin_count` gives (K. H. Knuth, Digital Signal Processing 95, 102581, 2019;
+    [D, eq. 4.33]). Values that are all the same have one bin about them, of width 1.
 
     Parameters
     ----------
-    values : float64 (k,)
-        Values of any unit; NaN is left out.
+    values : float (n,)
+        Values of any unit; those that are not finite are left out.
 
     Returns
     -------
     Histogram
-        Counts, densities and edges of the bins.
+        Edges (k + 1,) in the unit of the values, counts (k,), and densities (k,) in one over that unit.
 
     Raises
     ------
     InputError
-        If there is no value.
+        If there is no finite value.
 
     Examples
     --------

@@ -30,7 +30,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     velocities : float (n, 2)
         Velocities v [m/s]; NaN for absent grains.
     masses : float (n,)
-        Masses m [kg].
+        Masses m [kg], above 0.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     Raises
     ------
     InputError
-        If shapes do not fit.
+        If shapes do not fit, or the mass of a grain that is there is not above 0.
 
     Examples
     --------
@@ -53,6 +53,8 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     if velocities.ndim != 2 or velocities.shape[1] != 2:
         raise InputError(f"velocities have the shape {velocities.shape}; (n, 2) is wanted")
     masses = check_grain_values("masses", masses, len(velocities))
+    if not (masses[is_present(velocities)] > 0.0).all():
+        raise InputError("a mass is not above 0 kg; give the masses of the grains")
     energies = fluctuation_energies(velocities, masses)
     energies = energies[np.isfinite(energies)]
     return float(energies.mean()) if len(energies) else np.nan
@@ -97,8 +99,8 @@ def configurational_temperature(
     """Temperature <|grad U|^2>/<laplacian U> of the positions in frames, times Boltzmann's constant.
 
     It equals the kinetic temperature in equilibrium (Rugh, Phys. Rev. Lett. 78, 772, 1997; Butler
-    et al., J. Chem. Phys. 109, 6519, 1998), and needs no velocities. U is that of dipoles and
-    walls.
+    et al., J. Chem. Phys. 109, 6519, 1998), and needs no velocities. U is the energy of dipoles and
+    walls; each grain meets the nearest image of every other one in a periodic cell.
 
     Parameters
     ----------
@@ -115,13 +117,14 @@ def configurational_temperature(
     Returns
     -------
     float
-        Boltzmann's constant times the temperature [J].
+        Boltzmann's constant times the temperature [J]; NaN where no grain is present, or a height is NaN.
 
     Raises
     ------
     InputError
-        If a shape does not fit, there are no dipoles, or there is an effect other than `KNOWN`, and
-        with ``forces`` other than `KNOWN` and `STRAIGHT`.
+        If a shape does not fit, there is no frame, there are no dipoles or discs in their place
+        (``grains.magnets = "cylinders"``), or there is an effect other than `KNOWN`, and with ``forces``
+        other than `KNOWN` and `STRAIGHT`.
 
     Examples
     --------
@@ -133,14 +136,17 @@ def configurational_temperature(
     ... )
     """
     array = check_frames(frames, least=1)
-    if piston_height is None:
-        heights: list[float | None] = [None] * len(array)
-    else:
+    heights: list[float | None] = [None] * len(array)
+    if piston_height is not None:
+        if np.shape(piston_height) not in ((), (len(array),)):
+            raise InputError(f"piston_height has the shape {np.shape(piston_height)}; give one a frame")
         heights = np.broadcast_to(piston_height, len(array)).tolist()
     states = list(zip(array, heights, strict=True))
     if forces is not None:
+        if np.shape(forces) != array.shape:
+            raise InputError(f"forces have the shape {np.shape(forces)}; {array.shape} is wanted")
         bend = sum(potential_laplacian(scene, *state) for state in states)
-        return float(np.nansum(np.square(forces))) / bend
+        return float(np.nansum(np.square(forces))) / bend if bend else np.nan
     _check_effects_known(scene, KNOWN)
     square = bend = 0.0
     for positions, height in states:
@@ -148,7 +154,7 @@ def configurational_temperature(
         walls, more = _wall_forces_and_laplacian(scene, positions, height)
         square += float(np.nansum((pairs + walls) ** 2))
         bend += laplacian + more
-    return square / bend
+    return square / bend if bend else np.nan
 
 
 def potential_laplacian(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> float:

@@ -30,6 +30,10 @@ def test_that_of_a_run_is_that_of_its_frames(make_run: MakeRun) -> None:
     )
     with pytest.raises(InputError, match="0 frames"):
         configurational_temperature(scene, frames[:0], 0.36, forces[:0])
+    with pytest.raises(InputError, match=r"piston_height has the shape \(2,\)"):
+        configurational_temperature(scene, frames, np.ones(2))
+    with pytest.raises(InputError, match="forces have the shape"):
+        configurational_temperature(scene, frames, 0.36, forces[0])
 
 
 def test_friction_and_weight_add_nothing_to_the_laplacian() -> None:

@@ -178,3 +178,5 @@ def test_what_cannot_be(bed: Scene) -> None:
         crystal_moduli(-1.0, 1.0)
     with pytest.raises(InputError, match="temperature 0"):
         melting_theory_modulus(Moduli(1.0, 1.0, 1.0), 1.0, 0.0)
+    with pytest.raises(InputError, match=r"bulk \+ shear modulus 0"):
+        melting_theory_modulus(Moduli(1.0, 1.0, -1.0), 1.0, 1.0)

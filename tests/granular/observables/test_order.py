@@ -46,6 +46,10 @@ def test_lattice_vector_is_found_whatever_the_orientation(angle: float) -> None:
     assert np.linalg.norm(vector) == pytest.approx(4.0 * math.pi / math.sqrt(3.0) / spacing, 1e-3)
     assert translational_order(points) > 0.999
     assert translational_order(points, rotated(vector[None], 0.2)[0]) < 0.1
+    with pytest.raises(InputError, match="wave vector has the shape"):
+        translational_order(points, np.ones(3))
+    with pytest.raises(InputError, match="no grain is present"):
+        translational_correlation(points[:0], np.array([0.0, 1.0]), vector)
 
 
 def test_translational_order_falls_by_debye_and_waller(random: np.random.Generator) -> None:

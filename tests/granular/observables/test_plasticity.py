@@ -43,3 +43,5 @@ def test_of_a_run_and_wrong_input(make_run: MakeRun) -> None:
         plastic_events(np.arange(2.0), np.arange(2.0), 0.0)
     with pytest.raises(InputError, match="not finite"):
         plastic_events(np.arange(2.0), np.array([1.0, np.nan]), 1.0)
+    with pytest.raises(InputError, match=r"drops of the shape \(2,\); finite"):
+        drop_statistics(np.array([1.0, np.nan]), 1.0)

@@ -96,6 +96,10 @@ def test_unfit_records_are_input_errors() -> None:
         harmonic_response(time, np.zeros(200), wave, 5.0, discard=0.0)
     with pytest.raises(InputError, match="shapes"):
         harmonic_response(time, wave[1:], wave, 5.0)
+    with pytest.raises(InputError, match="not finite"):
+        harmonic_response(np.nan * time, wave, wave, 5.0)
+    with pytest.raises(InputError, match="discard = -1 s"):
+        harmonic_response(time, wave, wave, 5.0, discard=-1.0)
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ from granular.observables.plasticity import (
     grains_with_interior_neighbours,
     slip_area_tensor,
 )
+from granular.shared.errors import InputError
 
 from .conftest import hexagonal, rotated
 from .test_defect_motion import FILMS, SPACING
@@ -104,3 +105,8 @@ def test_bonds_share_the_strain_of_a_lattice_and_no_rotation() -> None:
     # Which bonds are inner ones depends on the box about the grains, which does not turn with them.
     np.testing.assert_allclose(found[2], 0.0, atol=2e-3)
     assert not plastic_distortion(np.array([lattice, squeezed])).total.any()
+    assert np.isnan(elastic_strain(lattice[None, :4])).all()
+    with pytest.raises(InputError, match="0 frames"):
+        elastic_strain(lattice[None][:0])
+    with pytest.raises(InputError, match="no grain of a frame"):
+        plastic_distortion(np.array([lattice, np.nan * lattice]))

@@ -168,6 +168,8 @@ def test_temperature_of_two_grains() -> None:
     velocities = np.array([[4.0, 0.0], [0.0, 0.0], [np.nan, np.nan]])
     assert kinetic_temperature(velocities, np.array([1.0, 3.0, 5.0])) == pytest.approx(3.0)
     assert np.isnan(kinetic_temperature(velocities[2:], np.array([1.0])))
+    with pytest.raises(InputError, match="not above 0 kg"):
+        kinetic_temperature(velocities, np.zeros(3))
 
 
 PUBLISHED = [
