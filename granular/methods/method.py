@@ -34,17 +34,18 @@ class Method:
     Attributes
     ----------
     name : str
+        Printable word.
     order : int
-        Order of convergence. The coefficients are held against its conditions
+        Order of convergence, from 1 to 10. The coefficients are held against its conditions
         (`granular.methods.order_conditions`).
     source : str
         Paper that prints the coefficients.
     kicks, drifts : tuple of float
         Of a composition: fractions of the step, kick b_0, drift a_1, kick b_1, ..., drift a_s,
-        kick b_s; one kick more than drifts.
+        kick b_s; one kick more than drifts, at most 65, each within 1000.
     tableau : tuple of tuple of float, or None
-        Of an explicit Runge-Kutta method: the rows of its Butcher tableau, and the weights behind
-        them.
+        Of an explicit Runge-Kutta method: the s rows of its Butcher tableau, and the weights behind
+        them, s numbers each.
     variable : bool
         Whether the step follows the stiffest collision, time-reversibly; for Verlet's
         coefficients alone.
@@ -54,7 +55,7 @@ class Method:
     Raises
     ------
     InputError
-        If the table is malformed, or fails a condition of its order, which is named.
+        If a field or the table is malformed, or fails a condition of its order, which is named.
     """
 
     name: str
@@ -85,29 +86,29 @@ class Method:
 
     @property
     def symplectic(self) -> bool:
-        """True if it is symplectic where nothing dissipates (variable steps: reversible only)."""
+        """True for compositions of equal steps: where nothing dissipates they are symplectic."""
         return self.tableau is None and not self.variable
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Texts that name the papers behind it; see `granular.cite`."""
+        """Text that names the papers behind it, a tuple of one str, empty without; see `granular.cite`."""
         return (self.source,)
 
     @property
     def force_evaluations_per_step(self) -> int:
-        """Evaluations of all forces a step."""
+        """Number of evaluations of all forces a step; the last kick's serves the next step's first one."""
         if self.tableau is not None:
             return len(self.tableau) - 1
         return sum(1 for kick in self.kicks[1:] if kick) or 1
 
     @property
     def has_backward_parts(self) -> bool:
-        """True if a part of the step runs backward in time, where dry friction is undefined."""
+        """True if a kick or drift runs backward in time, where dry friction is undefined."""
         return min((*self.kicks, *self.drifts)) < 0.0
 
     @property
     def allows_far_field_impulses(self) -> bool:
-        """True if it keeps its order with a force that acts in impulses around its steps."""
+        """True for Verlet's kicks: it keeps its order with a force in impulses around its steps."""
         return self.kicks == (0.5, 0.5) and not self.variable
 
     @property
@@ -127,7 +128,8 @@ class Method:
         Returns
         -------
         dict
-            Coefficients, order and name.
+            ``name``, ``order``, ``source``, and ``kicks`` and ``drifts``, or ``tableau``, as lists;
+            ``variable`` and ``compensated`` where they are True.
         """
         plain: dict[str, Any] = {"name": self.name, "order": self.order, "source": self.source}
         if self.tableau is None:

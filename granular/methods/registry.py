@@ -25,7 +25,7 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
     Parameters
     ----------
     method : str, Method or mapping
-        Name, method, or table as plain data.
+        Name as in `method_named`, method, or table as `Method.to_plain` makes it.
 
     Returns
     -------
@@ -35,7 +35,8 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
     Raises
     ------
     InputError
-        If there is none of that name, a table is no method, or takes the name of one built in.
+        If there is none of that name, a table is no method or fails `Method`, what is given is none of the
+        three, or it takes the name of one built in and is another.
 
     Examples
     --------
@@ -80,7 +81,8 @@ def method_named(name: str) -> Method:
     Parameters
     ----------
     name : str
-        Name, with ``+compensated`` behind it for compensated sums.
+        Name of a built-in, registered or installed method; ``+compensated`` behind it, but for a
+        Runge-Kutta method, for compensated sums.
 
     Returns
     -------
@@ -90,7 +92,8 @@ def method_named(name: str) -> Method:
     Raises
     ------
     InputError
-        If there is none; the nearest name is given.
+        If there is none (the nearest name is given), a Runge-Kutta method is to be compensated, or an
+        installed distribution's method cannot be loaded.
 
     Examples
     --------

@@ -30,13 +30,15 @@ class Evaluation:
     Attributes
     ----------
     force : float64 (n, 2)
-        Magnetic force, weight and contact of each grain [N]; without friction and drag.
+        Magnetic force, weight and contact of each grain [N], and own effects with an energy;
+        without friction and drag.
     piston_force : float
-        Force of the grains on the piston, upwards [N].
+        Force of the grains on the piston, upwards [N]; 0 without a top wall.
     wall_forces : dict of str to float
-        Force of the grains on each wall, outwards [N].
+        Force of the grains on ``left``, ``right``, ``bottom`` and ``top``, outwards [N]; 0 without
+        that wall.
     potential_energy : float
-        Energy of pairs, walls, contacts and the grains' weight [J].
+        Energy of pairs, walls, contacts, the grains' weight and own effects [J].
     kinetic_energy : float
         Kinetic energy of the grains [J].
     normal_load : float64 (n,)
@@ -66,7 +68,7 @@ def evaluate(
     positions, velocities : float (n, 2)
         [m], [m/s]; at rest where no velocities are given. n is the scene's number of grains.
     piston_height : float, optional
-        [m]; the scene's where not given.
+        [m]; the scene's where not given. Without a piston it does nothing.
 
     Returns
     -------
@@ -76,7 +78,8 @@ def evaluate(
     Raises
     ------
     InputError
-        If the shapes do not fit, or a grain stands behind a wall, on another grain, or nowhere.
+        If a shape does not fit, an entry or the height is no finite number, or a grain stands behind a
+        wall, above the piston or on another grain.
 
     Examples
     --------
@@ -94,13 +97,15 @@ def evaluate(
     if piston_height is None:
         piston_height = 0.0 if scene.piston is None else scene.piston.height
     try:
-        piston_height = float(piston_height)
+        height = float(piston_height)
     except (TypeError, ValueError):
-        raise InputError(f"piston_height = {quote(piston_height)}; give a height [m]") from None
+        height = np.nan
+    if not np.isfinite(height):
+        raise InputError(f"piston_height = {quote(piston_height)}; give a height [m]")
     state = new_state(
         coordinates / scales.length,
         speed / scales.velocity,
-        piston_height / scales.length,
+        height / scales.length,
         constants.acting,
         METHODS["stormer-verlet"],
     )

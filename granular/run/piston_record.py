@@ -48,36 +48,32 @@ class PistonRecord:
     Attributes
     ----------
     time, height : float64 (n,)
-        [s], strictly increasing; [m].
+        [s], strictly increasing; [m]. At least two samples.
     velocity, force : float64 (n,) or None
-        [m/s]; the force on the piston, upwards [N].
+        [m/s]; the force of the grains on the piston, upwards [N].
     extra : mapping of str to float64 (n,)
         Further columns, as they were given.
     angle : bool
         Whether the coordinate, ``height``, is an angle [rad]; its velocity is in rad/s then.
     deviations : mapping of str to float64 (m, n)
         Independent deviations of columns that a sensor's calibration leaves open, of one standard
-        uncertainty each; they widen the intervals of what is fitted.
+        uncertainty each; they widen the intervals of what is fitted. Not checked.
     measured : str
-        Column that was measured: ``"height"``, or ``"velocity"`` or ``"acceleration"`` of a record
-        without a position. Its ``height`` is then their integral about zero, without what is slow:
-        for pictures and first guesses. Fits compare the column that was measured. ``"force"`` where
-        the height is a prescribed stroke.
+        Column that was measured and that fits compare: ``"height"``, or ``"velocity"`` or
+        ``"acceleration"`` of a record without a position. Its ``height`` is then their integral about zero,
+        without what is slow, for first guesses. ``"force"`` where the height is a prescribed stroke.
 
     Raises
     ------
     RecordError
-        For fewer than two samples, lengths that differ, values that are not finite, or times that
-        do not increase.
+        For fewer than two samples, other lengths, values that are not finite, or times that do not grow.
 
     Examples
     --------
-    >>> import numpy as np
     >>> from reduced_models import PistonRecord
-    >>> time = np.linspace(0.0, 2.0, 2000)
-    >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
+    >>> record = PistonRecord([0.0, 0.1, 0.2], [0.061, 0.060, 0.061])
     >>> len(record), float(record.time[-1])
-    (2000, 2.0)
+    (3, 0.2)
     """
 
     time: np.ndarray
@@ -144,7 +140,7 @@ class PistonRecord:
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """All columns as a table of pandas; units of its own ones in ``attrs``.
+        """Table of `columns` for pandas, with `units` in ``attrs["units"]``.
 
         Returns
         -------
@@ -153,11 +149,8 @@ class PistonRecord:
 
         Examples
         --------
-        >>> import numpy as np
         >>> from reduced_models import PistonRecord
-        >>> time = np.linspace(0.0, 2.0, 2000)
-        >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
-        >>> list(record.to_dataframe().columns)
+        >>> list(PistonRecord([0.0, 0.1, 0.2], [0.061, 0.060, 0.061]).to_dataframe().columns)
         ['time', 'height']
         """
         import pandas
@@ -167,7 +160,7 @@ class PistonRecord:
         return table
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the height [mm], or the angle [rad], over time.
+        """Draw the height [mm], or the angle [rad], over time [s]; an integrated one where none was measured.
 
         Parameters
         ----------
@@ -193,25 +186,24 @@ class PistonRecord:
     ) -> PistonRecord:
         """Read a record from a file, as an instrument or a program writes it.
 
-        CSV and its kin in any encoding, with preambles, rows of units, decimal commas, lost
-        samples, dates and times of day; LabVIEW measurements; and by their endings Parquet
-        (``.parquet``, ``.pq``), workbooks (``.xlsx``, ``.ods``), TDMS and MATLAB files. A
-        ``record.toml`` names another file, and says how it is read.
+        CSV and its kin in any encoding, with preambles, rows of units, decimal commas, lost samples, dates
+        and times of day; LabVIEW measurements; and by their endings Parquet (``.parquet``, ``.pq``),
+        workbooks (``.xlsx``, ``.ods``), TDMS and MATLAB files. A ``record.toml`` says how another is read.
 
         Which column is what follows from names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
         ``displacement``, ``angle``, ...) and from units (``height [mm]``, ``height_mm``, ...); SI
-        where there is none. What is guessed, and what is done to the samples, is said in a warning.
+        where there is none. A `RecordWarning` says what is guessed, and what is done to the samples.
 
         Parameters
         ----------
         path : str or Path
             File to read.
         units : mapping of str to str, optional
-            Units of the columns, instead of those in the file.
+            Units of columns by their names, instead of those in the file.
         **options
-            The fields of `granular.readers.read_options.ReadOptions`: ``columns``, ``decimal``,
-            ``skip``, ``sheet``, ``flip``, ``between``, ``scale``, ``zero``, ``calibration``,
-            ``rate``, ``sort``, but for ``release``, which `reduced_models.read_record` heeds.
+            The fields of `granular.readers.read_options.ReadOptions`: ``columns``, ``decimal``, ``skip``,
+            ``sheet``, ``flip``, ``between``, ``scale``, ``zero``, ``calibration``, ``rate``, ``sort``;
+            ``release`` does nothing here, as `reduced_models.read_record` alone heeds it.
 
         Returns
         -------
@@ -221,7 +213,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If there is no such option, or the file cannot be read; the message names line and column.
+            If an option does not fit, or the file or a library for it is missing, or it cannot be read.
         """
         return cls._read_file(Path(path), None, units, options)
 
@@ -236,7 +228,7 @@ class PistonRecord:
         path : str or Path
             File to read.
         units : mapping of str to str, optional
-            Units of the columns, instead of those in the file.
+            Units of columns by their names, instead of those in the file.
         **options
             Options of `from_file`.
 
@@ -248,7 +240,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If the file cannot be read as such; the message names line and column.
+            If an option does not fit, or the file cannot be read as such; the message names line and column.
         """
         from granular.readers.file_formats import TEXT
 
@@ -268,7 +260,7 @@ class PistonRecord:
         path : str or Path
             File to read.
         units : mapping of str to str, optional
-            Units of the columns, instead of those in the file.
+            Units of columns by their names, instead of those in the file.
         **options
             Options of `from_file`.
 
@@ -280,7 +272,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If the file cannot be read as such, or pyarrow is not there.
+            If an option does not fit, the file cannot be read as such, or pyarrow is not there.
         """
         from granular.readers.file_formats import PARQUET
 
@@ -295,9 +287,9 @@ class PistonRecord:
         Parameters
         ----------
         table : DataFrame, xarray object or mapping
-            Table with columns of time and height.
+            Table with columns of time and height, n values each.
         units : mapping of str to str, optional
-            Units of the columns, instead of those in the table.
+            Units of columns by their names, instead of those in the table.
         **options
             Options of `from_file`.
 
@@ -309,16 +301,13 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If it is no table, or holds no record.
+            If it is no table, holds no record, or an option does not fit.
 
         Examples
         --------
-        >>> import numpy as np
         >>> from reduced_models import PistonRecord
-        >>> time = np.linspace(0.0, 2.0, 2000)
-        >>> record = PistonRecord.from_table({"time": time, "height": 0.06 + 1e-3 * np.cos(9.0 * time)})
-        >>> len(record)
-        2000
+        >>> len(PistonRecord.from_table({"time": [0.0, 0.1, 0.2], "height [mm]": [61.0, 60.0, 61.0]}))
+        3
         """
         from granular.readers.sheet import sheet_from_table
         from granular.readers.sheet_interpretation import interpret_sheet
@@ -360,7 +349,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If they make none.
+            If they make none, or a stroke has no force with it.
         """
         record = cls.from_columns(meaning.columns)
         measured = record.measured
@@ -373,7 +362,10 @@ class PistonRecord:
         )
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the record to a CSV file that `from_csv` reads back to the same bits.
+        """Write `columns` to a CSV file, whose numbers `from_csv` reads back to the same bits.
+
+        One without a measured height is read with ``columns`` that name its velocity or acceleration, and
+        ``deviations`` and a ``measured`` force are not written.
 
         Parameters
         ----------
@@ -398,7 +390,7 @@ class PistonRecord:
             writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
 
     def to_parquet(self, path: str | Path) -> None:
-        """Write the record to a Parquet file that `from_parquet` reads back to the same bits.
+        """Write `columns` to a Parquet file, whose numbers `from_parquet` reads back; limits as of `to_csv`.
 
         Parameters
         ----------
@@ -418,12 +410,12 @@ class PistonRecord:
 
     @property
     def units(self) -> dict[str, str]:
-        """SI units of its own columns."""
+        """SI units of time, height, velocity and force, a dict by names, also of those that are not there."""
         return {**UNITS, "height": "rad", "velocity": "rad/s"} if self.angle else dict(UNITS)
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
-        """All columns by their names; a height that was integrated is none."""
+        """All columns, a dict of float64 (n,) in SI by names; a height that was integrated is none."""
         own = {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
         if self.measured in _INTEGRALS:
             del own["height"]
@@ -436,8 +428,7 @@ class PistonRecord:
         Parameters
         ----------
         columns : mapping of str to array (n,)
-            Columns in SI units; ``time`` and ``height`` are needed. In place of the height there
-            may be ``velocity`` or ``acceleration``; see ``measured``.
+            Columns in SI; ``time`` and ``height``, or ``velocity`` or ``acceleration`` for it, are needed.
 
         Returns
         -------
@@ -447,7 +438,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If ``time`` or the motion is missing, or the values make no record.
+            If ``time`` or the motion is missing, or the values make no `PistonRecord`.
         """
         measured = next((name for name in ("height", *_INTEGRALS) if name in columns), "height")
         for name in ("time", measured):
@@ -473,24 +464,24 @@ class PistonRecord:
 
         Parameters
         ----------
-        start : float
-            Least time [s].
-        stop : float
-            Greatest time [s].
+        start, stop : float
+            Least and greatest time [s].
 
         Returns
         -------
         PistonRecord
             Part of the record; its times are kept as they are.
 
+        Raises
+        ------
+        RecordError
+            If fewer than two samples lie between, as where a limit is NaN.
+
         Examples
         --------
-        >>> import numpy as np
         >>> from reduced_models import PistonRecord
-        >>> time = np.linspace(0.0, 2.0, 2000)
-        >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
-        >>> float(record.between(0.5, 1.5).time[0].round(2))
-        0.5
+        >>> len(PistonRecord([0.0, 0.1, 0.2], [0.061, 0.060, 0.061]).between(0.1, 0.2))
+        2
         """
         return self.select((self.time >= start) & (self.time <= stop))
 
@@ -499,13 +490,20 @@ class PistonRecord:
 
         Parameters
         ----------
-        samples : bool (n,) or slice
-            True for the samples that are kept.
+        samples : bool (n,), int (m,) or slice
+            True for the samples that are kept, or their indices, increasing.
 
         Returns
         -------
         PistonRecord
             Record with these samples; its times are kept as they are.
+
+        Raises
+        ------
+        RecordError
+            If there are fewer than two, or they do not increase in time.
+        IndexError
+            If the record has no such samples.
         """
         return PistonRecord(
             self.time[samples],
@@ -524,14 +522,19 @@ class PistonRecord:
         Parameters
         ----------
         count : int
-            Number of samples.
+            Number of samples, at least 2; all where the record has fewer.
 
         Returns
         -------
         PistonRecord
             Beginning of the record.
+
+        Raises
+        ------
+        RecordError
+            If ``count`` is below 2.
         """
-        return self.select(slice(count))
+        return self.select(slice(max(count, 0)))
 
     def with_time_from_zero(self) -> PistonRecord:
         """Return the same record with times that start at 0.
@@ -543,38 +546,35 @@ class PistonRecord:
 
         Examples
         --------
-        >>> import numpy as np
         >>> from reduced_models import PistonRecord
-        >>> time = np.linspace(0.0, 2.0, 2000)
-        >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
-        >>> float(record.between(0.5, 1.5).with_time_from_zero().time[0])
-        0.0
+        >>> PistonRecord([5.0, 6.0], [0.061, 0.060]).with_time_from_zero().time.tolist()
+        [0.0, 1.0]
         """
         return dataclasses.replace(self, time=self.time - self.time[0])
 
     def mapped(self, shift: float, scale: float) -> PistonRecord:
-        """Record of (height - shift)/scale.
+        """Record in the coordinate z = (height - shift)/scale.
 
         Parameters
         ----------
-        shift : float
-            Height at z = 0 [m].
-        scale : float
-            Height per unit of z [m].
+        shift, scale : float
+            Height at z = 0, and height per unit of z, which is not 0 [m]; of an angle [rad].
 
         Returns
         -------
         PistonRecord
-            Record in the coordinate z, without unit.
+            Record with z and dz/dt [1/s] for height and velocity, whatever `units` says; all else is kept.
+
+        Raises
+        ------
+        RecordError
+            If z is not finite, as where the scale is 0.
 
         Examples
         --------
-        >>> import numpy as np
         >>> from reduced_models import PistonRecord
-        >>> time = np.linspace(0.0, 2.0, 2000)
-        >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
-        >>> float(record.mapped(0.05, 1.0).height[0].round(4))  # heights above 0.05 m
-        0.011
+        >>> PistonRecord([0.0, 1.0], [0.06, 0.05]).mapped(0.05, 0.01).height.round(6).tolist()
+        [1.0, 0.0]
         """
         velocity = None if self.velocity is None else self.velocity / scale
         deviations = {

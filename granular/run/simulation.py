@@ -69,12 +69,12 @@ def simulate(
     progress: bool = True,
     accuracy: str | None = None,
 ) -> Trajectory:
-    """Run a scene.
+    """Run a scene through its protocol.
 
     Parameters
     ----------
     scene : Scene
-        Scene to run.
+        Scene to run, with at least one stage.
     dt : float or str
         Time step [s]. "auto" follows the stiffest mode that the bed can meet (see
         `granular.engine.step_size`); "auto/2" or "auto*2" is half or twice as long, to see what
@@ -92,7 +92,8 @@ def simulate(
         Go on with the run in ``out`` (or start it, where there is none yet). The bits are those of
         a run that was never interrupted.
     threads : int, optional
-        The result has the same bits for any number. Without: as many as pay off.
+        From 1 to the number of processors; the result has the same bits for any. Without: as many
+        as pay off.
     progress : bool
         Show a progress bar on standard error.
     accuracy : str, optional
@@ -108,14 +109,20 @@ def simulate(
     Raises
     ------
     InputError
-        If an argument or the scene cannot be run, ``out`` is in use, or an accuracy cannot be
-        promised.
+        If an argument or the scene cannot be run, ``out`` is in use, cannot be written or holds
+        another run, or an accuracy cannot be promised.
     RunError
         If the run cannot be trusted any more; its ``trajectory`` attribute holds what was
         computed before.
     Interrupted
         On Ctrl-C (on the command line also on SIGTERM); its ``trajectory`` attribute holds what
         was computed.
+
+    Warns
+    -----
+    UserWarning
+        If the records' distance is no multiple of ``dt``, the energy ledger does not close well, grains
+        without contact overlapped, or the run in ``out`` was made with other versions.
 
     Examples
     --------

@@ -82,7 +82,7 @@ def active_effect_names(scene: Scene) -> tuple[str, ...]:
 
 
 def scene_text(scene: Scene) -> str:
-    """Scene for people to read.
+    """Text of a scene: grains, natural units, cell, piston, effects and stages.
 
     Parameters
     ----------
@@ -92,7 +92,9 @@ def scene_text(scene: Scene) -> str:
     Returns
     -------
     str
-        Lines about grains, effects and protocol.
+        Lines: name; number and diameter [mm] of each species; natural units D [mm], m [g], F* [N] and tau
+        [ms]; width of the cell and height of the piston or the periodic cell [mm] and [D], with the
+        packing fraction [D, eq. 2.2]; effects and stages with their values.
 
     Examples
     --------
@@ -164,7 +166,7 @@ def run_statistics(run: Trajectory) -> dict[str, Any]:
 
 
 def run_text(run: Trajectory) -> str:
-    """Run for people to read.
+    """Text of a run: its stages, steps, wall time and energy ledger.
 
     Parameters
     ----------
@@ -174,7 +176,9 @@ def run_text(run: Trajectory) -> str:
     Returns
     -------
     str
-        Lines about steps, energy and stages.
+        Lines: times [s] of each stage, why it ended, and the piston's height there [mm] and [D]; steps,
+        method, time step, wall time [s] and the ledger's residual over the energy turned over; the run
+        directory where there is one.
     """
     figures, scales = run_statistics(run), Scales.from_grains(run.scene.grains)
     lines = []

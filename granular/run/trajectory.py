@@ -62,16 +62,18 @@ class Trajectory:
     Attributes
     ----------
     scene : Scene
+        Scene that was run.
     dataset : xarray.Dataset
-        Scalars on ``time``, grain fields on (``frame``, ``grain``, ``axis``), all in SI with
+        Scalars on ``time`` [s], grain fields on (``frame``, ``grain``, ``axis``), all in SI with
         ``attrs["units"]``; scene, settings and versions in the attributes. Times grow: where the
         piston jumps upwards, the record behind it stands at the next number after the one
         before. ``stage`` is the index of each record's stage in the protocol.
     stages : tuple of StageResult
+        Stages that were begun, the last one cut where the run was.
     complete : bool
         Whether the protocol (or ``t_end``) was reached.
     path : Path or None
-        The run directory.
+        The run directory; None where the run is in memory alone.
     """
 
     scene: Scene
@@ -103,11 +105,13 @@ class Trajectory:
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Texts that name the papers behind scene and method; see `granular.cite`."""
+        """Texts that name the papers behind scene and method, a tuple of str; see `granular.cite`."""
         return (*self.scene.literature, *self.method.literature)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the piston's height over time; without a piston the kinetic energy of the grains.
+        """Draw the piston's height [mm] over time [s]; without a piston the grains' kinetic energy [J].
+
+        Dotted lines show where the second stage and later ones begin.
 
         Parameters
         ----------
@@ -191,12 +195,14 @@ class Trajectory:
         Returns
         -------
         PistonRecord
-            Times [s], heights [m], velocities [m/s] and forces [N].
+            Times since the start of the run [s], heights [m], velocities [m/s] and forces of the grains,
+            upwards [N]. Where the piston jumps, the time counts once, with what is behind the jump.
 
         Raises
         ------
         RecordError
-            If the scene has no piston, or the run has not reached the stage.
+            If the scene has no piston, the run has not reached the stage, or holds fewer than two records
+            of it.
         """
         data = self.dataset
         if "piston_height" not in data:
@@ -241,7 +247,7 @@ class Trajectory:
 
     @property
     def scalars(self) -> xarray.Dataset:
-        """Variables on ``time`` alone, for ``to_dataframe()`` and the like."""
+        """Variables on ``time`` [s] alone, an xarray Dataset in SI, for ``to_dataframe()`` and the like."""
         return self.dataset.drop_dims(["frame", "grain", "axis"])
 
     def settings(self) -> dict[str, Any]:
@@ -250,18 +256,19 @@ class Trajectory:
         Returns
         -------
         dict
-            Settings by name, as plain data.
+            Plain data by name, as ``method``, ``dt`` (as it was asked for), ``steps``, ``versions``,
+            ``ledger_residual`` (over the energy turned over), and ``seconds`` and ``compile_seconds`` [s].
         """
         return dict(json.loads(self.dataset.attrs["settings"]))
 
     @property
     def method(self) -> Method:
-        """The integration method."""
+        """Integration method of the run; its name or table is in `settings`."""
         return resolve_method(self.settings()["method"])
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
-    """Run from its directory, also one that is unfinished or was cut off.
+    """Load a run from its directory, also one that is unfinished or was cut off.
 
     Parameters
     ----------
@@ -278,6 +285,8 @@ def load_trajectory(path: str | Path) -> Trajectory:
     StoreError
         If the directory holds no run, or a file of it is missing or not what the run wrote. What
         is recorded is checked as it is read: then the dataset's arrays raise it.
+    SceneError
+        If the run's scene names an effect, stage or law of the user's own that was not imported.
     """
     from granular.run.checkpoint import read_checkpoint, read_verified_files
     from granular.run.lazy_dataset import open_lazy_dataset

@@ -26,7 +26,7 @@ def scene_names() -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Names that `load_scene` takes.
+        Names that `load_scene` takes, sorted.
 
     Examples
     --------
@@ -43,7 +43,7 @@ def load_scene(source: str | Path) -> Scene:
     Parameters
     ----------
     source : str or Path
-        Name of a packaged scene, or path of a TOML file.
+        Name of a packaged scene (`scene_names`), or else path of a TOML file.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def load_scene(source: str | Path) -> Scene:
     Raises
     ------
     SceneError
-        If there is no such scene, the file is not TOML, or the scene is not valid.
+        If there is no such scene, the file cannot be read or is not TOML, or the scene is not valid.
 
     Examples
     --------

@@ -122,13 +122,14 @@ def mono_bed(
     Parameters
     ----------
     count : int
-        Number of grains; the cell and the piston's heights are scaled by sqrt(count/368).
+        Number of grains, at least 1; the cell's width and the piston's final height are scaled by
+        sqrt(count/368), and so is its height before, which is 50 D at least.
     speed : float
-        Speed of the piston [m/s].
+        Speed of the piston [m/s], above 0.
     relaxation : float
-        Length of the relaxation before, in units of T, the duration of the compression.
+        Length of the relaxation before, in units of T, the duration of the compression; above 0.
     seed : int
-        Seed of the arrangement.
+        Seed of the arrangement, from 0 on.
 
     Returns
     -------
@@ -138,7 +139,7 @@ def mono_bed(
     Raises
     ------
     InputError
-        If an argument does not fit.
+        If an argument is out of its limits, or so many grains make no scene.
 
     Examples
     --------
@@ -164,36 +165,36 @@ def bidisperse(
     relaxation: float = 5.0,
     seed: int = 1,
 ) -> Scene:
-    """Mixture of big and small grains that is compressed and released, as in [D, chapter 4].
+    """Mixture of 400 big and small grains that is compressed and released, as in [D, chapter 4].
 
     Parameters
     ----------
     aspect : float
-        Diameter of the small grains over that of the big ones.
+        Diameter of the small grains over that of the big ones, above 0 and at most 1.
     ratio : float
-        R, the fraction of small grains. The piston's final height follows from this nominal value
-        [D, eq. 4.23]; the fraction that a mixing rule really makes is `Grains.shares`.
+        R, the fraction of small grains, from 0 to 1. The piston's final height follows from this
+        nominal value [D, eq. 4.23]; the fraction that a mixing rule really makes is `Grains.shares`.
     big : float
-        Diameter of the big grains [m].
+        Diameter of the big grains [m], above 0.
     mixing : str
         ``"interspersed"`` or de Paula's ``"every-kth"``; see `Grains`.
     speed : float
-        Speed of the piston [m/s].
+        Speed of the piston [m/s], above 0.
     relaxation : float
-        Time that the bed relaxes before and after, in units of T, the duration of the
-        compression.
+        Time that the bed relaxes before the compression, in units of T, its duration; above 0. After
+        the expansion it rests for T.
     seed : int
-        Seed of the random start.
+        Seed of the random start, from 0 on.
 
     Returns
     -------
     Scene
-        Scene of the cycle.
+        With dipoles, experimental walls, gravity and dry friction; change it by `Scene.replace`.
 
     Raises
     ------
     InputError
-        If an argument does not fit.
+        If an argument is out of its limits, or grains so big leave nothing to compress.
 
     Examples
     --------
@@ -244,28 +245,31 @@ def damper(
     Parameters
     ----------
     mass : float
-        Mass of the piston [kg], for 368 grains; it is scaled with the width of the cell.
+        Mass of the piston [kg], for 368 grains, above 0; it is scaled with the width of the cell.
     count : int
         Number of grains; widths and heights are scaled by sqrt(count/368), so that the bed keeps
         its packing.
     drag : float
-        Gamma of a grain [kg/s].
-    drop, lift : float
-        Height that the piston falls from, for 368 grains, and height that it is lifted by [D].
+        Gamma of a grain [kg/s], above 0.
+    drop : float
+        Height that the piston falls from, for 368 grains [D], above 0.
+    lift : float
+        Height that the piston is lifted by [D], whatever ``count`` is.
     seed : int
-        Seed of the arrangement.
+        Seed of the arrangement, from 0 on.
     magnets : str
         ``"dipoles"``, or ``"cylinders"``: discs as in the packaged scene ``magnets``.
 
     Returns
     -------
     Scene
-        Scene of the damper.
+        Scene of the damper; change it by `Scene.replace`.
 
     Raises
     ------
     InputError
-        If an argument does not fit.
+        If an argument is out of its limits, or the grains have no room below the piston, as where
+        ``drop`` or ``count`` is small.
 
     Examples
     --------
@@ -284,6 +288,8 @@ def damper(
         ("drop", drop, "D"),
     ):
         _check_parameter(name, value, unit)
+    if isinstance(lift, bool) or not isinstance(lift, int | float) or not math.isfinite(lift):
+        raise InputError(f"lift = {quote(lift)}; give a height in D")
     scale = math.sqrt(count / REFERENCE_COUNT)
     diameter = base.grains.species[0].diameter
     return base.replace(

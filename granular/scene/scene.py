@@ -151,7 +151,7 @@ def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str,
 
 
 class Scene(Section):
-    """A complete description of a run. See the attributes' classes for their keys.
+    """A complete description of a run, in SI. See the attributes' classes for their keys and units.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ class Scene(Section):
     cell : Cell
         Width and sides of the cell.
     piston : Piston or None
-        Piston above the bed.
+        Piston above the bed; None without one.
     effects : Effects
         Forces, flows and frames that act; what is not named costs nothing.
     pairs : PairSumSettings
@@ -173,6 +173,11 @@ class Scene(Section):
         What the piston does, one stage after another.
     output : Output
         What is recorded, and how often.
+
+    Raises
+    ------
+    SceneError
+        If a value does not fit its key (`FieldError`), or parts do not fit each other; see `validate`.
     """
 
     name: str = text_field(default="scene")
@@ -187,19 +192,19 @@ class Scene(Section):
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Texts that name the papers behind its effects; see `granular.cite`."""
+        """Texts that name the papers behind its effects, a tuple of str; see `granular.cite`."""
         parts = [part for effect in self.effects.acting for part in (effect, *effect.component_effects)]
         return tuple(module_docstring_of(type(part)) for part in parts)
 
     def validate(self) -> None:
-        """Check that the parts of the scene fit each other.
+        """Check that the parts of the scene fit each other, as is done when a scene is made.
 
         Raises
         ------
         FieldError
-            If two parts do not; with the path of a key.
+            If two parts do not; with the path of a key. It is a `SceneError`.
         SceneError
-            If grains overlap each other or a wall at the start.
+            If grains overlap each other or a wall at the start, or have no room.
         """
         self._check_piston()
         self._check_top_wall()
@@ -239,7 +244,7 @@ class Scene(Section):
         Returns
         -------
         tuple of arrays
-            Positions [m] and velocities [m/s], float64 (n, 2) each.
+            Positions [m] and velocities [m/s], float64 (n, 2) each, x before y; n may be 0.
         """
         return initial_positions_and_velocities(
             self.arrangement,
@@ -251,7 +256,7 @@ class Scene(Section):
 
     @property
     def pair_method(self) -> str:
-        """Method by which pairs are summed; the recommended one where the scene says ``"auto"``."""
+        """Name of the method of summing pairs; the recommended one where the scene says ``"auto"``."""
         return self.pairs.resolve_method(
             self.grains.count, closed=self._has_closed_walls, shorter_side=self._shorter_period
         )
@@ -313,10 +318,13 @@ class Scene(Section):
     def greatest_height(self) -> float:
         """Greatest height of piston and grains that is known before the run [m].
 
+        That is of the grains at the start, of the piston then, after its jumps and at the prescribed ends of
+        stages.
+
         Returns
         -------
         float
-            Height [m].
+            Height [m]; 0 without piston and grains.
         """
         height = self.piston.height if self.piston is not None else 0.0
         highest = [height, float(self.initial_positions_and_velocities()[0][:, 1].max(initial=0.0))]
@@ -360,8 +368,9 @@ class Scene(Section):
         Parameters
         ----------
         **changes
-            Dotted keys, given as ``**{"grains.count": 92, "piston.mass": "7.5 kg"}``. An item of a
-            list is named by its index or its ``name``. None takes an optional part away, and
+            Dotted keys, given as ``**{"grains.count": 92, "piston.mass": "7.5 kg"}``. Numbers are in SI,
+            texts have a unit, as "3 mm" or "30 D" (diameters of the first species). An item of a list is
+            named by its index or its ``name``. None takes an optional part away, and
             ``arrangement.positions`` what was said of the grid, which they stand instead of.
 
         Returns
@@ -372,7 +381,7 @@ class Scene(Section):
         Raises
         ------
         SceneError
-            For an unknown key or an unfit value.
+            For an unknown key or an unfit value (`FieldError`), or grains that overlap at the start.
 
         Examples
         --------
@@ -396,9 +405,9 @@ class Scene(Section):
         Parameters
         ----------
         plain : mapping of str
-            Plain data, as `to_plain` makes them.
+            Plain data, as `to_plain` makes them: numbers in SI, or texts with a unit.
         diameter : float, optional
-            Diameter that the unit D stands for [m].
+            Diameter that the unit D stands for [m]; that of the first species if not given.
 
         Returns
         -------
@@ -408,7 +417,9 @@ class Scene(Section):
         Raises
         ------
         FieldError
-            For an unknown key, a missing or an unfit value.
+            For an unknown key, a missing or an unfit value, with its path. It is a `SceneError`.
+        SceneError
+            If grains overlap each other or a wall at the start.
         """
         return super().from_plain(plain, diameter or _first_species_diameter(plain))
 
@@ -446,7 +457,7 @@ class Scene(Section):
         Returns
         -------
         str
-            Text of the file.
+            Text of the file, with numbers in SI units.
         """
         import tomli_w
 
@@ -458,7 +469,7 @@ class Scene(Section):
         Parameters
         ----------
         path : str or Path
-            TOML file to write.
+            TOML file to write; one that is there is replaced.
 
         Raises
         ------
@@ -483,7 +494,7 @@ class Scene(Section):
         Returns
         -------
         str
-            Hexadecimal digest.
+            First 16 hexadecimal digits of the SHA-256 of its plain data.
         """
         text = json.dumps(self.to_plain(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -61,7 +61,7 @@ def unknown_word_message(word: str, known: Sequence[str], what: str) -> str:
     str
         Message.
     """
-    near = difflib.get_close_matches(word[:_LONGEST], known, 1, cutoff=0.5)
+    near = difflib.get_close_matches(str(word)[:_LONGEST], known, 1, cutoff=0.5)
     shown = ", ".join(map(sanitize, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
     advice = f"did you mean {quote(near[0])}?" if near else f"known are {shown}"
     return f"unknown {what} {quote(word)}; {advice}"

@@ -55,14 +55,16 @@ def quantity(
     most: float | None = None,
     optional: bool = False,
 ) -> Any:
-    """Return the number in an SI unit, also given as text with a unit of the same dimension.
+    """Declare a number in an SI unit, which scenes also give as text with a unit of that dimension.
+
+    Unit, default and bounds are not checked here: a scene that does not fit them raises `FieldError`.
 
     Parameters
     ----------
     unit : str
-        SI unit of the number.
-    default : object
-        Value where a scene gives none; without it the key is needed.
+        SI unit of the number, such as ``"N/m"``; ``"1"`` for none.
+    default : float or str or None, optional
+        Value where a scene gives none, in that unit or as text; without it the key is needed.
     above, least, below, most : float, optional
         Bounds in that unit; ``above`` and ``below`` are left out of the range.
     optional : bool
@@ -71,7 +73,7 @@ def quantity(
     Returns
     -------
     field
-        Field of a section, with its checks.
+        Field of a section, with its checks; the made object has the number, in SI.
 
     Examples
     --------

@@ -31,17 +31,18 @@ def cite(*things: Any) -> str:
     Parameters
     ----------
     *things
-        Anything with ``literature``: texts that name papers.
+        Anything with ``literature``: texts that name papers by ``doi:``. None for the first two alone.
 
     Returns
     -------
     str
-        Entries, one below the other.
+        BibTeX entries, one below the other, each once. A paper that the toolkit's bibliography does not
+        hold, as the source of an own method, is left out.
 
     Raises
     ------
     InputError
-        If one of them has none.
+        If one of them has no ``literature``.
 
     Examples
     --------

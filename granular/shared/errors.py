@@ -24,14 +24,14 @@ __all__ = [
 
 
 class GranularError(Exception):
-    """Base of every error that the toolkit raises on purpose."""
+    """Base of every error that the toolkit raises on purpose, but for `Interrupted`; one line of text."""
 
     def __init__(self, message: object = "") -> None:
         super().__init__(one_line(message))
 
 
 class InputError(GranularError, ValueError):
-    """Something that the user gave cannot be used (the command line exits with 2)."""
+    """Something that the user gave cannot be used (the command line exits with 2); also a `ValueError`."""
 
 
 class SceneError(InputError):

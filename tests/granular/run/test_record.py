@@ -226,5 +226,7 @@ def test_arrays_are_checked_and_frozen() -> None:
     record = PistonRecord(np.arange(3.0), np.arange(3.0))
     with pytest.raises(ValueError, match="read-only"):
         record.height[0] = 1.0
+    with pytest.raises(RecordError, match="at least 2"):
+        record.first(-1)
     part = record.between(0.5, 5.0)
     assert part.time.tolist() == [1.0, 2.0]

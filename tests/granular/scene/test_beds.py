@@ -147,6 +147,7 @@ def test_damper_is_the_packaged_one() -> None:
         lambda: bidisperse(mixing="random"),
         lambda: damper(count=0),
         lambda: damper(mass=-1.0),
+        lambda: damper(lift="high"),
     ],
 )
 def test_bad_arguments_are_named(make: Callable[[], object]) -> None:
