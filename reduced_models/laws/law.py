@@ -99,14 +99,17 @@ class Law:
 
     @property
     def parsed_equation(self) -> ParsedEquation:
-        """The equation taken apart; `InputError` where it cannot be read or is not linear in z''."""
+        """The equation taken apart into SymPy expressions and names.
+
+        `InputError` where it cannot be read, is not linear in z'', or lacks one of the inputs.
+        """
         return parse_equation(self.equation, self.inputs)
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters, in the order in which the equation names them.
 
-        `InputError` where the equation cannot be read or is not linear in z''.
+        Inputs, hidden states and the time ``t`` are none. `InputError` as of `parsed_equation`.
         """
         return self.parsed_equation.parameters
 
@@ -155,7 +158,7 @@ class Law:
         Raises
         ------
         InputError
-            If the equation cannot be read or is not linear in z''.
+            If the equation cannot be read, is not linear in z'', or lacks one of the inputs.
         """
         import sympy
 
@@ -188,7 +191,7 @@ class Law:
         Raises
         ------
         InputError
-            If the equation cannot be read or is not linear in z''.
+            If the equation cannot be read, is not linear in z'', or lacks one of the inputs.
         """
         import sympy
 

@@ -169,7 +169,7 @@ class ForceModel:
 
         The stiffness and the damping are the first Fourier coefficients of the force, along the stroke
         and the velocity (Krylov and Bogoliubov 1947, Introduction to Non-Linear Mechanics). Hidden
-        states start at zero and are taken to repeat after three cycles.
+        states start at zero; the third cycle is taken for the steady one.
 
         Parameters
         ----------

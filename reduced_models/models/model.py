@@ -206,7 +206,7 @@ class ReducedModel(FittedLaw):
         """Draw the model's motion over a record that it was fitted to.
 
         Without a record: how it swings from the farthest height that it has seen, its inputs zero. In
-        a figure of its own what is left over of the record stands below. Heights are in mm.
+        a figure of its own what is left over of the record stands below. In [mm], or [rad] of an angle.
 
         Parameters
         ----------

@@ -46,8 +46,8 @@ def cut_at_release(record: PistonRecord) -> PistonRecord:
     """Cut a record at its release, where it stands still before it moves.
 
     A hold is told by its end, as `reduced_models.records.release` says: the displacement then grows
-    with the square of the time since the release, or faster. A force, base, drive or input that acts
-    before it makes it none. In much noise nothing is cut.
+    with the square of the time since the release, or faster. Nothing is cut where a column that is
+    named as a force, base, drive or input acts in the hold, nor in much noise.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class Sensor:
     ------
     InputError
         If the quantity is none of these, gain or offset is no finite number, increasing pair or
-        ``"free"``, a number is out of its range, or a damping ratio has no filter, or two.
+        ``"free"``, a number is out of its range, two filters are given, or a damping ratio without one.
 
     Examples
     --------

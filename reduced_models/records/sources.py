@@ -165,8 +165,8 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
 
     Left out are samples that the sensor lost or clipped, what stands before the release, further
     releases, what follows a knock, and an end that is noise (`reduced_models.records.free_motion`).
-    ``release=2`` takes the second one. Nothing is left out where times (``between``) are given, here or
-    in the ``record.toml``, or where the file is of a force on a prescribed stroke.
+    ``release=2`` takes the second one. Nothing more is left out where times (``between``) are given, here
+    or in the ``record.toml``, and nothing of a record of the force on a prescribed stroke.
 
     Parameters
     ----------
