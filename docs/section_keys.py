@@ -13,7 +13,7 @@ from typing import Any
 
 import griffe
 
-KINDS = ("quantity", "whole", "choice", "text", "numbers")
+KINDS = ("quantity", "quantity_list_field", "integer_field", "choice_field", "text_field", "flag_field")
 LIMITS = {"above": "above", "least": "at least", "below": "below", "most": "at most"}
 HEADER = re.compile(r"^(?P<names>\w+(?:, \w+)*) : ")
 
@@ -96,8 +96,8 @@ def written(value: ast.expr) -> str:
     return ast.unparse(value).replace(" ** ", "^").replace("math.pi", "pi")
 
 
-def join_studies(found: list[str]) -> str:
-    """The words for keys that fraction a description; once where they are alike."""
+def join_words(found: list[str]) -> str:
+    """The words for keys that share a description; once where they are alike."""
     return found[0] if len(set(found)) == 1 else " ".join(filter(None, found))
 
 
@@ -111,6 +111,6 @@ def with_limits(docstring: str, words: dict[str, str]) -> str:
             lines.append(f"    {pending}")
             pending = ""
         if header:
-            pending = join_studies([words.get(name, "") for name in header["names"].split(", ")])
+            pending = join_words([words.get(name, "") for name in header["names"].split(", ")])
         lines.append(line)
     return "\n".join(lines).rstrip()

@@ -80,10 +80,10 @@ class DefectEvent(NamedTuple):
         The first frame after it.
     position : float (2,)
         Mean position of the ends and beginnings [m].
-    ended, begun : tuple of int
+    ended, started : tuple of int
         Numbers of the tracks.
     missing : int (2,)
-        Burgers vectors begun minus ended: zero unless something came from, or went to, the rim.
+        Burgers vectors started minus ended: zero unless something came from, or went to, the rim.
     """
 
     kind: str

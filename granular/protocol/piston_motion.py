@@ -32,7 +32,7 @@ class Motion(NamedTuple):
         Velocity of the straight path [D/tau].
     reach : float
         Height that is lost in the descent, or amplitude of the sine [D].
-    span, steepness : float
+    total_duration, steepness : float
         Duration of the descent [tau], and its exponent.
     omega : float
         Angular frequency of the sine, or of the outer force [1/tau].

@@ -11,6 +11,7 @@ import numpy as np
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
+from granular.studies.cases import keep_measure_name
 
 if TYPE_CHECKING:
     import xarray
@@ -65,6 +66,7 @@ def last_whole_periods(start: float, end: float, frequency: float) -> tuple[floa
     return max(start, end - count / frequency), end
 
 
+@keep_measure_name("granular.response.steady:steady_figures#88116dfe")
 def steady_figures(run: Trajectory) -> Mapping[str, Any]:
     """Amplitudes, energies and steadiness at the end of a run whose host is shaken by a sine.
 

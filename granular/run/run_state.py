@@ -60,7 +60,7 @@ class RunProgress:
     ----------
     stage, ticks : int
         Present stage (its index), and ticks made in it.
-    begun : bool
+    started : bool
         Whether the present stage has been set up.
     start, last : float
         Start of the stage, and time of the last record [tau].

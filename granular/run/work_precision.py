@@ -63,7 +63,7 @@ class SceneWorkPrecision(NamedTuple):
     grains, starts : int
     floors : mapping of str to float
         Scatter of each quantity over random starts.
-    rungs : tuple of WorkPrecisionEntry
+    entries : tuple of WorkPrecisionEntry
     date : str
         Date of the measurement.
     """

@@ -13,6 +13,8 @@ from granular.shared.errors import SceneError
 
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
 """What is said of the grid, and says nothing where positions are given; with the usual values."""
+FEW = 1000
+"""Grains whose pairs are all looked at for overlaps."""
 
 
 class Arrangement(Section):
@@ -226,25 +228,26 @@ def check_positions(
 
 
 def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> None:
-    """Compare each grain with those behind it in the order of x, round the cell, as far as any touches.
-
-    (A tree would find the pairs as well, but importing SciPy's takes longer than a start's checks.)
-    """
-    order = np.argsort(positions[:, 0], kind="stable")
-    for shift in range(1, len(order) // 2 + 1):
-        behind = np.roll(order, -shift)
-        displacement = cell.nearest_image_displacements(positions[order] - positions[behind])
-        if np.abs(displacement[:, 0]).min() > 2.0 * radius.max():
-            return
-        gap, needed = np.linalg.norm(displacement, axis=1), radius[order] + radius[behind]
+    pairs = _candidate_pairs(positions, 2.0 * float(radius.max(initial=0.0)), cell)
+    displacement = cell.nearest_image_displacements(positions[pairs[:, 0]] - positions[pairs[:, 1]])
+    gap, needed = np.linalg.norm(displacement, axis=1), radius[pairs].sum(axis=1)
+    if (gap < needed).any():
         worst = int((needed - gap).argmax())
-        if gap[worst] < needed[worst]:
-            i, j = sorted((int(order[worst]), int(behind[worst])))
-            raise SceneError(
-                f"grains {i} and {j} overlap: {gap[worst]:.4g} m apart, "
-                f"{needed[worst]:.4g} m needed; use fewer grains, a larger cell or less "
-                "jitter"
-            )
+        i, j = pairs[worst]
+        raise SceneError(
+            f"grains {i} and {j} overlap: {gap[worst]:.4g} m apart, {needed[worst]:.4g} m needed; "
+            "use fewer grains, a larger cell or less jitter"
+        )
+
+
+def _candidate_pairs(positions: np.ndarray, reach: float, cell: Cell) -> np.ndarray:
+    """Pairs (k, 2) of grains: those within reach, or all of a few grains."""
+    if len(positions) <= FEW:
+        return np.stack(np.triu_indices(len(positions), 1), axis=1)
+    from scipy.spatial import cKDTree  # its import takes longer than the checks of a small bed
+
+    tree = cKDTree(positions, boxsize=cell.periods)
+    return np.asarray(tree.query_pairs(reach, output_type="ndarray"))
 
 
 def _check_wall_gap(gap: np.ndarray, what: str, remedy: str) -> None:

@@ -487,7 +487,7 @@ class GriddedRecord:
         return dataclasses.replace(self, record=record).on_grid(self.grid)
 
     def on_grid(self, grid: StepGrid, interpolation: Interpolation | None = None) -> GriddedRecord:
-        """Return same on another grid, or with inputs that are something else between samples.
+        """Return the same on another grid, or with inputs that are something else between samples.
 
         Parameters
         ----------

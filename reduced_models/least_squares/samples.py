@@ -42,7 +42,7 @@ class Samples(NamedTuple):
     step : float
         Step of the grid [s].
     point, fraction : int (n,), float (n,)
-        StepGrid point before each sample, and how far behind it, in steps.
+        Grid point before each sample, and how far behind it, in steps.
     height, weight : float (n,)
         [m]; weights multiply the residuals.
     drive : float (points, stages, inputs)
@@ -63,7 +63,7 @@ class Samples(NamedTuple):
     sensor: SensorSignalTables | None = None
 
     def with_weights(self, weight: np.ndarray) -> Samples:
-        """Return same with other weights; the solution ends behind the last that is not zero.
+        """Return the same with other weights; the solution ends behind the last that is not zero.
 
         Parameters
         ----------
@@ -80,7 +80,7 @@ class Samples(NamedTuple):
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
 
     def through_sensor(self, sensor: Sensor | None, record: PistonRecord, grid: StepGrid) -> Samples:
-        """Return same for a sensor whose signal the record has for its height.
+        """Return the same for a sensor whose signal the record has for its height.
 
         Parameters
         ----------

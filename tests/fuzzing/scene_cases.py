@@ -30,7 +30,7 @@ class Case:
     common : bool
         Whether its effects are among the `COMMON` ones.
     compiled : bool
-        Whether it is, moreover, one of the many that fraction compiled code.
+        Whether it is, moreover, one of the many that share compiled code.
     resumed : float or None
         Fraction of the run after which it is cut and resumed.
     """

@@ -78,7 +78,7 @@ def judged(outcome: str, error: Exception) -> Outcome:
 def main() -> None:
     parser = wanted(__doc__)
     parser.add_argument("--seconds", type=float, default=1.0, help="from when on a case is cut")
-    parser.add_argument("--common", action="store_true", help="only cases that fraction compiled code")
+    parser.add_argument("--common", action="store_true", help="only cases that share compiled code")
     parser.add_argument("--figures", action="store_true", help="what two programs may compare")
     options = parser.parse_args()
     import granular.run.simulation

@@ -107,7 +107,7 @@ def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) ->
             sums[:] = 0.0
         add_far(state.far_forces, state, constants.grains, dt * steps)
         found = np.array([state.fx, state.fy, state.load])
-        return found, float(state.far_forces.moment[TIME])
+        return found, float(state.far_forces.timing[TIME])
 
     for steps, met in ((AHEAD, 1), (AHEAD + 1, AHEAD + 1)):
         exact, _ = force_of(None, steps)

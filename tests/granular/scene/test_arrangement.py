@@ -54,8 +54,12 @@ def test_a_grid_without_height_needs_a_piston() -> None:
     assert len(initial_positions_and_velocities(plan, GRAINS, CELL, None, overlapping=False)[0]) == 23
 
 
+@pytest.mark.parametrize("few", [0, 1000])
 @pytest.mark.parametrize("height", [None, 0.03])
-def test_overlaps_are_those_of_all_pairs(height: float | None, random: np.random.Generator) -> None:
+def test_overlaps_are_those_of_all_pairs(
+    height: float | None, few: int, random: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("granular.scene.arrangement.FEW", few)
     cell = Cell(width=0.03) if height is None else Cell(width=0.03, sides="periodic", height=height)
     five, overlapping = dataclasses.replace(GRAINS, count=5), 0
     for _ in range(300):

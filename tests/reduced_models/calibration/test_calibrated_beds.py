@@ -124,7 +124,7 @@ def test_mass_and_drag_of_few_grains(
         "--quiet",
     ]
     here = ThreadPoolExecutor(1)
-    place = "reduced_models.calibration.calibrate.workshop"
+    place = "reduced_models.calibration.calibrate.case_executor"
     monkeypatch.setattr(place, lambda _: contextlib.nullcontext(here))
     assert launch(main, words) == 0
     printed = json.loads(capsys.readouterr().out)

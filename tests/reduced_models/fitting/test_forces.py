@@ -109,9 +109,9 @@ def test_the_memory_of_a_damper_is_discovered() -> None:
     truth = {"c": 80.0, "k": 900.0, "friction": 12.0, "zero": 0.0, "rho": 800.0, "sigma": 1.0}
     record = made_stroke("bouc-wen", truth, 0.01, 1.5, 0.01, np.random.default_rng(0))
     found = discover(record, "sindy", target="force", library="memory")
-    assert found.best.memory is not None
-    assert found.best.memory.state.name == "displacement that yields"
-    assert found.best.memory.scales[0] == pytest.approx(1.0 / 800.0, rel=0.02)
+    assert found.best.hidden_state is not None
+    assert found.best.hidden_state.kind.name == "displacement that yields"
+    assert found.best.hidden_state.scales[0] == pytest.approx(1.0 / 800.0, rel=0.02)
     model: Any = found.model
     values = {term.text: value for term, value in (found.best.terms or {}).items()}
     assert values["u"] == pytest.approx(12.0 * 800.0, rel=0.02)

@@ -1,0 +1,48 @@
+"""The pages of the reference name only what there is."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PAGES = Path(__file__).parents[2] / "docs" / "reference"
+BLOCK = re.compile(r"^::: ([\w.]+)\n((?:[ ]+.*\n|\n(?=[ ]))*)", re.MULTILINE)
+
+
+def _blocks() -> Iterator[tuple[str, list[str]]]:
+    """Names behind ``:::`` with their members."""
+    for page in sorted(PAGES.rglob("*.md")):
+        for name, options in BLOCK.findall(page.read_text() + "\n"):
+            listed = re.search(r"members: \[([^\]]*)\]", options)
+            yield name, re.findall(r"\w+", listed[1]) if listed else []
+
+
+BLOCKS = list(_blocks())
+
+
+def _find(name: str) -> object:
+    parts = name.split(".")
+    for k in range(len(parts), 0, -1):
+        try:
+            result: object = importlib.import_module(".".join(parts[:k]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[k:]:
+            result = getattr(result, part)
+        return result
+    raise AssertionError(f"{name} is not there")
+
+
+@pytest.mark.parametrize(("name", "members"), BLOCKS)
+def test_members_of_pages_are_there(name: str, members: list[str]) -> None:
+    owner = _find(name)
+    fields = getattr(owner, "__annotations__", {})
+    assert not [member for member in members if not hasattr(owner, member) and member not in fields]
+
+
+def test_pages_list_members() -> None:
+    assert sum(bool(members) for _, members in BLOCKS) > 50
