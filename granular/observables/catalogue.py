@@ -412,8 +412,8 @@ def per_frame(
     Raises
     ------
     InputError
-        If there is no such name, no frame lies in the range, or the function fails or returns something
-        else.
+        If there is no such name, or it cannot be loaded; if no frame lies in the range, or the function
+        fails or returns something else.
     """
     import xarray
 

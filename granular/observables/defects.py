@@ -207,7 +207,8 @@ def disclination_charges(cells: VoronoiCells) -> np.ndarray:
     Returns
     -------
     int64 (n,)
-        Charge: 1 for a pentagon, 0 for a hexagon, -1 for a heptagon; 0 where there is no interior cell.
+        Charge, such as 1 for a pentagon, 0 for a hexagon and -1 for a heptagon; 0 where there is no
+        interior cell.
 
     Examples
     --------

@@ -49,8 +49,8 @@ def per_lag(
     Returns
     -------
     xarray.DataArray
-        Values (k,) on ``lag`` [s], at about 30 lags of even ratios; with unit and meaning if the function
-        is an `observable`.
+        Values (k,) on ``lag`` [s], at about 30 lags of even ratios, NaN where the function returns it; with
+        unit and meaning if the function is an `observable`.
 
     Raises
     ------
@@ -292,7 +292,8 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     Parameters
     ----------
     first, second : float (n, 2)
-        Positions in both frames [m]; NaN for absent grains.
+        Positions in both frames [m], not brought back into a periodic cell in between; NaN for absent
+        grains.
 
     Returns
     -------
@@ -342,8 +343,8 @@ def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
     Returns
     -------
     xarray.DataArray
-        D2min [m^2] on (``frame``, ``grain``); NaN in the first ``every`` frames, and for grains without an
-        interior cell in the earlier frame, or absent.
+        D2min [m^2] on (``frame``, ``grain``); NaN in the first ``every`` frames, and where
+        `non_affine_motion` is.
 
     Raises
     ------

@@ -33,7 +33,7 @@ class Frame(NamedTuple):
         Time in the run [s].
     positions, velocities, forces : float (n, 2)
         Positions [m], within the cell where it is periodic; velocities [m/s]; forces [N]: magnetic ones,
-        contact, weight, own fields and the inertia of a shaken cell, but no drag and no friction.
+        contact, weight, own laws and fields, the inertia of a shaken cell, but no drag and no friction.
     piston_height : float
         Height of the piston [m]; NaN without a piston.
     species : int (n,)

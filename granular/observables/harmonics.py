@@ -153,7 +153,7 @@ def harmonic_response(
 def stage_response(
     run: Trajectory, stage: str | None = None, harmonics: int = 3, discard: float | None = None
 ) -> xarray.Dataset:
-    """`harmonic_response` of a stage that pushes the piston, or moves it, to and fro.
+    """Response of a stage that pushes the piston, or moves it, to and fro, by `harmonic_response`.
 
     Of a ``push`` the drive is the force from outside and the response the piston's height (ratio
     in m/N); of an ``oscillate`` the drive is the height and the response the force of the grains on
@@ -179,8 +179,9 @@ def stage_response(
     Raises
     ------
     InputError
-        If there is no such stage, or several and none is named, the run has not reached it, it moves the
-        piston and no force on it is recorded, and as `harmonic_response`.
+        If there is no driven stage of that name, or none or several where none is named; if the run has
+        not reached it, or it is an ``oscillate`` and no piston force is recorded; and as
+        `harmonic_response`.
     """
     import xarray
 

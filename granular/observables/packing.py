@@ -185,14 +185,14 @@ def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> x
     Raises
     ------
     InputError
-        If the scene has no piston, or the thickness is not above 0 m.
+        If the scene has no piston, or the thickness is not finite and above 0 m.
     """
     import xarray
 
     require_piston(run.scene)
     heights = run.dataset["frame_height"].values
     step = run.scene.grains.species[0].diameter if thickness is None else thickness
-    if not step > 0.0:
+    if not 0.0 < step < np.inf:
         raise InputError(f"thickness = {step:g} m; give a length above 0 m")
     deepest = float(heights.max()) if len(heights) else 0.0
     depths = step * np.arange(max(1, int(np.ceil(deepest / step - 1e-9))) + 1)

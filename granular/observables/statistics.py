@@ -97,19 +97,19 @@ class DirectionalOrder(NamedTuple):
 def axial_order_parameter(vectors: np.ndarray) -> DirectionalOrder:
     """Polar and axial order parameter of the directions of vectors, |mean exp(i k theta)|, k = 1 and 2.
 
-    Vectors that are NaN or 0 are left out, and their lengths do not count. The probability is
+    Vectors that are not finite, or 0, are left out, and lengths do not count. The probability is
     exp(-n R^2) with the first correction for few vectors (Mardia and Jupp, Directional Statistics,
     2000, sect. 6.3.1).
 
     Parameters
     ----------
-    vectors : float64 (n, 2)
+    vectors : float (n, 2)
         Vectors of any unit.
 
     Returns
     -------
     DirectionalOrder
-        Both parameters from 0 to 1, without unit, and their probabilities by chance.
+        Both parameters from 0 to 1, without unit, their probabilities by chance, and the number of vectors.
 
     Raises
     ------

@@ -88,8 +88,8 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     Returns
     -------
     VoronoiCells
-        Sides (n,), areas [m^2] (n,), NaN without an interior cell, neighbours (m, 2), corners [m] (t, 2),
-        and the grains whose cells are interior (n,).
+        Sides (n,), 0 for absent grains; areas [m^2] and sums of the squared sides [m^2] (n,), NaN without
+        an interior cell; interior cells (n,), neighbours (m, 2), triangles (t, 3) and corners [m] (t, 2).
 
     Raises
     ------
