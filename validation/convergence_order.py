@@ -199,28 +199,32 @@ def convergence(
 ) -> ConvergenceResult:
     """Measure a method's order of convergence on an exact problem.
 
+    The order is the slope of the error over the step, in logarithms; see `fit_convergence_slope`.
+
     Parameters
     ----------
     problem : ExactProblem
         Exact problem.
     method : str
-        One of `granular.methods.METHODS`, or any name where a solver is given.
+        Name as in `granular.methods.method_named`, or any where solver and order are given.
     counts : sequence of int, optional
-        Numbers of equal steps up to the problem's time, increasing; `step_counts` without.
+        Numbers of equal steps up to the problem's time, from 2, increasing; `step_counts` without.
     solver : callable, optional
-        Another integration than the toolkit's: a control.
+        Another integration than the toolkit's, a control: from a problem and a number of steps to
+        `GrainStates`.
     order : int, optional
         The order that the solver declares; the method's own without.
 
     Returns
     -------
     ConvergenceResult
-        Errors over the steps, and the measured order.
+        Errors [m] over the steps [s], and the measured order with its interval, without unit: None where
+        fewer than four steps, or less than half a decade, stand clear of rounding.
 
     Raises
     ------
     InputError
-        If the method is unknown.
+        If the method is unknown, cannot run the problem's scene, or there are no counts from 2.
     RunError
         If a run fails; a step that is too coarse for the problem is the caller's choice.
 
@@ -233,6 +237,8 @@ def convergence(
     order = method_named(method).order if order is None else order
     solve = toolkit_solver(method) if solver is None else solver
     counts = step_counts(problem, solve, order) if counts is None else tuple(counts)
+    if not counts or min(counts) < 2:
+        raise InputError(f"counts = {counts}; give numbers of steps, each at least 2")
     exact = problem.exact(problem.time).positions
     solve(problem, counts[0])  # compiles, so that the wall times do not hold it
     steps, errors, seconds = [], [], []

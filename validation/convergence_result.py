@@ -231,7 +231,8 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
     Returns
     -------
     TextTable
-        Table of texts: problem, method, its declared order, the measured slope and errors.
+        Texts under `HEADER`: problem, method, its declared order, the measured slope and its 95 % interval
+        (or why there is none), steps of the fit [s], least error [m] and rounding [m]; no row of no result.
     """
     return TextTable(HEADER, tuple(result.table_row() for result in results))
 

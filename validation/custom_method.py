@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.methods import METHODS, Method, method_named
+from granular.methods import METHODS, Method, method_named, resolve_method
 from granular.methods.registry import method_as_run_setting, register_methods
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -59,7 +59,7 @@ def method_report(
     directory : str or Path
         Directory of the report.
     methods : sequence of str or Method
-        A user's own, also by their names where those are known; see
+        One or more: a user's own, also by their names where those are known; see
         `granular.user_code.import_user_code`.
     scene : Scene, optional
         What error against wall time is measured on; without, the packaged bed without friction, up
@@ -75,13 +75,14 @@ def method_report(
     Returns
     -------
     dict
-        What the JSON file holds: the sections' results, a verdict each, and the machine.
+        What the JSON file holds, lengths and times in SI units: the sections' results, a verdict each,
+        and the machine. A measurement that fails is in it as failed, and its section does not hold.
 
     Raises
     ------
     InputError
-        If no method is given, one or a quantity is unknown, no method can run the scene, or the
-        directory cannot be written.
+        If no method is given, one or a quantity is unknown, two have one name, or a method has that of a
+        built-in one and is another; if no method can run the scene, or the directory cannot be written.
     """
     if not methods:
         raise InputError("no method is given; give the name of one, or a granular.Method")
@@ -90,7 +91,7 @@ def method_report(
     register_methods(
         method for method in methods if isinstance(method, Method) and method.name not in METHODS
     )
-    names = [method.name if isinstance(method, Method) else method_named(method).name for method in methods]
+    names = [resolve_method(method).name for method in methods]
     every = tuple(dict.fromkeys((*names, *BESIDE)))
     sections = (
         CONVERGENCE._replace(tasks=lambda full: list(_convergence_tasks(every, full))),

@@ -149,25 +149,25 @@ def recommend_settings(
     quantity : str or MeasuredQuantity
         One of `validation.measured_quantities.QUANTITIES`, or one's own.
     tolerance : float
-        Error that is allowed; relative, but for the positions (in D) and the energy (over the
+        Error that is allowed, above 0; relative, but for the positions (in D) and the energy (over the
         energy turned over).
     until : float, optional
         Stop each run at this time [s]; the whole protocol without.
     seeds : int
-        Further random starts.
+        Number of further random starts, 0 or more.
     progress : bool
         Show which setting is being run.
 
     Returns
     -------
     Recommendation
-        Setting with its time and error.
+        Setting with the wall time of a run [s], its error (as the tolerance), and the number of starts.
 
     Raises
     ------
     InputError
-        If the tolerance is not above 0, ``seeds`` is below 0, the quantity is unknown, or no setting
-        tried reaches it.
+        If the tolerance is not above 0, ``seeds`` is below 0, the quantity is unknown, no reference can be
+        run on the scene, or no setting tried reaches the tolerance.
     RunError
         If the reference fails.
     """

@@ -89,13 +89,15 @@ class EnergyTrend:
 def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> EnergyTrend:
     """Test the energy of a run for a trend, against stationary noise and against a random walk.
 
-    The p-value is the greater one of both tests (intersection-union test; Berger 1982,
-    doi:10.1080/00401706.1982.10487790).
+    A straight line through block means, its variance enlarged for autocorrelation (bias: Kendall 1954,
+    doi:10.1093/biomet/41.3-4.403), and Student's t of the steps between them, enlarged for the averaging
+    (Working 1960, doi:10.2307/1907574). The p-value is the greater one of both tests
+    (intersection-union test; Berger 1982, doi:10.1080/00401706.1982.10487790).
 
     Parameters
     ----------
     time : float (n,)
-        Equidistant times [s].
+        Equidistant times [s], increasing; first and last count.
     energy : float (n,)
         Energy, or its error, in any unit. A block should hold a period of its swing or more.
     blocks : int
@@ -104,18 +106,18 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     Returns
     -------
     EnergyTrend
-        Slope over the run with its interval, and whether it differs from none.
+        Slope over the run with its 99 % interval [unit/s], p-values, and the deviation about the line.
 
     Raises
     ------
     InputError
         If there are fewer than four samples a block, fewer than eight blocks, not as many times as
-        energies, or an energy that is not finite.
+        energies, an energy that is not finite, or times that do not increase.
     """
     energy = np.asarray(energy, dtype=float)
-    if blocks < 8 or len(energy) < 4 * blocks or len(time) != len(energy):
+    if energy.ndim != 1 or blocks < 8 or len(energy) < 4 * blocks or len(time) != len(energy):
         raise InputError(
-            f"{len(energy)} samples at {len(time)} times in {blocks} blocks; at least 8 blocks and "
+            f"{energy.size} samples at {len(time)} times in {blocks} blocks; at least 8 blocks and "
             "4 samples a block are needed: record more often, or run longer"
         )
     if not np.isfinite(energy).all():
@@ -123,6 +125,8 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     edges = _block_edges(len(energy), blocks)
     means = np.add.reduceat(energy, edges[:-1]) / np.diff(edges)
     duration = float(time[-1] - time[0])
+    if not 0.0 < duration < np.inf:
+        raise InputError(f"times from {time[0]:g} s to {time[-1]:g} s; give increasing ones")
     positions = 0.5 * (edges[1:] + edges[:-1] - 1) * duration / (len(energy) - 1)
     return _fit_trend(positions, means, duration, _deviation_about_line(energy))
 

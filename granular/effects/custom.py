@@ -252,18 +252,20 @@ def effect(user_class: type) -> Any:
     ----------
     user_class : type
         A class with parameters (`quantity`) and static functions. Its name in small letters is what
-        a scene calls it: ``LeafSpring`` is ``leaf_spring``.
+        a scene calls it: ``LeafSpring`` is ``leaf_spring``. An own one of that name is replaced.
 
     Returns
     -------
     type
-        The class, known to scenes by its name.
+        A `CustomEffect` with the class's parameters, known to scenes by its name.
 
     Raises
     ------
     InputError
-        If the class has no ``force``, ``flow`` or ``pair_force``, lacks the partner that one of these
-        needs (an ``energy`` for a force), or a function has other arguments.
+        If the class has no ``force``, ``flow`` or ``pair_force``, lacks the partner that a function needs
+        (an ``energy`` for a force), has an unknown or a not static function, a parameter that is no
+        `quantity`, or the name of a built-in effect. Functions with other arguments, that do not
+        compile, or a force that is not minus the gradient of its energy, fail when a run begins.
     """
     key, functions = scene_key_of_class(user_class), static_methods_of(dict(vars(user_class)))
     if not set(functions) & {"force", "flow", "pair_force"}:
@@ -309,17 +311,21 @@ def wall_law(user_class: type) -> Any:
     Parameters
     ----------
     user_class : type
-        Class with static functions ``force``, ``energy`` and ``stiffness`` of the distance.
+        Class with parameters (`quantity`) and static functions ``energy``, ``force`` and ``stiffness`` of
+        the parameters and the distance. Its name in small letters is what a wall calls it; an own one
+        of that name is replaced, and a built-in law keeps its name.
 
     Returns
     -------
     type
-        The class, known to walls by its name.
+        A `CustomWall` with the class's parameters, known to walls by its name.
 
     Raises
     ------
     InputError
-        If the class is no such.
+        If the class lacks one of the three, has an unknown or a not static function, or a parameter that
+        is no `quantity`. Functions that do not compile, or a force that is not minus the slope of its
+        energy, fail when a run begins.
     """
     made = make_section_class(user_class, CustomWall, WALL_FUNCTIONS, WALL_FUNCTIONS, "wall law")
     WALL_LAWS[made.definition.key] = made

@@ -95,18 +95,19 @@ def stage(user_class: type) -> Any:
     Parameters
     ----------
     user_class : type
-        A class with parameters (`quantity`) and the static function ``height`` or ``force``. Its
-        name in small letters is the ``kind`` that a protocol gives.
+        A class with parameters (`quantity`) and the static function ``height`` [m] or ``force`` [N]. Its
+        name in small letters is the ``kind`` that a protocol gives; an own one of that name is replaced.
 
     Returns
     -------
     type
-        The class, known to protocols by its name.
+        A `CustomStage` with the class's parameters, known to protocols by its name.
 
     Raises
     ------
     InputError
-        If the class is no such, or its name is that of a built-in stage.
+        If the class has neither or both, another static or a not static function, a parameter that is no
+        `quantity`, or the name of a built-in stage. A function that fails does so when a run begins.
     """
     key, functions = scene_key_of_class(user_class), static_methods_of(dict(vars(user_class)))
     if len(set(functions) & set(_FUNCTIONS)) != 1:

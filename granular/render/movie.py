@@ -40,7 +40,7 @@ def movie(
     overwrite: bool = False,
     progress: bool = True,
 ) -> Path:
-    """Write a movie of the run in real time, as MP4 (H.264) or GIF by the path's end.
+    """Write a movie of the run, in real time if not told otherwise, as MP4 (H.264) or GIF by the path's end.
 
     Between two frames grains go on the cubic paths that have their positions and velocities there;
     the piston is where it was recorded, and its height over time stands below the bed.
@@ -57,14 +57,14 @@ def movie(
     colour : str
         Quantity that the colours show: a name of `granular.render.colourings.COLOURINGS`.
     fps : float
-        Pictures a second; a GIF plays at most 50.
+        Pictures a second [1/s], above 0; at most 50 in a GIF and 240 in an MP4.
     speed : float or None
-        Seconds of the run that a second of the movie shows: 1 is real time, 0.1 ten times slower.
+        Seconds of the run that a second of the movie shows, above 0: 1 is real time, 0.1 ten times slower.
         None for a picture a frame of the run, with nothing in between.
     stage : str, optional
         Only the frames of this stage.
     width : int
-        Width of the movie [pixels]; letters keep their size, and the bed takes what is left.
+        Width of the movie [pixels], from 760 to 960; letters keep their size, and the bed takes what is left.
     overwrite : bool
         Whether a file of that name may be replaced.
     progress : bool
@@ -78,16 +78,16 @@ def movie(
     Raises
     ------
     InputError
-        If the run cannot be read, has no such stage, the colour or the format is unknown, ``fps``,
-        ``speed`` or ``width`` is not possible, the file exists or cannot be written, or the library
-        ``imageio-ffmpeg`` that an MP4 needs is missing.
+        If the run cannot be read, has no such stage or no frame in it, the colour or the format is
+        unknown, ``fps``, ``speed`` or ``width`` is not possible, the file exists or cannot be written,
+        or the library ``imageio-ffmpeg`` that an MP4 needs is missing.
     KeyboardInterrupt
         After Ctrl-C, when the file is complete.
 
     Warns
     -----
     UserWarning
-        If frames lie so far apart that the paths between them are guesses.
+        If frames lie so far apart that the paths between them are guesses, or Ctrl-C ended the movie.
     """
     colouring_by_name(colour)
     path = Path(path)

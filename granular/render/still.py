@@ -26,14 +26,16 @@ STILL_DPI = 200
 def still(
     run: Trajectory | str | Path, frame: int = -1, *, time: float | None = None, colour: str = "species"
 ) -> Figure:
-    """Bed at one instant: grains at their true size, walls and piston.
+    """Picture of the bed at one instant: grains at their true size, walls and piston.
+
+    Grains that have left the cell are not drawn.
 
     Parameters
     ----------
     run : Trajectory or path
         A run, or its directory.
     frame : int
-        Number of the frame; negative ones count from the end.
+        Number of the frame, from 0; negative ones count from the end.
     time : float, optional
         Takes the frame nearest to this time [s] instead.
     colour : str
@@ -48,7 +50,7 @@ def still(
     Raises
     ------
     InputError
-        If the run cannot be read, has no such frame, or the colour is unknown.
+        If the run cannot be read, has no such frame, does not reach the time, or the colour is unknown.
     """
     colouring_by_name(colour)
     run = open_run(run)
@@ -98,7 +100,9 @@ def frame_index(run: Trajectory, frame: int = -1, time: float | None = None) -> 
 
 
 def save_picture(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:
-    """Write a picture as PNG, SVG or PDF, by the ending of the path.
+    """Write a picture as PNG (200 dots per inch), SVG or PDF, by the ending of the path.
+
+    Without dates in it: the same picture is the same file.
 
     Parameters
     ----------
@@ -117,7 +121,7 @@ def save_picture(figure: Figure, path: str | Path, *, overwrite: bool = False) -
     Raises
     ------
     InputError
-        If the format is another, or the file exists or cannot be written.
+        If the format is another, the file exists and may not be replaced, or it cannot be written.
     """
     import matplotlib as mpl
 

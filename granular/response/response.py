@@ -180,34 +180,40 @@ def frequency_response(
     ----------
     scene : Scene
         With a host under a sine.
-    frequencies : sequence of float
-        Frequencies of the sines [Hz].
-    amplitudes : sequence of float, optional
-        Amplitudes of the force [N], or of the base's acceleration or displacement; the scene's own
-        if not given.
+    frequencies : sequence of float, f long
+        Frequencies of the sines [Hz], each above 0 and another.
+    amplitudes : sequence of float, s long, optional
+        Amplitudes of the force [N], or of the base's acceleration [m/s^2] or displacement [m], each
+        above 0 and another; the scene's own if not given.
     duration : float
-        Time that each sine acts [s].
+        Time that each sine acts [s], 10 periods of the lowest frequency at least.
     dt : float or str
         Time step [s]; "auto" follows the stiffest mode that the bed can meet, and "auto/2" or
         "auto*2" is half or twice as long.
     out : str or Path, optional
         Directory that keeps what is done; the same call goes on from there.
     workers : int, optional
-        Processes.
+        Processes, from 1; as many as there are processors if not given.
     progress : bool
         Show a progress bar.
 
     Returns
     -------
     FrequencyResponse
-        Amplitudes [m] and phases [rad] at each frequency [Hz].
+        Amplitudes [m], phases [rad] and more, float64 (s, f) each, over the amplitudes and frequencies [Hz].
 
     Raises
     ------
     InputError
-        If the scene has no host under a sine, or a frequency or amplitude is not positive.
+        If the scene has no host under a sine, a frequency or amplitude is not positive, there is none or
+        one twice, the duration is too short, the time step is none, or ``out`` cannot be written.
     GranularError
-        If a run failed.
+        If a run failed; the others are kept in ``out``.
+
+    Warns
+    -----
+    UserWarning
+        Where runs raised warnings: how many, and the first.
     """
     host = _require_host_under_sine(scene, frequencies, duration)
     assert host.excitation is not None
@@ -339,14 +345,14 @@ MOST_BYTES = 64 * 2**20
 def save_response(response: FrequencyResponse, directory: str | Path) -> Path:
     """Write a response to ``response.json`` in a directory; the path of the file.
 
-    Its numbers keep every bit.
+    Its numbers keep every bit, NaN and infinite ones too; a file that is there is replaced.
 
     Parameters
     ----------
     response : FrequencyResponse
         Measured response.
     directory : str or Path
-        Directory of the result.
+        Directory of the result; it is made where there is none.
 
     Returns
     -------
@@ -355,8 +361,8 @@ def save_response(response: FrequencyResponse, directory: str | Path) -> Path:
 
     Raises
     ------
-    StoreError
-        If it cannot be written.
+    InputError
+        If the directory cannot be made or the file not written.
     """
     path = Path(directory) / FILE
     make_directory(path.parent)
@@ -380,12 +386,13 @@ def load_response(directory: str | Path) -> FrequencyResponse:
     Returns
     -------
     FrequencyResponse
-        The response, in SI units.
+        The response, in SI units, with the bits that were written.
 
     Raises
     ------
     InputError
-        If the directory has none, or its file is damaged.
+        If the directory has none, or its file is damaged, above 64 MiB, or of a scene with an effect or
+        stage of the user's own that was not imported.
     """
     path = Path(directory) / FILE
     if not path.exists():

@@ -133,30 +133,32 @@ POINTS = 200
 def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
     """Amplitudes of the last body and of the piston while a sweep passes, in one run.
 
-    About each moment, over `PERIODS` of the drive, the displacement is taken for
-    a sin(phase) + b cos(phase) + c + d t with the phase of the sweep (least squares). A sweep shows
-    the steady response where its frequency changes little while the machine forgets: with the
-    change f' of the frequency and the decay rate delta, f' << delta^2/(2 pi) (within a
-    decay, 1/delta, it moves by much less than the peak's half-width, delta/(2 pi)). A hardening or
-    softening machine jumps elsewhere upwards than downwards.
+    About each moment, over 6 periods of the drive, the displacement is taken for
+    a sin(phase) + b cos(phase) + c + d t with the phase of the sweep (least squares, as the sine fit of
+    IEEE Std 1057 in `complex_amplitude`). A sweep shows the steady response where its frequency
+    changes little while the machine forgets: with the change f' of the frequency and the decay rate
+    delta, f' << delta^2/(2 pi). This is the toolkit's own estimate: within a decay, 1/delta, the
+    frequency moves by much less than the peak's half-width, delta/(2 pi). A hardening or softening
+    machine jumps elsewhere upwards than downwards.
 
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Run of a host with bodies under a sweep, finished or cut off.
     points : int
-        Number of frequencies of the result.
+        Number p of frequencies of the result, from 2.
 
     Returns
     -------
     xarray.Dataset
-        On ``frequency`` [Hz]: ``displacement`` [m], ``phase`` behind the drive [rad], and
-        ``stroke`` of the piston over the cell [m] where there is one.
+        On ``frequency`` (p,) [Hz], increasing: ``displacement`` [m], ``phase`` behind the drive, from -pi
+        to pi [rad], and ``stroke`` of the piston over the cell [m] where there is a piston.
 
     Raises
     ------
     InputError
-        If the host is not shaken by a sweep, or the run is too short for one point.
+        If the host has no bodies or is not shaken by a sweep, ``points`` is below 2, or the run holds
+        less than 6 periods of the sweep.
     """
     import xarray
 

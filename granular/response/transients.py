@@ -50,11 +50,11 @@ def run_frequency_sweep(
     scene : Scene
         With a host of bodies that something shakes.
     lowest, highest : float
-        First and last frequency [Hz].
+        First and last frequency [Hz], above 0 and increasing.
     duration : float
-        Duration of the sweep [s].
+        Duration of the sweep [s], 12 periods of the first frequency at least.
     points : int
-        Frequencies at which the response is given.
+        Number p of frequencies at which the response is given, from 2.
     dt : float or str
         Time step [s]; "auto" follows the stiffest mode that the bed can meet, and "auto/2" or
         "auto*2" is half or twice as long.
@@ -66,13 +66,13 @@ def run_frequency_sweep(
     Returns
     -------
     FrequencyResponse
-        Amplitudes [m] and phases [rad] over the frequency [Hz].
+        Amplitudes [m], phases [rad] and more, float64 (1, p) each, over the frequency [Hz].
 
     Raises
     ------
     InputError
-        If the scene has no such host, the frequencies do not increase, the sweep is shorter than
-        some periods, ``points`` is below 2, or ``out`` holds another run.
+        If the scene has no such host or nothing shakes it, the frequencies do not increase, the sweep is
+        shorter than 12 periods, ``points`` is below 2, the time step is none, or ``out`` holds another run.
     RunError
         If the simulation fails, as where grains leave the cell.
     """
@@ -269,20 +269,20 @@ def run_impulse(
 ) -> ImpulseResponse:
     """Strike a scene's host, and measure its settling time.
 
-    The impulse begins when what shakes the host in the scene begins.
+    The impulse begins when what shakes the host in the scene begins, or at once, and takes its place.
 
     Parameters
     ----------
     scene : Scene
         With a host of bodies.
     force : float
-        Peak of the impulse, half a sine [N].
+        Peak of the impulse, half a sine [N]; not 0.
     fraction : float
-        Fraction of the peak; see `settling_time`.
+        Fraction of the peak, above 0 and below 1; see `settling_time`.
     length : float
-        Duration of the impulse [s].
+        Duration of the impulse [s], above 0.
     duration : float
-        Duration of the simulation from the begin of the impulse [s].
+        Duration of the simulation from the begin of the impulse [s], above ``length``.
     dt : float or str
         Time step [s]; "auto" follows the stiffest mode that the bed can meet, and "auto/2" or
         "auto*2" is half or twice as long.
@@ -302,6 +302,8 @@ def run_impulse(
     InputError
         If the scene has no such host, a number is out of its limits, the host still swings wider at
         the end, or ``out`` holds another run.
+    RunError
+        If the simulation fails, as where grains leave the cell.
     """
     host = _require_host(scene)
     check_peak_fraction(fraction)
@@ -359,25 +361,25 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
     """Time from the end of the impulse until the last body stays within a fraction of its peak [s].
 
     The displacement is counted from its rest, and the peak is the greatest one behind the impulse.
-    A body of its own with the decay rate delta decays to a tenth within ln(10)/delta.
+    The envelope exp(-delta t) of a body of its own with the decay rate delta is a tenth after ln(10)/delta.
 
     Parameters
     ----------
     run : Trajectory
-        Whose host is shaken by an impulse.
+        Run of a host with bodies that is shaken by an impulse.
     fraction : float
-        Above 0, below 1.
+        Fraction of the peak, above 0 and below 1.
 
     Returns
     -------
     float
-        Settling time [s].
+        Settling time [s], up to the first record behind the last that is wider.
 
     Raises
     ------
     InputError
-        If the host has no body or feels no impulse, the fraction is no fraction, or the body still
-        swings wider at the end of the run.
+        If the host has no body or feels no impulse, the fraction is out of its limits, the run ends
+        before the impulse, or the body still swings wider at its end or never moved.
 
     Examples
     --------

@@ -66,10 +66,11 @@ class Study:
     Attributes
     ----------
     cases : tuple of Case
+        Cases, those of the grid first; at least one.
     outcomes : tuple of dict
-        ``figures`` and ``error`` of each case, in the order of the cases; ``warning`` where it
-        raised one; ``cause`` where the failure is not one of the physics, such as a full disk, and
-        so is not kept.
+        ``figures`` and ``error`` (None for a success) of each case, in the order of the cases;
+        ``warning`` where it raised one; ``cause`` where the failure is not one of the physics, such as
+        a full disk, and so is not kept.
     reused : int
         Number of cases that had been computed before.
     """
@@ -80,9 +81,10 @@ class Study:
 
     @property
     def table(self) -> pandas.DataFrame:
-        """One row a case: its changes and figures [SI], its warning and error, its key.
+        """Row for each case: its changes and figures [SI], its warning and error, its key; a DataFrame.
 
-        ``table.attrs["units"]`` holds the units of the columns that have one.
+        A figure that a case lacks, as a failed one, is NaN there. ``table.attrs["units"]`` holds the
+        units of the columns that have one.
         """
         import pandas
 
@@ -103,12 +105,15 @@ class Study:
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """Dotted keys and settings that a case changes."""
+        """Dotted keys and settings that some case changes, each once, a tuple of str."""
         return tuple(dict.fromkeys(key for case in self.cases for key in case.changes))
 
     @property
     def units(self) -> dict[str, str]:
-        """SI units of changes, and of figures that are records of a run or belong to its stages."""
+        """SI units by names, of changes and of figures that are records of a run or belong to its stages.
+
+        What is without unit is left out, and so are other figures of an own measure.
+        """
         scene = self.cases[0].scene
         units = {variable.name: variable.unit for variable in scalar_variables(scene)}
         for stage in scene.protocol:
@@ -122,13 +127,13 @@ class Study:
 
     @property
     def failed(self) -> tuple[Case, ...]:
-        """Cases that failed, as a tuple of `Case`."""
+        """Cases that failed, by an error of the physics or of the machine, as a tuple of `Case`."""
         pairs = zip(self.cases, self.outcomes, strict=True)
         return tuple(case for case, outcome in pairs if outcome["error"] is not None)
 
     @property
     def unfinished(self) -> tuple[Case, ...]:
-        """Cases that failed by no error of the physics: the next sweep tries them again."""
+        """Cases that failed by no error of the physics, a tuple: the next sweep tries them again."""
         pairs = zip(self.cases, self.outcomes, strict=True)
         return tuple(case for case, outcome in pairs if "cause" in outcome)
 
@@ -138,7 +143,7 @@ class Study:
         Returns
         -------
         str
-            Comma-separated values; a name with a unit is ``piston.mass [kg]``.
+            Comma-separated values of `table`; a name with a unit is ``piston.mass [kg]``, and NaN is empty.
         """
         table = self.table
         units = table.attrs["units"]
@@ -211,7 +216,7 @@ def sweep(
         Executor of the cases: a Dask client's ``get_executor()``, an MPIPoolExecutor, ... It is
         left open. Without: processes on this machine.
     workers : int, optional
-        Number of processes; as many as there are processors if not given.
+        Number of processes, from 1; as many as there are processors if not given.
     progress : bool
         Show a progress bar on standard error.
     title : str
@@ -220,13 +225,13 @@ def sweep(
     Returns
     -------
     Study
-        Also of the cases that failed: their row tells why.
+        Also of the cases that failed, such as by a ``t_end`` below 0: their row tells why.
 
     Raises
     ------
     InputError
-        If the study has no case, two are alike, a change, a time step or a method does not fit, or
-        ``keep_runs`` is asked for without ``out``.
+        If the study has no case, two are alike, a change, a time step or a method does not fit, ``workers``
+        is below 1, ``keep_runs`` is asked for without ``out``, or ``out`` cannot be made.
     ExecutorLostError
         If the scheduler of a cluster is gone; ``out`` keeps what was done.
     KeyboardInterrupt
@@ -239,6 +244,8 @@ def sweep(
     """
     if keep_runs and out is None:
         raise InputError("keep_runs = True needs out, the directory to keep them in")
+    if workers is not None and workers < 1:
+        raise InputError(f"workers = {workers}; give a number of processes from 1")
     settings = {"dt": dt, "t_end": t_end, "method": method}
     every = make_cases(scene, grid or {}, cases, settings, measure)
     directory = None if out is None else _make_study_directory(Path(out))

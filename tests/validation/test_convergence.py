@@ -9,6 +9,7 @@ import pytest
 
 from granular.methods import METHODS
 from granular.schema.natural_units import Scales
+from granular.shared.errors import InputError
 from validation.convergence_order import (
     Solver,
     convergence,
@@ -111,6 +112,8 @@ def test_result_survives_json() -> None:
     problem = exact_problem("oscillation")
     result = convergence(problem, "verlet", counts, solver=plain_verlet(), order=2)
     assert result.fit is None  # less than half a decade
+    with pytest.raises(InputError, match="each at least 2"):
+        convergence(problem, "verlet", [], solver=plain_verlet(), order=2)
     again = ConvergenceResult.from_plain(json.loads(json.dumps(result.to_plain())))
     assert again == result
     assert len(convergence_table([result]).rows[0]) == len(convergence_table([result]).header)

@@ -62,6 +62,8 @@ def test_bad_requests_end_in_one_line(tmp_path: Path) -> None:
         method_report(tmp_path, [])
     with pytest.raises(InputError, match="unknown method 'nothing'"):
         method_report(tmp_path, ["nothing"])
+    with pytest.raises(InputError, match="give it a name of its own"):
+        method_report(tmp_path, [Method("stormer-verlet", 1, kicks=(1.0, 0.0), drifts=(1.0,))])
     with pytest.raises(InputError, match="unknown quantity 'nonsense'"):
         method_report(tmp_path, ["pefrl"], quantities=["energy", "nonsense"])
     assert not list(tmp_path.iterdir())  # before anything is measured

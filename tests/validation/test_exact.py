@@ -23,6 +23,7 @@ from validation.exact.bounce import (
 from validation.exact.closed_forms import sliding_stopping_time
 from validation.exact.problem import natural_units
 from validation.exact.quadrature import position_after_upper_turning, speed_from_energy
+from validation.hard_cases import head_on_collision
 
 Force = Callable[[float, np.ndarray, np.ndarray, ExactProblem, Scales], np.ndarray]
 
@@ -198,3 +199,5 @@ def test_natural_units_agree_with_the_engine() -> None:
 def test_unknown_problem_is_named() -> None:
     with pytest.raises(InputError, match="did you mean 'bounce'"):
         exact_problem("bouncy")
+    with pytest.raises(InputError, match="below 6 D"):
+        head_on_collision(6.0)

@@ -140,6 +140,8 @@ def test_series_that_cannot_be_tested_are_refused() -> None:
         energy_trend(TIME[:50], TIME[:50])
     with pytest.raises(InputError, match="not finite"):
         energy_trend(TIME, np.full(LENGTH, math.nan))
+    with pytest.raises(InputError, match="give increasing ones"):
+        energy_trend(-TIME, TIME)
 
 
 def test_a_constant_energy_has_no_trend() -> None:

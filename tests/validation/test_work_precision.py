@@ -261,6 +261,8 @@ def test_unknown_quantity_is_named() -> None:
         work_precision(load_scene("damper"), "enrgy", [SolverSettings("stormer-verlet", "auto")])
     with pytest.raises(InputError, match="no settings"):
         work_precision(load_scene("damper"), "energy", [])
+    with pytest.raises(InputError, match="repeats = 0"):
+        work_precision(load_scene("damper"), "energy", [SolverSettings("pefrl", "auto")], repeats=0)
 
 
 def test_candidates_fit_the_scene() -> None:

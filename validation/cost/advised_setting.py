@@ -25,7 +25,7 @@ class SolverSettings(NamedTuple):
         Time step [s], or a rule such as ``"auto"``; for an outside reference its tolerance, without
         unit.
     changes : mapping of str to anything
-        Changes to the scene, by dotted keys.
+        Changes to the scene, by dotted keys, as `granular.Scene.replace` takes them.
     """
 
     method: str
@@ -34,17 +34,17 @@ class SolverSettings(NamedTuple):
 
     @property
     def is_external(self) -> bool:
-        """True where the method is an outside integrator, not one of the toolkit's."""
+        """True where the method is one of `validation.external_integrators.ORDERS`, not the toolkit's."""
         return self.method in ORDERS
 
     @property
     def fineness(self) -> str:
-        """Text of the step, or of an outside integrator's tolerance."""
+        """Text of the step (seconds or a rule), or of an outside integrator's tolerance, without unit."""
         return f"tolerance {self.dt}" if self.is_external else str(self.dt)
 
     @property
     def family(self) -> str:
-        """Text that settings have in common which differ in their step alone: method and changes."""
+        """Text of method and changes, which settings that differ in their step alone have in common."""
         changes = (f"{key.rpartition('.')[2]} {change}" for key, change in self.changes.items())
         return ", ".join([self.method, *changes])
 

@@ -66,28 +66,32 @@ def work_precision(
     quantity : str or MeasuredQuantity
         One of `validation.measured_quantities.QUANTITIES`, or one's own.
     settings : iterable of SolverSettings
-        Settings to try.
+        Settings to try. Outside integrators are tried for the positions alone, where ``until`` is given,
+        and left out otherwise.
     reference : SolverSettings or float or ndarray, optional
-        A setting to take the true value from, or the value; without, the quantity's exact value,
-        or what `reference_setting` gives.
+        A setting to take the true value from, or the value in the quantity's unit; without, the
+        quantity's exact value, or what `reference_setting` gives.
     until : float, optional
         Stop each run at this time [s]; the position error of a chaotic bed means something over a
         short horizon only.
     seeds : int
         Further random starts, from each of which every setting and the reference are run too: the
-        error is then the mean of the deviations, with its standard error.
+        error is then the mean of the deviations, with its standard error. None are made where the
+        start does not depend on the seed.
     repeats : int
-        Runs of each setting from a start; those longer than `LONG` are run once.
+        Runs of each setting from a start, from 1; the fastest is timed, and no more follow one of 1 s.
 
     Returns
     -------
     WorkPrecision
-        Error and time of each setting.
+        Error (relative, or in the quantity's unit) and wall time [s] of each setting; NaN, with the error's
+        text, where the setting could not be run, as one of an unknown method.
 
     Raises
     ------
     InputError
-        If the quantity is unknown, or no setting is given.
+        If the quantity is unknown, no setting is given, ``repeats`` is below 1, or the scene cannot be
+        run by the reference.
     RunError
         If the reference itself fails.
     """
@@ -123,7 +127,7 @@ def work_precision_of_quantities(
     seeds : int
         Further random starts.
     repeats : int
-        Runs of each setting from a start; the fastest is timed.
+        Runs of each setting from a start, from 1; the fastest is timed.
 
     Returns
     -------
@@ -133,7 +137,7 @@ def work_precision_of_quantities(
     Raises
     ------
     InputError
-        If a quantity is unknown, or no setting is given.
+        If a quantity is unknown, no setting is given, or ``repeats`` is below 1.
     RunError
         If a reference itself fails.
     """
@@ -141,6 +145,8 @@ def work_precision_of_quantities(
     wanted = tuple(settings)
     if not wanted:
         raise InputError("no settings are given; give at least one method and step")
+    if repeats < 1:
+        raise InputError(f"repeats = {repeats}; give a number of runs from 1")
     scenes = scenes_with_other_seeds(scene, seeds)
     truth = reference_values(scenes, chosen, references or [None] * len(chosen), until)
     rows = [

@@ -29,7 +29,7 @@ def exact_problem(name: str) -> ExactProblem:
     Parameters
     ----------
     name : str
-        Name of a problem.
+        One of `NAMES`.
 
     Returns
     -------

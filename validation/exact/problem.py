@@ -76,9 +76,9 @@ class GrainStates(NamedTuple):
     Attributes
     ----------
     positions, velocities : float64 (n, 2)
-        [m], [m/s]
+        Of n grains, x before y [m], [m/s].
     steps : int or None
-        How many steps a simulation took, where it chooses them itself.
+        Number of steps that a simulation took, where it chooses them itself; None otherwise.
     """
 
     positions: np.ndarray
@@ -93,11 +93,13 @@ class ExactProblem:
     Attributes
     ----------
     name, title : str
+        One of `validation.exact.NAMES`, and words for a page.
     scene : Scene
+        Scene of the n grains.
     time : float
-        When a simulation is compared with it [s].
+        Time at which a simulation is compared with it [s].
     exact : callable
-        The grains at a time [s], correct to the last bit but a few.
+        From a time [s] to the `GrainStates` then, correct to the last bit but a few.
     fewest_steps : int
         Steps up to ``time`` at which one step is about half a radian of the stiffest mode: the
         longest that a composition method of high order can be judged at.
@@ -119,18 +121,24 @@ class ExactProblem:
     def perturb_start(self, last_place_units: int) -> ExactProblem:
         """Return the same problem with its start moved by a few units in the last place.
 
-        The exact motion is not moved along: what a simulation of the nudged problem differs from
+        The exact motion is not moved along: the difference between a simulation of the moved problem and
         one of this is the rounding that both suffer.
 
         Parameters
         ----------
         last_place_units : int
-            Units in the last place by which positions and velocities are scaled.
+            Number n, of either sign: positions and velocities are multiplied by 1 + n eps, with the eps of
+            double precision, 2.2e-16. A start without positions stays.
 
         Returns
         -------
         ExactProblem
             The same problem with another start and the old exact motion.
+
+        Raises
+        ------
+        SceneError
+            If the moved start is no scene, as where a grain comes behind a wall.
         """
         plan = self.scene.arrangement
         factor = 1.0 + last_place_units * np.finfo(float).eps

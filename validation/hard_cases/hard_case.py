@@ -86,12 +86,13 @@ def energy_change(run: Trajectory) -> float:
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished run, or one that was cut off, with at least one record of an energy.
 
     Returns
     -------
     float
-        Magnitude of the change over the energy at the start, without unit.
+        Magnitude of the change over the energy at the start (kinetic, pairs, walls, weight, contacts and
+        piston), without unit; NaN or infinite where that is 0.
     """
     data = run.dataset
     parts = [data[f"{energy}_energy"].values for energy in _ENERGIES if f"{energy}_energy" in data]

@@ -13,6 +13,7 @@ from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
+from granular.shared.errors import InputError
 from validation.exact import ExactProblem
 from validation.exact.problem import BOTTOM_ONLY, few_grains_scene
 from validation.hard_cases.hard_case import (
@@ -36,7 +37,8 @@ ENERGY_AFTERWARDS = ErrorMeasure("relative change of the energy afterwards", ene
 def head_on_collision(closest: float) -> ExactProblem:
     """Make the problem of two grains that collide head-on, from 6 D apart.
 
-    Their speed is that at which the dipoles stop them at a given distance, by their energy.
+    Their speed v is that at which the dipoles stop them at a given distance r, by the pair's energy:
+    v^2 = (1/r^3 - 1/6^3)/4 in natural units.
 
     Parameters
     ----------
@@ -47,9 +49,16 @@ def head_on_collision(closest: float) -> ExactProblem:
     -------
     ExactProblem
         Scene with its exact solution.
+
+    Raises
+    ------
+    InputError
+        If the distance is out of its limits.
     """
     from validation.exact.scattering import APART, scattering_problem
 
+    if not 0.0 < closest < APART:
+        raise InputError(f"closest = {closest} D; give a distance above 0 and below {APART:g} D")
     scales = Scales.from_grains(load_scene("single-particle").grains)
     natural = math.sqrt(0.25 / closest**3 - 0.25 / APART**3)
     time = 1.1 * APART / natural * scales.time
@@ -274,14 +283,20 @@ def scene_near_stability_limit(
     Parameters
     ----------
     fraction : float
-        Step over the longest stable one, without unit.
+        Step over the longest stable one, without unit; above 0.
     amplitude : float
-        Height of the start above that of rest, over that of rest, without unit.
+        Height of the start above that of rest, over that of rest, without unit; above -1.
 
     Returns
     -------
     tuple of function and float
-        Function that makes the scene, and the step [s].
+        Function that makes the scene, and the step [s]. The function raises SceneError for a
+        ``fraction`` that is not above 0.
+
+    Raises
+    ------
+    SceneError
+        If the amplitude puts the grain into the bottom.
     """
     from validation.exact.bounce import harmonic_period, oscillation_problem
 

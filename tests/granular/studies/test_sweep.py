@@ -186,6 +186,7 @@ def test_kept_runs_can_be_loaded(tmp_path: Path, here: Executor) -> None:
         ({"grid": {"arrangement.seed": 3}}, "must be a list"),
         ({"cases": [{"piston.mas": 1.0}]}, "unknown key"),
         ({"cases": [{}], "keep_runs": True}, "needs out"),
+        ({"cases": [{}], "workers": 0}, "workers = 0"),
         ({"cases": [{"dt": "atuo"}]}, "give seconds, 'auto'"),
         ({"grid": {"method": ["stormer-verlett"]}}, "did you mean 'stormer-verlet'"),
     ],
