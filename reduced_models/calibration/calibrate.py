@@ -40,7 +40,7 @@ from reduced_models.calibration.simulations import (
     scene_parameter,
 )
 from reduced_models.fitting.options import check_fit_options
-from reduced_models.fitting.problem import refuse_integrated_heights
+from reduced_models.fitting.problem import list_of_records, refuse_integrated_heights
 from reduced_models.fitting.uncertainty import undetermined_directions
 from reduced_models.laws.law import Law
 from reduced_models.records.sources import METHOD, RunOptions, check_run_options, make_directory
@@ -77,20 +77,21 @@ def calibrate(
 
     Parameters
     ----------
-    record : PistonRecord
-        The motion of the stage that the scene names as ``output.record``, from its start on. Where
-        it has a force, and the simulations too, the mean force counts as well.
+    record : PistonRecord or table of one (pandas, xarray)
+        The motion of the stage that the scene names as ``output.record``, from its start on: times
+        [s] and heights [m], at least 20 samples of a piston that swings about rest. Where it has a
+        force [N], the mean force counts as well.
     scene : Scene
-        Which says everything else, and where to start.
+        Scene that says everything else, and where to start.
     parameters : sequence of str
-        Dotted keys of quantities above 0, such as ``piston.mass``, ``effects.drag.coefficient`` and
-        ``grains.remanence``. Mass and remanence (and drag) scale together without a free swing
-        noticing much: the force tells them apart.
+        Dotted keys, each once, of quantities above 0, such as ``piston.mass``,
+        ``effects.drag.coefficient`` and ``grains.remanence``. Mass and remanence (and drag) scale
+        together without a free swing noticing much: the force tells them apart.
     seeds : int
         Random starts of the bed at every position, from the scene's own on; 2 to 10000.
     law : str or Law
-        Whose level of rest, period and damping ratio are compared; where the record is driven, an
-        equation with the drive's column.
+        Law that is fitted to record and simulations, and whose level of rest, period and damping
+        ratio are compared; where the record is driven, an equation with the drive's column.
     confidence : float
         Confidence level of the intervals, a fraction between 0 and 1.
     dt : float or str
@@ -98,10 +99,10 @@ def calibrate(
     method : str
         Integration method, as in `granular.simulate`.
     out : str or Path, optional
-        Directory that keeps every simulation as soon as it is done; called again, the calibration
-        goes on from there.
+        Directory that keeps every simulation as soon as it is done, and the result; called again,
+        the calibration goes on from there. Nothing is written if not given.
     checks : bool
-        Whether one more simulation, with half the time step, tells what the step does.
+        True for one more simulation, with half the time step, that tells what the step does.
     executor : concurrent.futures.Executor, optional
         Where the simulations run, as in `granular.sweep`; processes on this machine if not given.
     progress : bool
@@ -110,16 +111,20 @@ def calibrate(
     Returns
     -------
     Calibration
-        Calibrated values with intervals, and how the simulation compares with the record.
+        Calibrated values in the units of their keys with intervals, and how the simulation compares
+        with the record. An interval is (0, inf) where the record does not tell the value.
 
     Raises
     ------
     InputError
-        If an argument is out of its range, a key is no quantity above 0 that the scene holds, the
-        scene has no piston or no stage in which it moves freely, or a simulation at the start fails.
+        If it is not one record, there is no such scene or law, an argument is out of its range, a
+        key is no quantity above 0 that the scene holds, the scene has no piston or no stage in
+        which it moves freely, no start of the fit to the record stays finite, or a simulation at
+        the start fails.
     RecordError
-        If the record holds no heights, is too short, does not swing about a level of rest, or lacks
-        a column that the law needs.
+        If the record holds no heights or those of a prescribed stroke, is too short, does not swing
+        about a level of rest that is above 0, or lacks a column that the law needs; or if the law
+        leaves more than half of the swing unexplained.
     StoreError
         If ``out`` cannot be made or written to.
     ExecutorLostError
@@ -133,12 +138,17 @@ def calibrate(
         For each of the result's notes.
     """
     check_fit_options(confidence=confidence)
+    record, *others = list_of_records(record)
+    if others:
+        raise InputError(f"calibrate is of one record, not of {1 + len(others)}; give one")
     refuse_integrated_heights([record], "calibrate")
     if isinstance(seeds, bool) or not isinstance(seeds, int) or not 2 <= seeds <= MAX_SEEDS:
         raise InputError(
             f"seeds = {quote(seeds)}; give an integer from 2 on, to see their scatter, "
             f"and at most {MAX_SEEDS}"
         )
+    if not isinstance(parameters, Sequence):
+        raise InputError(f"parameters = {quote(parameters)}; give dotted keys in a list")
     if not parameters or len(set(parameters)) != len(parameters):
         raise InputError(f"parameters = {list(parameters)}; give at least one, each once")
     _check_scene(scene)
@@ -207,6 +217,8 @@ def run_calibration(
 
 
 def _check_scene(scene: Scene) -> None:
+    if not isinstance(scene, Scene):
+        raise InputError(f"scene = {quote(scene)}; give a Scene, as load_scene makes it")
     if scene.piston is None:
         raise InputError(f"scene {quote(scene.name)} has no piston, so there is nothing to calibrate")
     if not any(stage.needs_piston_mass for stage in scene.protocol):

@@ -87,20 +87,24 @@ def discover(
     Parameters
     ----------
     record : PistonRecord or table of one (pandas, xarray), or a sequence of them
-        Several obey the same equation, with the same numbers, each from its own initial state.
+        Times [s] and heights [m], at least 20 samples each. Several obey the same equation, with
+        the same numbers, each from its own initial state.
     method : str
         ``"auto"``: what ``"sindy"`` and, where pyoperon is installed, ``"operon"`` propose, side by
         side. ``"sindy"``: a sparse sum of the terms of a physical library, powers of z times 1, z',
-        |z'| z' and sign(z'). ``"operon"``: symbolic regression in z, z', |z'| and sign(z') by
-        pyoperon. ``"pysr"``: sparse sums, and symbolic regression by PySR, which needs Julia.
+        |z'| z' and sign(z') (Brunton, Proctor & Kutz 2016, doi:10.1073/pnas.1517384113).
+        ``"operon"``: symbolic regression in z, z', |z'| and sign(z') by pyoperon. ``"pysr"``:
+        sparse sums, and symbolic regression by PySR, which needs Julia.
     form : "weak" or "strong"
         For ``"sindy"``: all subsets of the library, on integrals that need no derivative of the
-        record (but for drag and friction); or thresholded least squares on an estimate of z''.
+        record (but for drag and friction; Messenger & Bortz 2021, doi:10.1137/20M1343166); or
+        thresholded least squares on an estimate of z''.
     ensemble : bool
-        For ``"sindy"``: thresholded least squares on resampled rows; the result says how often each
-        term was needed.
+        For ``"sindy"``: thresholded least squares on resampled rows (Fasel, Kutz, Brunton & Brunton
+        2022, doi:10.1098/rspa.2021.0904); the result says how often each term was needed.
     derivative : str
-        Estimator of z' and z'', see `derivatives`.
+        Estimator of z' and z'', ``"savitzky-golay"``, ``"smoothing-spline"`` or
+        ``"finite-differences"``; see `derivatives`.
     degree : int
         Of the powers of z in the physical library, from 1 to 5. With ``library="auto"`` it is the
         least one: it grows while the held-out error falls.
@@ -133,26 +137,30 @@ def discover(
         is the height itself.
     polish : int
         Greatest number of candidates, best first, that are fitted through their differential
-        equation; those whose criterion is hopeless next to the best one's are not.
+        equation; those whose criterion is hopeless next to the best one's are not. With 0 no
+        candidate has a model.
     effort : float
-        Times the usual length of a symbolic regression.
+        Times the usual length of a symbolic regression, above 0.
     seed : int
-        Seed of random searches.
+        Seed of random searches, from 0 to 2^32 - 1.
     progress : bool
-        Whether a line on standard error shows what is being done.
+        True for a line on standard error that shows what is being done.
 
     Returns
     -------
     Discovery
-        Equations that were found, best first, with their models.
+        Equations of the Pareto front and close rivals, the simplest first, with models [s, m] of
+        those that were polished, and which of them is chosen.
 
     Raises
     ------
     RecordError
-        If the record is too short or does not move, or has no such column.
+        If a table is no record, or a record is too short or does not move, holds no heights, or has
+        no such column or no force that ``target`` needs.
     InputError
-        If an option is out of its range, a term or function cannot be read, or a program that the
-        method needs is not installed.
+        If there is no record, an option is out of its range, options do not go together, a term or
+        function cannot be read, a term is not finite over the motion, or a program that the method
+        needs is not installed.
     """
     records = list_of_records(record)
     terms, functions = _as_text_sequence(terms), _as_text_sequence(functions)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from numbers import Real
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -98,12 +99,15 @@ def whole_fall(
 ) -> FallSummary:
     """Return figures of a fall by the law of `predict`, and simulate it where the law is uncertain.
 
+    The fall begins at rest, and is followed for 3 s (N/368)^(1/4), N the number of grains.
+
     Parameters
     ----------
     scene : Scene
-        Scene of a bed below a falling piston.
+        Scene of a bed below a falling piston without friction.
     height : float, optional
-        Height of the start [m]; that of the scene's piston if not given.
+        Height of the start [m], finite and above the level of rest; that of the scene's piston if
+        not given.
     simulate : bool, optional
         Simulate the fall always, or never; only where `predict` warns if not given.
     progress : bool
@@ -112,14 +116,17 @@ def whole_fall(
     Returns
     -------
     FallSummary
-        Heights of start and rest and the least one [m], settling time [s], greatest force [N] and
-        energies lost [J]; and the same of the simulation, where one was run.
+        Heights of start and rest and the least one [m], settling time [s] (infinite where it does
+        not settle while it is followed), greatest force [N] and energies lost [J]; and the same of
+        the simulation, where one was run.
 
     Raises
     ------
     InputError
-        If the scene has no heavy piston over magnets that drag alone damps, its piston presses
-        discs together at rest, or the height is not above the level of rest.
+        If the scene has no piston with a mass under gravity, no dipoles or discs, friction of the
+        piston, or effects other than dipoles or discs, walls, gravity, drag and contact; if its
+        piston presses discs together at rest; or if the height is no finite number above the level
+        of rest.
     RunError
         If the simulation cannot be trusted any more.
 
@@ -129,6 +136,8 @@ def whole_fall(
         With too few grains for what was measured, walls of discs, more drag over the piston's mass
         than was compared with falls, or a fall that presses discs together.
     """
+    if height is not None and not isinstance(height, Real):
+        raise InputError(f"height = {quote(height)}; give a number [m]")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         values = predict_bed_parameters(scene, refuse_outside_range=False)

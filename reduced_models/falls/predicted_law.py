@@ -115,20 +115,23 @@ def predict(scene: Scene) -> PredictedLaw:
     Returns
     -------
     PredictedLaw
-        Law with its parameters (SI), the initial height [m] and the small swing at rest; with
-        friction of the piston the law has a term of it, and no small swing.
+        Law with its parameters (``lam`` [1/s], ``weight`` [m/s^2], ``rest`` [m]; ``power``,
+        ``modulus`` and ``strength`` without unit), the initial height [m] at rest, and the small
+        swing, ``at_rest``: None where there is none, as with overdamping. With friction of the
+        piston the law has one more parameter, ``friction`` [m/s^2], and no small swing.
 
     Raises
     ------
     InputError
-        If the scene has no heavy piston over magnets that drag alone damps, or its piston presses
-        discs together at rest.
+        If the scene has no piston with a mass under gravity, no dipoles or discs, or effects other
+        than dipoles or discs, walls, gravity, drag and contact; or if its piston presses discs
+        together at rest.
 
     Warns
     -----
     OutsideRangeWarning
-        With too few grains for what was measured, walls of discs, or more drag over the piston's
-        mass than was compared with falls: the law is what is expected there.
+        With fewer than 250 grains, walls of discs, or more drag over the piston's mass than was
+        compared with falls: the law is what is expected there.
 
     Examples
     --------
@@ -376,8 +379,9 @@ LOSS_ERROR = 0.13
 def valid_shaking_range(scene: Scene) -> ValidShakingRange:
     """Return the range in which ``annealing-bed`` may stand in for the bed of a scene.
 
-    Amplitudes go with the size of the bed, sqrt(N/368). Smaller ones were not measured. The bounds
-    are those of simulated responses of the packaged damper, of 368 grains: see `ValidShakingRange`.
+    Frequencies are 1 to 8 Hz, and amplitudes 0.5 to 1.5 D sqrt(N/368), D the diameter of the first
+    species and N the number of grains. Smaller ones were not measured. The bounds are those of
+    simulated responses of the packaged damper, of 368 grains: see `ValidShakingRange`.
 
     Parameters
     ----------
@@ -388,14 +392,15 @@ def valid_shaking_range(scene: Scene) -> ValidShakingRange:
     -------
     ValidShakingRange
         Bounds of frequency [Hz] and amplitude [m], and the relative errors of response and loss
-        within them.
+        within them, at worst.
 
     Raises
     ------
     InputError
-        If the scene has no heavy piston over magnets that drag alone damps, discs that its piston
-        presses together, too few grains, walls of discs, or more drag over the piston's mass than
-        was compared with falls.
+        If the scene has no piston with a mass under gravity, no dipoles or discs, friction of the
+        piston, effects other than dipoles or discs, walls, gravity, drag and contact, discs that
+        its piston presses together, fewer than 250 grains, walls of discs, or more drag over the
+        piston's mass than was compared with falls.
     """
     predict_bed_parameters(scene)  # refuses what is not known
     grains = scene.grains

@@ -6,12 +6,14 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError
+from granular.shared.message_text import quote
 from granular.shared.text_tables import align_columns
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS
@@ -233,31 +235,39 @@ def score_drops(
     Parameters
     ----------
     record : PistonRecord
-        Fall that is fitted, heights [m] from the moment the piston is released.
+        Fall that is fitted, times [s] and heights [m] from the moment the piston is released.
     unseen : mapping of str to PistonRecord
-        Other falls, under labels that say what they differ in.
+        Other falls from rest, under labels that say what they differ in.
     laws : sequence of str or Law
         Names, equations or laws to fit.
     rest : float, optional
         Level where the piston comes to rest [m]; the mean of the record's last tenth if not given.
     scene : Scene, optional
-        Scene of the fall; fits of ``elastoplastic-bed`` begin at what it says of the law.
+        Scene of the fall; fits of ``elastoplastic-bed`` begin at the parameters that
+        `reduced_models.predict` has for it, where it was compared with falls.
     starts : int
-        Number of random starts of each fit.
+        Number of random starts of each fit, from 1 to 10000.
 
     Returns
     -------
     DropScores
-        Rms errors of each law on each fall, over the height of the drop, best law first.
+        Rms difference of the heights of each law on each fall, over the height of its drop, without
+        unit, the law with the least median first; infinite where a law diverges. A law that could
+        not be fitted comes last, without errors and with the reason.
 
     Raises
     ------
     InputError
-        If there is no unseen fall, no law or none of that name, no law that can be fitted, or a
-        record begins below the level of rest.
+        If there is no unseen fall, no law or none of that name, no law that can be fitted (as for a
+        record of fewer than 20 samples, or ``starts`` out of its range), ``rest`` is no finite
+        number, or a record does not begin above the level of rest.
     """
     if not laws:
         raise InputError("give at least one law")
+    if not isinstance(unseen, Mapping):
+        raise InputError(f"unseen is a {type(unseen).__name__}; give a mapping of labels to records")
+    if rest is not None and not (isinstance(rest, Real) and math.isfinite(rest)):
+        raise InputError(f"rest = {quote(rest)}; give a finite number [m]")
     rest_height = float(record.height[-max(1, len(record) // 10) :].mean()) if rest is None else rest
     _check_falls(record, unseen, rest_height)  # before the fits, which take minutes
     return score_fitted_laws(record, fit_laws_to_fall(record, laws, scene, starts), unseen, rest_height)

@@ -119,21 +119,27 @@ def fit(
     drift: bool | None = None,
     measured: SensorQuantity | Sensor | None = None,
 ) -> tuple[ReducedModel, ...]:
-    """Fit a law to a record, or to several together.
+    """Fit a law to a record, or to several together, through its differential equation.
+
+    Many starts of Levenberg-Marquardt searches (Marquardt 1963, doi:10.1137/0111030) bring the
+    solution of the law onto the record.
 
     Parameters
     ----------
     record : PistonRecord or table of one (pandas, xarray), or a sequence of them
-        Samples may be irregular and have gaps.
-    law : str or Law
+        Times [s] and heights [m]; samples may be irregular and have gaps. At least 20 samples must
+        be left to fit.
+    law : str, Law or ForceLaw
         A law of the package by its name, an equation such as ``"z'' + 2*lam*z' + k*z = g0"``, or a
-        Law. The coordinate, that with two primes, may have any name; ``t`` is the time since the
-        record's start. Names that are columns of the record are inputs; all others are parameters.
+        Law; for forces as in `fit_force`. The coordinate, that with two primes, may have any name;
+        ``t`` is the time since the record's start. Names that are columns of the record are inputs;
+        all others are parameters.
     map : HeightMap, "auto" or "fitted"
         How the height enters a law that has a map (``law.mapped``): as given, fitted, or fitted
-        unless the record is described as well with z = height (Bayesian information criterion).
+        unless the record is described as well with z = height (Bayesian information criterion;
+        Schwarz 1978, doi:10.1214/aos/1176344136).
     starts : int
-        Number of random starts.
+        Number of random starts, from 1 to 10000.
     test_fraction : float
         Fraction, from 0 to 0.9, of each record's whole swings, spread over those above its noise,
         that is held out: a model is fitted without them, through them, and judged on them. Of a
@@ -142,30 +148,33 @@ def fit(
     confidence : float
         Confidence level of the intervals, a fraction between 0 and 1.
     seed : int
-        Seed of all that is random: the starts, and the records that a bootstrap draws.
+        Seed of all that is random, from 0 on: the starts, and the records that a bootstrap draws.
     own : sequence of str
         Parameters that each of several records has for itself; the others are shared. Every record
         has its own initial state.
     bounds : mapping of str to (float, float), optional
-        Least and greatest value of parameters; None for an open end.
+        Least and greatest value of parameters, in SI units; None for an open end.
     intervals : "linear", "bootstrap" or "profile"
         From the linearisation at the best fit, by fitting resampled records, or by holding each
         parameter at values further and further away and fitting the others again: right also
         where parameters are bounded or trade places (see `reduced_models.fitting.profile_likelihood`).
         Intervals of the small swing at rest are always those of the linearisation.
     start, fix : mapping of str to float, optional
-        Values about which parameters are looked for first, and values that they keep; ``fix`` also
-        takes a list for a parameter, a value for each record, such as the lengths of pendulums.
+        Values, in SI units, about which parameters are looked for first, and values that they keep,
+        but not all of them; ``fix`` also takes a list for a parameter, a value for each record, such
+        as the lengths of pendulums.
     positive : sequence of str
         Parameters that are above zero, next to those of which the law says so.
     weights : float (n,), optional
-        Weights of the residuals, without unit; for several records a list of such.
+        Weights of the residuals, above 0, without unit; for several records a list of such.
     noise : float or float (n,), optional
-        Standard deviation of the noise [m], of all samples or of each; for several records a list.
-        Intervals then come from it, and weights where it is given for each sample.
+        Standard deviation of the noise, above 0, in m or the unit of the signal that is compared, of
+        all samples or of each; for several records a list. Intervals then come from it, and weights
+        where it is given for each sample.
     loss : "linear", "soft_l1" or "huber"
         What residuals cost: their squares, or less where they are far beyond the noise, so that
-        outliers weigh little; intervals are then those of the sandwich estimate.
+        outliers weigh little (Huber 1964, doi:10.1214/aoms/1177703732); intervals are then those
+        of the sandwich estimate (White 1980, doi:10.2307/1912934).
     initial : "rest", "free", mapping of str to float, or PistonRecord, optional
         The start of the motion: at velocity zero, or free with the hidden states too, or numbers
         (or ``"free"``) for ``height`` [m], ``velocity`` [m/s] and hidden states by name. Or the
@@ -188,16 +197,19 @@ def fit(
     Returns
     -------
     ReducedModel, or a tuple of them
-        One for each record. A `ForceModel`, one for all records, where forces are fitted.
+        One for one record that is in no sequence, else a tuple with one for each. A `ForceModel`
+        for all records, or a tuple of that alone, where forces are fitted.
 
     Raises
     ------
     RecordError
-        If a record is too short, does not move, or lacks a column that is an input of the law.
+        If a table is no record, or a record has fewer than 20 samples to fit, does not move, or
+        lacks a column that is an input of the law or that ``measured`` needs.
     InputError
-        If an argument is out of its range, there is no such law or parameter, options do not go
-        together, no start led to a solution that stays finite, or the solution cannot be followed
-        to the accuracy that the fit needs.
+        If there is no record, an argument is out of its range, there is no such law or parameter,
+        options do not go together, no start led to a solution that stays finite, the solution
+        cannot be followed to the accuracy that the fit needs, or is so steep in the parameters that
+        they have no intervals.
 
     Warns
     -----
@@ -241,7 +253,7 @@ def fit(
         )
         return (model,)  # type: ignore[return-value]  # said under Returns
     assert not isinstance(law, ForceLaw)
-    check_fit_options(starts, test_fraction, confidence, map, intervals, loss, input_interpolation)
+    check_fit_options(starts, test_fraction, confidence, map, intervals, loss, input_interpolation, seed)
     declared = (*own, *(bounds or {}), *(start or {}), *(fix or {}), *positive)
     chosen = resolve_law(law, records[0], declared)
     check_parameter_names(chosen, declared)

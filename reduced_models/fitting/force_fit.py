@@ -17,6 +17,7 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, RecordError
+from granular.shared.message_text import quote
 from reduced_models.fitting.covariance import LEAST_DOF, joint_covariance
 from reduced_models.fitting.force_search import (
     POLISHED,
@@ -90,11 +91,14 @@ def fit_force(
 ) -> ForceModel:
     """Fit the law of a force to records of prescribed strokes.
 
+    The rms difference of the forces is made least by Levenberg-Marquardt steps (Marquardt 1963,
+    doi:10.1137/0111030) from many starts.
+
     Parameters
     ----------
-    record : PistonRecord, or a sequence of them
-        Records of heights [m] with a column ``force`` [N]. Several are of one damper,
-        at other amplitudes and frequencies.
+    record : PistonRecord or table of one (pandas, xarray), or a sequence of them
+        Records of heights [m] with a column ``force`` [N], of 20 samples at least. Several are of
+        one damper, at other amplitudes and frequencies.
     law : str or ForceLaw
         Name in `FORCE_LAWS`, or an equation such as ``"force = c*z' + k*z + zero"``; names that are
         columns of the record, such as a current, are inputs, and all others are parameters.
@@ -102,33 +106,37 @@ def fit_force(
         Load cell, with its column, and its gain and offset where they are known. The sign of an
         unknown gain follows from the energy, which a damper takes.
     starts : int
-        Number of starts of the search.
+        Number of starts of the search, from 1 to 10000.
     test_fraction : float
-        Fraction of each record, at its end, on which a fit to the rest is tested.
+        Fraction of each record, at its end, on which a fit to the rest is tested, from 0 to 0.9; 0
+        for no test. The model that is given back is fitted to all of the record.
     confidence : float
         Confidence level of the intervals, a fraction between 0 and 1.
     seed : int
-        Seed of the starts.
+        Seed of the starts, from 0 on.
     bounds : mapping of str to (float, float), optional
-        Least and greatest value of parameters; None for an open end.
+        Least and greatest value of parameters, in SI units; None for an open end.
     start, fix : mapping of str to float, optional
-        Values about which parameters are looked for first, and values that they keep.
+        Values, in SI units, about which parameters are looked for first, and values that they keep,
+        but not all of them.
     positive : sequence of str
         Parameters that are above zero, next to those of which the law says so.
 
     Returns
     -------
     ForceModel
-        Law with numbers and intervals, and its cycles.
+        Law with its numbers in SI units and their intervals, its residual [N], and the cycles of
+        the records.
 
     Raises
     ------
     RecordError
-        If a record has no force or lacks an input of the law, its stroke does not move, or its
-        force does not change.
+        If a table is no record, or a record has no force, lacks an input of the law, has fewer than
+        20 samples, a stroke that does not move, or a force that does not change.
     InputError
-        If an argument is out of its range, there is no such law or parameter, the sensor has a
-        filter or a base, or no start leads to a finite force.
+        If there is no record, an argument is out of its range, there is no such law or parameter,
+        the law has no parameter, the sensor has a filter or a base, or no start leads to a finite
+        force.
 
     Warns
     -----
@@ -146,7 +154,7 @@ def fit_force(
     120.0
     """
     records = [item.with_time_from_zero() for item in list_of_records(record)]
-    check_fit_options(starts, test_fraction, confidence)
+    check_fit_options(starts, test_fraction, confidence, seed=seed)
     declared = (*(bounds or {}), *(start or {}), *(fix or {}), *positive)
     chosen = resolve_force_law(law, column_names(records[0]), declared)
     chosen = dataclasses.replace(chosen, positive=tuple(dict.fromkeys((*chosen.positive, *positive))))
@@ -176,7 +184,9 @@ def _measured_forces(
     records: Sequence[PistonRecord], sensor: Sensor | None
 ) -> tuple[_MeasuredForces, list[str]]:
     """Return the forces of some records, and notes on them."""
-    cell = sensor or Sensor("force")
+    cell = Sensor("force") if sensor is None else sensor
+    if not isinstance(cell, Sensor):
+        raise InputError(f"sensor = {quote(cell)}; give a Sensor, such as Sensor('force')")
     if cell.filter_order or cell.absolute:
         raise InputError("a load cell on a prescribed stroke has no filter and no base; give gain and offset")
     known = isinstance(cell.gain, int | float)

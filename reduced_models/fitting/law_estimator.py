@@ -26,19 +26,21 @@ if TYPE_CHECKING:
 
 
 class LawEstimator:
-    """A law to be fitted to heights at given times.
+    """A law to be fitted to heights at given times, as an estimator in the manner of scikit-learn.
+
+    Arguments are kept as they are, and checked by `fit`; see `reduced_models.fit` for all of them.
 
     Parameters
     ----------
     law : str or Law
         A law of the package by its name, an equation, or a Law.
     starts : int
-        Random starts.
+        Number of random starts, from 1 to 10000.
     test_fraction : float
-        Fraction of the motion, at its end, on which a first model is judged; 0 in a search, which
-        holds out by itself.
+        Fraction of the motion's whole swings, from 0 to 0.9, on which a first model is judged; 0 in
+        a search, which holds out by itself.
     bounds : mapping of str to (float, float), optional
-        Least and greatest value of parameters; None for an open end.
+        Least and greatest value of parameters, in SI units; None for an open end.
     positive : tuple of str
         Parameters of an equation that are above zero.
     loss : "linear", "soft_l1" or "huber"
@@ -49,9 +51,9 @@ class LawEstimator:
     Attributes
     ----------
     model_ : ReducedModel
-        After `fit`.
+        Fitted model; there after `fit` alone.
     n_features_in_ : int
-        1, the time, and the inputs.
+        Number of columns of X, one for the time and one for each input; there after `fit` alone.
     """
 
     model_: ReducedModel
@@ -80,7 +82,7 @@ class LawEstimator:
         return f"LawEstimator({given})"
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Return the arguments that the estimator was made with.
+        """Return the arguments of the estimator, as they were given or set last.
 
         Parameters
         ----------
@@ -89,19 +91,19 @@ class LawEstimator:
 
         Returns
         -------
-        dict
-            Arguments by name.
+        dict of str to any
+            ``law``, ``starts``, ``test_fraction``, ``bounds``, ``positive``, ``loss``, ``inputs``.
         """
         names = ("law", "starts", "test_fraction", "bounds", "positive", "loss", "inputs")
         return {name: getattr(self, name) for name in names}
 
     def set_params(self, **parameters: Any) -> Self:
-        """Change arguments that the estimator was made with.
+        """Change arguments that the estimator was made with; the next `fit` checks and uses them.
 
         Parameters
         ----------
         **parameters
-            New values of the arguments.
+            New values of the arguments by name, as in `get_params`.
 
         Returns
         -------
@@ -111,7 +113,7 @@ class LawEstimator:
         Raises
         ------
         InputError
-            If there is no such parameter.
+            If there is no argument of a name; those before it are changed.
         """
         for name, value in parameters.items():
             if name not in self.get_params():
@@ -125,9 +127,9 @@ class LawEstimator:
         Parameters
         ----------
         X : array (n,), (n, 1) or (n, 1 + inputs)
-            Times [s], in any order, and the inputs at these times.
+            Times [s], in any order, and the inputs at these times; (n,) without inputs alone.
         y : array (n,)
-            Heights [m].
+            Heights [m]; a column (n, 1) is taken too.
 
         Returns
         -------
@@ -137,11 +139,11 @@ class LawEstimator:
         Raises
         ------
         InputError
-            If X or y has another shape or holds a value that is no finite real number, an argument
-            of the estimator is out of its range, or the law cannot be fitted.
+            If X or y has another shape or holds a value that is no finite real number, they are not
+            as many, an argument of the estimator is out of its range, or the law cannot be fitted.
         RecordError
-            If times and heights make no record (two heights at one time, too few of them, no
-            motion).
+            If times and heights make no record (two heights at one time, fewer than 20 samples to
+            fit, no motion), or the law has an input that is not among ``inputs``.
 
         Warns
         -----
@@ -168,18 +170,20 @@ class LawEstimator:
         Parameters
         ----------
         X : array (n,), (n, 1) or (n, 1 + inputs)
-            Times [s], in any order, and the inputs at these times.
+            Times [s], in any order, and the inputs at these times; (n,) without inputs alone. A
+            time may be there twice.
 
         Returns
         -------
         float64 (n,)
-            Heights [m].
+            Heights [m] in the order of X, of the motion from the fitted initial state.
 
         Raises
         ------
         InputError
-            Before a fit (for scikit-learn it is a NotFittedError too), for X of another shape or
-            without rows, for times before the record, or where the motion diverges.
+            Before a fit (for scikit-learn it is a NotFittedError too), for X of another shape,
+            without rows or with a value that is no finite real number, for times before the record,
+            or where the motion diverges or is too stiff or too long to follow.
         """
         if not hasattr(self, "model_"):
             raise _not_fitted_error("the estimator has seen no data; call fit first")
@@ -223,22 +227,31 @@ class LawEstimator:
         Parameters
         ----------
         X : array (n,), (n, 1) or (n, 1 + inputs)
-            Times [s], in any order, and the inputs at these times.
+            Times [s], in any order, and the inputs at these times; (n,) without inputs alone.
         y : array (n,)
-            Heights [m].
+            Heights [m]; a column (n, 1) is taken too.
 
         Returns
         -------
         float
-            R^2, without unit, at most 1.
+            R^2, one less the sum of squared errors over that of the heights about their mean;
+            without unit, at most 1, below 0 for a prediction worse than the mean.
 
         Raises
         ------
         InputError
-            As `predict`, and for heights of another shape or that are no finite numbers.
+            As `predict`, and for heights of another shape, that are no finite numbers, or not as
+            many as the times.
+
+        Warns
+        -----
+        UserWarning
+            For heights in a column.
         """
-        wanted = _height_vector(y)
-        left = ((wanted - self.predict(X)) ** 2).sum()
+        wanted, predicted = _height_vector(y), self.predict(X)
+        if len(wanted) != len(predicted):
+            raise InputError(f"{len(predicted)} times for {len(wanted)} heights; give one for each")
+        left = ((wanted - predicted) ** 2).sum()
         spread = ((wanted - wanted.mean()) ** 2).sum()
         return float(1.0 - left / spread) if spread > 0.0 else 0.0
 

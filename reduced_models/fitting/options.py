@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from numbers import Integral, Real
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -35,6 +36,7 @@ def check_fit_options(
     intervals: str = "linear",
     loss: str = "linear",
     interpolation: str | None = None,
+    seed: int = 0,
 ) -> None:
     """Check that the options of `fit` are in their ranges.
 
@@ -54,6 +56,8 @@ def check_fit_options(
         Loss of the residuals: ``"linear"``, ``"soft_l1"`` or ``"huber"``.
     interpolation : str, optional
         Course of the inputs between samples.
+    seed : int
+        Seed of what is random, from 0 on.
 
     Raises
     ------
@@ -62,10 +66,12 @@ def check_fit_options(
     """
     if not isinstance(starts, int) or isinstance(starts, bool) or not 1 <= starts <= MOST_STARTS:
         raise InputError(f"starts = {quote(starts)}; give an integer from 1 to {MOST_STARTS}")
-    if not 0.0 <= test_fraction <= 0.9:
+    if not isinstance(test_fraction, Real) or not 0.0 <= float(test_fraction) <= 0.9:
         raise InputError(f"test_fraction = {quote(test_fraction)}; give a fraction from 0 to 0.9")
-    if not 0.0 < confidence < 1.0:
+    if not isinstance(confidence, Real) or not 0.0 < float(confidence) < 1.0:
         raise InputError(f"confidence = {quote(confidence)}; give a fraction between 0 and 1")
+    if not isinstance(seed, Integral) or seed < 0:
+        raise InputError(f"seed = {quote(seed)}; give an integer from 0 on")
     if not isinstance(height_map, HeightMap) and height_map not in ("auto", "fitted"):
         raise InputError(f"map = {quote(height_map)}; give 'auto', 'fitted' or a HeightMap")
     for name, value, known in (
@@ -164,6 +170,7 @@ def parameter_bounds(
         result[name] = (low, high)
     for name, value in (*fix.items(), *(pair for own in by_record for pair in own.items())):
         _check_parameter_name(law, name)
+        _check_finite_number(f"fix of {name}", value)
         if name in law.positive and value <= 0.0:
             raise InputError(f"fix of {name}: {value:g}, and the law holds for values above 0")
         low, high = result.get(name, (-math.inf, math.inf))

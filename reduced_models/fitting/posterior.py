@@ -15,6 +15,7 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, MissingPackageError
+from granular.shared.message_text import quote
 from reduced_models.fitting.options import check_parameter_names
 from reduced_models.fitting.problem import list_of_records
 from reduced_models.jax_setup import jax
@@ -58,34 +59,46 @@ def sample_posterior(
     ----------
     model : ReducedModel, or a sequence of them
         Result of `fit` for these records; one model for each.
-    record : PistonRecord, or a sequence of them
-        Records that the model was fitted to.
+    record : PistonRecord or table of one (pandas, xarray), or a sequence of them
+        Records that the model was fitted to, times [s] and heights [m].
     own : sequence of str
         Parameters that each of several records has for itself. They are taken for draws from a
         normal population, in the search's units, whose mean and spread are found with them
         (``<name>_mean``, ``<name>_spread``).
     draws, warmup, chains : int
-        Number of draws of each chain, of the draws before them that tune it, and of chains.
+        Number of draws of each chain, of the draws before them that tune it, and of chains, each
+        from 1 on.
     seed : int
-        Seed of the draws.
+        Seed of the draws, from 0 on.
 
     Returns
     -------
     arviz.InferenceData
         Parameters in their units, ``height`` [m] and ``velocity`` [m/s] at the start, and ``noise``
-        [m], each (chains, draws) or, where they are a record's own, (chains, draws, records).
-        ``arviz.summary`` gives convergence figures.
+        [m], each (chains, draws) or, where there are several records and they are a record's own
+        (height and velocity always are), (chains, draws, records). ``<name>_spread`` of a positive
+        parameter is that of its logarithm. Fixed parameters are constant. ``arviz.summary`` gives
+        convergence figures.
 
     Raises
     ------
     InputError
-        If models and records are not as many, a name in ``own`` is no parameter, or a model was
-        fitted to a sensor's signal.
+        If a number of draws or chains or the seed is out of its range, there is no record, models
+        and records are not as many, a name in ``own`` is no parameter, or a model was fitted to a
+        sensor's signal.
     RecordError
         If a record is too short, does not move, or lacks an input of the law.
     MissingPackageError
         If the extra is not installed.
     """
+    for name, value, least in (
+        ("draws", draws, 1),
+        ("warmup", warmup, 1),
+        ("chains", chains, 1),
+        ("seed", seed, 0),
+    ):
+        if not isinstance(value, int) or value < least:
+            raise InputError(f"{name} = {quote(value)}; give an integer from {least} on")
     try:
         import arviz
         import numpyro.infer

@@ -11,12 +11,12 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.message_text import format_factor
+from granular.shared.message_text import format_factor, quote
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_fit_options
 from reduced_models.fitting.problem import list_of_records, refuse_integrated_heights
@@ -58,33 +58,37 @@ def compare(
     Parameters
     ----------
     record : PistonRecord or table of one (pandas, xarray), or a sequence of them
-        To train on.
+        Records to train on, times [s] and heights [m].
     laws : str, Law or ReducedModel, or a sequence of them
         Names, equations, laws, or models whose structure is fitted again, from their parameters;
         also what `discover` gives, for its model.
     test_fraction : float
-        Fraction of each record's whole swings that is held out, as in `fit`.
-    test_records : sequence of PistonRecord
+        Fraction of each record's whole swings that is held out, from 0 to 0.9, as in `fit`. With 0
+        and no ``test_records`` laws are ranked by the residuals of their fits.
+    test_records : PistonRecord or table of one, or a sequence of them
         Whole records that no fit sees; each is predicted from an initial state that its first
         period tells.
     own : sequence of str
         Parameters that each record has for itself, for the laws that have them. Not together with
         held-out records, which would have none.
     starts : int
-        Random starts of each fit.
+        Number of random starts of each fit, from 1 to 10000.
 
     Returns
     -------
     Comparison
-        Table of the laws, best first, with a verdict.
+        Table of the laws, best first, with a verdict; errors in rms swings, without unit. A law
+        that could not be fitted, or that cannot follow a held-out record, comes last, with the
+        reason.
 
     Raises
     ------
     InputError
-        If no law is given or there is none of a name, an argument is out of its range, ``own`` and
-        ``test_records`` are both given, or no law can be fitted.
+        If no record or no law is given, there is no law of a name, an argument is out of its range,
+        what `discover` gave has no model, ``own`` and ``test_records`` are both given, or no law
+        can be fitted, as to records that are too short or do not move.
     RecordError
-        If a record is too short or does not move.
+        If a table is no record, or a record holds no heights or those of a prescribed stroke.
 
     Examples
     --------
@@ -99,7 +103,9 @@ def compare(
     records = list_of_records(record)
     refuse_integrated_heights(records, "compare")
     check_fit_options(starts, test_fraction)
-    laws = [laws] if isinstance(laws, str | Law | ReducedModel) else laws
+    if isinstance(laws, str | Law | ReducedModel) or (laws and not isinstance(laws, Iterable)):
+        laws = [laws]
+    test_records = list_of_records(test_records) if len(test_records) else ()
     if not laws:
         raise InputError("laws is empty; name at least one")
     if own and test_records:
@@ -188,7 +194,9 @@ def law_name(law: str | Law | ReducedModel) -> str:
 def _law_to_compare(law: Any, record: PistonRecord) -> _LawToCompare:
     if isinstance(law, str | Law):
         return _LawToCompare(resolve_law(law, record), None)
-    model: ReducedModel = law if isinstance(law, ReducedModel) else law.model
+    model = law if isinstance(law, ReducedModel) else getattr(law, "model", None)
+    if not isinstance(model, ReducedModel):
+        raise InputError(f"law = {quote(law)}; give a name, an equation, a Law or a model")
     if model.law.start is not None:
         return _LawToCompare(model.law, model.map)
     return _LawToCompare(

@@ -93,18 +93,20 @@ class ComparisonRow:
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """Laws on the same data, the best first.
+    """Laws on the same data, the best first, as `compare` makes it.
 
     Attributes
     ----------
     rows : tuple of ComparisonRow
-        One law each, with its models, errors and information criteria.
+        One law each, with its models, errors and information criteria; one at least, and first
+        those that were fitted.
     verdict : str
         Which laws predict best, in plain words.
     noise : float
         White noise of the records, in rms swings, without unit.
     at_rest : float
-        Test error of the baseline, a piston that stays at rest.
+        Test error of the baseline, a piston that stays at rest, in rms swings, without unit; 1
+        where nothing was held out.
     """
 
     rows: tuple[ComparisonRow, ...]
@@ -114,21 +116,26 @@ class Comparison:
 
     @property
     def best(self) -> ReducedModel:
-        """The model of the law that is first, for the first record."""
+        """The model of the law that is first, for the first of the records that it was fitted to."""
         return self.rows[0].models[0]
 
     def model_tied_with_best(self, name: str) -> ReducedModel | None:
-        """Model of a law that predicts as well as the best one; None where it does not.
+        """Model of a law that was fitted to one record and predicts as well as the best one.
+
+        That is one whose test error is at most a standard error above the least one (Breiman et al.
+        1984, Classification and Regression Trees, ch. 3.4), 5 % above it, or 1.25 times the noise,
+        whichever is greatest.
 
         Parameters
         ----------
         name : str
-            Name of a law.
+            Name of a law, as in ``rows``.
 
         Returns
         -------
-        ReducedModel, optional
-            Its model, or None.
+        ReducedModel or None
+            Its model; None where it predicts less well, there is no law of that name, it could not
+            be fitted, or it was fitted to several records together.
         """
         limit = largest_tied_error([row for row in self.rows if not row.failure], self.noise)
         for row in self.rows:
@@ -137,19 +144,23 @@ class Comparison:
         return None
 
     def ranking_on_last_record(self) -> list[tuple[RollOut, str]]:
-        """Errors and names of the laws on the last held-out record, the best first.
+        """Predictions of the last held-out record and names of the laws, the least error first.
 
         Returns
         -------
-        list of tuple
-            Roll-out and name of each law, the best first.
+        list of (RollOut, str)
+            Prediction of the record, with its errors, and name of each law that was fitted; empty
+            where no whole record was held out.
         """
         scored = [(row.records[-1], row.name) for row in self.rows if row.records]
         return sorted(scored, key=lambda pair: pair[0].relative)
 
     @property
     def header(self) -> tuple[str, ...]:
-        """Names of the columns of `cells`, one a column."""
+        """Names of the columns of `cells`: law, parameters, errors, criteria, divergences.
+
+        Test swings and a column for each held-out record are there where one was held out.
+        """
         held = len(self.rows[0].records)
         return (
             "law",
@@ -167,7 +178,9 @@ class Comparison:
         Returns
         -------
         list of tuple of str
-            Rows of texts.
+            One row a law, the best first, with a text for each column of `header`. An error that is
+            infinite is ``"diverges"``; of a law that could not be fitted the second text says why,
+            and the others are empty.
         """
         aic, bic = min(row.aic for row in self.rows), min(row.bic for row in self.rows)
         lines = []
@@ -195,7 +208,7 @@ class Comparison:
 
     @property
     def table_text(self) -> str:
-        """Text of the table, aligned in columns, without the verdict."""
+        """Text of the table, `header` and `cells` in aligned columns, without the verdict."""
         rows = [self.header, *self.cells()]
         sound = [row for row in rows if row[-1]]
         widths = [max(len(row[k]) for row in sound) for k in range(len(self.header))]
@@ -210,12 +223,13 @@ class Comparison:
         return f"{self.table_text}\n\n{self.verdict}"
 
     def to_plain(self) -> dict[str, Any]:
-        """Table and verdict as plain data.
+        """Table and verdict as plain data, such as JSON holds but for infinite errors.
 
         Returns
         -------
-        dict
-            Numbers, texts and lists.
+        dict of str to any
+            ``verdict``; ``best``, the name of the first law; ``noise`` and ``at_rest`` in rms
+            swings, without unit; and ``rows``, a dict for each law as by `ComparisonRow.to_plain`.
         """
         return {
             "verdict": self.verdict,
@@ -241,12 +255,17 @@ class Comparison:
         return latex_array(self.cells(), self.header)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Make a table of the laws; columns as in `ComparisonRow`, ``record 1`` and on of held-out ones.
+        """Make a table of the laws with numbers, where `cells` has texts.
 
         Returns
         -------
         pandas.DataFrame
-            One row a law, errors in rms swings, without unit.
+            One row a law, the best first: ``law``, ``parameters`` (how many), ``test error``,
+            ``standard error``, ``test swings`` and, for each held-out record, ``record 1`` and so
+            on, in rms swings, without unit; ``AIC``, ``BIC``, ``diverged`` (over how many) and
+            ``failure``. Errors are infinite where a law diverges. Of a law that was not fitted they
+            are infinite too, as AIC and BIC, and its test swings and records NaN; so are test
+            swings where none were held out.
         """
         import pandas
 
@@ -270,15 +289,18 @@ class Comparison:
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the test errors of the laws, next to the noise and a piston at rest.
 
+        Laws that could not be fitted are left out; a bar of one that diverges ends at the edge.
+
         Parameters
         ----------
         ax : Axes, optional
-            Axes to draw on; new ones if not given.
+            Axes to draw on; new ones if not given, `drawing_height` high.
 
         Returns
         -------
         Axes
-            Axes that hold the drawing.
+            Axes with a bar for each law, the best on top, its test error [% of the rms swing] on a
+            logarithmic scale.
         """
         from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure_label, label_log_axis_plainly
 
@@ -302,7 +324,7 @@ class Comparison:
 
     @property
     def drawing_height(self) -> float:
-        """Height of a drawing with a bar for each law [inch]."""
+        """Height of a drawing with a bar for each law that was fitted [inch]."""
         return 1.8 + 0.45 * sum(not row.failure for row in self.rows)
 
 

@@ -7,8 +7,9 @@ import dataclasses
 import math
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -90,10 +91,11 @@ def identify(
     ----------
     source : str, Path, Scene, Trajectory, PistonRecord or table
         A scene (its packaged name or TOML file), a run directory, a CSV file, or one of these as
-        an object; or a table of a record, of pandas or xarray. A scene is simulated first.
+        an object; or a table of a record, of pandas or xarray. Times are in s, heights in m. A scene
+        is simulated first.
     out : str or Path, optional
         Directory for the report, the models, the record and the run. A run of the same scene that
-        lies there already is used, or gone on with.
+        lies there already is used, or gone on with. Nothing is written if not given.
     laws : sequence of str or Law, optional
         Names, equations or laws. Without, those that can win: see
         `reduced_models.identification.candidate_laws`.
@@ -103,7 +105,8 @@ def identify(
     drive : str, optional
         Column of the record that drives the motion: each of the laws has it as its input.
     mass : float, optional
-        Mass of what moves [kg], for stiffness in N/m and damping in N s/m; a scene's piston has its own.
+        Mass of what moves [kg], above 0, for stiffness in N/m and damping in N s/m; a scene's piston
+        has its own. Not for a record of an angle.
     changes : mapping, optional
         Dotted keys of the scene and their new values.
     dt, method, threads : optional
@@ -111,9 +114,9 @@ def identify(
         The step, if not given, is the longest whose errors random starts hide by the stored table
         of prices, and the automatic one of scenes that it does not hold.
     starts : int
-        Random starts of each fit.
+        Number of random starts of each fit, from 1 to 10000.
     budget : float
-        Processor time for discovery and fits [s]. Laws whose turn comes later are left out, and a
+        Processor time for discovery and fits [s], above 0. Laws whose turn comes later are left out, and a
         note names them; half of it is for a discovery.
     checks : bool
         Also run the scene of a simulated record with another time step and from other random
@@ -132,12 +135,21 @@ def identify(
     Returns
     -------
     Identification
-        Models, verdict, engineering figures and checks.
+        Models, verdict, engineering figures (SI units, with errors) and checks. There are no figures
+        where no law has a small swing about rest.
 
     Raises
     ------
     InputError
-        If an argument, the scene or the record cannot be used, or no law can be fitted.
+        If an argument is out of its range, the source is none of these, there is no law, method or
+        column of a name, a scene has no piston, options of a scene are given for a run or a record,
+        or no law can be fitted, as to a record that is too short or does not move, or within the
+        budget.
+    RecordError
+        If a file or a table is no record, or the record holds no heights or those of a prescribed
+        stroke.
+    StoreError
+        If ``out`` cannot be made or written to, or a run directory cannot be read.
     RunError
         If the simulation cannot be trusted any more.
 
@@ -148,8 +160,8 @@ def identify(
     """
     _check_arguments(laws, mass)
     check_fit_options(starts=starts)
-    if not budget > 0.0:
-        raise InputError(f"budget = {budget:g} s; give a time above 0")
+    if not isinstance(budget, Real) or not float(budget) > 0.0:
+        raise InputError(f"budget = {quote(budget)} s; give a time above 0")
     target = make_directory(out)
     clock = _Stopwatch()
     options = RunOptions(changes or {}, STEP if dt is None else dt, method, threads, progress)
@@ -293,10 +305,12 @@ def _fit_and_compare(
 def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> None:
     if laws is not None and not laws:
         raise InputError("laws is empty; name at least one")
+    if isinstance(laws, str) or (laws is not None and not isinstance(laws, Iterable)):
+        raise InputError(f"laws = {quote(laws)}; give names, equations or laws in a list")
     for law in laws or ():
         if isinstance(law, str) and "'" not in law and "=" not in law:
             law_named(law)
-    if mass is not None and not 0.0 < mass < math.inf:
+    if mass is not None and (not isinstance(mass, Real) or not 0.0 < float(mass) < math.inf):
         raise InputError(f"mass = {quote(mass)} kg; give one above 0")
 
 

@@ -99,6 +99,8 @@ def open_and_check_source(
         if scene.piston is None:
             raise InputError(f"scene {quote(scene.name)} has no piston, so there is nothing to identify")
         return scene
+    if not hasattr(result, "settings"):
+        raise InputError(f"a {type(result).__name__} is no source; give a scene, a run or a record")
     _refuse_run_options(options)
     missing = {"dt", "method", "steps"} - set(result.settings())
     if missing:

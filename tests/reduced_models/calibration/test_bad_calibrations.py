@@ -48,6 +48,7 @@ BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: quiet(dt=-1.0), "above 0 s"),
     (lambda: quiet(method="euler?"), "unknown method"),
     (lambda: quiet(scene=load_scene("bed")), "moves freely"),
+    (lambda: calibrate(RECORD, "damper"), "give a Scene"),  # type: ignore[arg-type]  # what is refused
 ]
 
 

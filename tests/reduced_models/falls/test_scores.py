@@ -77,5 +77,7 @@ def test_bad_input_is_said() -> None:
         score_drops(fall(0.11), {})
     with pytest.raises(InputError, match=r"low begins at 0\.05 m, not above the level of rest"):
         score_drops(fall(0.11), {"low": fall(0.05)}, rest=0.06)
+    with pytest.raises(InputError, match="rest = -inf; give a finite number"):
+        score_drops(fall(0.11), {"high": fall(0.14)}, rest=-np.inf)
     with pytest.raises(InputError, match="no law could be fitted"):
         score_drops(fall(0.11).first(4), {"high": fall(0.14)}, ["linear"], rest=0.06)

@@ -70,6 +70,8 @@ def test_a_simulation_says_the_same() -> None:
 def test_a_start_below_rest_is_refused() -> None:
     with pytest.raises(InputError, match="not above the level of rest"):
         whole_fall(damper(), 0.05)
+    with pytest.raises(InputError, match="height = 'high'; give a number"):
+        whole_fall(damper(), "high")  # type: ignore[arg-type]  # what is refused
 
 
 def test_the_command_says_the_same(capsys: pytest.CaptureFixture[str]) -> None:

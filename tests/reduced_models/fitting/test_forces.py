@@ -168,6 +168,15 @@ def test_what_is_refused() -> None:
         fit(record, "linear", measured="force", drift=True)
     with pytest.raises(RecordError, match="'force'"):
         fit_force(PistonRecord(record.time, record.height))
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"law": 3}, "give a name, an equation or a ForceLaw"),
+        ({"fix": {"c": "soft"}}, "fix of c: 'soft' is no number"),
+        ({"sensor": "force"}, "give a Sensor"),
+        ({"seed": -1}, "seed = -1"),
+    ]
+    for options, words in wrong:
+        with pytest.raises(InputError, match=words):
+            fit_force(record, **options)
     assert set(FORCE_LAWS) >= {"linear", "saturation", "backlash", *LAWS}
 
 

@@ -136,6 +136,8 @@ def test_inputs_stand_behind_the_time() -> None:
     assert estimator.n_features_in_ == 2
     assert estimator.model_.parameters["m"] == pytest.approx(2.0, rel=1e-3)
     assert estimator.score(table[250:], height[250:]) > 0.9999
+    with pytest.raises(InputError, match="2 times for 1 heights"):
+        estimator.score(table[:2], height[:1])
     with pytest.raises(InputError, match="the time and force"):
         estimator.predict(time)
 

@@ -152,6 +152,9 @@ def test_other_words_are_asked_about(text: str, made: Callable[..., PistonRecord
         ({"initial": {"speed": 1.0}}, "state at the start"),
         ({"input_interpolation": "cubic"}, "'spline', 'linear', 'previous' or 'band-limited'"),
         ({"drift": True, "intervals": "profile"}, "know no drift"),
+        ({"seed": -1}, "seed = -1; give an integer from 0 on"),
+        ({"test_fraction": "a third"}, "give a fraction from 0 to 0.9"),
+        ({"confidence": None}, "give a fraction between 0 and 1"),
     ],
 )
 def test_options_that_do_not_suit(
@@ -169,6 +172,8 @@ def test_what_is_no_record_or_no_law(made: Callable[..., PistonRecord]) -> None:
     with pytest.raises(InputError, match="give a name, an equation or a Law"):
         # Here too.
         fit(made("linear"), 3)  # type: ignore[call-overload]  # what is refused
+    with pytest.raises(InputError, match="law = 3; give a name"):
+        compare(made("linear"), [3])  # type: ignore[list-item]  # what is refused
     alone = compare(made("linear"), "linear")
     assert [row.name for row in alone.rows] == ["linear"]
 
