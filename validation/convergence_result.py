@@ -232,7 +232,7 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
     -------
     TextTable
         Texts under `HEADER`: problem, method, its declared order, the measured slope and its 95 % interval
-        (or why there is none), steps of the fit [s], least error [m] and rounding [m]; no row of no result.
+        (or why there is none), steps of the fit [s], least error [m] and rounding [m].
     """
     return TextTable(HEADER, tuple(result.table_row() for result in results))
 

@@ -75,8 +75,9 @@ def method_report(
     Returns
     -------
     dict
-        What the JSON file holds, lengths and times in SI units: the sections' results, a verdict each,
-        and the machine. A measurement that fails is in it as failed, and its section does not hold.
+        What the JSON file holds: the sections' results (steps and times [s], errors with their unit), a
+        verdict each, and the machine. A measurement that fails is there as failed, and its section does
+        not hold.
 
     Raises
     ------

@@ -42,7 +42,7 @@ class Method:
         Paper that prints the coefficients.
     kicks, drifts : tuple of float
         Of a composition: fractions of the step, kick b_0, drift a_1, kick b_1, ..., drift a_s,
-        kick b_s; one kick more than drifts, at most 65, each within 1000.
+        kick b_s; one kick more than drifts, at most 65; each from -1000 to 1000.
     tableau : tuple of tuple of float, or None
         Of an explicit Runge-Kutta method: the s rows of its Butcher tableau, and the weights behind
         them, s numbers each.

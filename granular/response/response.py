@@ -181,10 +181,10 @@ def frequency_response(
     scene : Scene
         With a host under a sine.
     frequencies : sequence of float, f long
-        Frequencies of the sines [Hz], each above 0 and another.
+        Frequencies of the sines [Hz], each above 0, none twice.
     amplitudes : sequence of float, s long, optional
         Amplitudes of the force [N], or of the base's acceleration [m/s^2] or displacement [m], each
-        above 0 and another; the scene's own if not given.
+        above 0, none twice; the scene's own if not given.
     duration : float
         Time that each sine acts [s], 10 periods of the lowest frequency at least.
     dt : float or str
@@ -206,7 +206,7 @@ def frequency_response(
     ------
     InputError
         If the scene has no host under a sine, a frequency or amplitude is not positive, there is none or
-        one twice, the duration is too short, the time step is none, or ``out`` cannot be written.
+        one twice, the duration is too short, ``dt`` is no time step, or ``out`` cannot be written.
     GranularError
         If a run failed; the others are kept in ``out``.
 

@@ -72,7 +72,7 @@ def run_frequency_sweep(
     ------
     InputError
         If the scene has no such host or nothing shakes it, the frequencies do not increase, the sweep is
-        shorter than 12 periods, ``points`` is below 2, the time step is none, or ``out`` holds another run.
+        shorter than 12 periods, ``points`` is below 2, ``dt`` is no time step, or ``out`` holds another run.
     RunError
         If the simulation fails, as where grains leave the cell.
     """

@@ -68,7 +68,7 @@ def evaluate(
     positions, velocities : float (n, 2)
         [m], [m/s]; at rest where no velocities are given. n is the scene's number of grains.
     piston_height : float, optional
-        [m]; the scene's where not given. Without a piston it does nothing.
+        [m]; the scene's where not given. Without a top wall it does nothing.
 
     Returns
     -------

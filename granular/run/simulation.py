@@ -121,8 +121,8 @@ def simulate(
     Warns
     -----
     UserWarning
-        If the records' distance is no multiple of ``dt``, the energy ledger does not close well, grains
-        without contact overlapped, or the run in ``out`` was made with other versions.
+        If ``dt`` gives records at other times than ``output.scalars`` asks for, the energy ledger closes
+        badly, grains overlapped without a contact, or the run in ``out`` was made with other versions.
 
     Examples
     --------

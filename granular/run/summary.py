@@ -94,7 +94,7 @@ def scene_text(scene: Scene) -> str:
     str
         Lines: name; number and diameter [mm] of each species; natural units D [mm], m [g], F* [N] and tau
         [ms]; width of the cell and height of the piston or the periodic cell [mm] and [D], with the
-        packing fraction [D, eq. 2.2]; effects and stages with their values.
+        piston's mass [kg] and the packing fraction [D, eq. 2.2]; effects and stages with their values.
 
     Examples
     --------

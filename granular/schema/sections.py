@@ -57,7 +57,7 @@ def quantity(
 ) -> Any:
     """Declare a number in an SI unit, which scenes also give as text with a unit of that dimension.
 
-    Unit, default and bounds are not checked here: a scene that does not fit them raises `FieldError`.
+    Nothing is checked here: a scene whose value, or whose default, does not fit raises `FieldError`.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ def cite(*things: Any) -> str:
     Parameters
     ----------
     *things
-        Anything with ``literature``: texts that name papers by ``doi:``. None for the first two alone.
+        Anything with ``literature``: texts that name papers by ``doi:``.
 
     Returns
     -------

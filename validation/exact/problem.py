@@ -99,7 +99,7 @@ class ExactProblem:
     time : float
         Time at which a simulation is compared with it [s].
     exact : callable
-        From a time [s] to the `GrainStates` then, correct to the last bit but a few.
+        From a time since the start [s] to the `GrainStates` then, correct to the last bit but a few.
     fewest_steps : int
         Steps up to ``time`` at which one step is about half a radian of the stiffest mode: the
         longest that a composition method of high order can be judged at.
