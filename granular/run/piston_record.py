@@ -364,7 +364,7 @@ class PistonRecord:
     def to_csv(self, path: str | Path) -> None:
         """Write `columns` to a CSV file, whose numbers `from_csv` reads back to the same bits.
 
-        One without a measured height is read with ``columns`` that name its velocity or acceleration, and
+        A record without a position is read with ``columns`` that name its velocity or acceleration;
         ``deviations`` and a ``measured`` force are not written.
 
         Parameters

@@ -82,7 +82,7 @@ def simulate(
     t_end : float, optional
         Stop at this time [s], also within a stage; a last stage that is timed is lengthened up to
         it. Without: at the end of the protocol.
-    method : str or Method
+    method : str, Method or mapping
         Integration method, the name of one of `granular.methods.METHODS`; "+compensated" behind it
         turns positions and velocities into compensated sums. Or a `granular.Method` of one's own,
         also as its plain data: its table goes into the run's settings.

@@ -123,7 +123,7 @@ def mono_bed(
     ----------
     count : int
         Number of grains, at least 1; the cell's width and the piston's final height are scaled by
-        sqrt(count/368), and so is its height before, which is 50 D at least.
+        sqrt(count/368), and so is its height before, of 75 D and 50 D at least.
     speed : float
         Speed of the piston [m/s], above 0.
     relaxation : float
