@@ -122,9 +122,9 @@ def calibrate(
         which it moves freely, no start of the fit to the record stays finite, or a simulation at
         the start fails.
     RecordError
-        If the record holds no heights or those of a prescribed stroke, is too short, does not swing
-        about a level of rest that is above 0, or lacks a column that the law needs; or if the law
-        leaves more than half of the swing unexplained.
+        If a table is no record, or the record holds no heights or those of a prescribed stroke, has
+        fewer than 20 samples, does not swing about a level of rest that is above 0, or lacks a
+        column that the law needs; or if the law leaves more than half of the swing unexplained.
     StoreError
         If ``out`` cannot be made or written to.
     ExecutorLostError

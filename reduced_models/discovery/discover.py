@@ -124,7 +124,7 @@ def discover(
         apart, and each of its terms gets a coefficient of its own, in place of the number before it.
     functions : sequence of str
         What symbolic regressions may use next to sums, differences and products:
-        ``"sin"``, ``"exp"``, ``"max"``, ``"/"`` and others.
+        ``"sin"``, ``"exp"``, ``"max"``, ``"/"`` and others. Not for ``"sindy"``.
     input : str, optional
         Column of the records that drives the motion ("force", or an extra one).
     target : "acceleration", "height" or "force"
@@ -136,7 +136,7 @@ def discover(
         that swings the furthest. With own terms or another library, which mean something by z, it
         is the height itself.
     polish : int
-        Greatest number of candidates, best first, that are fitted through their differential
+        Greatest number of candidates, from 0 on, best first, that are fitted through their differential
         equation; those whose criterion is hopeless next to the best one's are not. With 0 no
         candidate has a model.
     effort : float
@@ -401,7 +401,10 @@ def _check_argument_types(library: object, height_map: object, seed: object) -> 
 
 def _as_text_sequence(texts: str | Sequence[str]) -> Sequence[str]:
     """Texts, or a single one, in a sequence."""
-    return (texts,) if isinstance(texts, str) else texts
+    result = (texts,) if isinstance(texts, str) else texts
+    if not isinstance(result, Sequence) or not all(isinstance(text, str) for text in result):
+        raise InputError(f"terms or functions = {quote(texts)}; give a text, or several in a list")
+    return result
 
 
 def _check_terms_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:

@@ -109,7 +109,8 @@ def whole_fall(
         Height of the start [m], finite and above the level of rest; that of the scene's piston if
         not given.
     simulate : bool, optional
-        Simulate the fall always, or never; only where `predict` warns if not given.
+        Simulate the fall always, or never; if not given, where the law is outside its range, as
+        warnings say.
     progress : bool
         Show a progress bar of the simulation on standard error, with the time that is left.
 

@@ -126,7 +126,7 @@ def fit_force(
     -------
     ForceModel
         Law with its numbers in SI units and their intervals, its residual [N], and the cycles of
-        the records.
+        the records. The interval of a positive parameter is (0, inf) where they do not tell it.
 
     Raises
     ------

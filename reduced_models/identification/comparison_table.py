@@ -289,7 +289,8 @@ class Comparison:
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the test errors of the laws, next to the noise and a piston at rest.
 
-        Laws that could not be fitted are left out; a bar of one that diverges ends at the edge.
+        Laws that could not be fitted are left out; the bar of one that diverges goes to ten times
+        the greatest error of the others.
 
         Parameters
         ----------
