@@ -118,4 +118,4 @@ def _built_in_effects() -> dict[str, type[Effect]]:
         for var in vars(module).values():
             if isinstance(var, type) and issubclass(var, Effect) and var.key:
                 result.setdefault(var.key, var)
-    return result
+    return dict(sorted(result.items()))
