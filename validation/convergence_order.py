@@ -199,7 +199,8 @@ def convergence(
 ) -> ConvergenceResult:
     """Measure a method's order of convergence on an exact problem.
 
-    The order is the slope of the error over the step, in logarithms; see `fit_convergence_slope`.
+    The order is the slope of the error over the step, in logarithms; see `fit_convergence_slope`. On a
+    problem that is not smooth an error is the greatest of those of 21 neighbouring numbers of steps.
 
     Parameters
     ----------
@@ -208,7 +209,8 @@ def convergence(
     method : str
         Name as in `granular.methods.method_named`, or any where solver and order are given.
     counts : sequence of int, optional
-        Numbers of equal steps up to the problem's time, from 2, increasing; `step_counts` without.
+        Numbers of equal steps (about as many, of a method that chooses its own) up to the problem's
+        time, integers from 2, increasing; `step_counts` without.
     solver : callable, optional
         Another integration than the toolkit's, a control: from a problem and a number of steps to
         `GrainStates`.
@@ -218,8 +220,9 @@ def convergence(
     Returns
     -------
     ConvergenceResult
-        Errors [m] over the steps [s], and the measured order with its interval, without unit: None where
-        fewer than four steps, or less than half a decade, stand clear of rounding.
+        Errors [m] over the steps [s], rounding [m], wall times [s], and the measured order with its
+        interval, without unit: None where fewer than four steps, or less than half a decade, stand clear
+        of rounding.
 
     Raises
     ------

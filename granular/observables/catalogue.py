@@ -413,7 +413,10 @@ def per_frame(
     ------
     InputError
         If there is no such name, or it cannot be loaded; if no frame lies in the range, or the function
-        fails or returns something else.
+        fails or returns a number or array of another shape.
+    ValueError, TypeError or AttributeError
+        If values of a mapping are no numbers or of different shapes, or only some frames have a mapping.
+        Labels are those of the first frame, and are not compared.
     """
     import xarray
 

@@ -79,7 +79,7 @@ def harmonic_response(
     frequency : float
         Frequency of the drive [Hz], above 0.
     harmonics : int
-        The highest one that is fitted, 1 or more.
+        The highest one that is fitted, K, 1 or more.
     discard : float, optional
         Length of the transient at the start that is left out [s], 0 or more; half of the record if not
         given.
@@ -115,6 +115,8 @@ def harmonic_response(
         )
     if not all(np.isfinite(series).all() for series in (time, drive, response)):
         raise InputError("a time, drive or response is not finite; leave such samples out")
+    if (np.diff(time) < 0.0).any():
+        raise InputError("time decreases; sort the samples by it")
     if discard is not None and not 0.0 <= discard < np.inf:
         raise InputError(f"discard = {discard:g} s; give a length of 0 s or more")
     if harmonics < 1 or not 0.0 < frequency < np.inf:

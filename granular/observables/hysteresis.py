@@ -34,7 +34,8 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     Parameters
     ----------
     height : float (n,)
-        Height of the piston over a cycle: down and up again [m]; at least three samples.
+        Height of the piston over a cycle that begins at its greatest height: down and up again [m]; at
+        least three samples.
     force : float (n,)
         Force of the grains on the piston, upwards [N].
 
@@ -42,8 +43,9 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     -------
     float
         -(integral of F dh) [J], positive where the bed takes up energy, by the trapezoidal rule; NaN where
-        a height or force is. Where the cycle does not end at the height it began at, only the part of the
-        loop up to the lower of both is counted, so that it is closed.
+        a height or force is. Only the part of the loop up to the lower of the first and the last
+        height is counted, so that it is closed: a cycle that begins elsewhere than at its top loses what
+        lies above.
 
     Raises
     ------

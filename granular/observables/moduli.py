@@ -246,11 +246,12 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     continuum of the mean density at that distance. Energies of dipoles fall as r^-3 wherever they
     stand, so that under affine strains B = 5 p/2 and, as a mean over directions, mu = p/4 for any
     arrangement. In a crystal nothing else happens; in a bed without its order grains also move
-    against the strain, which the relaxed moduli know: mu is less by
+    against the strain, which the relaxed moduli know: mu and B are less by
 
         (1/(4 A)) df . H^-1 df,
 
-    with df the forces that the affine strain leaves on the inner grains, H the matrix of second
+    with df the forces that an affine strain leaves on the inner grains, diag(1, -1) and its turn by
+    45 degrees (their mean) for mu and diag(1, 1) for B, H the matrix of second
     derivatives of the energy and A the area (Maloney and Lemaitre, Phys. Rev. E 74, 016118, 2006).
     The bed should be at rest. Images of a periodic cell do not count.
 

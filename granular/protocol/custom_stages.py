@@ -96,7 +96,8 @@ def stage(user_class: type) -> Any:
     ----------
     user_class : type
         A class with parameters (`quantity`) and the static function ``height`` [m] or ``force`` [N]. Its
-        name in small letters is the ``kind`` that a protocol gives; an own one of that name is replaced.
+        name in small letters, with underscores between words (``LeafSpring`` is ``leaf_spring``), is the
+        ``kind`` that a protocol gives; an own one of that name is replaced.
 
     Returns
     -------
@@ -107,7 +108,8 @@ def stage(user_class: type) -> Any:
     ------
     InputError
         If the class has neither or both, another static or a not static function, a parameter that is no
-        `quantity`, or the name of a built-in stage. A function that fails does so when a run begins.
+        `quantity`, an attribute whose name has a meaning of its own, or the name of a built-in stage. A
+        function that fails does so when a run begins.
     """
     key, functions = scene_key_of_class(user_class), static_methods_of(dict(vars(user_class)))
     if len(set(functions) & set(_FUNCTIONS)) != 1:

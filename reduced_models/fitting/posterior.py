@@ -53,7 +53,8 @@ def sample_posterior(
 
     Chains of the No-U-Turn Sampler (Hoffman and Gelman 2014, J. Mach. Learn. Res. 15, 1593) start
     at the fit. Priors are flat in the logarithms of positive parameters, in the others and in the
-    logarithm of the noise, up to a hundred standard deviations of the fit.
+    logarithm of the noise, up to a hundred standard deviations of the fit; that of a population's
+    spread is half-normal, ten times as wide as the spread of the fits.
 
     Parameters
     ----------
@@ -87,7 +88,8 @@ def sample_posterior(
         and records are not as many, a name in ``own`` is no parameter, or a model was fitted to a
         sensor's signal.
     RecordError
-        If a record is too short, does not move, or lacks an input of the law.
+        If a table is no record, or a record is too short, does not move, has heights or times beyond
+        what can be computed with, lasts more periods than can be followed, or lacks an input of the law.
     MissingPackageError
         If the extra is not installed.
     """

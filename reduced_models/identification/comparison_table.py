@@ -290,7 +290,8 @@ class Comparison:
         """Draw the test errors of the laws, next to the noise and a piston at rest.
 
         Laws that could not be fitted are left out; the bar of one that diverges goes to ten times
-        the greatest error of the others.
+        the greatest error of the others and of a piston at rest. Noise and rest are not drawn where
+        they are below a thousandth of the least error.
 
         Parameters
         ----------

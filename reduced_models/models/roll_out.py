@@ -51,20 +51,23 @@ class RollOut(NamedTuple):
 def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     """Predict a record from its initial state alone.
 
-    Height and velocity at the start are fitted to the heights of the record's first period, with the
-    parameters of the model as they are and its hidden states at zero; all the rest is prediction.
+    Height and velocity at the start are fitted to the heights of the record's first period by least squares
+    (see `levenberg_marquardt`), with the parameters of the model as they are and its hidden states at
+    zero; all the rest is prediction.
 
     Parameters
     ----------
     model : FittedLaw
         Law with numbers.
     record : PistonRecord
-        Record to predict, of n samples, with the columns that are inputs of the law.
+        Record to predict, n times [s] and heights [m], 20 or more, with the columns that are
+        inputs of the law.
 
     Returns
     -------
     RollOut
-        Motion (n,) [m], its rms error [m] and that over the rms swing. Where the law diverges, the motion
+        Motion (n,) [m], its rms error [m], that over the rms swing with its standard error, and that of
+        a piston at rest, without unit. Where the law diverges, the motion
         ends there (with two samples at least), both errors are infinite and ``standard_error`` is None.
 
     Raises

@@ -265,8 +265,8 @@ class Sensor:
         Raises
         ------
         RecordError
-            If the sensor is absolute, and the record has no such column of the base, or fewer than 20
-            samples of its height.
+            If the sensor is absolute, and the record has no such column of the base, or its height is not
+            finite, of another shape than the times, or of fewer than 20 samples.
         """
         if not self.absolute:
             return np.zeros(len(columns["time"]))

@@ -100,6 +100,8 @@ def test_unfit_records_are_input_errors() -> None:
         harmonic_response(np.nan * time, wave, wave, 5.0)
     with pytest.raises(InputError, match="discard = -1 s"):
         harmonic_response(time, wave, wave, 5.0, discard=-1.0)
+    with pytest.raises(InputError, match="time decreases"):
+        harmonic_response(time[::-1], wave, wave, 5.0)
 
 
 @pytest.fixture(scope="module")

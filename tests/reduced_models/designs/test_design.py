@@ -173,6 +173,7 @@ def test_published_number_of_grains_where_it_does():
         ({"frequency": 3.3, "damping": 0.1, "grains": 200, "mass": 5.0}, "give one of them"),
         ({"frequency": -3.3, "damping": 0.1}, "frequency = -3.3"),
         ({"frequency": 3.3, "damping": float("nan")}, "damping = nan"),
+        ({"frequency": None, "damping": 0.1}, "frequency = None"),
         ({"frequency": 3.3, "damping": 0.1, "small_share": 0.8}, "small_share = 0.8"),
         ({"frequency": 3.3, "damping": 0.1, "magnets": "cubes"}, "magnets = 'cubes'"),
         ({"frequency": 3.3, "damping": 0.1, "seeds": (-1,)}, "give integers from 0 on"),
