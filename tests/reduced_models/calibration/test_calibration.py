@@ -57,7 +57,7 @@ class MadeUp(SceneSimulator):
     fails: Callable[[float], bool] = lambda mass: False
     asked: list[np.ndarray] = dataclasses.field(default_factory=list)
 
-    def points(self, places: Sequence[np.ndarray]) -> list[SimulatedPoint]:
+    def simulate_points(self, places: Sequence[np.ndarray]) -> list[SimulatedPoint]:
         self.asked.extend(places)
         return [self.point(place) for place in places]
 
