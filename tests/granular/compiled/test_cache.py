@@ -22,8 +22,8 @@ def test_a_docstring_compiles_nothing_and_an_operator_compiles_all(fresh_worksho
     kernels = fresh_workshop.kernels()
     assert len(kernels) > 5
     law = "effects/wall_experimental.py"
-    words = '    """-d(force)/dw [F*/D] at the distance w [D].'
-    fresh_workshop.edit(law, words, words + "\n\n    More words,\n    on more lines.\n    ")
+    opening = 'def stiffness(w: float) -> float:\n    """'
+    fresh_workshop.edit(law, opening, opening + "Other words.\n\n    On more lines, before ")
     fresh_workshop.edit(law, "@entry\ndef energy", "# A comment.\n\n\n@entry\ndef energy")
     assert float(fresh_workshop.run()[0]) == before
     assert fresh_workshop.kernels() == kernels
