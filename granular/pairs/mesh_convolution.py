@@ -247,18 +247,20 @@ def _pure_python_convolve(
     scale: float,
     points_per_length: Array | None,
 ) -> None:
-    reach = along.shape[1]
+    weights = np.tensordot(along, across, axes=([0, 2], [0, 2]))
+    weights[0] *= 2.0
+    weights[:, 0] *= 2.0
+    reach = len(weights)
+    shifts = np.arange(1 - reach, reach)
     indices = at + stride * np.arange(lines)[:, None] + np.arange(WIDTH)
     out[indices] = 0.0
-    for here in range(1 - reach, reach):
-        for there in range(1 - reach, reach):
-            fraction = (along[:, abs(here)] * across[:, abs(there)]).sum()
-            fraction *= (2.0 if here == 0 else 1.0) * (2.0 if there == 0 else 1.0)
-            chosen = np.arange(lines)
-            if points_per_length is None:
-                chosen = np.arange(max(0, -there), min(lines, lines - there))
-            others = indices[(chosen + there) % lines]
-            out[indices[chosen]] += scale * fraction * source[others + here]
+    for there in shifts:
+        chosen = np.arange(lines)
+        if points_per_length is None:
+            chosen = np.arange(max(0, -there), min(lines, lines - there))
+        others = indices[(chosen + there) % lines]
+        near = source[others[:, None] + shifts[:, None]]
+        out[indices[chosen]] += scale * np.einsum("h,lhw->lw", weights[abs(shifts), abs(there)], near)
 
 
 convolve_eight_columns = _pure_python_convolve if config.DISABLE_JIT else _compiled_convolve

@@ -42,7 +42,7 @@ METHODS: dict[str, dict[str, Any]] = {
     "mesh": {"method": "mesh"},
 }
 SMALL, FULL = (8, 14), (92, 368)
-MESH_REACH = {8: (6.0, 5.5), 14: (7.5, 7.0), 44: (18.0, 17.0), 92: (30.0, 11.0), 368: (60.0, 20.0)}
+MESH_REACH = {8: (6.0, 5.5), 14: (7.5, 7.0), 92: (30.0, 11.0), 368: (60.0, 20.0)}
 """Width and height of a closed cell [D]."""
 
 FACTORS: dict[str, tuple[Any, ...]] = {
@@ -112,14 +112,14 @@ def table_of_pairs(seed: int) -> list[Row]:
 
 def cheaper(row: Row, rows: list[Row]) -> Row:
     """The row, changed in its place to what takes less time where no pair is lost by that."""
-    for name in ("resumed", "threads", "size"):
+    for name in ("sides", "resumed", "threads", "size"):
         held = Counter(pair for one in rows for pair in parameter_bounds(one))
         if all(held[pair] > 1 for pair in parameter_bounds(row) if name in pair):
             row[name] = FACTORS[name][0]
     return row
 
 
-ROWS = table_of_pairs(1)
+ROWS = table_of_pairs(2)
 
 
 def named(row: Row) -> str:
@@ -130,11 +130,9 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
     """A bed of the row's features, whose grains move."""
     count, name, around = sizes[row["size"]], row["effect"], row["sides"] == "periodic"
     if around and row["method"] in ("mesh", "cut-off"):
-        count = max(count, 44)
+        count = max(count, 40)
     key = {"own walls": "walls", "walls of the guide": "walls"} | dict.fromkeys(REACH, "pair_law")
-    width, height = MESH_REACH[count]
-    if around:
-        width = height = max(2.0 * count**0.5, 17.5)
+    width, height = (max(2.0 * count**0.5, 17.5),) * 2 if around else MESH_REACH[count]
     species = [{"name": "big", "diameter": "6 mm", "share": 1.0 if row["species"] == 1 else 0.6}]
     if row["species"] == 2:
         species.append({"name": "small", "diameter": "4 mm", "share": 0.4})
