@@ -299,21 +299,31 @@ def _selection_fractions(
     index = {term: k for k, term in enumerate(union)}
     columns, _ = normalise_columns(scorer.whitening @ scorer.weak.term_integral_matrix(union))
     target = scorer.whitening @ scorer.weak.target
-    chosen = [np.array([index[term] for term in terms]) for terms in structures]
+    chosen = [[index[term] for term in terms] for terms in structures]
     random = np.random.default_rng(seed)
-    wins = np.zeros(len(structures))
+    grams, moments, totals = [], [], []
     for _ in range(_RESAMPLES):
         half = random.permutation(len(target))[: len(target) // 2]
         matrix, vector = columns[half], target[half]
-        gram, moment, total = matrix.T @ matrix, matrix.T @ vector, float(vector @ vector)
-        criteria = [_subset_criterion(scorer, gram, moment, total, quantity) for quantity in chosen]
-        wins[int(np.argmin(criteria))] += 1.0
-    return wins / _RESAMPLES
+        grams.append(matrix.T @ matrix)
+        moments.append(matrix.T @ vector)
+        totals.append(float(vector @ vector))
+    criteria = np.empty((_RESAMPLES, len(structures)))
+    for size in set(map(len, chosen)):
+        columns_of_size = [k for k, numbers in enumerate(chosen) if len(numbers) == size]
+        subsets = np.array([chosen[k] for k in columns_of_size])
+        gains = _gains_of_subsets(np.array(grams), np.array(moments), subsets)
+        squares = np.array(totals)[:, None] - gains
+        criteria[:, columns_of_size] = [
+            [scorer.information_criterion(value, size) for value in row] for row in squares
+        ]
+    wins = np.bincount(criteria.argmin(axis=1), minlength=len(structures))
+    return np.asarray(wins / _RESAMPLES)
 
 
-def _subset_criterion(
-    scorer: EquationScorer, gram: np.ndarray, moment: np.ndarray, total: float, chosen: np.ndarray
-) -> float:
-    inner = gram[np.ix_(chosen, chosen)] + 1e-12 * np.eye(len(chosen))
-    gain = float(moment[chosen] @ np.linalg.solve(inner, moment[chosen]))
-    return scorer.information_criterion(total - gain, len(chosen))
+def _gains_of_subsets(grams: np.ndarray, moments: np.ndarray, subsets: np.ndarray) -> np.ndarray:
+    """By how much each of some subsets of one size lowers the sum of squares of each half (h, s)."""
+    inner = grams[:, subsets[:, :, None], subsets[:, None, :]] + 1e-12 * np.eye(subsets.shape[1])
+    sides = moments[:, subsets]
+    solved = np.linalg.solve(inner, sides[..., None])
+    return np.asarray((sides[:, :, None, :] @ solved)[..., 0, 0])

@@ -222,9 +222,10 @@ class ParametricTerms:
         """
         result = []
         for candidate in candidates:
+            terms = candidate.terms or {} if self.templates_by_term else {}
             inner = {
                 name
-                for term in candidate.terms or {}
+                for term in terms
                 if term in self.templates_by_term
                 for name in self.templates_by_term[term][1]
             }

@@ -500,7 +500,8 @@ def _power_products(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
 
     z, v, u = state_symbols()
     modulus, sign = sympy.Symbol("modulus"), sympy.Symbol("sign")
-    plain = expression.subs({sympy.Abs(v): modulus, sympy.sign(v): sign})
+    # A polynomial with a real coefficient makes a field of reals of its own, which takes milliseconds.
+    factor, plain = expression.subs({sympy.Abs(v): modulus, sympy.sign(v): sign}).as_coeff_Mul()
     try:
         polynomial = sympy.Poly(sympy.expand(plain), z, v, modulus, sign, u)
     except sympy.PolynomialError:
@@ -512,7 +513,7 @@ def _power_products(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
         odd = (first + signs) % 2 == 1
         # sign(z')^2 is 1 wherever the piston moves.
         term = Term(power, first + second, odd, bool(driven))
-        coefficients[term] = coefficients.get(term, 0.0) + float(coefficient)
+        coefficients[term] = coefficients.get(term, 0.0) + float(factor * coefficient)
     return coefficients
 
 
