@@ -56,7 +56,7 @@ def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
     assert not list(shared.iterdir())
 
 
-@pytest.mark.parametrize("platform", ["cuda", "nonsense"])
+@pytest.mark.parametrize("platform", [pytest.param("cuda", marks=pytest.mark.long), "nonsense"])
 def test_a_device_that_is_not_there_is_said_in_one_line(
     process: Callable, tmp_path: Path, platform: str
 ) -> None:

@@ -302,7 +302,7 @@ def test_a_number_within_a_term_is_fitted_with_its_interval() -> None:
 def test_bad_terms_are_refused(options: dict[str, object], words: str) -> None:
     record = PistonRecord(TIME, np.round(np.cos(TIME), 2))
     with pytest.raises(InputError, match=words):
-        discover(record, **{"method": "sindy", **options})  # type: ignore[arg-type]  # by name
+        discover(record, **{"method": "sindy", "library": "physical", **options})  # type: ignore[arg-type]  # by name
 
 
 def test_functions_without_pyoperon_are_refused_and_its_absence_is_noted(

@@ -41,7 +41,8 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> None:
-    done = command("reduced_models", "identify", str(lab), "-o", str(tmp_path / "out"), "--quiet")
+    words = ("--law", "linear", "--law", "duffing", "-o", str(tmp_path / "out"), "--quiet")
+    done = command("reduced_models", "identify", str(lab), *words)
     assert done.returncode == 0, done.stderr
     assert "z'' + 2*lam*z' + omega**2*z = g0" in done.stdout
     page = (tmp_path / "out" / "report.html").read_text()

@@ -117,9 +117,10 @@ def make(directory: Path, number: int) -> Made:
     return Made(path.with_suffix(".toml"), words, float(frequency), float(ratio), float(noise), releases)
 
 
-def test_the_motion_is_found_in_each(tmp_path: Path) -> None:
+@pytest.mark.parametrize("numbers", [range(20), pytest.param(range(20, NUMBER), marks=pytest.mark.long)])
+def test_the_motion_is_found_in_each(numbers: range, tmp_path: Path) -> None:
     """From a release on, as far as it is above the noise, and nothing of the next lift."""
-    for number in range(NUMBER):
+    for number in numbers:
         made = make(tmp_path, number)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

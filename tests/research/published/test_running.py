@@ -134,6 +134,7 @@ def test_the_full_run_goes_on_from_the_file_that_comes_with_the_package(
     first = good._replace(seeds=(1,))
     monkeypatch.setattr(runner, "run_groups", run)
     monkeypatch.setattr(runner, "calculated", lambda *_, **__: None)
+    monkeypatch.setattr(runner, "_write_report", lambda *_: {})  # `test_command` looks at reports
     monkeypatch.setattr(runner, "committed", lambda: EMPTY)
     for place, series in (("one", first), ("two", good), ("three", good)):
         plan = [Group("small", [series])]
@@ -263,6 +264,7 @@ def small_plan(groups: list[Group], monkeypatch: pytest.MonkeyPatch) -> list[lis
     monkeypatch.setattr(runner, "full_plan", lambda: plan)
     monkeypatch.setattr(runner, "run_groups", run)
     monkeypatch.setattr(runner, "calculated", lambda *_, **__: None)
+    monkeypatch.setattr(runner, "_write_report", lambda *_: {})
     monkeypatch.setattr(runner, "committed", lambda: EMPTY)
     return asked
 
