@@ -325,7 +325,7 @@ def _fit_line(steps: Sequence[float], errors: Sequence[float], first: int, last:
 # In the report ----------------------------------------------------------------------------------
 
 QUICK_METHODS = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
-"""On every problem; they share their compiled code."""
+"""Methods that run on every problem; they share their compiled code."""
 
 QUICK_PROBLEM = "oscillation"
 """The problem that all methods are shown on, also quickly."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from granular.compiled.source_digest import PACKAGE
 
 PLAIN = os.environ.get("GRANULAR_PLAIN_NUMBA", "") not in ("", "0")
-"""Whether kernels are compiled by Numba's own ``njit``, without anything of `kernel_linking`, `by_reference`
+"""Switch to compile kernels by Numba's own ``njit``, without anything of `kernel_linking`, `by_reference`
 and `kernel_cache`: slower at each start, and of use where a new version of Numba has moved its insides."""
 if PLAIN:
     InnerCompiler = EntryCompiler = Compiler

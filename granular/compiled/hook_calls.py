@@ -27,7 +27,7 @@ OPTIONS: dict[str, Any] = {
     "fastmath": {"contract"},
     "forceinline": True,
 }
-"""Of a user's functions: as of `granular.compiled.compiled` with ``inline``."""
+"""Options for a user's functions: those of `granular.compiled.compiled` with ``inline``."""
 
 
 def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:

@@ -302,7 +302,7 @@ _NEED = {
     "pair_stiffness": "pair_energy",
     "reach": "pair_energy",
 }
-"""What a function cannot be without."""
+"""The function without which one of these means nothing."""
 
 
 def wall_law(user_class: type) -> Any:

@@ -81,7 +81,7 @@ class CustomDefinition(NamedTuple):
 
 
 DEFINITIONS: dict[str, CustomDefinition] = {}
-"""By their digests."""
+"""Definitions by their digests."""
 
 
 class CustomLawKind:

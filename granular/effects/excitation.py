@@ -28,7 +28,7 @@ KNOTS_A_PERIOD = 24
 """Knots of the tabled noise in a period of its highest frequency."""
 MOST_LINES, MOST_KNOTS = 2048, 2**20
 LEAST_ROWS = 4
-"""Of a table."""
+"""Fewest rows of a table."""
 _NEEDED = {
     "sine": ("frequency",),
     "sweep": ("frequency", "to", "duration"),

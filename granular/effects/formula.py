@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 Functions = dict[str, Callable[..., Any]]
 
 _FORM = "2"
-"""In the digest: to be raised with any change of what is derived from a text."""
+"""Part of the digest, to be raised with any change of what is derived from a text."""
 
 
 class EnergyFormula(SectionWithFormula):

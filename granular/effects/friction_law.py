@@ -77,7 +77,7 @@ class FrictionLaw(NamedTuple):
 
 
 DragCoefficients = tuple[float, float, float, float, float]
-"""Of `granular.effects.drag.drag_flow_coefficients`."""
+"""The values of `granular.effects.drag.drag_flow_coefficients`."""
 
 
 @compiled

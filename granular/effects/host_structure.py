@@ -33,10 +33,10 @@ from granular.schema.sections import (
 )
 
 RESOLVED = 4.0
-"""How much better than the bed's stiffest mode the host is resolved: its energy is most of all."""
+"""Steps in a host's period over those in the bed's stiffest one: most of the energy is the host's."""
 
 CELL, PISTON_MOUNT, FIXED = range(3)
-"""What the chain's last body carries: the cell; the piston; nothing, for the cell is the base."""
+"""The load of the chain's last body: the cell; the piston; nothing, for the cell is the base."""
 
 PUSH, PULL = range(2)
 """Entries of what holds for the present kick: the frame's acceleration A [D/tau^2], and the force

@@ -51,7 +51,7 @@ each law, what each of them took, and the laws' own records. In natural units.""
 ) = range(len(COLUMNS))
 
 ENERGIES = len(COLUMNS)
-"""Where the energies of the laws begin."""
+"""Column in which the energies of the laws begin."""
 
 
 def column_names_for_laws(laws: int, own: int = 0) -> tuple[str, ...]:

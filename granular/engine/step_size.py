@@ -17,10 +17,11 @@ more where fewer grains share the energy: below 368 grains the fraction falls wi
 of their number, down to 0.03."""
 
 DRY_FACTOR = 4.0
-"""How much longer automatic steps are where grains rub by the velocity scheme. What such a bed
-comes to depends on its start far more than on the step: from 1e-4 to 1e-3 s the piston force of a
-full compression of 368 grains stays within the 2 % that starts scatter it by; at this factor, about
-7e-4 s, the ledger is off by 4e-6 of the energy turned over."""
+"""Factor of automatic steps where grains rub by the velocity scheme.
+
+The motion of such a bed depends on its start far more than on the step: from 1e-4 to 1e-3 s the
+piston force of a full compression of 368 grains stays within the 2 % by which starts scatter it; at
+this factor, about 7e-4 s, the ledger is off by 4e-6 of the energy turned over."""
 
 SLACK = 2.0
 """An automatic step is shortened as soon as it is this much too long."""

@@ -21,7 +21,7 @@ from granular.kernel_data.constants import Constants, relative_moments
 from granular.kernel_data.state import DENSITY, HEIGHT, LEAST, SPEED, SQUARE, Bed, State
 
 _POWER = 4
-"""Of the mean: with 4, a thousand equal terms raise the frequency by (1000)^(1/8) = 2.4."""
+"""Power of the mean: with 4, a thousand equal terms raise the frequency by (1000)^(1/8) = 2.4."""
 
 
 @compiled

@@ -23,10 +23,10 @@ ROWS = 5000
 1e-9 of the force."""
 
 NEAREST_PAIR, NEAREST_WALL = 0.25, 0.1
-"""Where the tables begin, in diameters of the smallest species; LAMMPS stops at a grain nearer."""
+"""First distances of the tables, in diameters of the smallest species; LAMMPS stops at a grain nearer."""
 
 FARTHEST_WALL = 200.0
-"""Where the walls' tables end at the latest [D]; the experimental wall's force there is 5e-9 F*."""
+"""Last distance of the walls' tables at most [D]; the experimental wall's force there is 5e-9 F*."""
 
 WALL_EXPONENTS = {"experimental": 3.5, "infinite": 3.0}
 """Laws that depend on the distance alone, with the power by which their force falls."""
@@ -163,7 +163,7 @@ straight lines, for pairs; even steps, read by splines, for walls."""
 FACES = {"left": "xlo", "right": "xhi", "bottom": "ylo", "top": "yhi"}
 
 OPEN_MARGIN = 2.0
-"""Where a side is open, pairs are summed up to this many diagonals of the cell."""
+"""Cut-off of pairs in diagonals of the cell, if a side is open."""
 
 
 CARRIED = ("dipole", "walls", "gravity", "drag", "shaking")

@@ -43,4 +43,4 @@ FUNCTIONS: Mapping[str, FormulaFunction] = {
 """Functions by name; give `parse` a longer table where there are more."""
 
 ALIASES = {"Abs": "abs", "Max": "max", "Min": "min", "Heaviside": "heaviside", "ln": "log"}
-"""How SymPy prints some of them, so that a printed equation can be read again."""
+"""Names that SymPy prints for some of them, so that a printed equation can be read again."""

@@ -12,9 +12,9 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 
 MAX_CHARACTERS = 4000
-"""Of a formula: five times the longest equation that a search has written."""
+"""Longest formula: five times the longest equation that a search has written."""
 MAX_TOKENS = 600
-"""Of a formula: three times as many as a sum of all terms that `discover` knows has."""
+"""Most tokens of a formula: three times those of a sum of all terms that `discover` knows."""
 MAX_DEPTH = 50
 """Brackets and powers within each other: far from where Python's own recursion ends."""
 MAX_NAME, MAX_DIGITS = 40, 40

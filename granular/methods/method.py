@@ -19,7 +19,7 @@ COMPENSATED = "+compensated"
 """Behind the name of a composition method: positions and velocities as compensated sums."""
 
 MOST_STAGES = 64
-"""Of a step; the longest methods in print have some forty."""
+"""Most stages of a step; the longest methods in print have some forty."""
 
 
 @dataclasses.dataclass(frozen=True)

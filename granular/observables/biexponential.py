@@ -15,7 +15,7 @@ LARGEST_RATE = 60.0
 """Bound of the rates, over the span of x."""
 
 REFINED = 12
-"""How many of the starts, the best ones, are followed to their minimum."""
+"""Number of starts, the best ones, that are followed to their minimum."""
 
 
 class BiexponentialFit(NamedTuple):

@@ -36,7 +36,7 @@ LEAST_OF_BOUNDARY = 5
 
 
 CORE = 2.6
-"""How far the disorder about a dislocation counts for its position, in spacings."""
+"""Radius of the disorder that counts for a dislocation's position, in spacings."""
 
 _CENTRINGS = 3
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 EVEN = 1e-6
-"""How far the times between frames may differ from one another, over their mean."""
+"""Greatest difference of the times between frames, over their mean."""
 
 
 def per_lag(

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 BULK_OF_PRESSURE = 5.0 / 2.0
-"""Of grains that repel with r^-3 as energy, p ~ rho^2.5, and B = rho dp/drho."""
+"""Bulk modulus over pressure of grains with an energy of r^-3: p ~ rho^2.5, and B = rho dp/drho."""
 
 SHEAR_OF_PRESSURE = 1.0 / 4.0
-"""Of an isotropic arrangement of them that shears affinely."""
+"""Shear modulus over pressure of an isotropic arrangement of them that shears affinely."""
 
 
 class Moduli(NamedTuple):

@@ -18,7 +18,7 @@ from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
 RING = 0.15
-"""How far from the length in the hexagonal lattice of the mean cell area a peak is looked for."""
+"""Half width of the search for a peak about the length in the hexagonal lattice of the mean cell area."""
 
 _MESHES = 5
 _NARROWINGS = 12

@@ -17,7 +17,7 @@ SHORTEST_SIDE = 1e-9
 """A side shorter than this, in mean spacings, is rounding: four or more grains on one circle."""
 
 INSIDE = 1e-12
-"""How far a corner may be outside of the box, in sizes of the box: rounding."""
+"""Greatest distance of a corner outside of the box, in sizes of the box: rounding."""
 
 
 class VoronoiCells(NamedTuple):

@@ -27,7 +27,7 @@ from granular.pairs.periodic_mesh import periodic_mesh_workspace
 from granular.pairs.stripe_partner_lists import positions_are_finite
 
 SPACINGS = 4.5
-"""Of the finest mesh, in the split radius. With 4.5 the mesh takes about as long as the near part
+"""Spacings of the finest mesh in the split radius. With 4.5 the mesh takes about as long as the near part
 where it is met every eighth step."""
 
 STILL = 5e-4
@@ -51,7 +51,7 @@ TIME, CALLS, CHANGING = range(3)
 it changed before."""
 
 MOST_POINTS = 1e8
-"""Of the finest mesh: all of them take two gigabytes."""
+"""Most points of the finest mesh: all of them take two gigabytes."""
 
 
 class FarFieldSettings(NamedTuple):

@@ -41,10 +41,10 @@ _EDGES = 8
 """Points that a window may have beyond the grains, over all levels."""
 
 _NOTHING = 1e-6
-"""Of the greatest entry: the products that are left out make less."""
+"""Share of the greatest entry: the products that are left out make less."""
 
 _DIGITS = 13
-"""Of the products' numbers: what linear algebra finds differs from machine to machine."""
+"""Digits that are kept of the products, since linear algebra differs from machine to machine."""
 
 _MARGIN = 48
 """Points that are thrown away about a table: 0.27^48 of what is periodic about it reaches in."""

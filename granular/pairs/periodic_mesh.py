@@ -49,10 +49,10 @@ FEWEST = 4
 """Points of the coarsest level along the shorter side, at least; and less than twice as many."""
 
 _MARGIN = 48
-"""As in `granular.pairs.multilevel_mesh`."""
+"""The margin of `granular.pairs.multilevel_mesh`."""
 
 _SHARPNESS, _IMAGES, _WAVES = 1.8, 6.0, 12.0
-"""Of the Ewald sum: a, times the square root of the cell's area; images within 6/a and waves below
+"""Terms of the Ewald sum: a, times the square root of the cell's area; images within 6/a and waves below
 12 a are taken, and leave less than 1e-15."""
 
 _CELLS = 6.0

@@ -497,7 +497,7 @@ class VectorBuilder:
 
 
 SCALE = 105.0 / 16.0
-"""What sums of `inverse_fifth_power` lack as a factor."""
+"""The factor that sums of `inverse_fifth_power` lack."""
 
 _HALVED_EXPONENT = 0x5FE6EB50C7B537A9
 _FIRST = (1.8765983221738327, -1.252100297322187, 0.37550218858758094)

@@ -17,7 +17,7 @@ from granular.compiled import Array, compiled
 from granular.pairs.simd import DOUBLE, VectorBuilder, constant_vector
 
 POINTS = 4
-"""Of a spline, along each axis."""
+"""Points of a spline along each axis."""
 
 _POLYNOMIALS = (
     (1 / 6, 2 / 3, 1 / 6, 0.0, -0.5, 0.0, 0.5, 0.0),

@@ -33,14 +33,14 @@ from granular.pairs.stripes import (
 )
 
 _ROW_COST = 3
-"""Of two rows besides their partners, in vectors of these."""
+"""Cost of two rows besides their partners, in vectors of these."""
 
 _FIRST_SKIN, _LEAST_SKIN, _MOST_SKIN = 0.05, 0.01, 0.5
 _COST = 2.0
-"""Of listing, in sums."""
+"""Cost of listing, in sums."""
 
 _MOST_REACH = 0.4
-"""Of the shorter side of a periodic cell: five stripes are as high as two reaches."""
+"""Greatest reach over the shorter side of a periodic cell: five stripes are as high as two reaches."""
 
 
 @compiled

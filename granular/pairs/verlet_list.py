@@ -25,7 +25,7 @@ from granular.pairs.grain_arrays import (
 )
 
 RADIUS, SKIN = 11.26, 4.13
-"""Of de Paula, in diameters of the first species."""
+"""De Paula's values, in diameters of the first species."""
 
 _MOST_PARTNERS = 4.0
 """Pairs that there is room for, per grain and square of the radius [D]: the densest bed of discs

@@ -207,7 +207,7 @@ def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales:
 
 
 CLOSE = 1e-11
-"""What the spline may be off by halfway between its knots, over the range of the course."""
+"""Greatest error of the spline halfway between its knots, over the range of the course."""
 LEAST_KNOTS, MOST_KNOTS = 64, 2**17
 
 

@@ -30,7 +30,7 @@ _POWER = re.compile(r"(.*?)\^(\d)")
 _LONGEST = 100
 """Characters of a calibration."""
 KEYS = ("scale", "zero", "coefficients", "points", "degree")
-"""What may stand in a calibration."""
+"""The keys of a calibration."""
 _MOST_DEGREE = 5
 _FEWEST_BEYOND = 2
 """Points that must be left where their scatter has to tell their uncertainty."""

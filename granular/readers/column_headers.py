@@ -93,7 +93,7 @@ UNITS = {
     "radian": "rad", "radians": "rad",
     "m/sec": "m/s", "mm/sec": "mm/s", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2",
 }  # fmt: skip
-"""How people write units that `granular.schema.units` calls otherwise."""
+"""Spellings of units that `granular.schema.units` calls otherwise."""
 
 KNOWN = {
     *UNITS.values(), "s", "ms", "us", "ns", "min", "h", "m", "mm", "cm", "um", "nm", "km", "in",
@@ -115,7 +115,7 @@ _GROUP = re.compile(r"[\[\({]([^\[\](){}]*)[\]\)}]")
 _RUN = re.compile(
     r"^(latest|run \d+|letzter durchgang|última) | (run|durchgang|essai|ensayo|serie)( nr)? \d+$"
 )
-"""What programs for schools put before or behind a name."""
+"""Words that programs for schools put before or behind a name."""
 CHANNEL = re.compile(r"(ch|chan|channel|kanal|canal|voie|ai|ain|adc|analog|sensor) ?\d+")
 """Normalized names of an instrument's inputs, which say nothing of what was connected."""
 _INPUT = re.compile(r"(\w) ?[ab][12]|([ui]) ?\d")

@@ -38,7 +38,7 @@ from granular.shared.files import report_read_errors as reading_file
 from granular.shared.message_text import quote, sanitize
 
 MAX_BYTES = 256 * 2**20
-"""Of a file; in text some six million samples: reading takes ten times as much memory."""
+"""Largest file; in text some six million samples: reading takes ten times as much memory."""
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -48,9 +48,9 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 _LEGACY = "cp1252"
-"""What Windows writes in Western Europe and America where a program does not say otherwise."""
+"""The encoding of Windows in Western Europe and America, unless a program says otherwise."""
 _ROLES = {"N": FORCE, "m/s^2": ACCELERATION}
-"""What a column is called whose numbers have a unit."""
+"""The quantity of a column by the unit of its numbers."""
 _MAX_SHOWN = 20
 
 

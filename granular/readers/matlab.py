@@ -18,7 +18,7 @@ from granular.shared.message_text import quote
 
 _MAX_UNPACKED = 512 * 2**20
 _MAX_ELEMENTS, _MAX_DEPTH = 100_000, 50
-"""Of a variable: parts of structures and cells, and how deep they are within each other."""
+"""Limits of a variable: parts of structures and cells, and their depth within each other."""
 _HEAD, _COMPRESSED, _MATRIX = 128, 15, 14
 """Bytes before the first variable of a file of version 5 to 7, and types of its elements."""
 

@@ -31,11 +31,11 @@ _CALIBRATION = ("scale", "zero", "coefficients", "points", "degree")
 _MISSPELT = 0.8
 """Similarity to a role from which on a name is no input's, but that role misspelt."""
 _MAX_BYTES = 2**20
-"""Of a description; a scene, which may be longer, is not read to see that it is none."""
+"""Longest description; a scene, which may be longer, is not read to see that it is none."""
 ALL = "all"
 """All releases of a record."""
 ANGLE = "angle"
-"""What ``columns`` and ``units`` may call the height's column where it is an angle."""
+"""The name for ``columns`` and ``units`` of the height's column if it is an angle."""
 STROKE = "stroke"
 """Role of ``columns`` for the height's column where it is prescribed, and the force is measured."""
 ROLES = ("time", "height", "velocity", "force", "acceleration", "base_height", "base_acceleration")

@@ -41,7 +41,7 @@ _LEAST_SAMPLES = 20
 _LONG_STEP, _LONG_WAY, _HIGH = 0.5, 1.0, 10.0
 """Step [s], extent and height [m] from which on numbers without a unit are noted."""
 _ABSURD = 1e6
-"""From here on an error says more."""
+"""Value from which on an error says more."""
 _AGREEMENT = 0.3
 """Correlation of a velocity with the height's slope; noise on both leaves more than that."""
 

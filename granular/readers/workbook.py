@@ -26,9 +26,9 @@ from granular.shared.message_text import quote
 
 MAX_BYTES = 64 * 2**20
 _OLD = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
-"""What a workbook of Excel 97 to 2003 begins with."""
+"""First bytes of a workbook of Excel 97 to 2003."""
 _ERRORS = ("#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "#N/A")
-"""What stands in a cell whose formula has no value."""
+"""Contents of a cell whose formula has no value."""
 
 Rows = Iterable[tuple[int, Sequence[Any]]]
 """Numbers of repeats, and the cells of a row."""
@@ -50,7 +50,7 @@ _PARTS = {
     "xl/sharedStrings.xml": _SizeLimit(64, 3_000_000),
     "": _SizeLimit(16, 200_000),
 }
-"""By how their names begin. A full sheet of four columns has 9.4 million elements in 200 MB."""
+"""Limits of parts by their first letters. A full sheet of four columns has 9.4 million elements in 200 MB."""
 
 
 def refuse_old_workbook(content: bytes) -> None:

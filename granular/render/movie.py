@@ -218,11 +218,11 @@ def _write_gif(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
 
 
 WRITERS = {".mp4": (_write_mp4, 240.0), ".gif": (_write_gif, 50.0)}
-"""What writes a movie, and the most pictures a second that it can hold."""
+"""Writer of each kind of movie, and the most pictures a second that it can hold."""
 
 
 FARTHEST = 0.25
-"""How far [diameters] a grain's path may bend away from a straight line between two frames."""
+"""Greatest distance [diameters] of a grain's path from a straight line between two frames."""
 
 
 def movie_picture_times(times: np.ndarray, speed: float, fps: float) -> np.ndarray:

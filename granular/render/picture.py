@@ -27,7 +27,7 @@ WIDEST, TALLEST = 5.6, 6.6
 """Greatest width and height of the bed in a picture [inch]."""
 
 LEFT, RIGHT, BOTTOM, TOP = 0.65, 1.75, 0.55, 0.4
-"""What stands about the bed: labels, legend, title [inch]."""
+"""Margins about the bed for labels, legend and title [inch]."""
 
 
 def wall_thickness_mm(scene: Scene) -> float:

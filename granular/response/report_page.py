@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 UNSTEADY = 0.05
 """Change of the amplitude, while it is taken, from which on a note says so."""
 MAX_SWEEP_RATE = 0.3
-"""Of a sweep (`sweep_rate_at_peak`), from which on a note says so."""
+"""Rate of a sweep (`sweep_rate_at_peak`) from which on a note says so."""
 _DASHES: tuple[Literal["--", ":", "-."], ...] = ("--", "-.", ":")
 _DENSE = 60
 """Frequencies from which on points are not marked."""

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 DURATION = 20.0
-"""How long a sine acts [s], if not given."""
+"""Duration of a sine [s], if not given."""
 DENSE = 4001
 """Frequencies at which peaks of closed forms are looked for."""
 AMPLITUDES = ("force", "acceleration", "displacement")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import xarray
 
 FRACTION = 0.4
-"""Of the time that a sine acts, the last part, in which the swing is taken for steady."""
+"""Last part of a sine's duration, in which the swing is taken for steady."""
 LEAST_PERIODS = 4
 
 
@@ -126,7 +126,7 @@ def steady_figures(run: Trajectory) -> Mapping[str, Any]:
 
 
 PERIODS = 6.0
-"""Of the drive, in which one amplitude is resolved."""
+"""Periods of the drive in which one amplitude is resolved."""
 POINTS = 200
 
 

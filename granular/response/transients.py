@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 RUN = "run"
 """Directory of the run, within the one that is given."""
 LENGTH, DURATION = 0.02, 10.0
-"""How long an impulse lasts, and how long it is looked at [s], if not given."""
+"""Length of an impulse and duration of the run [s], if not given."""
 
 
 def run_frequency_sweep(

@@ -18,7 +18,7 @@ TRAJECTORY = "trajectory.zarr"
 CHECKPOINT = "checkpoint.npz"
 PART = ".part"
 KNOWN = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT + PART}
-"""What a run directory holds."""
+"""The files of a run directory."""
 
 
 def lock_directory(path: Path) -> int | None:

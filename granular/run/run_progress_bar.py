@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from granular.run.protocol_runner import ProtocolRunner
 
 JUDGED = 0.5
-"""For so long [s] the steps are counted before: the first call, which compiles, does not count."""
+"""Time [s] over which steps are counted first: the first call, which compiles, does not count."""
 
 LONG = 60.0
 """Length of a run [s], by the wall clock, from which on it is stated at the start."""

@@ -38,7 +38,7 @@ from granular.scene.scene_in_natural_units import SceneInNaturalUnits
 from granular.shared.errors import NotFiniteError, RunError
 
 ARRANGE = "place the grains apart from each other, inside the walls and below the piston"
-"""What to do about grains that stand where none can be."""
+"""The remedy for grains that stand where none can be."""
 
 REST_TOLERANCE = 1e-4
 """Rest where the stage gives no tolerance [D], [D/tau]."""

@@ -22,16 +22,16 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 
 MARGIN = 1.5
-"""What a bound of the table is multiplied by: scenes differ."""
+"""Factor of a bound of the table: scenes differ."""
 
 FLOORS = 3.0
 """A single run cannot be promised to fewer standard deviations of its random start than this."""
 
 FARTHEST = 4.0
-"""How much shorter than the table's shortest step a step may be, by the order of its method."""
+"""Greatest factor by which a step may be shorter than the table's shortest, by its method's order."""
 
 MESH_ERROR = 5e-4
-"""What the mesh leaves of a bed's forces at rest; the tests of the benchmark hold it to that."""
+"""Error of the mesh in a bed's forces at rest; the tests of the benchmark hold it to that."""
 
 RESOLVED = 1.0
 """Step times highest frequency up to which a method shows its order; half the limit."""

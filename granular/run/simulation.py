@@ -52,7 +52,7 @@ CADENCE = 0.01
 """Relative change of the records' distance, by a given step, that is reported to the user."""
 
 COMMIT_SECONDS = 5.0
-"""From checkpoint to checkpoint, in seconds of the wall clock."""
+"""Time between checkpoints, in seconds of the wall clock."""
 
 _INSTANT = 1e-6
 """End of a run that only compiles [s]: the loop is compiled before its first step."""

@@ -12,7 +12,7 @@ from granular.schema.sections import Section, integer_field, points_field, quant
 from granular.shared.errors import SceneError
 
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
-"""What is said of the grid, and says nothing where positions are given; with the usual values."""
+"""Keys of the grid, without meaning if positions are given, with their usual values."""
 FEW = 1000
 """Grains whose pairs are all looked at for overlaps."""
 

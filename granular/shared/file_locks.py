@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 HAS_LOCKS = importlib.util.find_spec("fcntl") is not None
-"""Where there are none, nothing keeps two processes apart."""
+"""False on systems without file locks, where nothing keeps two processes apart."""
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 

@@ -18,9 +18,9 @@ from granular.shared.errors import InputError, StoreError
 from granular.shared.message_text import quote, sanitize
 
 MOST_TOML_BYTES = 16 * 2**20
-"""Of a file: the positions of 400 000 grains, which are read in half a minute."""
+"""Largest file: the positions of 400 000 grains, which are read in half a minute."""
 MOST_KEY_PARTS = 20
-"""Of a dotted key, of which a scene's have up to four: the time grows with the square of them."""
+"""Most parts of a dotted key; a scene's have up to four, and the time grows with the square of them."""
 
 _PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
 _DOTTED = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DATA, _TITLE = "{{data}}", "{{title}}"
-"""In a template of a page that moves."""
+"""Marks in a template of a page that moves."""
 
 LEAST_LETTERS = 9.0
 """Size of letters that can be read [pixels]."""

@@ -24,7 +24,7 @@ from granular.studies.cases import Case, Measure
 T = TypeVar("T")
 
 LOOK_SECONDS = 1.0
-"""From look to look whether the process that has started this one still lives."""
+"""Time between checks that the process that started this one still lives."""
 
 
 class ExecutorLostError(GranularError):

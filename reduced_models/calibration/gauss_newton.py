@@ -12,7 +12,7 @@ from reduced_models.calibration.simulations import RecordFeatures, SceneSimulato
 from reduced_models.fitting.uncertainty import OPEN
 
 STRIDE = 0.1
-"""Of the differences, in logarithms."""
+"""Step of the differences, in logarithms."""
 RADIUS = 0.5
 """Longest step of a logarithm."""
 MOST_MOVES = 8

@@ -22,7 +22,7 @@ from granular.shared.message_text import quote
 GRAVITY = 9.8
 """[m/s²], as in the packaged scenes."""
 DIAMETER = 0.006
-"""Of a large grain [m], as in the packaged damper."""
+"""Diameter of a large grain [m], as in the packaged damper."""
 ASPECT = 0.6
 """Diameter of small grains over that of large ones."""
 REST_TOLERANCE = "1e-3 D"

@@ -46,10 +46,10 @@ PLAIN = ("quadratic", "cubic")
 DEGREES = {**dict.fromkeys(LOGARITHMIC, 2), **dict.fromkeys(PLAIN, 3)}
 """Degrees of the maps: that of the least leave-one-out error over the study."""
 TEMPLATE = Path(__file__).with_name("view.html")
-"""Of the page with sliders."""
+"""Template of the page with sliders."""
 _VIEW_HEIGHT = 560
 _EDGE = 1.01
-"""How far a damper at the edge of the box may lie beyond it: its number of grains is rounded."""
+"""Factor by which a damper may lie beyond the box's edge: its number of grains is rounded."""
 
 
 class FigureMap(NamedTuple):

@@ -53,7 +53,7 @@ ENDS: dict[str, tuple[int, Any, tuple[int, int], tuple[str, str]]] = {
     "damping_ratio": (0, np.argmax, (3, 0), ("left", "center")),
     "rest_height": (1, np.argmax, (0, 2), ("center", "bottom")),
 }
-"""Where a line has its label: axis, which end along it, offset in points, and alignment."""
+"""Place of a line's label: axis, which end along it, offset in points, and alignment."""
 COUNTS, FRACTIONS = (92, 184, 368), (0.0, 0.5)
 """Beds that the page of maps shows."""
 

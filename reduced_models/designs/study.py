@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import pandas
 
 POINTS = 128
-"""Of the sequence, next to the sixteen corners."""
+"""Points of the sequence, besides the sixteen corners."""
 COMMITTED = Path(__file__).parent / "study.csv"
 """The study that comes with the package. ``granular-damper design --maps --simulate -o
 DIR`` makes it anew."""

@@ -199,7 +199,7 @@ def notes_on_candidate(best: CandidateEquation, scorer: EquationScorer) -> tuple
 
 _RESAMPLES = 200
 _LEAST_SHARE = 0.1
-"""Of the resamples: a structure that wins less often is no rival."""
+"""Least share of the resamples: a structure that wins less often is no rival."""
 
 
 class StructureEvidence(NamedTuple):

@@ -22,7 +22,7 @@ import numpy as np
 from reduced_models.discovery.terms import INPUT
 
 StateStep = Callable[[np.ndarray, float, float, np.ndarray], np.ndarray]
-"""From the state (k,), the step's strain -d(log z) and its duration to the next state, for each of
+"""Map from the state (k,), the step's strain -d(log z) and its duration to the next state, for each of
 the scales (k,)."""
 _NEAR_ONE = 1.0 - 1e-12
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import sympy
 
 COMMANDS = ("pip install 'granular-damper[discover]'", 'python -c "import pysr"')
-"""What installs PySR, and then Julia with PySR's Julia packages."""
+"""The commands that install PySR, and then Julia with PySR's Julia packages."""
 
 _ENOUGH = 1.0
 """Mean square error over that of the noise at which a search ends: the right expression comes to
@@ -41,7 +41,7 @@ _ITERATIONS = 60
 _BINARY = ("/", "max", "min")
 _MOST_NODES = 30
 _MOST_ELLIPTIC_NODES = 16
-"""Of searches with elliptic functions, which cost a hundred times a sine."""
+"""Most nodes in searches with elliptic functions, which cost a hundred times a sine."""
 _MEAN = "foldl((p, _) -> ((p[1] + p[2])/2, sqrt(p[1]*p[2])), 1:5; init=(one({m}), sqrt({m})))[1]"
 _QUARTER = "(pi/(2*" + _MEAN.format(m="(1 - m)") + "))"
 _NOME = "exp(-pi*" + _MEAN.format(m="(1 - m)") + "/" + _MEAN.format(m="m") + ")"

@@ -80,7 +80,7 @@ LIBRARIES = MappingProxyType(
 _OPERON = {"/": "div", "max": "fmax", "min": "fmin"}
 _PYSR = {"max": "max", "min": "min"}
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "min", "/")
-"""What symbolic regressions know next to sums, differences and products."""
+"""Functions of symbolic regressions besides sums, differences and products."""
 
 
 def library_terms(

@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 SETTLED = 0.05
-"""Of the drop: a piston has settled that stays within this distance of its level of rest."""
+"""Share of the drop: a piston has settled that stays within this distance of its level of rest."""
 TOUCHING = 1.05
 """Least height, over that of a lattice of discs that touch, to which falls were compared with the law:
 from 1.09 on it is within 3 % of the drop, at 1.02 and 0.89 it is 5 and 8 % off."""
 DURATION = 3.0
-"""Of a fall [s], times the fourth root of the grains over 368, as its period goes."""
+"""Duration of a fall [s], times the fourth root of the grains over 368, as its period goes."""
 SAMPLES = 3001
 TOLERANCE = 1e-8
 

@@ -70,7 +70,7 @@ BULK, WALLS = 0.9567, 0.7838
 WEIGHT, FALL_POWER, MODULUS, STRENGTH = 1.046, 2.355, 0.3655, 0.04085
 """Weight over g, and the law's other numbers, of beds that fall."""
 LATE = 5.19
-"""How much later a bed that falls follows than a column."""
+"""Factor by which a bed that falls follows later than a column."""
 FEWEST = 250
 """Grains from which on modulus and strength are alike from bed to bed."""
 LATEST = 0.9

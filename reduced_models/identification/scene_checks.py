@@ -34,11 +34,11 @@ LIFT_TIMES = 3.0
 DROPS = (0.4, 0.6, 1.4, 1.8)
 """Heights, over that of the scene's drop, from which the piston falls instead."""
 PERIODS = 10.0
-"""Of the small swing, for which falls are followed: by then they have died out, or swing small."""
+"""Periods of the small swing for which falls are followed: by then they have died out, or swing small."""
 FEWEST = 100
 """Samples of a fall."""
 STARTS = 8
-"""Of each fit: a fall without noise, which few starts find, and the scene says where to begin."""
+"""Starts of each fit: a fall is without noise, few starts find it, and the scene says where to begin."""
 RECORD, FALL = "record", "fall"
 """Names of what `piston_record_columns` gives."""
 TITLE = "checks of step, random starts, lift and falls"

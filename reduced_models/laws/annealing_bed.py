@@ -31,7 +31,7 @@ MODULUS, STRENGTH = 0.309, 0.0388
 STIFFENING, HARDENING = 0.225, 0.744
 """Increase of modulus and strength by order, over their values without order."""
 TIME = 3.1
-"""In which the bed orders [s]; anything from 1 to 30 tells the beds nearly as well."""
+"""Time in which the bed orders [s]; anything from 1 to 30 tells the beds nearly as well."""
 PLASTIC = 0.317
 """Plastic strain by which order falls to 1/e."""
 

@@ -23,9 +23,9 @@ _MOST_NEWTON_STEPS = 50
 _CREEP = 1e-9  # a speed on either side of a jump: more than rounding, less than any swing
 _FLAT = 1e-9  # of a matrix's greatest entry: less is none
 Field = Callable[[np.ndarray], np.ndarray]
-"""From a state, z, its velocity and hidden states, to the rates of all but the first."""
+"""Map from a state, z, its velocity and hidden states, to the rates of all but the first."""
 Rates = Callable[..., Sequence[Any]]
-"""From z, its velocity and hidden states to z'' and the rates of the hidden states."""
+"""Map from z, its velocity and hidden states to z'' and the rates of the hidden states."""
 
 _NODES = 256  # of a cycle
 _TURNS = 3  # after which a hidden state is taken to repeat itself

@@ -26,7 +26,7 @@ from reduced_models.jax_setup import jax
 jnp = jax.numpy
 
 Normal = Callable[[np.ndarray], Any]
-"""From search vectors (s, p) to costs (s,), gradients (s, p) and matrices (s, p, p)."""
+"""Map from search vectors (s, p) to costs (s,), gradients (s, p) and matrices (s, p, p)."""
 
 TIE = 1e-7
 """Residuals below this, in amplitudes, are not told apart."""

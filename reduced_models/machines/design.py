@@ -39,7 +39,7 @@ _COARSE = np.linspace(0.6, 1.3, 15)
 """Frequencies over the host's that a candidate is tried at."""
 _DRAGS = (0.05, 0.1, 0.2, 0.3, 0.45, 0.65, 0.9)
 _FRACTIONS = (0.6, 0.8, 1.0)
-"""Of the greatest mass, in the piston."""
+"""Shares of the greatest mass, in the piston."""
 _COUNTS = (276, 368, 460, 552, 736)
 _FILLED = 0.55
 """Most of the cell's area below the piston at rest that grains may take."""

@@ -45,7 +45,7 @@ STEPS_A_PERIOD = 64
 ORDER = 0.5
 """Order of the bed at the start, the hidden state q of its law."""
 SETTLING, MEASURED = 14.0, 0.4
-"""How long a sine acts [s], and the last part of it that counts for the amplitude."""
+"""Duration of a sine [s], and the last part of it that counts for the amplitude."""
 
 
 class LinearSwing(NamedTuple):

@@ -140,7 +140,7 @@ def _noise_gains(smoother: Smoother, count: int) -> np.ndarray:
 
 
 _known_noise_gains = functools.lru_cache(maxsize=64)(_noise_gains)
-"""Of local polynomials on even times, which every fit of a record asks for."""
+"""Noise gains of local polynomials on even times, kept since every fit of a record asks for them."""
 
 
 # Local polynomials -----------------------------------------------------------------------------

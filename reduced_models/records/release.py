@@ -39,7 +39,7 @@ _CHANGED, _ACTS = 0.1, 0.25
 _LASTS = 0.1
 """Part of a record in which a column that drives it is away from its middle."""
 _DRIVES = ("force", "base", "drive", "input")
-"""In names of columns that may drive a motion; others, as a temperature, may drift in a hold."""
+"""Words in names of columns that may drive a motion; others, as a temperature, may drift in a hold."""
 
 
 def cut_at_release(record: PistonRecord) -> PistonRecord:

@@ -16,7 +16,7 @@ KEEP = "to keep them: --between :"
 _LEAST_CLIPPED = 6
 """Samples at a sensor's limit from which on a record is clipped."""
 _RUN = 3
-"""Of these in a row: two may be the same by chance of rounding."""
+"""Least number of equal samples in a row: two may be the same by chance of rounding."""
 _RARE = 4.0
 """Samples at a limit over those of the next number inside, from which on a peak is cut off there."""
 _LEAST_NOISE, _SAME = 1e-4, 0.3

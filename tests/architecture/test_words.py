@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import inspect
 from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -63,15 +65,31 @@ def test_no_private_words() -> None:
     assert not wrong, "\n".join(wrong)
 
 
+def docstrings(tree: ast.AST) -> Iterator[str]:
+    """Docstrings of a file, its classes and functions, and the strings behind assignments."""
+    owners = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module
+    for node in ast.walk(tree):
+        if not isinstance(node, owners):
+            continue
+        yield ast.get_docstring(node) or ""
+        for before, after in pairwise(node.body):
+            text = after.value if isinstance(after, ast.Expr) else None
+            if isinstance(before, ast.Assign | ast.AnnAssign) and isinstance(text, ast.Constant):
+                yield inspect.cleandoc(str(text.value))
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_docstrings_open_with_an_imperative_or_a_noun(package: str) -> None:
-    owners = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module
-    wrong = []
-    for path, tree in trees():
-        if path.parts[0] != package:
-            continue
-        for node in ast.walk(tree):
-            text = ast.get_docstring(node) if isinstance(node, owners) else None
-            if text and text.split()[0].strip(",.:") in OPENINGS:
-                wrong.append(f"{path}: {text.splitlines()[0]}")
-    assert not wrong, "\n".join(wrong)
+    openings = [
+        f"{path}: {text.splitlines()[0]}"
+        for path, tree in trees()
+        if path.parts[0] == package
+        for text in docstrings(tree)
+        if text and text.split()[0].strip(",.:") in OPENINGS
+    ]
+    assert not openings, "\n".join(openings)
+
+
+def test_strings_behind_assignments_are_read() -> None:
+    tree = ast.parse('limit = 3\n"""Of a file."""\nclass A:\n    x: int\n    """How many."""\n')
+    assert set(docstrings(tree)) == {"", "Of a file.", "How many."}
