@@ -61,6 +61,10 @@ def test_rows_say_what_was_measured() -> None:
     assert all(row["seconds"] > 0.0 and row["error"] < 1e-13 for row in ours)
     assert rows[0]["ns per pair"] == pytest.approx(1e9 * rows[0]["seconds"] / (92 * 91 / 2))
     assert {row["sum"]: row["over direct"] for row in rows}["direct sum"] == 1.0
+
+
+@pytest.mark.long  # quick: the rows of direct sums, which are made alike
+def test_rows_of_sums_within_a_radius() -> None:
     near = cut_off_sums(200, rounds=1)
     assert [row["sum"] for row in near][:2] == ["plain Verlet list", "cut-off"]
 

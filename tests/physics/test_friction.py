@@ -16,11 +16,16 @@ MASS = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
 def lone_grain(**changes: object) -> Scene:
     """One grain with a constant load, no other force.
 
-    Gravity and drag are named, of no size, so that the tests that need them share compiled code.
+    Gravity and drag are named, of no size, so that the tests that need them share compiled code, and so
+    are denser grains, of which none is there.
     """
     return load_scene("bed").replace(
         **{
             "grains.count": 1,
+            "grains.species": [
+                {"name": "dense", "diameter": 0.006, "share": 0.1, "density": 16000.0},
+                {"name": "disc", "diameter": 0.006, "share": 0.9},
+            ],
             "effects.dipole": None,
             "effects.walls": None,
             "effects.gravity.acceleration": 0.0,

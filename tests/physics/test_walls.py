@@ -196,16 +196,21 @@ def test_rows_of_discs_beside_the_other_walls() -> None:
 
 
 def walled(law: str, **more: object) -> Scene:
-    """The damper's bed with slabs or other walls on all sides."""
+    """The damper's bed with slabs or other walls on all sides, or a different one on each."""
     more_keys = {"slab": {"length": "75 D"}, "discs": {"pitch": "1.5 D"}}.get(law, {})
     side, level = {"law": law, **more_keys}, {"law": law, **(more_keys if law == "discs" else {})}
-    walls = {"left": side, "right": side, "bottom": level, "top": level}
+    walls: dict[str, object] = {"left": side, "right": side, "bottom": level, "top": level}
+    if law == "each another":
+        slab, row = {"law": "slab", "length": "75 D"}, {"law": "discs", "pitch": "1.5 D"}
+        walls = {"left": "infinite", "right": slab, "bottom": row, "top": "experimental"}
     return load_scene("bed").replace(**{"effects.walls": walls, **more})
 
 
-@pytest.mark.parametrize("law", ["infinite", "slab", "discs"])
+@pytest.mark.parametrize(
+    "law",
+    ["each another", *(pytest.param(law, marks=pytest.mark.long) for law in ("infinite", "slab", "discs"))],
+)
 def test_scene_force_is_minus_gradient(law: str) -> None:
-
     scene = walled(law, **{"effects.dipole": None, "effects.gravity": None})
     positions = scene.initial_positions_and_velocities()[0]
     force = evaluate(scene, positions).force

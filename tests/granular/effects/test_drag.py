@@ -19,7 +19,11 @@ ALIKE = [{**species, "density": None, "thickness": None} for species in DENSE]
 
 
 def apart(species: list[dict[str, Any]], **changes: Any) -> Scene:
-    """Two grains that feel drag alone."""
+    """Two grains that feel drag alone.
+
+    Eddy currents are named, of no size: their tests share compiled code with those that need both.
+    """
+    plate = {"conductivity": 0.0, "thickness": "1 mm", "distance": "4 mm", "mutual": True}
     return load_scene("single-particle").replace(
         **{
             "grains.count": 2,
@@ -29,7 +33,7 @@ def apart(species: list[dict[str, Any]], **changes: Any) -> Scene:
             "arrangement.positions": [[0.6, 0.6], [1.2, 0.9]],
             "arrangement.velocities": [[0.1, -0.05], [0.1, -0.05]],
             "arrangement.height": None,
-            "effects": {"drag": {"coefficient": "0.01 kg/s"}, "dipole": "none"},
+            "effects": {"drag": {"coefficient": "0.01 kg/s"}, "eddy": plate, "dipole": "none"},
             "protocol": [{"kind": "hold", "name": "hold", "duration": 0.1}],
             "output": {"scalars": 1e-3, "frames": 0.1, "record": "none"},
         }
@@ -52,9 +56,9 @@ def test_drag_goes_with_the_area_of_a_face(method: str, coefficient: float) -> N
 
 
 def test_of_one_material_and_thickness_all_have_one_rate() -> None:
-    (law,) = scene_in_natural_units(apart(ALIKE)).constants.acting.laws
+    law = scene_in_natural_units(apart(ALIKE)).constants.acting.laws[0]
     assert (law.kind, law.rates) == (None, None)
-    (law,) = scene_in_natural_units(apart(DENSE)).constants.acting.laws
+    law = scene_in_natural_units(apart(DENSE)).constants.acting.laws[0]
     scales = Scales.from_grains(apart(DENSE).grains)
     rates = 0.01 * np.array([1.0, 4.0 / 9.0]) / apart(DENSE).grains.masses() * scales.time
     assert law.rates.values[law.kind[:2].astype(int)] == pytest.approx(rates)
@@ -65,6 +69,9 @@ def test_dry_friction_takes_the_drag_of_each_grain_along() -> None:
     scene = apart(
         DENSE,
         **{
+            # Gravity, of no size, and no eddy currents: as in the tests of one grain that rubs.
+            "effects.gravity": {"acceleration": 0.0},
+            "effects.eddy": None,
             "effects.friction": {"load": "2 mN", "static": 0.4, "dynamic": 0.3},
             "protocol": [{"kind": "hold", "name": "hold", "duration": 0.02}],
         },
@@ -80,7 +87,11 @@ def test_dry_friction_takes_the_drag_of_each_grain_along() -> None:
 REGULARISED = {"scheme": "regularised", "threshold": "10 mm/s"}
 
 
-@pytest.mark.parametrize("friction", [{}, pytest.param(REGULARISED, marks=pytest.mark.long), None])
+@pytest.mark.parametrize(
+    "friction",
+    # Quick: friction at the walls by the motion of one grain, and small runs in plain Python.
+    [{}, *(pytest.param(one, marks=pytest.mark.long) for one in (REGULARISED, None))],
+)
 def test_ledger_closes_to_second_order(friction: dict[str, Any] | None) -> None:
     rubbing = {"friction": friction} if friction is not None else {}
     scene = load_scene("bed").replace(

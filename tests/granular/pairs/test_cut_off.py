@@ -29,9 +29,9 @@ def scattered(count: int, seed: int) -> np.ndarray:
 
 
 class Bed:
-    """Grains, and room for their sums."""
+    """Grains, and room for their sums; unless otherwise said, those of a mesh's near part."""
 
-    smooth: bool | None = None
+    smooth: bool | None = True
     threaded: bool | None = None
 
     def __init__(self, positions: np.ndarray, radius: float, *, differing: bool) -> None:
@@ -60,7 +60,8 @@ class Bed:
 @pytest.mark.parametrize(
     ("differing", "smooth"),
     [
-        (False, None),
+        # Quick of these: forces of discs, tests/physics/test_discs.py.
+        pytest.param(False, None, marks=pytest.mark.long),
         pytest.param(True, None, marks=pytest.mark.long),
         (True, True),
         pytest.param(False, True, marks=pytest.mark.long),
@@ -90,16 +91,16 @@ def test_sum_is_its_slow_twin_while_grains_move(
 
 
 def test_wide_radius_is_the_direct_sum() -> None:
-    bed = Bed(scattered(200, 2), 1e3, differing=False)
+    bed = Bed(scattered(200, 2), 1e5, differing=True)
     found = bed.sums()[:400].reshape(2, 200)
     fx, fy = np.zeros_like(bed.x), np.zeros_like(bed.x)
-    entry(direct_sum.direct_sum)(GrainArrays(bed.x, bed.y, fx, fy), None, None, None)
+    entry(direct_sum.direct_sum)(GrainArrays(bed.x, bed.y, fx, fy, bed.moments), None, None, None)
     np.testing.assert_allclose(found, np.stack([fx, fy])[:, :200], rtol=1e-11, atol=1e-13)
 
 
 def test_lists_last_while_grains_stay() -> None:
     """They are made again only where a grain has moved by half the skin."""
-    bed = Bed(scattered(150, 4), 6.0, differing=False)
+    bed = Bed(scattered(150, 4), 6.0, differing=True)
     for _ in range(20):
         bed.sums()
     assert bed.stripes.memory[BUILDS] == 1.0
@@ -148,7 +149,7 @@ def test_memory_is_linear() -> None:
 
 
 def test_no_number_gives_no_number() -> None:
-    bed = Bed(scattered(30, 9), 6.0, differing=False)
+    bed = Bed(scattered(30, 9), 6.0, differing=True)
     bed.y[3] = np.nan
     assert np.isnan(bed.sums()[:60]).all()
 

@@ -183,18 +183,19 @@ def test_no_room_and_no_number() -> None:
     bed = Bed(92)
     workspace = bed.workspace()
     bed.y[3] += 1e3
-    assert bed.found(workspace) == 1
+    assert bed.found(workspace, None, bed.weight) == 1
     assert np.isnan(workspace.energy[0])
     bed.y[3] = np.nan
-    assert bed.found(bed.workspace()) == 0
-    arrays = far_arrays(workspace, bed.x, bed.y)
+    assert bed.found(bed.workspace(), None, bed.weight) == 0
+    arrays = far_arrays(workspace, bed.x, bed.y, None, bed.weight)
     assert compute_mesh_far_field(workspace.mesh, workspace, None, 0, arrays, np.arange(1)) == 0
 
 
 def test_one_grain_feels_nothing_but_the_mesh_s_error() -> None:
     x, y = pad_coordinates(np.array([[3.3, 4.4]]))
-    far = far_field_state(FarFieldSettings(RADIUS, (20.0, 20.0), None), x.size, with_loads=False)
-    assert compute_mesh_far_field(far.mesh, far, None, 1, far_arrays(far, x, y), np.arange(1)) == 0
+    far = far_field_state(FarFieldSettings(RADIUS, (20.0, 20.0), None), x.size, with_loads=True)
+    arrays = far_arrays(far, x, y, None, pad_values(np.ones(1)))
+    assert compute_mesh_far_field(far.mesh, far, None, 1, arrays, np.arange(1)) == 0
     neighbour = 0.75 / 1.8**4
     assert np.hypot(far.fx[0], far.fy[0]) < 1e-3 * neighbour
 

@@ -19,13 +19,10 @@ def driven(scene: Scene, *stages: dict[str, object], **changes: object) -> Traje
 
 
 def empty(*stages: dict[str, object], **changes: object) -> Trajectory:
-    """A piston over an empty cell."""
+    """A piston over an empty cell; the effects are those of the packaged damper, which has compiled code."""
     scene = load_scene("damper").replace(
         **{
             "grains.count": 0,
-            "effects.dipole": None,
-            "effects.drag": None,
-            "effects.walls": None,
             "piston.mass": 2.0,
             "protocol": list(stages),
             "output.record": None,
@@ -78,7 +75,8 @@ def test_automatic_step_resolves_the_drive() -> None:
     shaking = {"amplitude": 1e-5, "frequency": 2000.0}
     hold = {"kind": "hold", "name": "hold", "duration": 0.02}
     grain = load_scene("single-particle")
-    run = driven(grain, hold, **{"effects.walls": None, "effects.shaking": shaking})
+    drag = {"coefficient": 0.0}  # of no size: as grains that fall freely elsewhere
+    run = driven(grain, hold, **{"effects.walls": None, "effects.shaking": shaking, "effects.drag": drag})
     assert run.settings()["longest_step"] * 2.0 * math.pi * 2000.0 < 0.11
 
 
@@ -165,6 +163,10 @@ def test_force_that_is_not_reached(small_bed: Scene) -> None:
     assert run.stage("press").height == 5.9 * D
 
 
+BARE = {"effects.dipole": None, "effects.drag": None, "effects.walls": None}
+"""With a resistance of the piston the loop is compiled anew: of as few effects as can be."""
+
+
 def test_free_fall_of_the_piston() -> None:
     run = empty({"kind": "free", "name": "fall", "duration": 0.1})
     time, height = (run.dataset[name].values for name in ("time", "piston_height"))
@@ -186,7 +188,7 @@ def test_push_by_a_force() -> None:
 
 def test_piston_drag() -> None:
     """A falling mass with viscous drag: v = -g (1 - exp(-t/T)) T, T = M/c."""
-    run = empty({"kind": "free", "name": "fall", "duration": 0.1}, **{"piston.drag": 40.0})
+    run = empty({"kind": "free", "name": "fall", "duration": 0.1}, **BARE, **{"piston.drag": 40.0})
     time, speed = (run.dataset[name].values for name in ("time", "piston_velocity"))
     assert speed == pytest.approx(-9.8 * 0.05 * -np.expm1(-time / 0.05), rel=1e-9)
     height = 0.12 - 9.8 * 0.05 * (time + 0.05 * np.expm1(-time / 0.05))
@@ -199,7 +201,7 @@ def test_piston_drag() -> None:
 @pytest.mark.parametrize(("friction", "moves"), [(19.0, True), (20.0, False)])
 def test_piston_friction(friction: float, moves: bool) -> None:
     """Its weight is 19.6 N: below the friction it hangs still, to the last bit."""
-    run = empty({"kind": "free", "name": "fall", "duration": 0.1}, **{"piston.friction": friction})
+    run = empty({"kind": "free", "name": "fall", "duration": 0.1}, **BARE, **{"piston.friction": friction})
     time, height = (run.dataset[name].values for name in ("time", "piston_height"))
     if moves:
         assert height == pytest.approx(0.12 - 0.5 * (9.8 - friction / 2.0) * time**2, rel=1e-6)
@@ -215,6 +217,7 @@ def test_piston_that_is_thrown_up(friction: float) -> None:
     run = empty(
         {"kind": "push", "name": "push", "mean": push, "duration": until},
         {"kind": "free", "name": "flight", "duration": 0.2},
+        **BARE,
         **{"piston.friction": friction},
     )
     rise = (push - weight - friction) / mass
@@ -238,6 +241,7 @@ def test_shaken_cell() -> None:
             "effects.gravity.acceleration": 0.0,
             "effects.walls": None,
             "effects.shaking": {"amplitude": 0.01, "frequency": 20.0, "angle": 0.5},
+            "effects.drag": {"coefficient": 0.0},
             "protocol": [{"kind": "hold", "name": "shake", "duration": 0.1}],
             "output.scalars": 1e-3,
             "output.frames": 1e-3,
