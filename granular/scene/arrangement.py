@@ -15,6 +15,8 @@ GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
 """Keys of the grid, without meaning if positions are given, with their usual values."""
 FEW = 1000
 """Grains whose pairs are all looked at for overlaps."""
+_ROUNDING = 1e-9
+"""By this fraction a pair may seem farther apart than it is."""
 
 
 class Arrangement(Section):
@@ -241,9 +243,13 @@ def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> No
 
 
 def _candidate_pairs(positions: np.ndarray, reach: float, cell: Cell) -> np.ndarray:
-    """Pairs (k, 2) of grains: those within reach, or all of a few grains."""
+    """Pairs (k, 2) of grains within reach; of a few grains those whose places along x are."""
     if len(positions) <= FEW:
-        return np.stack(np.triu_indices(len(positions), 1), axis=1)
+        apart = positions[:, None, 0] - positions[:, 0]
+        if cell.periods is not None:
+            apart -= cell.periods[0] * np.round(apart / cell.periods[0])
+        first, second = np.nonzero(np.abs(apart) <= (1.0 + _ROUNDING) * reach)
+        return np.stack([first, second], axis=1)[first < second]
     from scipy.spatial import cKDTree  # its import takes longer than the checks of a small bed
 
     tree = cKDTree(positions, boxsize=cell.periods)

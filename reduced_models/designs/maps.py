@@ -310,10 +310,15 @@ def _monomial_exponents(degree: int) -> tuple[tuple[int, ...], ...]:
     return tuple(p for p in itertools.product(range(degree + 1), repeat=4) if sum(p) <= degree)
 
 
+@functools.cache
+def _exponents_by_coordinate(degree: int) -> np.ndarray:
+    return np.array(_monomial_exponents(degree)).T
+
+
 def _monomials(coordinates: np.ndarray, degree: int) -> np.ndarray:
     single = np.polynomial.legendre.legvander(coordinates, degree)
-    powers = _monomial_exponents(degree)
-    return np.array([math.prod(single[k, p] for k, p in enumerate(power)) for power in powers])
+    first, second, third, fourth = _exponents_by_coordinate(degree)
+    return np.asarray(single[0, first] * single[1, second] * single[2, third] * single[3, fourth])
 
 
 def _fit_surface(terms: np.ndarray, values: np.ndarray) -> FigureMap:
