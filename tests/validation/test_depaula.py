@@ -51,12 +51,13 @@ def test_the_position_form_is_rounding(coarse: DepaulaStepTest) -> None:
 
 def test_peaks_and_path_are_those_of_the_exact_motion(coarse: DepaulaStepTest) -> None:
     """Four peaks within 2 s, as high as the start; the path is the exact one all along."""
-    problem = bounce.bounce_problem()
+    problem, length = bounce.bounce_problem(), len(coarse.runs[0].path)
+    heights = {k: problem.exact(k * bounce.TIME / length).positions[0, 1] for k in (0, 19, 42, 137)}
     for one in coarse.runs:
         assert len(one.peaks) == 4
         assert np.abs(one.peaks).max() < 1e-8
-        for k in (0, 19, 42, 137):
-            exact = problem.exact(k * bounce.TIME / len(one.path)).positions[0, 1]
+        assert len(one.path) == length
+        for k, exact in heights.items():
             clear = 1e-9 if one.form == COMPENSATED else 1e-5  # rounding of the position form
             assert one.path[k] == pytest.approx(exact, abs=clear)
 

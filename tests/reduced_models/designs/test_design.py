@@ -226,13 +226,13 @@ def test_a_directory_that_cannot_be_made_is_no_missed_design(tmp_path):
 
 
 def test_design_is_met_and_kept(tmp_path):
-    wanted = {"frequency": 3.9, "damping": 0.12, "grains": 184, "seeds": (5,)}
+    wanted = {"frequency": 3.9, "damping": 0.12, "grains": 92, "seeds": (5,)}
     with ThreadPoolExecutor(1) as here:
         found = design(**wanted, out=tmp_path, executor=here, progress=False)
         assert found.frequency == pytest.approx(3.9, rel=FREQUENCY_TOLERANCE)
         assert found.damping_ratio == pytest.approx(0.12, rel=DAMPING_TOLERANCE)
         plain = json.loads((tmp_path / "design.json").read_text())
-        assert plain["damper"]["grains"] == 184
+        assert plain["damper"]["grains"] == 92
         assert "<svg" in (tmp_path / "report.html").read_text()
         again = design(**wanted, out=tmp_path, executor=here, progress=False)
     assert again.to_plain() == found.to_plain()

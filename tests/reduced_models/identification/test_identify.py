@@ -40,12 +40,29 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def identified(lab: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Identification, Path]:
+    """What all laws say of the record, and the directory that holds it."""
+    out = tmp_path_factory.mktemp("identified")
+    return identify(lab, out, progress=False), out
+
+
 def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> None:
-    words = ("--law", "linear", "--law", "duffing", "-o", str(tmp_path / "out"), "--quiet")
+    words = ("--law", "linear", "-o", str(tmp_path / "out"), "--quiet")
     done = command("reduced_models", "identify", str(lab), *words)
     assert done.returncode == 0, done.stderr
     assert "z'' + 2*lam*z' + omega**2*z = g0" in done.stdout
-    page = (tmp_path / "out" / "report.html").read_text()
+    assert "LaTeX:" in (tmp_path / "out" / "equations.txt").read_text()
+    assert (tmp_path / "out" / "report.html").read_text().startswith("<!doctype html>")
+    model = load_model(tmp_path / "out" / "model.json")
+    assert model.law.name == "linear"
+    back = PistonRecord.from_csv(tmp_path / "out" / "record.csv")
+    assert np.array_equal(back.height, PistonRecord.from_csv(lab).height)
+
+
+def test_the_report_of_a_record(identified: tuple[Identification, Path], lab: Path) -> None:
+    out = identified[1]
+    page = (out / "report.html").read_text()
     assert page.startswith("<!doctype html>")
     assert "width=device-width" in page
     assert page.count("<svg") == 5
@@ -54,13 +71,13 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
     assert "quality factor" in page
     assert "scipy " in page[page.index("<footer>") :]
     assert "The laws compared" in page
-    assert "LaTeX:" in (tmp_path / "out" / "equations.txt").read_text()
+    assert "LaTeX:" in (out / "equations.txt").read_text()
     assert page.count("<math") >= 4
     assert not re.search(r"(src|href)=\"http", page)
-    model = load_model(tmp_path / "out" / "model.json")
+    model = load_model(out / "model.json")
     assert model.law.name == "linear"
     assert model.parameters["omega"] == pytest.approx(21.8, rel=1e-3)
-    back = PistonRecord.from_csv(tmp_path / "out" / "record.csv")
+    back = PistonRecord.from_csv(out / "record.csv")
     assert np.array_equal(back.height, PistonRecord.from_csv(lab).height)
 
 
@@ -293,8 +310,8 @@ def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:
     assert "step" not in found.figure("natural frequency").parts
 
 
-def test_verdict_calls_equals_equal(lab: Path) -> None:
-    found = identify(lab, progress=False)
+def test_verdict_calls_equals_equal(identified: tuple[Identification, Path]) -> None:
+    found = identified[0]
     assert found.best.law.name == "linear"
     assert "the data cannot tell duffing from it" in found.verdict
     names = {row.name for row in found.comparison.rows}

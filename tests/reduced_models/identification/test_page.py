@@ -24,19 +24,13 @@ HOSTILE = (
     "$",
     "$$x$$",
     "_hidden",
-    "<script>alert(1)</script>",
-    '"><img src=x>',
-    "a&b",
+    "<script>alert(1)</script>]]>-->",
+    '"><img src=x>a&b',
     "\x1b[31mred",
-    "\x00",
-    "]]>",
-    "-->",
+    "\x00\n\n",
     "x" * 4000,
-    "\u202etxt.exe",
-    "\\",
-    "%s{}",
-    "\n\n",
-    "\ud800",
+    "\u202etxt.exe\\",
+    "%s{}\ud800",
     "λ" * 50,
 )
 
@@ -60,7 +54,7 @@ def found(names: tuple[str, ...]) -> Identification:
 
 def test_as_many_laws_as_there_are() -> None:
     """Nine laws of the package, and some of one's own: every line looks different."""
-    names = (*LAWS, "own", "another", "a third")
+    names = (*list(LAWS)[:9], "own", "another", "a third")
     page = found(names).page().to_html()
     for name in names:
         assert f"<h2>{name}" in page
