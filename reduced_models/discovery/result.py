@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 _NEIGHBOURS = 4
 """Candidates shown on either side of the chosen one."""
+_COLUMNS = 100
+"""Width of a line of words."""
 _EQUATION_COLUMNS = 82
 """Greatest number shown of candidates that were not chosen."""
 
@@ -164,10 +166,11 @@ class Discovery:
             f"{name}: {fraction:.2f}" for name, fraction in self.inclusion_fractions.items()
         )
         if fractions:
-            lines.append(f"  needed in this fraction of resampled records: {fractions}")
+            lines += _wrap(f"  needed in this fraction of resampled records: {fractions}")
         increases = ", ".join(f"{name}: {price:.3g}" for name, price in self.criterion_increases.items())
         if increases:
-            lines.append(f"  the criterion rises by so much without each term (10 is decisive): {increases}")
+            words = "the Bayesian information criterion rises by so much without each term"
+            lines += [f"  {words} (10 is decisive):", *_wrap(f"    {increases}")]
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 
@@ -221,3 +224,7 @@ def pareto_front(candidates: list[CandidateEquation]) -> list[CandidateEquation]
         if math.isfinite(candidate.error) and (not front or candidate.error < front[-1].error):
             front.append(candidate)
     return front
+
+
+def _wrap(words: str) -> list[str]:
+    return textwrap.wrap(words, _COLUMNS, subsequent_indent="    ", break_long_words=False)

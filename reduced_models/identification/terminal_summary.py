@@ -97,15 +97,20 @@ def _equation_lines(result: Identification) -> list[str]:
         for name, value in model.parameters.items()
     ]
     return [
-        _shorten_line(f"{choice} is {model.law.name}, where {meaning} and ' the rate of change:"),
+        *_wrap_in_two_lines(f"{choice} is {model.law.name}, where {meaning} and ' the rate of change:", ""),
         *_wrap_in_two_lines(model.law.equation),
         *_wrap_in_two_lines("with " + ", ".join(value.removesuffix(" 1") for value in values)),
     ]
 
 
-def _wrap_in_two_lines(words: str) -> list[str]:
+def _wrap_in_two_lines(words: str, indent: str = "  ") -> list[str]:
     return textwrap.wrap(
-        words, COLUMNS, initial_indent="  ", subsequent_indent="    ", max_lines=2, placeholder=" ..."
+        words,
+        COLUMNS,
+        initial_indent=indent,
+        subsequent_indent=indent + "  ",
+        max_lines=2,
+        placeholder=" ...",
     )
 
 

@@ -446,7 +446,7 @@ class ReducedModel(FittedLaw):
     def __str__(self) -> str:
         lines, digits = [f"{self.law.name}: {self.law.equation}"], max(5, self.printed_digits)
         if self.law.mapped:
-            lines.append(f"  {self.map_text(digits)}" + ("" if self.map.fitted else " (given)"))
+            lines.append(f"  {self.map_text(digits)}" + ("" if self.map.fitted else " (fixed in the fit)"))
         motion = "" if self.law.mapped else f"z is the {self.coordinate} in {self.unit}, "
         level = f"{100.0 * self.confidence:.3g} % intervals"
         lines.append(f"  {motion}' the rate of change; in brackets {level}")
