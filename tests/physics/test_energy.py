@@ -77,7 +77,8 @@ def test_drag_only_takes(small_bed: Scene) -> None:
 
 def test_work_at_a_lift_is_the_change_of_energy(small_damper: Scene) -> None:
     """A nudge does work on the piston's weight and on the wall energy, and the ledger sees it."""
-    scene = small_damper.replace(**{"protocol.release.duration": 0.05})
+    # In more drag it rests sooner.
+    scene = small_damper.replace(**{"protocol.release.duration": 0.05, "effects.drag.coefficient": 0.5})
     run = simulate(scene, dt=2e-5, progress=False)
     data = run.dataset
     work, stage = data["work"].values, data["stage"].values

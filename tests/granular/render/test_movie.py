@@ -22,12 +22,12 @@ from granular.shared.errors import InputError
 
 @pytest.fixture(scope="module")
 def short(run: Trajectory) -> Trajectory:
-    """Twelve frames, of which five lie in the second stage."""
+    """Seven frames, of which three lie in the second stage."""
     stages = (
-        dataclasses.replace(run.stages[0], end=0.0034),
-        dataclasses.replace(run.stages[1], start=0.0034, end=0.0056),
+        dataclasses.replace(run.stages[0], end=0.0019),
+        dataclasses.replace(run.stages[1], start=0.0019, end=0.0031),
     )
-    data = run.dataset.isel(frame=slice(0, 12))
+    data = run.dataset.isel(frame=slice(0, 7))
     return dataclasses.replace(run, dataset=data, stages=stages)
 
 
@@ -49,8 +49,8 @@ def pictures(path: Path) -> list[np.ndarray]:
 def test_a_picture_a_frame(short: Trajectory, tmp_path: Path, ending: str) -> None:
     path = movie(short, tmp_path / f"bed.{ending}", fps=10.0, speed=None, progress=False)
     found = pictures(path)
-    assert len(found) == 12
-    top, total_duration = highest_point_of_bed(short, iterate_frames(short)), (0.0, 0.0055)
+    assert len(found) == 7
+    top, total_duration = highest_point_of_bed(short, iterate_frames(short)), (0.0, 0.003)
     picture = BedPicture(short, "species", (0.0, 1.0), top, total_duration)
     for frame, image in zip(iterate_frames(short), found, strict=True):
         picture.show_frame(frame)
@@ -63,7 +63,7 @@ def test_a_picture_a_frame(short: Trajectory, tmp_path: Path, ending: str) -> No
 def test_plays_in_the_wanted_time(short: Trajectory, tmp_path: Path) -> None:
     path = movie(short, tmp_path / "bed.mp4", fps=8.0, speed=None, progress=False)
     count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
-    assert (count, seconds) == (12, pytest.approx(1.5, abs=0.02))
+    assert (count, seconds) == (7, pytest.approx(0.875, abs=0.02))
     with Image.open(movie(short, tmp_path / "bed.gif", fps=8.0, speed=None, progress=False)) as file:
         assert file.info["duration"] == pytest.approx(125.0, abs=10.0)
 
@@ -78,7 +78,7 @@ def test_width_in_pixels(short: Trajectory, tmp_path: Path, ending: str) -> None
 
 def test_stage_alone(short: Trajectory, tmp_path: Path) -> None:
     path = movie(short, tmp_path / "bed.gif", stage="compress", speed=None, progress=False)
-    assert len(pictures(path)) == 5  # 0.0035, 0.004 ... 0.0055 s
+    assert len(pictures(path)) == 3  # 0.002, 0.0025, 0.003 s
     with pytest.raises(InputError, match="unknown stage"):
         movie(short, tmp_path / "more.gif", stage="expand", progress=False)
 
@@ -91,15 +91,15 @@ def test_ctrl_c_keeps_what_was_made(
 
     def interrupted(self: BedPicture, frame: BedFrame) -> None:
         shown.append(frame)
-        if len(shown) == 5:
+        if len(shown) == 4:
             os.kill(os.getpid(), signal.SIGINT)
         show(self, frame)
 
     monkeypatch.setattr(BedPicture, "show_frame", interrupted)
     path = tmp_path / f"bed.{ending}"
-    with pytest.warns(UserWarning, match="holds the 5 pictures of 12 made"), pytest.raises(KeyboardInterrupt):
+    with pytest.warns(UserWarning, match="holds the 4 pictures of 7 made"), pytest.raises(KeyboardInterrupt):
         movie(short, path, speed=None, progress=False)
-    assert len(pictures(path)) == 5
+    assert len(pictures(path)) == 4
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
 
 
@@ -116,7 +116,7 @@ def test_ctrl_c_after_the_last_picture_is_not_lost(
     monkeypatch.setattr(os, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
         movie(short, path, speed=None, progress=False)
-    assert len(pictures(path)) == 12
+    assert len(pictures(path)) == 7
 
 
 def test_colours_are_the_same_all_along(short: Trajectory, tmp_path: Path) -> None:
@@ -155,8 +155,8 @@ def test_real_time_is_the_default(swing: Trajectory, tmp_path: Path) -> None:
     path = movie(swing, tmp_path / "bed.mp4", progress=False)
     count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
     assert (count, seconds) == (26, pytest.approx(1.04, abs=0.02))
-    slow = movie(swing, tmp_path / "slow.mp4", speed=0.5, progress=False)
-    assert imageio_ffmpeg.count_frames_and_secs(str(slow))[0] == 51
+    slow = movie(swing, tmp_path / "slow.mp4", fps=5.0, speed=0.5, progress=False)
+    assert imageio_ffmpeg.count_frames_and_secs(str(slow))[0] == 11
 
 
 def test_grains_between_frames_are_where_they_swing(swing: Trajectory) -> None:

@@ -189,7 +189,8 @@ def test_a_run_is_at_home_in_xarray_and_pandas(scene: Scene, tmp_path: Path) -> 
 
 def test_rest_is_detected(small_damper: Scene) -> None:
     """At the end of the drop the piston's weight is borne by the grains."""
-    scene = small_damper.replace(**{"protocol.release.duration": 0.01})
+    # In more drag it rests sooner.
+    scene = small_damper.replace(**{"protocol.release.duration": 0.01, "effects.drag.coefficient": 0.5})
     run = simulate(scene, progress=False)
     drop = run.stage("drop")
     assert drop.reason == "rest"

@@ -7,7 +7,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular import bidisperse, damper, load_scene, mono_bed
@@ -91,6 +91,7 @@ def test_rule_of_the_source_by_its_own_examples() -> None:
     assert species(0.5) == [0, 1, 0, 1, 0, 1]
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.floats(0.0, 1.0), st.integers(1, 60))
 def test_interspersed_rule_is_exact_and_even(fraction: float, count: int) -> None:
     grains = bidisperse(0.6, fraction).replace(**{"grains.count": count}).grains
@@ -103,6 +104,7 @@ def test_interspersed_rule_is_exact_and_even(fraction: float, count: int) -> Non
     assert np.abs(prefix - even).max() <= 1.0 + 1e-9
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(st.floats(0.2, 1.0), st.integers(1, 9)), min_size=1, max_size=5))
 def test_final_height_keeps_the_packing(kinds: list[tuple[float, int]]) -> None:
     total = sum(weight for _, weight in kinds)

@@ -95,7 +95,7 @@ def test_dots_that_are_no_keys() -> None:
 
 def test_two_times_ten_thousand_columns(tmp_path: Path) -> None:
     names = ["time", "height", *(f"c{k}" for k in range(20_000))]
-    lines = [",".join(names), *(",".join([str(k)] * len(names)) for k in range(20))]
+    lines = [",".join(names), *(",".join([str(k)] * len(names)) for k in range(6))]
     path = tmp_path / "wide.csv"
     path.write_text("\n".join(lines))
     assert len(PistonRecord.from_csv(path).extra) == 20_000

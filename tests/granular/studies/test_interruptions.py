@@ -34,12 +34,9 @@ ACCELERATIONS = [1.0, 2.0, 3.0, 4.0, 5.0]
 
 
 def falling(duration: float = 0.01) -> Scene:
-    """A grain that falls without walls: a case takes milliseconds."""
+    """A grain that falls: a case takes milliseconds."""
     return load_scene("single-particle").replace(
         **{
-            "effects.walls": None,
-            "effects.dipole": None,
-            "effects.drag": None,
             "protocol": [{"kind": "hold", "name": "fall", "duration": duration}],
             "output.scalars": 1e-3,
             "output.frames": 1e-2,
