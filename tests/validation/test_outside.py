@@ -27,8 +27,14 @@ def test_forces_are_those_of_the_toolkit(small_bed: Scene) -> None:
     assert motion * begin.scales.force == pytest.approx(force, rel=1e-11, abs=1e-18)
 
 
-@pytest.mark.parametrize("name", ORDERS)
-@pytest.mark.parametrize("problem", ["oscillation", "scattering", "drag"])
+@pytest.mark.parametrize(
+    ("problem", "name"),
+    [
+        pytest.param(problem, name, marks=pytest.mark.long if (place + number) % 2 else ())
+        for place, problem in enumerate(("oscillation", "scattering", "drag"))
+        for number, name in enumerate(ORDERS)
+    ],
+)
 def test_equal_steps_reach_the_exact_motion(name: str, problem: str) -> None:
     one = exact_problem(problem)
     exact = one.exact(one.time)

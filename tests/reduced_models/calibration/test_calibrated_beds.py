@@ -58,7 +58,7 @@ def test_simulations_run_where_they_are_told_to(tmp_path: Path) -> None:
         found = calibrate(
             record,
             load_scene("damper"),
-            seeds=3,
+            seeds=2,
             executor=Springs(),
             out=tmp_path,
             checks=False,

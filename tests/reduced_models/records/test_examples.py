@@ -73,11 +73,15 @@ def test_a_written_description_holds_the_calibration(
     assert np.array_equal(again.height, first.height)
 
 
-def test_a_pendulum_and_a_driven_mass(lab: Path) -> None:
+@pytest.mark.long  # quick: a real pendulum, below
+def test_a_pendulum(lab: Path) -> None:
     law = "a'' + 2*lam*a' + k*sin(a - rest) = 0"
     pendulum = fit(read_record(lab / "encoder.toml"), law, starts=2)
     assert pendulum.parameters["k"] == pytest.approx(30.0, rel=1e-3)
     assert pendulum.parameters["lam"] == pytest.approx(0.05, rel=0.01)
+
+
+def test_a_driven_mass(lab: Path) -> None:
     driven = fit(read_record(lab / "driven.toml"), "z'' + 2*lam*z' + k*(z - rest) = force/m", starts=2)
     assert driven.parameters["m"] == pytest.approx(7.5, rel=2e-3)
     assert driven.parameters["k"] == pytest.approx((2.0 * np.pi * 4.1) ** 2, rel=1e-3)
