@@ -42,6 +42,7 @@ _WINDOWS_IN_MEMORY = 2**16  # samples of windows, in memory
 _CROWDED = 1e-13  # fraction of the greatest eigenvalue, below which there is nothing but rounding
 
 Smoother = Callable[[np.ndarray], np.ndarray]
+"""Heights (m, n) of m records of the same times to height, velocity and acceleration (m, 3, n)."""
 
 
 class DerivativeNoise(NamedTuple):
@@ -119,7 +120,7 @@ def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay
         "finite-differences": _choose_central_differences,
     }
     smoother, width = choose[method](time, height, sigma)
-    smooth, velocity, acceleration = smoother(height)
+    smooth, velocity, acceleration = smoother(height[None])[0]
     left = _noise_of_derivatives(smoother, len(time), sigma)
     return Derivatives(method, time, smooth, velocity, acceleration, width, sigma, left)
 
@@ -135,7 +136,8 @@ def _noise_gains(smoother: Smoother, count: int) -> np.ndarray:
     random = np.random.default_rng(0)
     probes = max(1, _PROBE_SAMPLES // count)
     inner = slice(count // 4, count - count // 4)
-    squares = [(smoother(random.normal(size=count))[:, inner] ** 2).mean(1) for _ in range(probes)]
+    smoothed = smoother(random.normal(size=(probes, count)))
+    squares = [(outputs[:, inner] ** 2).mean(1) for outputs in smoothed]
     return np.asarray(np.sqrt(np.mean(squares, axis=0)))
 
 
@@ -152,7 +154,7 @@ def _choose_local_polynomials(time: np.ndarray, height: np.ndarray, sigma: float
     def smooth(window: int) -> np.ndarray:
         if even:
             return _SavitzkyGolayFilter(step, window).filter_heights(height, 0)
-        return _polynomials_at_uneven_times(height, time, window)[0]
+        return np.asarray(_polynomials_at_uneven_times(height[None], time, window)[0, 0])
 
     longest = max(_LEAST_WINDOW, (len(time) // 3) | 1)
     chosen = _LEAST_WINDOW
@@ -205,8 +207,8 @@ class _SavitzkyGolayFilter:
     step: float
     window: int
 
-    def __call__(self, height: np.ndarray) -> np.ndarray:
-        return np.stack([self.filter_heights(height, order) for order in range(3)])
+    def __call__(self, heights: np.ndarray) -> np.ndarray:
+        return np.stack([self.filter_heights(heights, order) for order in range(3)], axis=1)
 
     def filter_heights(self, height: np.ndarray, order: int) -> np.ndarray:
         """Heights, or a derivative of theirs."""
@@ -216,10 +218,10 @@ class _SavitzkyGolayFilter:
         return np.asarray(result)
 
 
-def _polynomials_at_uneven_times(height: np.ndarray, time: np.ndarray, window: int) -> np.ndarray:
+def _polynomials_at_uneven_times(heights: np.ndarray, time: np.ndarray, window: int) -> np.ndarray:
     count = len(time)
     first = np.clip(np.arange(count) - window // 2, 0, count - window)
-    out = np.empty((3, count))
+    out = np.empty((len(heights), 3, count))
     for start in range(0, count, _BATCH):
         here = np.arange(start, min(start + _BATCH, count))
         inside = first[here, None] + np.arange(window)
@@ -227,9 +229,10 @@ def _polynomials_at_uneven_times(height: np.ndarray, time: np.ndarray, window: i
         reach = np.abs(away).max(axis=1)
         powers = (away / reach[:, None])[:, :, None] ** np.arange(_DEGREE + 1)
         basis, triangle = np.linalg.qr(powers)
-        projected = np.einsum("nwp,nw->np", basis, height[inside])
-        result = np.linalg.solve(triangle, projected[:, :, None])[:, :, 0]
-        out[:, here] = result[:, 0], result[:, 1] / reach, 2.0 * result[:, 2] / reach**2
+        for k, height in enumerate(heights):
+            projected = np.einsum("nwp,nw->np", basis, height[inside])
+            result = np.linalg.solve(triangle, projected[:, :, None])[:, :, 0]
+            out[k][:, here] = result[:, 0], result[:, 1] / reach, 2.0 * result[:, 2] / reach**2
     return out
 
 
@@ -242,20 +245,23 @@ def _choose_smoothing_spline(time: np.ndarray, height: np.ndarray, sigma: float)
     low, high = -2.0, 4.0 * np.log10(len(time))
     for _ in range(30):
         middle = 0.5 * (low + high)
-        left = height - _spline_and_derivatives(height, time, 10.0**middle * step**3)[0]
+        left = height - _splines_and_derivatives(height[None], time, 10.0**middle * step**3)[0, 0]
         if (left**2).mean() > sigma**2:
             high = middle
         else:
             low = middle
-    smoother = functools.partial(_spline_and_derivatives, time=time, penalty=10.0**low * step**3)
+    smoother = functools.partial(_splines_and_derivatives, time=time, penalty=10.0**low * step**3)
     return smoother, 2.0 * np.pi * step * 10.0 ** (low / 4.0)
 
 
-def _spline_and_derivatives(height: np.ndarray, time: np.ndarray, penalty: float) -> np.ndarray:
+def _splines_and_derivatives(heights: np.ndarray, time: np.ndarray, penalty: float) -> np.ndarray:
     from scipy.interpolate import make_smoothing_spline
 
-    spline = make_smoothing_spline(time, height, lam=penalty)
-    return np.stack([spline(time), spline.derivative()(time), spline.derivative(2)(time)])
+    result = []
+    for height in heights:
+        spline = make_smoothing_spline(time, height, lam=penalty)
+        result.append([spline(time), spline.derivative()(time), spline.derivative(2)(time)])
+    return np.stack(result)
 
 
 def _choose_central_differences(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
@@ -263,10 +269,13 @@ def _choose_central_differences(time: np.ndarray, height: np.ndarray, sigma: flo
     return functools.partial(_central_differences, time=time), 2.0 * step
 
 
-def _central_differences(height: np.ndarray, time: np.ndarray) -> np.ndarray:
-    slopes = np.diff(height) / np.diff(time)
-    bends = 2.0 * np.diff(slopes) / (time[2:] - time[:-2])
-    return np.stack([height, np.gradient(height, time), np.pad(bends, 1, mode="edge")])
+def _central_differences(heights: np.ndarray, time: np.ndarray) -> np.ndarray:
+    result = []
+    for height in heights:
+        slopes = np.diff(height) / np.diff(time)
+        bends = 2.0 * np.diff(slopes) / (time[2:] - time[:-2])
+        result.append([height, np.gradient(height, time), np.pad(bends, 1, mode="edge")])
+    return np.stack(result)
 
 
 def fit_local_cubics(

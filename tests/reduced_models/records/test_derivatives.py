@@ -60,7 +60,8 @@ def test_the_noise_figure_of_the_spline_is_the_scatter_of_records() -> None:
     height = noisy(TIME, 1e-4).height
     smoother, _ = _choose_smoothing_spline(TIME, height, 1e-4)
     figures = _noise_of_derivatives(smoother, len(TIME), 1e-4)
-    found = [smoother(noisy(TIME, 1e-4, seed).height)[:, INNER] for seed in range(1, 13)]
+    heights = np.stack([noisy(TIME, 1e-4, seed).height for seed in range(1, 13)])
+    found = smoother(heights)[:, :, INNER]
     scatter = np.sqrt((np.std(found, axis=0, ddof=1) ** 2).mean(axis=1))
     assert scatter == pytest.approx(np.array(figures), rel=0.1)
 
@@ -93,8 +94,8 @@ def test_even_and_uneven_fits_are_the_same() -> None:
     from reduced_models.records.derivatives import _polynomials_at_uneven_times, _SavitzkyGolayFilter
 
     record = noisy(TIME, 1e-4)
-    even = _SavitzkyGolayFilter(float(TIME[-1] - TIME[0]) / (len(TIME) - 1), 41)(record.height)
-    uneven = _polynomials_at_uneven_times(record.height, TIME, 41)
+    even = _SavitzkyGolayFilter(float(TIME[-1] - TIME[0]) / (len(TIME) - 1), 41)(record.height[None])[0]
+    uneven = _polynomials_at_uneven_times(record.height[None], TIME, 41)[0]
     np.testing.assert_allclose(uneven[:, 25:-25], even[:, 25:-25], rtol=1e-6, atol=1e-8)
 
 
