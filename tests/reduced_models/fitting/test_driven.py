@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
+from granular.shared.errors import InputError, RecordError
 from reduced_models import Law, fit, load_model
 from reduced_models.laws.solution import solve_law
 from reduced_models.least_squares.samples import grid_over_record
@@ -80,15 +81,19 @@ def test_the_interpolation_is_chosen_by_what_is_held_out(tmp_path: Path) -> None
     """A motion under a held input is that of a held input; the model remembers it."""
     random = np.random.default_rng(1)
     record = PistonRecord(TIME, motion("previous") + random.normal(0.0, 1e-3, 2000), force=force())
-    model = fit(record, LAW.equation)
+    model = fit(record, LAW.equation, starts=1)
     assert model.input_interpolation == "previous"
     assert model.quality.residual == pytest.approx(1e-3, rel=0.06)
     for name, value in TRUE.items():
         low, high = model.intervals[name]
         assert abs(model.parameters[name] - value) < high - low
-    given = fit(record, LAW.equation, input_interpolation="linear")
+    given = fit(record, LAW.equation, input_interpolation="linear", starts=1)
     assert given.quality.residual > 5e-3
     model.save(tmp_path / "model.json")
     back = load_model(tmp_path / "model.json")
     np.testing.assert_array_equal(back.simulate_record(record).height, model.simulate_record(record).height)
     np.testing.assert_allclose(model.simulate_record(record).height + model.residuals(record), record.height)
+    with pytest.raises(InputError, match="has the input 'force'; give inputs"):
+        back.simulate(TIME)
+    with pytest.raises(RecordError, match="no column of that name; found: none"):
+        fit(PistonRecord(TIME, record.height), LAW)

@@ -15,6 +15,7 @@ from granular.shared.errors import InputError
 from reduced_models import ReducedModel, fit
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates
+from tests.reduced_models.models.test_printed_equation import assert_memory_as_printed
 
 TRUE = {"omega": 1.05, "friction": 0.5, "rho": 1.0, "sigma": 0.8, "g0": -1.0}
 TIME = np.linspace(0.0, 55.0, 2750)
@@ -48,6 +49,7 @@ def integer() -> PistonRecord:
     return PistonRecord(TIME, motion()[0] + noise)
 
 
+@functools.cache
 def check(law: str) -> ReducedModel:
     record = integer()
     before, after = record.between(0.0, CUT), record.between(CUT, TIME[-1])
@@ -66,6 +68,31 @@ def test_hidden_states_follow_from_what_was_before() -> None:
     late = integer().between(CUT, TIME[-1])
     still = dataclasses.replace(model, hidden={}).simulate(late.time - late.time[0]).height
     assert np.abs(still - late.height).max() > 10.0 * NOISE
+
+
+def test_a_hysteresis_loop_has_the_work_of_its_force() -> None:
+    """Energy of a Bouc-Wen cycle, by another solver, and the ends of its loop."""
+    from scipy.integrate import solve_ivp
+
+    model = check("bouc-wen")
+    friction, rho, sigma = (model.parameters[key] for key in ("friction", "rho", "sigma"))
+    size, omega = 6.0, 0.7
+
+    def rates(t: float, state: np.ndarray) -> list[float]:
+        w, v = state[0], -size * omega * np.sin(omega * t)
+        return [rho * (v - sigma * abs(v) * abs(w) * w + (sigma - 1.0) * v * w**2), friction * w * v]
+
+    period = 2.0 * np.pi / omega
+    times = [0.0, 3.0 * period, 4.0 * period]
+    work = solve_ivp(rates, (0, times[-1]), [0, 0], rtol=1e-9, atol=1e-10, t_eval=times).y[1]
+    loop = model.harmonic_cycle(size, omega)
+    assert loop.energy == pytest.approx(work[2] - work[1], rel=2e-3)
+    assert 0.5 < loop.energy / (4.0 * friction * size) < 1.0
+    assert model.harmonic_cycle(size, 2.0 * omega).energy == pytest.approx(loop.energy, rel=1e-9)
+
+
+def test_its_printed_parameters_are_those_of_its_swing() -> None:
+    assert_memory_as_printed(check("bouc-wen"))
 
 
 @pytest.mark.long

@@ -131,7 +131,7 @@ def test_inputs_stand_behind_the_time() -> None:
     height = lsim(([0.5], [1.0, 0.4, 16.0]), force, time)[1]
     table = np.column_stack([time, force])
     law = "z'' + c*z' + k*z = force/m"
-    estimator = LawEstimator(law, starts=2, test_fraction=0.0, inputs=("force",))
+    estimator = LawEstimator(law, starts=1, test_fraction=0.0, inputs=("force",))
     estimator.fit(table[:250], height[:250])
     assert estimator.n_features_in_ == 2
     assert estimator.model_.parameters["m"] == pytest.approx(2.0, rel=1e-3)

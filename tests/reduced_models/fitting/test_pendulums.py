@@ -14,8 +14,6 @@ from reduced_models import fit
 
 LAW = "theta'' + 2*lam*theta' + k*sin(theta - rest) = 0"
 COUNT = 20
-SHORT = (18,)
-"""One that compiles little: a large swing, over 15 periods."""
 
 
 class Pendulum(NamedTuple):
@@ -52,7 +50,9 @@ def pendulum(place: int) -> Pendulum:
     return Pendulum(PistonRecord(time, height), k, rest, noise)
 
 
-def check(place: int) -> None:
+@pytest.mark.long  # quick: the pendulum of `test_words`
+@pytest.mark.parametrize("place", range(COUNT))
+def test_all_records(place: int) -> None:
     made = pendulum(place)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a rare draw of white noise that looks structured
@@ -62,14 +62,3 @@ def check(place: int) -> None:
     assert -math.pi < model.parameters["rest"] <= math.pi
     assert model.parameters["rest"] == pytest.approx(made.rest, abs=0.01)
     assert model.quality.residual < 1.1 * made.noise
-
-
-@pytest.mark.parametrize("place", SHORT)
-def test_short_records(place: int) -> None:
-    check(place)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("place", [place for place in range(COUNT) if place not in SHORT])
-def test_all_records(place: int) -> None:
-    check(place)

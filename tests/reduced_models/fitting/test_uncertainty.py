@@ -59,7 +59,7 @@ def test_a_start_that_the_motion_forgets_at_once_takes_no_information() -> None:
 
 
 @pytest.mark.parametrize(
-    "how", [*(pytest.param(how, marks=pytest.mark.long) for how in ("linear", "bootstrap")), "profile"]
+    "how", ["linear", *(pytest.param(how, marks=pytest.mark.long) for how in ("bootstrap", "profile"))]
 )
 def test_intervals_of_a_product_that_alone_matters_stay_open(
     monkeypatch: pytest.MonkeyPatch, how: str
@@ -69,7 +69,7 @@ def test_intervals_of_a_product_that_alone_matters_stay_open(
     noise = np.random.default_rng(0).normal(0.0, 0.005, 300)
     record = PistonRecord(time, np.exp(-0.05 * time) * np.cos(1.05 * time) + noise)
     law = "z'' + c*z' + a*b*z = 0"
-    model = fit(record, law, intervals=how, starts=2, test_fraction=0.0)
+    model = fit(record, law, intervals=how, starts=1, test_fraction=0.0)
     for name in ("a", "b"):
         low, high = model.intervals[name]
         assert high - low > 100.0 * abs(model.parameters[name])

@@ -12,7 +12,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import Law, compare, fit
+from reduced_models import Law, ReducedModel, compare, fit
 from reduced_models.fitting.fit import resolve_law
 from reduced_models.laws.law import law_from_text
 from reduced_models.laws.solution import solve_law
@@ -63,22 +63,37 @@ def test_a_search_starts_within_bounds_on_the_other_sign() -> None:
     assert model.quality.converged >= 8
 
 
+def fitted_pendulum(**options: Any) -> ReducedModel:
+    """The fit of a pendulum, which finds it."""
+    model = fit(pendulum(), PENDULUM, **options)
+    assert model.parameters["k"] == pytest.approx(9.0, rel=1e-3)
+    assert model.parameters["rest"] == pytest.approx(0.2, abs=2e-3)
+    assert model.quality.residual == pytest.approx(0.005, rel=0.05)
+    return model
+
+
+POSITIVE: dict[str, Any] = {"positive": ["k", "lam"]}
+HELD: dict[str, Any] = POSITIVE | {"fix": {"lam": 0.03}, "bounds": {"k": (1.0, None)}, "initial": "free"}
+
+
 def test_a_pendulum_as_it_is_written() -> None:
-    record = pendulum()
-    for options in ({}, {"start": {"k": -8.0, "rest": 3.0}}, {"positive": ["k", "lam"]}):
-        model = fit(record, PENDULUM, **options)
-        assert model.parameters["k"] == pytest.approx(9.0, rel=1e-3)
-        assert model.parameters["rest"] == pytest.approx(0.2, abs=2e-3)
-        assert model.quality.residual == pytest.approx(0.005, rel=0.05)
-    held = fit(record, PENDULUM, fix={"lam": 0.03}, bounds={"k": (0.0, None)}, initial="free")
+    model = fitted_pendulum(**POSITIVE)
+    held = fitted_pendulum(**HELD)
     assert held.parameters["lam"] == pytest.approx(0.03, rel=1e-12)
     assert held.intervals["lam"] == pytest.approx((0.03, 0.03), rel=1e-12)
     free = np.diff(model.intervals["k"])[0]
     assert np.diff(held.intervals["k"])[0] < 1.01 * free
     assert "lam = 0.03 given" in held.provenance["fit"]
-    again = fit(record, PENDULUM, fix={"lam": 0.03}, bounds={"k": (0.0, None)}, initial="free", seed=2)
+    assert held.quality.converged >= 8
+
+
+@pytest.mark.long  # quick: a start that is given in `test_search`, the rest above
+def test_a_pendulum_from_other_starts() -> None:
+    for options in ({}, {"start": {"k": -8.0, "rest": 3.0}}):
+        fitted_pendulum(**options)
+    held, again = (fitted_pendulum(**HELD, seed=seed) for seed in (0, 2))
     assert again.parameters["k"] == pytest.approx(held.parameters["k"], rel=1e-6)
-    assert min(held.quality.converged, again.quality.converged) >= 8  # whatever the random starts
+    assert again.quality.converged >= 8  # whatever the random starts
 
 
 def test_the_time_in_a_law() -> None:
@@ -87,7 +102,7 @@ def test_the_time_in_a_law() -> None:
     assert law.inputs == ("t",)
     assert law.parameters == ("c", "k", "a")
     found = solve_law(law, TIME, 1.0, 0.0, (0.2, 1.1, 0.05), 1.0, [TIME])
-    model = fit(PistonRecord(TIME + 100.0, found.z), law.equation)
+    model = fit(PistonRecord(TIME + 100.0, found.z), law.equation, starts=1)
     for name, value in (("c", 0.2), ("k", 1.1), ("a", 0.05)):
         assert model.parameters[name] == pytest.approx(value, rel=1e-5)
     later = model.simulate(np.linspace(0.0, 60.0, 300))
@@ -239,5 +254,5 @@ def test_a_given_start_is_kept_in_its_units() -> None:
     time = np.linspace(0.0, 6.0, 1500)
     swing = 1.2e-3 * np.exp(-0.8 * time) * np.sin(21.8 * time)
     record = PistonRecord(time, 0.059 + swing)
-    model = fit(record, "linear", initial={"height": 0.059, "velocity": 0.026}, starts=4)
+    model = fit(record, "linear", initial={"height": 0.059, "velocity": 0.026}, starts=1)
     assert model.initial == pytest.approx((0.059, 0.026), rel=1e-12)

@@ -34,6 +34,8 @@ from tests.reduced_models.models.test_exports import LAWS, TIMES, close, model_o
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
 needs_fmpy = pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="there is no FMPy")
 MASS = 7.5
+SECONDS = 8.0
+"""Of motions of a machine."""
 
 
 def port_of(name: str) -> ForcePort:
@@ -218,7 +220,7 @@ def test_derivatives_are_those_of_the_force() -> None:
 
 
 def two_bodies(fmu: Any, system: CoupledSystem, force: float, omega: float) -> np.ndarray:
-    """Displacement of the host over 20 s: the bed is an FMU, the masses and the spring are here."""
+    """Displacement of the host over 8 s: the bed is an FMU, the masses and the spring are here."""
     inverse, height, velocity, output = np.linalg.inv(mass_matrix(system)), 1000, 1001, 4000
     states = len(fmu.states)
 
@@ -234,7 +236,7 @@ def two_bodies(fmu: Any, system: CoupledSystem, force: float, omega: float) -> n
     y = np.array([0.0, 0.0, system.rest, 0.0, *fmu.states])
     result = [0.0]
     assert states == len(y) - 4
-    for n in range(int(20.0 / step)):
+    for n in range(int(SECONDS / step)):
         t = n * step
         k1 = rates(t, y)
         k2 = rates(t + step / 2, y + step / 2 * k1)
@@ -282,7 +284,7 @@ def own_motion(system: CoupledSystem, force: float, omega: float) -> np.ndarray:
         return result
 
     heights = [0.0]
-    for n in range(int(20.0 / step)):
+    for n in range(int(SECONDS / step)):
         t = n * step
         k1 = rates(t, state)
         k2 = rates(t + step / 2, state + step / 2 * k1)

@@ -52,7 +52,7 @@ def damping_ratio(rest: AtRest, rates: Rates, swing: SmallSwing, hidden: int = 0
     return float(found.damping_ratio[0])
 
 
-@pytest.fixture(scope="module", params=[1e-4, 1e-6])
+@pytest.fixture(scope="module", params=[1e-4, pytest.param(1e-6, marks=pytest.mark.long)])
 def record(request: pytest.FixtureRequest) -> PistonRecord:
     """A swing about 59 mm, at two levels of noise."""
     time = np.linspace(0.0, 2.0, 2000)
@@ -136,25 +136,24 @@ def test_few_digits_where_little_is_known(made: Any) -> None:
     assert fit(made("duffing", seed=1), "duffing").printed_digits <= 5
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=() if name == "elastoplastic-bed" else pytest.mark.long)
-        for name, law in LAWS.items()
-        if law.hidden
-    ],  # quick: one that has memory
-)
+@pytest.mark.long  # quick: the one that `test_history` fits
+@pytest.mark.parametrize("name", [name for name, law in LAWS.items() if law.hidden])
 def test_a_law_with_memory_by_its_printed_parameters(name: str, made: Any) -> None:
     """Its small swing, hidden states included, lies within the printed intervals."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = fit(made(name, seed=1, level=1e-3), name, starts=4)
+    assert_memory_as_printed(model)
+
+
+def assert_memory_as_printed(model: ReducedModel) -> None:
+    """The small swing of a law with hidden states, and their rates, are those of what is printed."""
+    law = model.law
     values = {
         key: float(value) for key, value in re.findall(rf"^  (\w+) = {NUMBER} ", str(model), re.MULTILINE)
     }
     rest = model.at_rest
     assert rest is not None
-    law = LAWS[name]
     swing = small_swing(law, [values[key] for key in law.parameters], model.map.to_law(rest.height))
     assert not isinstance(swing, NoSwing)
     rates = law_rates(law, [values[key] for key in law.parameters])
