@@ -139,28 +139,12 @@ def _similarity(
     positive: tuple[str, ...],
     change: str,
 ) -> Similarity | None:
-    from reduced_models.jax_setup import jax
-
-    field = compile_rates(equation, inputs)
     parsed_hidden = len(parse_equation(equation, inputs).hidden)
-    random, size = np.random.default_rng(1), 2 + parsed_hidden
-    values = random.uniform(0.3, 1.2, len(parameters))
-    drive = random.uniform(0.3, 1.2, (_TRIALS, len(inputs)))
-    states = random.uniform(-1.2, 1.2, (_TRIALS, size))
-    states[:, 0] = np.abs(states[:, 0])  # many laws are of heights above zero
-
-    def rates(state: Any, given: Any, numbers: Any) -> Any:
-        return jax.numpy.stack([jax.numpy.asarray(rate, float) for rate in field(*state, *given, *numbers)])
-
-    by_state, by_value = (
-        np.asarray(jax.vmap(jax.jacfwd(rates, argument), (0, 0, None))(states, drive, values))
-        for argument in (0, 2)
-    )
+    states, now, by_state, by_value = _rates_and_slopes(equation, inputs, parsed_hidden, len(parameters))
     columns = list(np.moveaxis(by_value, 2, 0))  # (p, n, rates)
     if change == "shift":
         wanted = by_state[:, :, 0]
     else:
-        now = np.asarray(jax.vmap(rates, (0, 0, None))(states, drive, values))
         wanted = (by_state[:, :, :2] * states[:, None, :2]).sum(axis=2)
         wanted[:, 0] -= now[:, 0]
         for k in range(parsed_hidden):  # hidden states have units of their own
@@ -179,6 +163,30 @@ def _similarity(
     levels = [*constant, *(k for k in moving if abs(solution[k] + 1.0) <= _SIMILAR)]
     names = [parameters[k] for k in levels if parameters[k] not in positive]
     return Similarity(tuple(parameters[k] for k in moving), names[0] if names else "")
+
+
+@functools.lru_cache(maxsize=COMPILED)
+def _rates_and_slopes(
+    equation: str, inputs: tuple[str, ...], hidden: int, parameters: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Random states (n, 2 + hidden), rates (n, 1 + hidden), their slopes by state and by parameter."""
+    from reduced_models.jax_setup import jax
+
+    field = compile_rates(equation, inputs)
+    random = np.random.default_rng(1)
+    values = random.uniform(0.3, 1.2, parameters)
+    drive = random.uniform(0.3, 1.2, (_TRIALS, len(inputs)))
+    states = random.uniform(-1.2, 1.2, (_TRIALS, 2 + hidden))
+    states[:, 0] = np.abs(states[:, 0])  # many laws are of heights above zero
+
+    def rates(state: Any, given: Any, numbers: Any) -> Any:
+        return jax.numpy.stack([jax.numpy.asarray(rate, float) for rate in field(*state, *given, *numbers)])
+
+    def both(*arguments: Any) -> Any:
+        return rates(*arguments), jax.jacfwd(rates, (0, 2))(*arguments)
+
+    now, slopes = jax.jit(jax.vmap(both, (0, 0, None)))(states, drive, values)
+    return states, np.asarray(now), np.asarray(slopes[0]), np.asarray(slopes[1])
 
 
 def canonical_parameters(
