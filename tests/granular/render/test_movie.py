@@ -68,7 +68,7 @@ def test_plays_in_the_wanted_time(short: Trajectory, tmp_path: Path) -> None:
         assert file.info["duration"] == pytest.approx(125.0, abs=10.0)
 
 
-@pytest.mark.parametrize("ending", ["mp4", "gif"])
+@pytest.mark.parametrize("ending", [pytest.param("mp4", marks=pytest.mark.long), "gif"])
 def test_width_in_pixels(short: Trajectory, tmp_path: Path, ending: str) -> None:
     """A wide bed becomes as narrow as is asked for, and keeps its proportions."""
     path = tmp_path / f"bed.{ending}"
