@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -28,12 +30,18 @@ class Results(NamedTuple):
     @property
     def orders(self) -> list[LayerOrder]:
         """What the figures say of each layer."""
-        return [layer_order(item) for item in self.layers]
+        return [_order_of(json.dumps(item)) for item in self.layers]
 
     @property
     def transitions(self) -> Transitions:
         """Both transitions."""
         return transitions(self.orders)
+
+
+@functools.lru_cache(maxsize=64)
+def _order_of(figures: str) -> LayerOrder:
+    """Of a layer's figures as JSON, once: the draws of its intervals take long."""
+    return layer_order(json.loads(figures))
 
 
 def results_of(layers: Sequence[dict[str, Any]], command: str) -> Results:
