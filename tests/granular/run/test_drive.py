@@ -39,7 +39,10 @@ def test_a_shaken_cell_lends_its_motion() -> None:
     angle = 0.6
     scene = empty(
         {"kind": "free", "name": "fall", "duration": 0.05},
-        **{"effects.shaking": {"amplitude": 0.002, "frequency": 25.0, "angle": angle}},
+        **{
+            "effects.shaking": {"amplitude": 0.002, "frequency": 25.0, "angle": angle},
+            "effects.drag": {"coefficient": 0.0},  # of no size: as what is compiled for falling grains
+        },
     )
     record = simulate(scene, progress=False).piston()
     assert tuple(record.extra) == BASE
