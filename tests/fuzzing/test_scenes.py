@@ -23,8 +23,8 @@ def check(cases: list[dict[str, Any]], count: int) -> None:
 
 
 def test_some_random_scenes(tried: Any) -> None:
-    words = ("--count", "12", "--seconds", "0.5")
-    check(tried("scenes.py", *words, compiled=False), 12)
+    words = ("--count", "20", "--seconds", "0.5")
+    check(tried("scenes.py", *words, compiled=False), 20)
 
 
 def test_a_case_follows_from_its_number_alone() -> None:
