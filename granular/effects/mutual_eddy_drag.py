@@ -21,6 +21,7 @@ from granular.compiled import Array, compiled
 from granular.effects.eddy_drag_tensor import FARTHEST, Plate, drag_tensor_polynomials, lone_disc_drag_factor
 from granular.effects.effect import EffectContext
 from granular.kernel_data.constants import relative_moments
+from granular.kernel_data.sorting import sort_by_value
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_law import Disc
@@ -221,11 +222,10 @@ def _load_grains_into_workspace(law: MutualEddyLaw, workspace: EddyWorkspace, be
     """Put the grains into the workspace; in order of their heights where not all of them meet."""
     state, count, rows, order = bed.state, bed.constants.grains, workspace.rows, workspace.order
     moments = relative_moments(bed.constants)
+    for i in range(count):
+        order[i] = i  # a grain that left may have changed it
     if law.reach < np.inf:
-        order[:count] = np.argsort(state.y[:count])
-    else:
-        for i in range(count):
-            order[i] = i  # a grain that left may have changed it
+        sort_by_value(order[:count], state.y)
     for i in range(count):
         grain = order[i]
         rows[PX, i], rows[PY, i] = state.x[grain], state.y[grain]

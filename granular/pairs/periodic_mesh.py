@@ -300,7 +300,8 @@ def copy_periodic_margin(mesh: MultilevelMesh, values: Array, level: int) -> Non
     for line in range(-BELOW, up + ABOVE):
         if line < 0 or line >= up:
             there, here = first - margin + line % up * stride, first - margin + line * stride
-            values[here : here + stride] = values[there : there + stride]
+            for column in range(stride):
+                values[here + column] = values[there + column]
 
 
 @compiled

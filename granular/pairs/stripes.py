@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
+from granular.kernel_data.sorting import sort_by_value
 from granular.pairs.cut_off_vector_loops import IMAGES, RANGES, ROWS
 from granular.pairs.direct_sum import PARTED_FROM, PARTS
 from granular.pairs.simd import WIDTH, pad_to_vectors
@@ -227,14 +228,8 @@ def _sort_into_equal_stripes(
         stripes.y[slot] = 0.0
     for k in range(number):
         chosen = stripes.order[counts[k] : counts[k + 1]]
-        across = np.empty(chosen.size)
+        sort_by_value(chosen, x)
         for c in range(chosen.size):
-            across[c] = x[chosen[c]]
-        turns = np.argsort(across)
-        for c in range(chosen.size):
-            stripes.stripe[c] = chosen[turns[c]]
-        for c in range(chosen.size):
-            chosen[c] = stripes.stripe[c]
             stripes.slot[counts[k] + c] = stripes.begins[k] + c
             stripes.x[stripes.begins[k] + c] = x[chosen[c]]
             stripes.y[stripes.begins[k] + c] = y[chosen[c]]
