@@ -57,7 +57,11 @@ LEAST_SECONDS = 60.0
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Workers take the files in the order below, not those of the most tests first."""
+    """Workers take the files in the order below, not those of the most tests first.
+
+    They fill the cores: threads of linear algebra beside them would wait for one another.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if hasattr(config.option, "loadscopereorder"):
         config.option.loadscopereorder = False
 
