@@ -21,11 +21,11 @@ from granular.compiled import Array, compiled
 from granular.effects.eddy_drag_tensor import FARTHEST, Plate, drag_tensor_polynomials, lone_disc_drag_factor
 from granular.effects.effect import EffectContext
 from granular.kernel_data.constants import relative_moments
-from granular.kernel_data.sorting import sort_by_value
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_law import Disc
 from granular.pairs.grain_arrays import value_or_one
+from granular.pairs.sorting import sort_by_value
 
 LEFT_OUT = 0.01
 """Drag of a lone grain, at most, that grains beyond the reach take or add."""

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.kernel_data.sorting import sort_by_value
 from granular.pairs.cut_off_vector_loops import IMAGES, RANGES, ROWS
 from granular.pairs.direct_sum import PARTED_FROM, PARTS
 from granular.pairs.simd import WIDTH, pad_to_vectors
+from granular.pairs.sorting import sort_by_value
 
 LEAST_IN_STRIPE = 8
 """Fewer grains a stripe are not worth one: stripes are made higher, and memory stays bounded."""
