@@ -11,8 +11,8 @@ from granular.engine import columns
 WRONG = 1e-2
 """Residual over the energy turned over beyond which a run is stopped."""
 COARSE_FACTOR = 10.0
-"""Factor of the first limit with de Paula's regularised friction, or with its list of pairs under
-friction, since de Paula's beds are run at de Paula's steps; the limit of a doubtful run is wider still
+"""Factor of the first limit with de Paula's regularised friction, or with de Paula's list of pairs
+under friction, since de Paula's beds are run at de Paula's steps; the limit of a doubtful run is wider still
 (`granular.scene.dry_friction`).
 
 Of 119 random runs of these kinds, with at most 12 grains, 18 were off by more than 1e-4. Most often

@@ -26,7 +26,7 @@ NEAREST_PAIR, NEAREST_WALL = 0.25, 0.1
 """First distances of the tables, in diameters of the smallest species; LAMMPS stops at a grain nearer."""
 
 FARTHEST_WALL = 200.0
-"""Last distance of the walls' tables at most [D]; the experimental wall's force there is 5e-9 F*."""
+"""Greatest last distance of the walls' tables [D]; the experimental wall's force there is 5e-9 F*."""
 
 WALL_EXPONENTS = {"experimental": 3.5, "infinite": 3.0}
 """Laws that depend on the distance alone, with the power by which their force falls."""

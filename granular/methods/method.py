@@ -16,7 +16,7 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 
 COMPENSATED = "+compensated"
-"""Behind the name of a composition method: positions and velocities as compensated sums."""
+"""Suffix of a composition method's name for positions and velocities as compensated sums."""
 
 MOST_STAGES = 64
 """Most stages of a step; the longest methods in print have some forty."""

@@ -25,7 +25,7 @@ TOLERANCE = 1e-10
 """Coefficients are printed with 12 digits or more, and the least condition checked is 1/10!."""
 
 HIGHEST_ORDER = 10
-"""Up to which order conditions are checked: 2046 words, or 1842 trees."""
+"""Highest order whose conditions are checked: 2046 words, or 1842 trees."""
 
 Tree: TypeAlias = "tuple[Tree, ...]"
 """A rooted tree: the trees that hang on its root."""

@@ -337,7 +337,7 @@ def _interior_grains_and_reach(positions: np.ndarray, reach: float) -> tuple[np.
 
 
 def _cutoff_weight(r: np.ndarray, reach: float) -> np.ndarray:
-    """From 1 to 0 at the reach, smoothly: shells of a lattice enter and leave without a jump."""
+    """Smooth weight from 1 to 0 at the reach: shells of a lattice enter and leave without a jump."""
     along = np.clip(2.0 * r / reach - 1.0, 0.0, 1.0)
     with np.errstate(divide="ignore", over="ignore"):
         rise, fall = (np.where(part > 0.0, np.exp(-1.0 / part), 0.0) for part in (along, 1.0 - along))

@@ -52,11 +52,11 @@ _MARGIN = 48
 """The margin of `granular.pairs.multilevel_mesh`."""
 
 _SHARPNESS, _IMAGES, _WAVES = 1.8, 6.0, 12.0
-"""Terms of the Ewald sum: a, times the square root of the cell's area; images within 6/a and waves below
+"""Parameters of the Ewald sum: a, times the square root of the cell's area; images within 6/a and waves below
 12 a are taken, and leave less than 1e-15."""
 
 _CELLS = 6.0
-"""Over the longer side: images this far away are summed of r^-5, which falls faster than waves."""
+"""Distance over the longer side up to which images of r^-5 are summed; it falls faster than waves."""
 
 _NOTHING, _DIGITS = 1e-5, 13
 """Products below this part of the first one are left out, which keeps eight of them: the others

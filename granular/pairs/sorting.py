@@ -9,8 +9,9 @@ from granular.compiled import Array, compiled
 def sort_by_value(order: Array, values: Array) -> None:
     """Sort numbers of grains by a value of each, smallest first.
 
-    By Shell's method, with the steps of [Knuth, The Art of Computer Programming 3, 5.2.1]: as fast
-    as NumPy's ``argsort`` for some thousand grains, and compiled in a tenth of its time.
+    By Shell's method, with the steps of [Knuth, The Art of Computer Programming 3, 5.2.1]: faster than
+    Numba's ``argsort`` for the hundred grains of a stripe, 1.7 times as slow for 1e5, and compiled in
+    a fraction of its time.
 
     Parameters
     ----------

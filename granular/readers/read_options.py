@@ -35,7 +35,7 @@ _MAX_BYTES = 2**20
 ALL = "all"
 """All releases of a record."""
 ANGLE = "angle"
-"""The name for ``columns`` and ``units`` of the height's column if it is an angle."""
+"""Name of the height's column in ``columns`` and ``units`` if it is an angle."""
 STROKE = "stroke"
 """Role of ``columns`` for the height's column where it is prescribed, and the force is measured."""
 ROLES = ("time", "height", "velocity", "force", "acceleration", "base_height", "base_acceleration")

@@ -50,7 +50,8 @@ _PARTS = {
     "xl/sharedStrings.xml": _SizeLimit(64, 3_000_000),
     "": _SizeLimit(16, 200_000),
 }
-"""Limits of parts by their first letters. A full sheet of four columns has 9.4 million elements in 200 MB."""
+"""Limits of parts by the starts of their names. A full sheet of four columns has 9.4 million elements in
+200 MB."""
 
 
 def refuse_old_workbook(content: bytes) -> None:

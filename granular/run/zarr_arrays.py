@@ -225,7 +225,7 @@ class AppendableZarrArray:
     """
 
     def __init__(self, array: ZarrArray, length: int = 0, manifest: Manifest | None = None) -> None:
-        """From the first ``length`` entries of an array that a run has written.
+        """Open the first ``length`` entries of an array that a run has written.
 
         Raises
         ------

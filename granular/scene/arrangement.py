@@ -14,9 +14,9 @@ from granular.shared.errors import SceneError
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
 """Keys of the grid, without meaning if positions are given, with their usual values."""
 FEW = 1000
-"""Grains whose pairs are all looked at for overlaps."""
+"""Most grains whose pairs are chosen by their distance along x alone, without a tree."""
 _ROUNDING = 1e-9
-"""By this fraction a pair may seem farther apart than it is."""
+"""Share of the reach that rounding may add to a distance."""
 
 
 class Arrangement(Section):

@@ -277,7 +277,7 @@ def affine_damping_ratio(candidate: DamperCandidate) -> float:
 
 
 def _mean_grain_mass_ratio(candidate: DamperCandidate) -> float:
-    """Over that of a large grain; moment and drag go with it, for one material [D, eq. 4.16]."""
+    """Mean mass over that of a large grain; moment and drag go with it, for one material [D, eq. 4.16]."""
     return 1.0 - candidate.small_share * (1.0 - ASPECT**2)
 
 

@@ -322,7 +322,7 @@ def _selection_fractions(
 
 
 def _gains_of_subsets(grams: np.ndarray, moments: np.ndarray, subsets: np.ndarray) -> np.ndarray:
-    """By how much each of some subsets of one size lowers the sum of squares of each half (h, s)."""
+    """Decrease of each half's sum of squares by each of some subsets of one size (h, s)."""
     inner = grams[:, subsets[:, :, None], subsets[:, None, :]] + 1e-12 * np.eye(subsets.shape[1])
     sides = moments[:, subsets]
     solved = np.linalg.solve(inner, sides[..., None])

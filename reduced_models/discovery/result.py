@@ -24,7 +24,7 @@ _NEIGHBOURS = 4
 _COLUMNS = 100
 """Width of a line of words."""
 _EQUATION_COLUMNS = 82
-"""Greatest number shown of candidates that were not chosen."""
+"""Columns shown of an equation that was not chosen."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -169,7 +169,7 @@ class Discovery:
             lines += _wrap(f"  needed in this fraction of resampled records: {fractions}")
         increases = ", ".join(f"{name}: {price:.3g}" for name, price in self.criterion_increases.items())
         if increases:
-            words = "the Bayesian information criterion rises by so much without each term"
+            words = "the extended Bayesian information criterion rises by so much without each term"
             lines += [f"  {words} (10 is decisive):", *_wrap(f"    {increases}")]
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)

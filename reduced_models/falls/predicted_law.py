@@ -74,7 +74,7 @@ LATE = 5.19
 FEWEST = 250
 """Grains from which on modulus and strength are alike from bed to bed."""
 LATEST = 0.9
-"""Up to where LATE x/15 was compared with falls: 1 kg/s of drag with 7.5 kg on 368 grains."""
+"""Greatest LATE x/15 that was compared with falls: 1 kg/s of drag with 7.5 kg on 368 grains."""
 _SHAPED = {"dipole", "walls", "gravity", "drag", "contact"}
 
 

@@ -15,7 +15,7 @@ from reduced_models.models.model import ReducedModel
 COLUMNS = 100
 """Width of a line."""
 LINES = 19
-"""Before that of the report."""
+"""Most lines above the one that names the report."""
 _FEWEST_LAWS = 2  # of the table of laws; the report has all
 _LEAST_DIGITS = 4  # of a parameter
 
@@ -111,6 +111,7 @@ def _wrap_in_two_lines(words: str, indent: str = "  ") -> list[str]:
         subsequent_indent=indent + "  ",
         max_lines=2,
         placeholder=" ...",
+        break_on_hyphens=False,
     )
 
 

@@ -168,7 +168,7 @@ def _swing_with_velocity_jump(rates: Field, slopes: Field, state: np.ndarray) ->
 
 
 def _find_rest_state(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
-    """By Newton's method, and the eigenvalues of what is linear there."""
+    """Return the rest state by Newton's method, and the eigenvalues of the linear motion there."""
     state = state.copy()
     with np.errstate(all="ignore"):
         for _ in range(_MOST_NEWTON_STEPS):

@@ -440,7 +440,7 @@ def _driven_solution(
     inputs: list[np.ndarray],
     how: Interpolation,
 ) -> Solution:
-    """By diffrax's Dopri8 in equal parts of the time between samples, until two numbers agree."""
+    """Solve by diffrax's Dopri8 in equal parts of the time between samples, until two numbers agree."""
     result = piecewise_cubics(times, inputs, how)
     every = len(result.length) // (len(times) - 1)
     count = len(result.length)

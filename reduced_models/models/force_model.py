@@ -266,7 +266,7 @@ class ForceModel:
         for name, value in self.parameters.items():
             unit = self.law.units.get(name, "")
             low, high = self.intervals[name]
-            known = f"[{low:.5g}, {high:.5g}]" if low < high else "(given)"
+            known = f"[{low:.5g}, {high:.5g}]" if low < high else "(fixed in the fit)"
             lines.append(f"  {name} = {value:.5g} {unit}".rstrip() + f"  {known}")
         quality = self.quality
         led = f"; {quality.converged} of {quality.starts} starts led here" if quality.starts > 1 else ""

@@ -42,7 +42,7 @@ _WINDOWS_IN_MEMORY = 2**16  # samples of windows, in memory
 _CROWDED = 1e-13  # fraction of the greatest eigenvalue, below which there is nothing but rounding
 
 Smoother = Callable[[np.ndarray], np.ndarray]
-"""Heights (m, n) of m records of the same times to height, velocity and acceleration (m, 3, n)."""
+"""Map from heights (m, n) of m records of the same times to height, velocity and acceleration (m, 3, n)."""
 
 
 class DerivativeNoise(NamedTuple):

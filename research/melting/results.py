@@ -40,7 +40,7 @@ class Results(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def _order_of(figures: str) -> LayerOrder:
-    """Of a layer's figures as JSON, once: the draws of its intervals take long."""
+    """Return the order of a layer from its figures as JSON, once: the draws of its intervals take long."""
     return layer_order(json.loads(figures))
 
 

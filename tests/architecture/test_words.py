@@ -14,6 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("granular", "reduced_models", "validation")
 OPENINGS = {"What", "Whether", "How", "Of", "Where", "Which", "Who", "When"}
+OPENINGS |= {"Before", "Behind", "Over", "Up"}
 
 PRIVATE = """
 one ones each found place places span spans room rooms way ways told swung begun sharpened joined

@@ -16,8 +16,8 @@ MASS = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
 def lone_grain(**changes: object) -> Scene:
     """One grain with a constant load, no other force.
 
-    Gravity and drag are named, of no size, so that the tests that need them share compiled code, and so
-    are denser grains, of which none is there.
+    Gravity and drag of no size are named, and a denser species without grains, so that the tests that
+    need them share compiled code.
     """
     return load_scene("bed").replace(
         **{

@@ -112,8 +112,8 @@ def _exact_drag(scene: Scene, time: float) -> GrainStates:
 # Coulomb friction -------------------------------------------------------------------------------
 
 SLIDING_TIME = 0.078
-"""Over the time to the stop this is close to the golden ratio, so that neighbouring numbers of
-steps let the stop fall everywhere in its step."""
+"""Duration of sliding [s], whose ratio to the time to the stop is near the golden one: neighbouring
+numbers of steps then let the stop fall everywhere in its step."""
 
 LOAD = 0.01
 """N [N]: the grain of 0.43 g loses 10.4 m/s^2, a little more than its weight would give it."""

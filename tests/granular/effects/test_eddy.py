@@ -226,6 +226,7 @@ def test_high_bed_within_reach_is_the_bed_of_all_pairs() -> None:
     columns, rows = 6, 120
     i, j = np.meshgrid(np.arange(columns), np.arange(rows))
     positions = np.stack([1.3 * i, 1.3 * j], -1).reshape(-1, 2) + 1.0
+    positions = np.random.default_rng(2).permutation(positions)  # in no order of their heights
     velocities = np.tile([0.0, 1e-9], (len(positions), 1))
     losses = []
     for width in ("9 D", "80 D"):  # the wide cell's bed would be low: all pairs meet
@@ -238,7 +239,11 @@ def test_high_bed_within_reach_is_the_bed_of_all_pairs() -> None:
 
 def test_resumed_and_on_two_threads_the_same_bits(tmp_path: Path) -> None:
     random = np.random.default_rng(6)
-    scene = scene_of(loose(6, 5, 6), 0.1 * random.normal(size=(30, 2)))
+    scene = scene_of(
+        loose(6, 5, 6),
+        0.1 * random.normal(size=(30, 2)),
+        **{"effects.eddy.plate": "thick", "effects.dipole": {}},
+    )
     through = simulate(scene, dt=1e-4, progress=False)
     simulate(scene, dt=1e-4, t_end=0.0123, out=tmp_path / "run", progress=False)
     resumed = simulate(scene, dt=1e-4, out=tmp_path / "run", resume=True, progress=False)

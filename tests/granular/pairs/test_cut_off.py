@@ -60,8 +60,7 @@ class Bed:
 @pytest.mark.parametrize(
     ("differing", "smooth"),
     [
-        # Quick of these: forces of discs, tests/physics/test_discs.py.
-        pytest.param(False, None, marks=pytest.mark.long),
+        (False, None),
         pytest.param(True, None, marks=pytest.mark.long),
         (True, True),
         pytest.param(False, True, marks=pytest.mark.long),

@@ -82,16 +82,17 @@ def test_noisy_data_give_the_parameters_back() -> None:
     assert all(model.quality.converged >= 0.9 * STARTS for model in models)
 
 
-def test_intervals_cover_the_truth() -> None:
-    """95 % intervals, over 30 records with noise of their own."""
+@pytest.mark.parametrize(("records", "least"), [(30, 0.8), pytest.param(60, 0.85, marks=pytest.mark.long)])
+def test_intervals_cover_the_truth(records: int, least: float) -> None:
+    """95 % intervals, over records with noise of their own: a right one fails in less than 1 of 300."""
     given = HeightMap()
     models = [
         fit(noisy(seed), "van-der-pol-like", map=given, starts=1, test_fraction=0.0)
-        for seed in range(100, 130)
+        for seed in range(100, 100 + records)
     ]
     for name, value in TRUE.items():
         covered = [model.intervals[name][0] <= value <= model.intervals[name][1] for model in models]
-        assert 0.85 <= np.mean(covered) <= 1.0
+        assert least <= np.mean(covered) <= 1.0
 
 
 def test_the_height_map_is_found() -> None:

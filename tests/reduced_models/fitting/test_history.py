@@ -91,7 +91,7 @@ def test_a_hysteresis_loop_has_the_work_of_its_force() -> None:
     assert model.harmonic_cycle(size, 2.0 * omega).energy == pytest.approx(loop.energy, rel=1e-9)
 
 
-def test_its_printed_parameters_are_those_of_its_swing() -> None:
+def test_printed_parameters_of_bouc_wen_are_those_of_its_swing() -> None:
     assert_memory_as_printed(check("bouc-wen"))
 
 

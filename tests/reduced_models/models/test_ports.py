@@ -35,7 +35,7 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no 
 needs_fmpy = pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="there is no FMPy")
 MASS = 7.5
 SECONDS = 8.0
-"""Of motions of a machine."""
+"""Length of a machine's motions [s]."""
 
 
 def port_of(name: str) -> ForcePort:

@@ -119,12 +119,11 @@ def test_bad_records_are_refused_in_one_line(
     assert words in complaint
 
 
+LONG = ("mostly noise", "blowing up", "a jump")
+
+
 @pytest.mark.parametrize(
-    "name",
-    [
-        *("noise alone", "millimetres without unit", "another motion", "a square wave"),
-        *(pytest.param(name, marks=pytest.mark.long) for name in ("mostly noise", "blowing up", "a jump")),
-    ],
+    "name", [pytest.param(name, marks=pytest.mark.long if name in LONG else ()) for name in DOUBTED]
 )
 def test_doubtful_records_give_a_result_with_a_warning(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

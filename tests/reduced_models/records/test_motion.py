@@ -196,7 +196,9 @@ def test_an_end_in_which_a_drive_acts_is_kept() -> None:
 LOST = {"zeros": (0.0, 60e-3), "far outside": (-999.25, 0.0), "spikes": (None, 0.0)}
 
 
-@pytest.mark.parametrize("kind", ["zeros", pytest.param("far outside", marks=pytest.mark.long), "spikes"])
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=pytest.mark.long if kind == "far outside" else ()) for kind in LOST]
+)
 def test_lost_samples_are_left_out(kind: str) -> None:
     value, level = LOST[kind]
     random = np.random.default_rng(4)
