@@ -254,7 +254,7 @@ def _pure_python_convolve(
     shifts = np.arange(1 - reach, reach)
     indices = at + stride * np.arange(lines)[:, None] + np.arange(WIDTH)
     out[indices] = 0.0
-    for there in shifts:
+    for there in range(1 - reach, reach):
         chosen = np.arange(lines)
         if points_per_length is None:
             chosen = np.arange(max(0, -there), min(lines, lines - there))

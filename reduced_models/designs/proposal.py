@@ -74,7 +74,9 @@ class DesignTarget(NamedTuple):
             ("damping", self.damping, ""),
             ("mass", self.mass, " kg"),
         ):
-            if not (value is None and name == "mass") and not (_is_number(value) and 0.0 < value < math.inf):
+            if value is None and name == "mass":
+                continue
+            if value is None or not _is_number(value) or not 0.0 < value < math.inf:
                 raise InputError(f"{name} = {quote(value)}; give a number above 0{unit}")
         if self.grains is not None and self.mass is not None:
             raise InputError(

@@ -89,9 +89,10 @@ def fits_a_screen(found: Identification, words: str) -> None:
     assert max(map(len, lines)) <= 100
     for expected in (found.best.law.equation, "natural frequency", found.best.law.name, words):
         assert expected in text
+    assert "' the rate of change:" in text.replace("\n  ", " ")
 
 
-@pytest.mark.long  # quick: from a run, from a file by command, a check that fails, falls
+@pytest.mark.long  # quick: from a run, one law of a file by command, a check that fails, falls
 def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scene_checks, "FALL_LAWS", ("power-law-spring", "linear"))  # quick to compile
     scene = small_damper.replace(
