@@ -42,7 +42,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def identified(lab: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Identification, Path]:
-    """What all laws say of the record, and the directory that holds it."""
+    """Identification of the record by all laws, and the directory that holds it."""
     out = tmp_path_factory.mktemp("identified")
     return identify(lab, out, progress=False), out
 
