@@ -77,9 +77,8 @@ def exact(positions: np.ndarray, moments: np.ndarray, weight: np.ndarray) -> lis
     ("count", "differing"),
     [
         *itertools.product((7, 92, 368), (False, True)),
-        # Quick of like grains: parts agree with one part, below.
-        pytest.param(PARTED_FROM + 3, False, marks=pytest.mark.long),
-        (PARTED_FROM + 3, True),
+        # Quick: parts agree with one part, below.
+        *(pytest.param(PARTED_FROM + 3, one, marks=pytest.mark.long) for one in (False, True)),
     ],
 )
 def test_error_against_long_double(count: int, differing: bool) -> None:
@@ -160,6 +159,7 @@ found = run.dataset["position"].values[-1].tolist()
 """
 
 
+@pytest.mark.long  # quick: small runs of all kinds, in tests/plain_python
 def test_without_compilation() -> None:
     """The engine also runs as plain Python, and gives the same motion."""
     here: dict[str, list[list[float]]] = {}

@@ -12,13 +12,31 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 
+# Of the constants only those that the kernels read: a scene takes longer to be made than the kernels.
+CONSTANTS = """
+from typing import Any, NamedTuple
+
+class Acting(NamedTuple):
+    laws: Any
+    dipole: Any = None
+    discs: Any = None
+
+class Constants(NamedTuple):
+    acting: Any
+    grains: int = 92
+    least_mass: float = 1.0
+    least_moment: float = 1.0
+    least_ratio: float = 1.0
+"""
+
 # Calls kernels of four files, and compiles some ten of them.
 CODE = """
-from granular import load_scene
+from granular.effects.wall_experimental import ExperimentalWall
+from granular.effects.wall_kernels import WallLaws
 from granular.engine.frequency_bounds import evaluate_highest_impact_frequency
-from granular.scene.scene_in_natural_units import scene_in_natural_units
-scene = load_scene("bed").replace(**{"effects.dipole": None})
-print(evaluate_highest_impact_frequency(scene_in_natural_units(scene).constants, 2.0))
+from granular.few_constants import Acting, Constants
+walls = WallLaws(*[ExperimentalWall()] * 4)
+print(evaluate_highest_impact_frequency(Constants(Acting((walls,))), 2.0))
 """
 
 
@@ -31,6 +49,7 @@ class Workshop:
         self.folder, self.cache = folder, folder / "cache"
         skipped = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / "granular", folder / "granular", ignore=skipped)
+        (folder / "granular" / "few_constants.py").write_text(CONSTANTS, encoding="utf-8")
 
     def start(self, code: str = CODE, cache: str | None = None) -> subprocess.Popen[str]:
         return subprocess.Popen(

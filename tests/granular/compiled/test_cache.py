@@ -89,6 +89,7 @@ def test_a_hundred_flipped_bits(workshop: Any) -> None:
         assert workshop.run(EVALUATE) == wanted
 
 
+@pytest.mark.long  # quick: one form, below
 def test_two_processes_compile_at_once(workshop: Any) -> None:
     shutil.rmtree(workshop.cache, ignore_errors=True)
     both = [workshop.start() for _ in range(2)]

@@ -50,17 +50,33 @@ class {name}:
         return 0.0, -STRONGER * p.k * grain.y
 '''
 
-PROGRAM = """
+COUNTED = """
+print(sum(1 for _ in Path(sys.argv[2]).rglob("*.kernel")))
+"""
+
+OF_AN_EFFECT = f"""
 import sys
 from pathlib import Path
 import numpy as np
 from granular import evaluate, load_scene
 from granular.user_code import import_user_code
 import_user_code([sys.argv[1]])
-scene = load_scene("single-particle").replace(effects={"leaf": {"k": "2 N/m"}})
+scene = load_scene("single-particle").replace(effects={{"leaf": {{"k": "2 N/m"}}}})
 print(evaluate(scene, np.array([[0.05, 0.05]])).force[0, 1])
-print(sum(1 for _ in Path(sys.argv[2]).rglob("*.kernel")))
-"""
+{COUNTED}"""
+
+OF_A_WALL = f"""
+import sys
+from pathlib import Path
+from granular import load_scene
+from granular.engine.frequency_bounds import evaluate_highest_impact_frequency
+from granular.scene.scene_in_natural_units import scene_in_natural_units
+from granular.user_code import import_user_code
+import_user_code([sys.argv[1]])
+wall = {{"law": "bench_wall", "k": "9 N/m"}}
+scene = load_scene("single-particle").replace(**{{"effects.walls.bottom": wall}})
+print(evaluate_highest_impact_frequency(scene_in_natural_units(scene).constants, 2.0) ** 2)
+{COUNTED}"""
 
 
 def bed(**effects: Any) -> Scene:
@@ -253,25 +269,6 @@ def test_an_edit_is_another_run_and_another_case(tmp_path: Path) -> None:
     assert found[0][1] != found[1][1]
 
 
-def test_a_second_process_compiles_nothing_and_an_edit_anew(tmp_path: Path) -> None:
-    path, cache = tmp_path / "own.py", tmp_path / "cache"
-    cache.mkdir()
-    told = []
-    for factor in ("1.0", "1.0", "3.0"):
-        path.write_text(FILE.format(factor=factor, name="Leaf"), encoding="utf-8")
-        done = subprocess.run(
-            [sys.executable, "-c", PROGRAM, str(path), str(cache)],
-            capture_output=True,
-            text=True,
-            check=True,
-            cwd=ROOT,
-            env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
-        )
-        told.append([float(word) for word in done.stdout.split()])
-    assert [force for force, _ in told] == pytest.approx([-0.1, -0.1, -0.3], rel=1e-12)
-    assert told[0][1] == told[1][1] < told[2][1]
-
-
 def test_what_does_not_compile_is_told_in_a_line() -> None:
     def mixed(p: Any, grain: Any, time: float) -> Any:
         return 0.0, -p.k * grain.y * SCALES.one
@@ -321,3 +318,35 @@ def test_an_installed_package_brings_laws_of_walls(installed: Callable[..., None
     assert scene.to_plain()["effects"]["walls"]["left"]["law"] == "bench_wall"
     with pytest.raises(InputError, match="bench_wal"):
         load_scene("bed").replace(**{"effects.walls.left": {"law": "bench_wal", "k": "9 N/m"}})
+
+
+@pytest.mark.parametrize(
+    ("program", "text", "wanted"),
+    [
+        # At a given speed a grain turns where the wall is the stiffer, the weaker it is: 3 v^4/k.
+        (OF_A_WALL, WALL.replace("p.k", "{factor} * p.k"), (1.0, 1.0, 1.0 / 3.0)),
+        pytest.param(OF_AN_EFFECT, FILE, (-0.1, -0.1, -0.3), marks=pytest.mark.long),
+    ],
+    ids=["wall", "effect"],
+)
+def test_a_second_process_compiles_nothing_and_an_edit_anew(
+    tmp_path: Path, program: str, text: str, wanted: tuple[float, ...]
+) -> None:
+    path, cache = tmp_path / "own.py", tmp_path / "cache"
+    cache.mkdir()
+    told = []
+    for factor in ("1.0", "1.0", "3.0"):
+        path.write_text(text.format(factor=factor, name="Leaf"), encoding="utf-8")
+        done = subprocess.run(
+            [sys.executable, "-c", program, str(path), str(cache)],
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=ROOT,
+            env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+        )
+        told.append([float(word) for word in done.stdout.split()])
+    found = [number for number, _ in told]
+    scale = found[0] / wanted[0] if program == OF_A_WALL else 1.0
+    assert found == pytest.approx([scale * one for one in wanted], rel=1e-9)
+    assert told[0][1] == told[1][1] < told[2][1]

@@ -71,7 +71,7 @@ def side_lengths(corners: np.ndarray) -> np.ndarray:
     return np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_run(small_bed: Scene) -> MakeRun:
     """A trajectory from given frames and records, of a bed with as many grains."""
 

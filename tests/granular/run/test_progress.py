@@ -8,13 +8,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import pytest
 
+import granular.shared.progress_bars
 from granular import load_scene, load_trajectory
+from granular.compiled import entry
 from granular.engine.step_size import StepRequest
 from granular.methods import METHODS
 from granular.run.protocol_runner import ProtocolRunner
-from granular.run.run_progress_bar import RestApproach, remaining_steps, remaining_time_text
+from granular.run.run_progress_bar import RestApproach, RunProgressBar, remaining_steps, remaining_time_text
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 
 ROOT = Path(__file__).parents[3]
@@ -96,6 +99,7 @@ for _ in range(2):
 """
 
 
+@pytest.mark.long  # quick: two kernels, below
 def test_compiling_is_said_with_its_progress(tmp_path: Path) -> None:
     """By the kernel, where nothing is compiled yet; the second run says nothing of it."""
     done = subprocess.run(
@@ -109,3 +113,19 @@ def test_compiling_is_said_with_its_progress(tmp_path: Path) -> None:
     _, first, second = done.stderr.split("run\n")
     assert "compiling for scenes of this kind, kept for later runs, kernel 2" in first
     assert "compiling" not in second
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_kernels_are_counted_while_they_are_compiled(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Kernels that stand in no file of the package are compiled in every process."""
+    monkeypatch.setattr(granular.shared.progress_bars, "LINES_EVERY", 0.0)
+    kernels = [entry(lambda x, k=k: x + k) for k in range(2)]
+    words = "compiling for scenes of this kind, kept for later runs, kernel "
+    for told in ([f"{words}1", f"{words}2"], []):
+        with RunProgressBar(True):
+            assert [kernel(1.0) for kernel in kernels] == [1.0, 2.0]
+        said = capsys.readouterr().err
+        assert [words for words in told if words not in said] == []
+        assert ("compiling" in said) == bool(told)

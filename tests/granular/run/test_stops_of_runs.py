@@ -194,6 +194,7 @@ def commands_end(scene: Scene, folder: Path, delays: np.ndarray, numbers: list[s
         assert not load_trajectory(out).complete
 
 
+@pytest.mark.long  # quick: a run of weeks, in test_progress.py
 def test_a_signal_ends_a_command(scene: Scene, tmp_path: Path) -> None:
     commands_end(scene, tmp_path, np.array([0.1]), [signal.SIGTERM])
 

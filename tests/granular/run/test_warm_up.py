@@ -11,6 +11,12 @@ from pathlib import Path
 import numba
 import pytest
 
+from granular import load_scene, simulate
+from granular.__main__ import main
+from granular.commands.console import launch
+from granular.compiled.compile_timer import report_compiled_kernels
+from granular.compiled.kernel_cache import kernel_cache_folder
+
 ROOT = Path(__file__).parents[3]
 
 
@@ -28,6 +34,7 @@ def command(cache: Path, *words: str) -> str:
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+@pytest.mark.long  # quick: in the folder of all tests, below
 def test_after_a_warm_up_a_run_compiles_nothing(tmp_path: Path) -> None:
     told = json.loads(command(tmp_path, "scenes", "--warm-up", "single-particle"))
     assert Path(told["folder"]).parent == tmp_path
@@ -36,3 +43,16 @@ def test_after_a_warm_up_a_run_compiles_nothing(tmp_path: Path) -> None:
     assert kept
     command(tmp_path, "run", "single-particle", "--t-end", "0.1", "--quiet")
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.kernel")} == kept
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_what_was_warmed_up_is_kept_and_compiled_no_more(capsys: pytest.CaptureFixture[str]) -> None:
+    assert launch(main, ["scenes", "--warm-up", "single-particle", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert list(told["seconds"]) == ["single-particle"]
+    assert told["folder"] == str(kernel_cache_folder())
+    assert any("advance_ticks" in path.name for path in Path(told["folder"]).glob("*.kernel"))
+    compiled: list[int] = []
+    with report_compiled_kernels(compiled.append):
+        simulate(load_scene("single-particle"), t_end=1e-3, progress=False)
+    assert not compiled

@@ -149,7 +149,7 @@ def test_an_error_of_the_measure_is_told_of_but_not_kept(tmp_path: Path, here: E
 
 def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
     """And their runs: each is computed by one of them only."""
-    values = [1.0 + 0.1 * k for k in range(20)]
+    values = [1.0 + 0.1 * k for k in range(8)]
     calls: list[float] = []
 
     def counted(run: Trajectory) -> dict[str, Any]:
@@ -251,7 +251,7 @@ def cmdline(pid: int) -> bytes:
 START = """
 import os, time
 from granular.studies.executors import ProcessPool
-workers = ProcessPool(2)
+workers = ProcessPool(1)
 pids = {workers.submit(os.getpid).result()}
 busy = [workers.submit(time.sleep, 600.0) for _ in range(2)]
 print(*pids, flush=True)

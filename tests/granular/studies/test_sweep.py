@@ -43,14 +43,14 @@ def measured(run: Trajectory) -> dict[str, float]:
     return {"energy": float(run.dataset["kinetic_energy"][-1])}
 
 
-def test_grid_and_cases_make_a_tidy_table() -> None:
+def test_grid_and_cases_make_a_tidy_table(here: Executor) -> None:
     study = sweep(
         falling(),
         {"effects.gravity.acceleration": [1.0, 2.0], "cell.width": [0.4, 0.5]},
         cases=[{"grains.density": 7000.0}],
         measure=measured,
         dt=1e-4,
-        workers=1,
+        executor=here,
         progress=False,
     )
     table = study.table

@@ -133,7 +133,7 @@ long = [{"kind": "hold", "name": "fall", "duration": 1e3}]
 scene = load_scene("single-particle").replace(protocol=long)
 values = {"effects.gravity.acceleration": [float(k) for k in range(1, 41)]}
 threading.Timer(1.0, os.kill, [os.getpid(), signal.SIGINT]).start()
-sweep(scene, values, dt=1e-6, progress=False)
+sweep(scene, values, dt=1e-6, workers=1, progress=False)
 """
 
 
