@@ -208,7 +208,7 @@ def test_a_pair_law_finds_all_partners_of_a_whole_bed(reach: str) -> None:
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_ledger_closes_with_the_square_of_the_step(name: str) -> None:
-    runs = [simulate(small(name), dt=dt, t_end=20 * STEP, progress=False) for dt in (STEP, STEP / 2)]
+    runs = [simulate(small(name), dt=dt, t_end=10 * STEP, progress=False) for dt in (STEP, STEP / 2)]
     coarse, fine = (float(one.settings()["ledger_residual"]) for one in runs)
     assert coarse < 1e-3
     assert 3.0 < coarse / fine < 5.0
@@ -217,6 +217,7 @@ def test_the_ledger_closes_with_the_square_of_the_step(name: str) -> None:
             assert (np.diff(runs[0].dataset[variable].values) >= -1e-18).all()
 
 
+@pytest.mark.long  # quick: the table of pairs resumes a run of each effect
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_that_goes_on_has_the_same_bits(name: str, tmp_path: Path) -> None:
     scene = small(name)

@@ -28,7 +28,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:the energy ledger"),
 ]
 
-STEP, STEPS = 4e-5, 8
+STEP, STEPS = 4e-5, 4
 PERIODIC = {name for name, one in all_effects().items() if one.periodic}
 LAW = {"energy": "a*q1*q2*exp(-r/l)", "a": "30 uJ", "l": "3 mm"}
 REACH = {"pair law below a spacing": 0.8, "pair law above spacings": 6.0}
@@ -145,7 +145,7 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
         "pairs": METHODS[row["method"]],
         "arrangement": {"speed": "30 D/s", "jitter": 0.1},
         "protocol": bed["protocol"],
-        "output": {"scalars": 4 * STEP, "frames": 4 * STEP},
+        "output": {"scalars": 2 * STEP, "frames": 2 * STEP},
     }
     if not around:
         plain["piston"] = {"height": f"{height} D"}
