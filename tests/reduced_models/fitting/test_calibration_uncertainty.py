@@ -60,6 +60,7 @@ def test_one_sensor_of_several_records_does_not_average_out() -> None:
     assert spread(together[0], "g0") == pytest.approx(spread(alone, "g0"), rel=1e-3)
 
 
+@pytest.mark.long  # quick: `test_driven`
 def test_the_scale_of_a_force_moves_the_mass_that_it_drives() -> None:
     from scipy.signal import lsim
 

@@ -9,7 +9,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from reduced_models import Law, fit, load_model
+from reduced_models import Law, LawEstimator, ReducedModel, fit, load_model
 from reduced_models.laws.solution import solve_law
 from reduced_models.least_squares.samples import grid_over_record
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, interpolate_inputs, piecewise_cubics
@@ -77,11 +77,24 @@ def test_steps_end_at_samples() -> None:
     assert even.steps * even.step == pytest.approx(TIME[-1], rel=1e-12)
 
 
-def test_the_interpolation_is_chosen_by_what_is_held_out(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def held() -> PistonRecord:
+    """A motion under a held input."""
+    noise = np.random.default_rng(1).normal(0.0, 1e-3, len(TIME))
+    return PistonRecord(TIME, motion("previous") + noise, force=force()).first(900)
+
+
+@pytest.fixture(scope="module")
+def model(held: PistonRecord) -> ReducedModel:
+    """Its fit, with the interpolation that fits what is held out best."""
+    return fit(held, LAW.equation, starts=1)
+
+
+def test_the_interpolation_is_chosen_by_what_is_held_out(
+    held: PistonRecord, model: ReducedModel, tmp_path: Path
+) -> None:
     """A motion under a held input is that of a held input; the model remembers it."""
-    random = np.random.default_rng(1)
-    record = PistonRecord(TIME, motion("previous") + random.normal(0.0, 1e-3, 2000), force=force())
-    model = fit(record, LAW.equation, starts=1)
+    record = held
     assert model.input_interpolation == "previous"
     assert model.quality.residual == pytest.approx(1e-3, rel=0.06)
     for name, value in TRUE.items():
@@ -96,4 +109,28 @@ def test_the_interpolation_is_chosen_by_what_is_held_out(tmp_path: Path) -> None
     with pytest.raises(InputError, match="has the input 'force'; give inputs"):
         back.simulate(TIME)
     with pytest.raises(RecordError, match="no column of that name; found: none"):
-        fit(PistonRecord(TIME, record.height), LAW)
+        fit(PistonRecord(record.time, record.height), LAW)
+
+
+def test_an_estimator_takes_the_input_behind_the_time(held: PistonRecord, model: ReducedModel) -> None:
+    table = np.column_stack([held.time, held.columns["force"]])
+    estimator = LawEstimator(LAW.equation, starts=1, inputs=("force",)).fit(table, held.height)
+    assert estimator.n_features_in_ == 2
+    assert estimator.model_.parameters == model.parameters
+    np.testing.assert_allclose(estimator.predict(table), model.simulate_record(held).height, atol=1e-9)
+    with pytest.raises(InputError, match="2 times for 1 heights"):
+        estimator.score(table[:2], held.height[:1])
+    with pytest.raises(InputError, match="the time and force"):
+        estimator.predict(held.time)
+
+
+def test_the_uncertainty_of_a_force_is_that_of_what_multiplies_it(
+    held: PistonRecord, model: ReducedModel
+) -> None:
+    """Two per cent of a load cell's scale, next to what the record leaves open."""
+    table = {"time [s]": held.time, "height [m]": held.height, "cell [V]": held.columns["force"]}
+    record = PistonRecord.from_table(table, columns={"force": "cell"}, scale={"force": "1 +- 0.02 N/V"})
+    wide = fit(record, LAW.equation, starts=1, input_interpolation="previous")
+    assert wide.parameters == pytest.approx(model.parameters, rel=1e-6)
+    plain, more = (0.5 * np.diff(one.intervals["g"])[0] for one in (model, wide))
+    assert more == pytest.approx(np.hypot(plain, 1.96 * 0.02 * model.parameters["g"]), rel=0.05)

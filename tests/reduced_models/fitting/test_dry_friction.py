@@ -100,7 +100,7 @@ def test_intervals_follow_from_those_of_the_parameters() -> None:
 def test_a_lag_that_cannot_matter_is_not_told(made: Any) -> None:
     """A wrong law's residuals lag by rounding; a lag of a fraction of a sample is told."""
     with pytest.warns(UserWarning, match="swing with the motion"):
-        model = fit(made("coulomb"), "linear", starts=2, test_fraction=0.0)
+        model = fit(made("coulomb"), "linear", starts=1, test_fraction=0.0)
     assert 0.0 < abs(model.quality.lag) < 1e-3 * TIME[1]
     assert "lags" not in str(model)
     late = dataclasses.replace(model.quality, lag=0.2 * TIME[1])
@@ -111,7 +111,7 @@ def test_peaks_contradict_a_law_that_is_held_to_another_damping(tmp_path: Path) 
     """The law keeps its figure; what is printed is what the peaks show."""
     with pytest.warns(UserWarning, match="not right"):
         model = fit(
-            released(0.02, 0.0, 1e-4), "linear", starts=2, test_fraction=0.0, fix={"lam": 0.1 * OMEGA}
+            released(0.02, 0.0, 1e-4), "linear", starts=1, test_fraction=0.0, fix={"lam": 0.1 * OMEGA}
         )
     rest = model.at_rest
     assert rest is not None
@@ -128,7 +128,7 @@ def test_peaks_contradict_a_law_that_is_held_to_another_damping(tmp_path: Path) 
 
 def test_what_small_swings_show_stays() -> None:
     """Of a law whose damping at rest is that of swings, the small swing is told as it was."""
-    model = fit(released(0.06, 0.0, 1e-4), "linear", starts=2, test_fraction=0.0)
+    model = fit(released(0.06, 0.0, 1e-4), "linear", starts=1, test_fraction=0.0)
     rest = model.at_rest
     assert rest is not None
     assert rest.equivalent is None

@@ -53,7 +53,7 @@ def integer() -> PistonRecord:
 def check(law: str) -> ReducedModel:
     record = integer()
     before, after = record.between(0.0, CUT), record.between(CUT, TIME[-1])
-    model = fit(after, law, initial=before, starts=8)
+    model = fit(after, law, initial=before, starts=4)
     assert model.quality.residual == pytest.approx(NOISE, rel=0.05)
     for name, value in TRUE.items():
         low, high = model.intervals[name]

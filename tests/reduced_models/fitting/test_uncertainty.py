@@ -58,7 +58,8 @@ def test_a_start_that_the_motion_forgets_at_once_takes_no_information() -> None:
     assert_allclose(marginal_information(normal, asked, np.ones(SIZE, dtype=bool)), without, rtol=1e-10)
 
 
-@pytest.mark.parametrize("how", ["linear", pytest.param("bootstrap", marks=pytest.mark.long), "profile"])
+@pytest.mark.long  # quick: `open_model` of `test_fit`, a damping that may be none in `test_profile`
+@pytest.mark.parametrize("how", ["linear", "bootstrap", "profile"])
 def test_intervals_of_a_product_that_alone_matters_stay_open(
     monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:

@@ -79,6 +79,7 @@ HELD: dict[str, Any] = {"positive": ["k", "lam"]} | {
 }
 
 
+@pytest.mark.long  # quick: its symmetries above, an own law in `test_fit`, a pendulum in `test_examples`
 def test_a_pendulum_as_it_is_written() -> None:
     model = fitted_pendulum(starts=8)
     held = fitted_pendulum(**HELD)

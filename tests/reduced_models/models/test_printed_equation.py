@@ -136,14 +136,8 @@ def test_few_digits_where_little_is_known(made: Any) -> None:
     assert fit(made("duffing", seed=1), "duffing").printed_digits <= 5
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=() if name == "elastoplastic-bed" else pytest.mark.long)
-        for name, law in LAWS.items()
-        if law.hidden  # quick: Bouc-Wen's in `test_history`
-    ],
-)
+@pytest.mark.long  # quick: Bouc-Wen's in `test_history`
+@pytest.mark.parametrize("name", [name for name, law in LAWS.items() if law.hidden])
 def test_a_law_with_memory_by_its_printed_parameters(name: str, made: Any) -> None:
     """Its small swing, hidden states included, lies within the printed intervals."""
     with warnings.catch_warnings():

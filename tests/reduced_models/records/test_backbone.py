@@ -105,19 +105,9 @@ def test_noise_alone_has_no_backbone() -> None:
         free_backbone(PistonRecord(np.linspace(0.0, 60.0, 4000), noise))
 
 
-@pytest.mark.parametrize(
-    "law",
-    [
-        "coulomb",
-        *(
-            pytest.param(law, marks=pytest.mark.long)
-            for law in ("linear", "viscous-coulomb", "viscous-quadratic")
-        ),
-    ],
-)
-@pytest.mark.parametrize(
-    "kind", [KINDS[0], *(pytest.param(kind, marks=pytest.mark.long) for kind in KINDS[1:])]
-)
+@pytest.mark.long  # quick: damping ratios in `test_dry_friction`
+@pytest.mark.parametrize("law", ["coulomb", "linear", "viscous-coulomb", "viscous-quadratic"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_no_law_has_more_than_critical_damping_for_what_swings(kind: str, law: str) -> None:
     """Whatever law is fitted, also one that is wrong; the seed has the most friction of all."""
     record, *_ = decay(kind, 0, 2000)  # as many as elsewhere: their code is compiled already

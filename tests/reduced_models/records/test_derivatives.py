@@ -66,7 +66,9 @@ def test_the_noise_figure_of_the_spline_is_the_scatter_of_records() -> None:
     assert scatter == pytest.approx(np.array(figures), rel=0.1)
 
 
-@pytest.mark.parametrize("level", [1e-3, pytest.param(1e-4, marks=pytest.mark.long), 1e-6])
+@pytest.mark.parametrize(
+    "level", [1e-3, *(pytest.param(level, marks=pytest.mark.long) for level in (1e-4, 1e-6))]
+)
 @pytest.mark.parametrize("method", ["savitzky-golay", "smoothing-spline"])
 def test_smoothing_beats_differences_at_every_noise(method: str, level: float) -> None:
     record = noisy(TIME, level)

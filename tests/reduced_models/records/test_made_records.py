@@ -117,7 +117,7 @@ def make(directory: Path, number: int) -> Made:
     return Made(path.with_suffix(".toml"), words, float(frequency), float(ratio), float(noise), releases)
 
 
-@pytest.mark.parametrize("numbers", [range(20), pytest.param(range(20, NUMBER), marks=pytest.mark.long)])
+@pytest.mark.parametrize("numbers", [range(8), pytest.param(range(8, NUMBER), marks=pytest.mark.long)])
 def test_the_motion_is_found_in_each(numbers: range, tmp_path: Path) -> None:
     """From a release on, as far as it is above the noise, and nothing of the next lift."""
     for number in numbers:

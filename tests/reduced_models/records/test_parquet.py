@@ -19,7 +19,7 @@ COMMANDS = ("identify", "fit", "discover", "compare", "calibrate")
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A good record, and a few Parquet files that are none."""
-    time = np.linspace(0.0, 3.0, 600)
+    time = np.linspace(0.0, 2.0, 2000)  # as in other tests: fits of one shape are compiled once
     swing = 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time)
     noise = np.random.default_rng(3).normal(0.0, 3e-6, len(time))
     good = PistonRecord(time, 0.059 + swing + noise)
