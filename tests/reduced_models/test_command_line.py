@@ -122,7 +122,19 @@ def test_fit_compare_and_simulate(
     monkeypatch.chdir(files)
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
     law = "z'' + 2*d*z' + k*z = g"
-    words = ["fit", "lab.csv", "--law", law, "--bound", "d=0:5", "-o", "fitted.json", "--quiet"]
+    words = [
+        "fit",
+        "lab.csv",
+        "--law",
+        law,
+        "--bound",
+        "d=0:5",
+        "--starts",
+        "1",
+        "-o",
+        "fitted.json",
+        "--quiet",
+    ]
     assert launch(main, words) == 0
     assert "model: fitted.json" in capsys.readouterr().out
     words = ["simulate", "fitted.json", "--until", "2 s", "--samples", "2000", "-o", "motion.csv"]
@@ -130,7 +142,18 @@ def test_fit_compare_and_simulate(
     record = PistonRecord.from_csv(files / "lab.csv")
     predicted = PistonRecord.from_csv(files / "motion.csv")
     assert np.abs(predicted.height - record.height).max() < 2e-5
-    words = ["compare", "lab.csv", "--law", "linear", "--law", law, "--test-records", "lab.csv"]
+    words = [
+        "compare",
+        "lab.csv",
+        "--law",
+        "linear",
+        "--law",
+        law,
+        "--test-records",
+        "lab.csv",
+        "--starts",
+        "1",
+    ]
     capsys.readouterr()
     assert launch(main, [*words, "-o", "compared", "--json", "--quiet"]) == 0
     plain = json.loads(capsys.readouterr().out)

@@ -50,12 +50,20 @@ def check_hard_spring(clean: PistonRecord, stiffening: float, fraction: float) -
     assert model.parameters["k"] == pytest.approx(1.0, rel=0.01)
 
 
-@pytest.mark.long  # quick: to a sixteenth
+def test_a_frequency_that_falls_to_a_fourth() -> None:
+    """In a record as long as those of other tests, whose compiled code it shares."""
+    clean = hard_spring(20.0, 0.2, 40.0, 2000)
+    assert fall_of_frequency(clean) > 4.0
+    check_hard_spring(clean, 20.0, 0.01)
+
+
+@pytest.mark.long  # quick: to a fourth
 def test_a_frequency_that_falls_to_a_fifth() -> None:
     """A hard spring: whoever fits all swings at once ends twenty noise levels away."""
     check_hard_spring(hard_spring(20.0, 0.02, 300.0, 6000), 20.0, 0.03)
 
 
+@pytest.mark.long  # quick: to a fourth
 def test_a_frequency_that_falls_to_a_sixteenth() -> None:
     """In forty swings."""
     clean = hard_spring(205.0, 0.2, 60.0, 1500)

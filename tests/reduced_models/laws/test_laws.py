@@ -15,6 +15,7 @@ from reduced_models import ReducedModel, fit, load_model
 from reduced_models.laws import LAWS, law_named
 from reduced_models.laws.equation import compile_jacobian, parse_equation
 from reduced_models.laws.law import law_from_text
+from reduced_models.laws.linearization import harmonic_cycles, law_rates
 from reduced_models.laws.solution import solve_law
 
 
@@ -162,6 +163,15 @@ def test_laws_are_well_declared(name: str) -> None:
     assert parse_equation(law.equation).parameters == law.parameters
 
 
+def test_the_damping_of_dry_friction_by_its_sign() -> None:
+    """Its energy in a cycle is 4 friction A, in closed form."""
+    rates = law_rates(law_from_text("z'' + friction*sign(z') + k*z = g0"), [0.06, 1.1025, 0.2])
+    for size in (0.3, 3.0):
+        found = harmonic_cycles(rates, 0, size, 0.2 / 1.1025, 1.05)
+        assert float(found.damping_ratio[0]) == pytest.approx(0.12 / (math.pi * 1.1025 * size), rel=1e-3)
+
+
+@pytest.mark.long  # quick: its damping above, swings of friction in `test_dry_friction`
 def test_dry_friction_by_its_sign(made: Any) -> None:
     """It is fitted unchanged, and its damping is that of swings, where it does not stick."""
     law = "z'' + friction*sign(z') + k*z = g0"

@@ -45,7 +45,7 @@ ODD: tuple[Any, ...] = (
     "$\\frac{$",
 )
 CONSTANTS = ("NaN", "Infinity", "-Infinity", "1e999", "1_0", "0x1")
-QUICK = 60
+QUICK = 30
 
 
 def places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:

@@ -149,7 +149,7 @@ def judge(made: Made, laws: list[str] | None = None) -> tuple[bool, str]:
     return good, said if good else f"{said}; {[str(one.message) for one in caught]}"
 
 
-@pytest.mark.parametrize("number", [0, 10])
+@pytest.mark.parametrize("number", [0, pytest.param(10, marks=pytest.mark.long)])
 def test_a_linear_law_is_told(number: int, tmp_path: Path) -> None:
     good, said = judge(make(tmp_path, number), ["linear"])
     assert good, said
