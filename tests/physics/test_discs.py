@@ -61,13 +61,13 @@ def forces(scene: Scene, positions: np.ndarray) -> np.ndarray:
     return evaluate(scene, positions * scene.grains.species[0].diameter).force / unit
 
 
+@pytest.mark.long  # quick: unlike discs, below; kernels, in granular/pairs/test_discs.py
 @pytest.mark.parametrize(
     ("pairs", "reach", "tolerance"),
     [
-        # Quick of the direct sum: unlike discs, below.
-        pytest.param({"method": "direct"}, 50.0, 1e-5, marks=pytest.mark.long),
+        ({"method": "direct"}, 50.0, 1e-5),
         ({"method": "cut-off", "cut_off": "7 D"}, 7.0, 1e-5),
-        pytest.param({"method": "mesh", "tolerance": 1e-4}, 50.0, 1e-4, marks=pytest.mark.long),
+        ({"method": "mesh", "tolerance": 1e-4}, 50.0, 1e-4),
     ],
 )
 def test_scenes_have_the_law(bed: Scene, pairs: dict[str, Any], reach: float, tolerance: float) -> None:
@@ -102,6 +102,7 @@ def test_periodic_cells_have_the_law() -> None:
     assert np.abs(beyond - known).max() <= 1e-4 * np.abs(known).max()
 
 
+@pytest.mark.long  # quick: discs in plain Python
 def test_energy_is_conserved_with_the_square_of_the_step(small_bed: Scene) -> None:
     """Grains that touch and swing about; friction, drag and dashpots left out."""
     changes = {"effects.drag.coefficient": 0.0, "effects.contact.restitution": 1.0}
@@ -143,6 +144,7 @@ def test_species_and_scatter_have_the_law(small_bed: Scene) -> None:
     assert np.abs(forces(scene, positions) - known).max() <= 1e-5 * np.abs(known).max()
 
 
+@pytest.mark.long
 def test_run_that_goes_on_has_the_bits_of_one_left_alone(small_bed: Scene, tmp_path: Path) -> None:
     """Though lists of close pairs are made anew."""
     changes = {"effects.drag.coefficient": 0.0, "effects.contact.restitution": 1.0}
@@ -161,6 +163,7 @@ def test_two_threads_give_the_bits_of_one(bed: Scene) -> None:
     np.testing.assert_array_equal(*(run.dataset["position"].values for run in runs))
 
 
+@pytest.mark.long  # quick: grains that are too near are counted, in granular/pairs/test_discs.py
 def test_discs_pressed_into_each_other_stop_the_run(small_bed: Scene) -> None:
     scene = discs(small_bed, **{"effects.contact.modulus": "1 kPa"}).replace(
         protocol=[{"kind": "move", "name": "press", "to": "1 D", "duration": 0.1}]

@@ -142,12 +142,13 @@ def test_sliding_grain_stops_at_the_exact_distance(dt: float) -> None:
     assert run.dataset["friction_loss"].values[-1] == pytest.approx(0.5 * MASS * speed**2, rel=1e-9)
 
 
-def test_stuck_grain_does_not_move_by_one_bit() -> None:
-    """A weight just below mu_s N, for 1e6 steps."""
+@pytest.mark.parametrize("dt", [1e-5, pytest.param(1e-6, marks=pytest.mark.long)])
+def test_stuck_grain_does_not_move_by_one_bit(dt: float) -> None:
+    """A weight just below mu_s N, for a second."""
     load = 0.01
     scene = lone_grain(**{"effects.gravity.acceleration": 0.999 * 0.6 * load / MASS})
-    run = simulate(scene, dt=1e-6, progress=False)
-    assert run.settings()["steps"] == 1_000_000
+    run = simulate(scene, dt=dt, progress=False)
+    assert run.settings()["steps"] == round(1.0 / dt)
     place = run.dataset["position"].values[:, 0]
     assert (place == place[0]).all()
     assert (run.dataset["kinetic_energy"].values == 0.0).all()
@@ -215,6 +216,7 @@ def test_grain_that_is_thrown_up_slides_back(gamma: float) -> None:
     assert (np.array(errors) < (g + b) * np.array([1e-3, 5e-4, 2.5e-4]) ** 2).all()
 
 
+@pytest.mark.long  # quick: the ledger of beds that rub, in plain Python
 def test_friction_never_gives_energy(small_bed: Scene) -> None:
     scene = small_bed.replace(**{"effects.drag": None, "effects.friction": {}})
     lost = simulate(scene, t_end=0.3, progress=False).dataset["friction_loss"].values
@@ -222,6 +224,7 @@ def test_friction_never_gives_energy(small_bed: Scene) -> None:
     assert lost[-1] > 0.0
 
 
+@pytest.mark.long  # quick: one grain stops to the last bit, above
 def test_bed_with_friction_comes_to_exact_rest(small_bed: Scene) -> None:
     scene = small_bed.replace(
         **{
@@ -239,11 +242,8 @@ def test_bed_with_friction_comes_to_exact_rest(small_bed: Scene) -> None:
     assert (np.linalg.norm(force, axis=1) <= 0.6 * load * (1 + 1e-12)).all()
 
 
-@pytest.mark.parametrize(
-    "drag",
-    # Quick: a small run with both in plain Python.
-    [None, pytest.param({"coefficient": 0.1}, marks=pytest.mark.long)],
-)
+@pytest.mark.long  # quick: small runs in plain Python
+@pytest.mark.parametrize("drag", [None, {"coefficient": 0.1}])
 def test_ledger_closes_to_second_order_with_friction(small_bed: Scene, drag: dict | None) -> None:
     scene = small_bed.replace(**{"effects.drag": drag, "effects.friction": {}})
     steps = np.array([8e-5, 2e-5, 5e-6])

@@ -290,8 +290,9 @@ RUBBING = {
 @pytest.fixture(
     scope="module",
     params=[
+        # Quick: grains that leave through a gap, in plain Python.
         # The walls of the beds above, so that they share compiled code.
-        pytest.param({"effects.walls": None}, id="slabs all around"),
+        pytest.param({"effects.walls": None}, id="slabs all around", marks=pytest.mark.long),
         pytest.param(RUBBING, id="two species that rub", marks=pytest.mark.long),
     ],
 )

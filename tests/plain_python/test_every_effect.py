@@ -11,7 +11,7 @@ import numba
 import numpy as np
 import pytest
 
-from granular import Scene, effect, evaluate, load_scene, quantity, simulate, wall_law
+from granular import Scene, effect, evaluate, load_scene, quantity, simulate, stage, wall_law
 from granular.effects.registry import all_effects
 from granular.engine.new_state import new_state
 from granular.engine.outflow import constants_per_grain, remove_outflowed_grains
@@ -120,6 +120,30 @@ class Soft:
     @staticmethod
     def stiffness(p: Any, w: float) -> Any:
         return 12.0 * p.k * max(p.end - w, 0.0) ** 2 / p.end**2
+
+
+@stage
+class Dip:
+    """The piston goes down and up again."""
+
+    depth: float = quantity("m", above=0.0)
+    omega: float = quantity("1/s")
+
+    @staticmethod
+    def height(p: Any, time: float, start: float) -> Any:
+        return start - p.depth * (1.0 - math.cos(p.omega * time))
+
+
+@stage
+class Fade:
+    """A force that dies out and turns."""
+
+    size: float = quantity("N")
+    span: float = quantity("s", above=0.0)
+
+    @staticmethod
+    def force(p: Any, time: float) -> Any:
+        return p.size * (math.exp(-time / p.span) - math.sin(time / p.span))
 
 
 GUIDE = ("springs.py", "oil.py", "rubber.py")
@@ -258,21 +282,24 @@ def test_what_is_absent_has_no_law(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "stage",
+    "own",
     [
+        {"kind": "dip", "depth": "0.05 D", "omega": "2000 1/s"},
+        {"kind": "fade", "size": "0.5 N", "span": "0.2 ms"},
         {"kind": "path", "height": "h0 - a*(1 - cos(w*t))", "a": "0.05 D", "w": "2000 1/s"},
         {"kind": "force", "force": "f*exp(-t/s) - f*sin(t/s)", "f": "0.5 N", "s": "0.2 ms"},
     ],
-    ids=lambda stage: str(stage["kind"]),
+    ids=lambda own: str(own["kind"]),
 )
-def test_the_ledger_of_a_stage_by_formula_closes(stage: dict[str, Any]) -> None:
+def test_the_ledger_of_an_own_stage_closes(own: dict[str, Any]) -> None:
+    """By a class and by a formula."""
     scene = small("walls", **{"piston.mass": "20 g", "output.scalars": 2 * STEP})
-    scene = scene.replace(protocol=[{"name": "own", "duration": 20 * STEP} | stage])
+    scene = scene.replace(protocol=[{"name": "own", "duration": 20 * STEP} | own])
     assert Scene.from_plain(scene.to_plain()) == scene
     runs = [simulate(scene, dt=dt, progress=False) for dt in (STEP / 2, STEP / 4)]
     coarse, fine = (float(one.settings()["ledger_residual"]) for one in runs)
     assert 3.0 < coarse / fine < 5.0
-    if stage["kind"] == "path":
+    if own["kind"] in ("dip", "path"):
         data = runs[0].dataset
         wanted = 0.036 - 0.05 * 0.006 * (1.0 - np.cos(2000.0 * data["time"].values))
         np.testing.assert_allclose(data["piston_height"].values, wanted, rtol=0.0, atol=1e-12)

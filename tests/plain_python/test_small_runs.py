@@ -85,6 +85,14 @@ SPECIES = {
     ]
 }
 
+DISCS = {
+    "grains.magnets": "cylinders",
+    "grains.species": [
+        {"name": "big", "diameter": "6 mm", "share": 0.5},
+        {"name": "small", "diameter": "4 mm", "thickness": "2 mm", "share": 0.5},
+    ],
+}
+
 SCENES: dict[str, dict[str, Any]] = {
     "conservative": {},
     "drag": {"effects.drag": {}},
@@ -95,6 +103,7 @@ SCENES: dict[str, dict[str, Any]] = {
     "friction of the source": {"effects.friction.scheme": "regularised"},
     "contact": TOUCHING,
     "contact of two species, with friction": {"effects.friction": {}, **TOUCHING, **SPECIES},
+    "discs of two species that touch": {**TOUCHING, **DISCS},
     "shaking": {"effects.shaking": {"amplitude": "0.5 mm", "frequency": 100.0}},
     "shaking with friction": {
         "effects.shaking": {"amplitude": "0.5 mm", "frequency": 100.0},
@@ -145,6 +154,14 @@ def test_ledger_closes_to_second_order(name: str) -> None:
     integer, half = (residual(run(scene, dt, time=time)) for dt in (step, step / 2))
     assert 0.0 < integer < 1e-4
     assert integer / half == pytest.approx(4.0, abs=0.1)
+
+
+def test_a_table_of_heights_is_followed() -> None:
+    times, heights = [0.0, TIME / 4, TIME / 2, TIME], [0.036, 0.0355, 0.0355, 0.0358]
+    data = run(small(**stage("follow", times=times, heights=heights))).dataset
+    assert data["time"].values[-1] == pytest.approx(TIME)
+    exact = np.interp(data["time"].values, times, heights)
+    assert data["piston_height"].values == pytest.approx(exact, rel=1e-12)
 
 
 def test_friction_of_the_source_brakes_alike_where_grains_slide_fast() -> None:

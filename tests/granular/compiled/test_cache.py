@@ -148,7 +148,7 @@ def test_a_full_disk_stops_nothing(workshop: Any) -> None:
     assert not list(workshop.cache.rglob("*.part"))
 
 
-def test_folders_that_others_may_write_to_and_places_without_a_folder(workshop: Any) -> None:
+def test_nothing_is_kept_in_a_folder_that_others_may_write_to(workshop: Any) -> None:
     wanted, _ = workshop.run()
     kernels = workshop.kernels()
     (folder,) = {path.parent for path in kernels}
@@ -161,6 +161,11 @@ def test_folders_that_others_may_write_to_and_places_without_a_folder(workshop: 
     assert "chmod go-w" in said
     assert workshop.kernels() == kernels
     folder.chmod(0o700)
+
+
+@pytest.mark.long  # quick: a full disk, above
+def test_nothing_is_kept_where_no_folder_can_be(workshop: Any) -> None:
+    wanted, _ = workshop.run()
     found, said = workshop.run(cache=str(workshop.folder / "granular" / "user_code.py"))
     assert found == wanted
     assert said.count("UserWarning: compiled code is not kept") == 1

@@ -41,7 +41,11 @@ def apart(species: list[dict[str, Any]], **changes: Any) -> Scene:
     )
 
 
-@pytest.mark.parametrize("method", ["stormer-verlet", "runge-kutta-4"])
+@pytest.mark.parametrize(
+    "method",
+    # Quick by Runge-Kutta: every effect, and eddy currents, in plain Python.
+    ["stormer-verlet", pytest.param("runge-kutta-4", marks=pytest.mark.long)],
+)
 @pytest.mark.parametrize("coefficient", [0.01, 0.0])
 def test_drag_goes_with_the_area_of_a_face(method: str, coefficient: float) -> None:
     scene = apart(DENSE, **{"effects.drag.coefficient": coefficient})
@@ -87,11 +91,8 @@ def test_dry_friction_takes_the_drag_of_each_grain_along() -> None:
 REGULARISED = {"scheme": "regularised", "threshold": "10 mm/s"}
 
 
-@pytest.mark.parametrize(
-    "friction",
-    # Quick: friction at the walls by the motion of one grain, and small runs in plain Python.
-    [{}, *(pytest.param(one, marks=pytest.mark.long) for one in (REGULARISED, None))],
-)
+@pytest.mark.long  # quick: friction at the walls by the motion of one grain, and runs in plain Python
+@pytest.mark.parametrize("friction", [{}, REGULARISED, None])
 def test_ledger_closes_to_second_order(friction: dict[str, Any] | None) -> None:
     rubbing = {"friction": friction} if friction is not None else {}
     scene = load_scene("bed").replace(

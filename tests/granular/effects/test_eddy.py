@@ -103,19 +103,28 @@ def test_two_grains_decay_as_the_tensor_says(name: str) -> None:
 ALIKE = {"grains.species": [{"name": "disc", "diameter": "6 mm"}], "effects.drag": None}
 
 
-@pytest.mark.parametrize("species", [pytest.param(1, marks=pytest.mark.long), 2])
-def test_flow_is_of_second_order_and_a_runge_kutta_method_agrees(species: int) -> None:
+def twelve(species: int) -> Scene:
     random = np.random.default_rng(3)
     positions = loose(4, 3, 3)
     changes: dict[str, Any] = {"output.frames": 0.02} | (ALIKE if species == 1 else {})
-    scene = scene_of(positions, 1e-9 * random.normal(size=(12, 2)), **changes)
+    return scene_of(positions, 1e-9 * random.normal(size=(12, 2)), **changes)
+
+
+@pytest.mark.parametrize("species", [pytest.param(1, marks=pytest.mark.long), 2])
+def test_flow_is_of_second_order(species: int) -> None:
+    scene = twelve(species)
     errors = []
     for dt in (1e-3, 5e-4, 2.5e-4):
         computed, exact = decayed(scene, dt)
         errors.append(np.abs(computed - exact).max() / np.abs(exact).max())
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(slopes, 2.0, atol=0.15)
-    computed, exact = decayed(scene, 2e-4, method="runge-kutta-4")
+
+
+@pytest.mark.long  # quick: unlike grains by either kind of method, in plain Python
+@pytest.mark.parametrize("species", [1, 2])
+def test_a_runge_kutta_method_agrees(species: int) -> None:
+    computed, exact = decayed(twelve(species), 2e-4, method="runge-kutta-4")
     np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-7 * np.abs(exact).max())
 
 
@@ -237,6 +246,7 @@ def test_high_bed_within_reach_is_the_bed_of_all_pairs() -> None:
     assert 0.0 <= losses[0] / losses[1] - 1.0 < 0.05
 
 
+@pytest.mark.long  # quick: resumed, every effect in plain Python
 def test_resumed_and_on_two_threads_the_same_bits(tmp_path: Path) -> None:
     random = np.random.default_rng(6)
     scene = scene_of(
@@ -254,7 +264,8 @@ def test_resumed_and_on_two_threads_the_same_bits(tmp_path: Path) -> None:
             assert (other.dataset[name].values == through.dataset[name].values).all()
 
 
-@pytest.mark.parametrize("mutual", [pytest.param(False, marks=pytest.mark.long), True])
+@pytest.mark.long  # quick: thick plate and discs, above
+@pytest.mark.parametrize("mutual", [False, True])
 def test_discs_are_braked_as_the_tensor_says(mutual: bool) -> None:
     """Two unlike discs over a thick plate; each alone, and with the currents of the other."""
     from scipy.linalg import expm

@@ -58,7 +58,10 @@ def places(random: np.random.Generator) -> np.ndarray:
             marks=pytest.mark.long,  # quick: one of them beside slabs
         ),
         {"effects.walls": {"left": SLAB, "right": "none", "bottom": "infinite", "top": "slab"}},
-        {"effects.walls": {"left": FORMULA}, "grains.spread": 0.1},
+        pytest.param(
+            {"effects.walls": {"left": FORMULA}, "grains.spread": 0.1},
+            marks=pytest.mark.long,  # quick: every law of walls in plain Python
+        ),
         {"effects.contact": {"modulus": "1 MPa"}},
     ],
 )
@@ -77,10 +80,11 @@ def test_the_parts_add_up_to_the_force_of_the_engine(
     np.testing.assert_allclose(total, integer, rtol=0.0, atol=1e-13 * np.abs(integer).max())
 
 
+@pytest.mark.long  # quick: unlike discs against their law, tests/physics/test_discs.py
 def test_the_parts_add_up_for_discs(random: np.random.Generator) -> None:
     """Unlike discs, two of them pressed together; within the tables' error of the force at contact.
 
-    Without other effects, with moments that scatter: as discs that are compiled for other tests.
+    Without other effects, with moments that scatter: as discs that are compiled for that test.
     """
     changes = {"grains.magnets": "cylinders", "grains.spread": 0.05, "pairs.method": "direct"}
     alone = {"effects.walls": None, "effects.gravity": None, "effects.drag": None, "piston": None}

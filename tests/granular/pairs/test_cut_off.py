@@ -60,8 +60,8 @@ class Bed:
 @pytest.mark.parametrize(
     ("differing", "smooth"),
     [
-        (False, None),
-        pytest.param(True, None, marks=pytest.mark.long),
+        # Quick without the smooth split: small runs in plain Python.
+        *(pytest.param(differing, None, marks=pytest.mark.long) for differing in (False, True)),
         (True, True),
         pytest.param(False, True, marks=pytest.mark.long),
     ],
@@ -131,7 +131,7 @@ def test_lists_made_again_give_the_same_bits() -> None:
         np.testing.assert_array_equal(bed.sums(), wanted)
 
 
-@pytest.mark.long  # quick: those of the mesh, tests/granular/pairs/test_far_field.py
+@pytest.mark.long  # quick: those of the direct sum, tests/physics/test_pair_sum.py
 def test_threads_give_the_same_bits() -> None:
     one, several = (Bed(scattered(3000, 5), 6.0, differing=True) for _ in range(2))
     several.threaded = True

@@ -150,11 +150,13 @@ def held_by_images(scene: Scene, force_error: float, energy_error: float) -> Non
     assert found.potential_energy / energy == pytest.approx(potential, rel=energy_error)
 
 
+@pytest.mark.long  # quick: grains and their images in plain Python, to which nothing need be compiled
 def test_mesh_takes_all_images() -> None:
     """A short radius and a coarse mesh: to what its tolerance says, and no better."""
     held_by_images(crystal(20, 22, **{"pairs.method": "mesh"}), 3e-4, 5e-5)
 
 
+@pytest.mark.long
 def test_mesh_of_few_grains_takes_all_images() -> None:
     """Stripes hold less than a vector of grains; sums are smaller next to the mesh's error."""
     held_by_images(crystal(7, 8, 3.0, **{"pairs.method": "mesh"}), 5e-4, 1e-4)

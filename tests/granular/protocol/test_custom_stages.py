@@ -62,6 +62,7 @@ def bed(*protocol: dict[str, object]) -> Scene:
     return load_scene("damper").replace(**changes)
 
 
+@pytest.mark.long  # quick: in plain Python
 def test_a_class_moves_the_piston_as_its_formula_does() -> None:
     own = {"kind": "tap", "name": "tap", "depth": "1 mm", "duration": "100 ms"}
     first, second = (
@@ -71,6 +72,7 @@ def test_a_class_moves_the_piston_as_its_formula_does() -> None:
     assert first.height.min() == pytest.approx(first.height[0] - 1e-3, rel=1e-6)
 
 
+@pytest.mark.long  # quick: in plain Python
 def test_a_force_pushes_as_its_formula_does() -> None:
     own = {"kind": "kick", "name": "kick", "size": "30 N", "duration": 0.05}
     formula = {

@@ -41,9 +41,11 @@ def of_table(one: SceneWorkPrecision) -> Scene:
 
 
 def promises() -> Iterator[object]:
+    """Every scene with every quantity; quick is one quantity of each."""
     for one in load_work_precision_scenes():
-        for quantity in one.floors:
-            yield pytest.param(one, quantity, id=f"{one.name}: {quantity}")
+        for k, quantity in enumerate(one.floors):
+            marks = [pytest.mark.long] if k else []
+            yield pytest.param(one, quantity, id=f"{one.name}: {quantity}", marks=marks)
 
 
 @pytest.mark.parametrize(("costs", "quantity"), promises())

@@ -12,7 +12,7 @@ import numba
 import pytest
 
 import granular.shared.progress_bars
-from granular import load_scene, load_trajectory
+from granular import Scene, load_scene, load_trajectory
 from granular.compiled import entry
 from granular.engine.step_size import StepRequest
 from granular.methods import METHODS
@@ -67,11 +67,11 @@ def test_a_run_of_weeks_says_so_and_ends_on_sigterm(tmp_path: Path) -> None:
     assert part.settings()["steps"] > 0
 
 
-def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit() -> None:
-    """One grain sinks and comes to rest by drag: it moves less and less, down to the limit."""
+def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit(small_bed: Scene) -> None:
+    """One grain swings in drag: it moves less and less, down to the limit."""
     stage = {"kind": "hold", "name": "settle", "until": "rest", "window": 0.2}
-    drag = {"coefficient": "0.02 kg/s"}
-    scene = load_scene("single-particle").replace(**{"protocol": [stage], "effects.drag": drag})
+    changes = {"protocol": [stage], "effects.drag.coefficient": "5 g/s"}
+    scene = small_bed.replace(**{"grains.count": 1}, **changes)
     run = ProtocolRunner(
         scene, scene_in_natural_units(scene), METHODS["stormer-verlet"], StepRequest(seconds=1e-4), None
     )

@@ -109,11 +109,8 @@ def test_what_is_said_of_each_species_alike_changes_no_bit() -> None:
     np.testing.assert_array_equal(evaluate(told, place).force, evaluate(scene, place).force)
 
 
-@pytest.mark.parametrize(
-    "changes",
-    # Quick of one that spreads: the forces, above.
-    [{}, {"grains.spread": 0.2}, pytest.param(ONE | {"grains.spread": 0.2}, marks=pytest.mark.long)],
-)
+@pytest.mark.long  # quick: the forces, above, and two species that rub, in plain Python
+@pytest.mark.parametrize("changes", [{}, {"grains.spread": 0.2}, ONE | {"grains.spread": 0.2}])
 def test_the_ledger_of_unlike_grains_closes(changes: dict[str, Any]) -> None:
     """In drag, and between the packaged walls: as beds that are compiled for other tests."""
     more = {"arrangement.speed": "20 D/s", "effects.drag": {"coefficient": 0.1}, "effects.walls": True}
