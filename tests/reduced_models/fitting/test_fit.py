@@ -85,7 +85,8 @@ def test_noisy_data_give_the_parameters_back() -> None:
     assert all(model.quality.converged >= 0.9 * STARTS for model in models)
 
 
-@pytest.mark.parametrize(("records", "least"), [(30, 0.8), pytest.param(60, 0.85, marks=pytest.mark.long)])
+@pytest.mark.long  # quick: those of a limit cycle, below
+@pytest.mark.parametrize(("records", "least"), [(30, 0.8), (60, 0.85)])
 def test_intervals_cover_the_truth(records: int, least: float) -> None:
     """95 % intervals, over records with noise of their own: a right one fails in less than 1 of 300."""
     given = HeightMap()
@@ -416,14 +417,19 @@ def test_custom_law(tmp_path: Path) -> None:
     assert back.to_plain() == model.to_plain()
     times = np.linspace(0.0, 1.0, 50)
     assert np.array_equal(back.simulate(times).height, model.simulate(times).height)
-    again = fit(linear_record(), back.law, starts=1)  # which says no more where to start
-    assert again.parameters["k"] == pytest.approx(21.8**2, rel=1e-6)
     mapped = dataclasses.replace(back.law, mapped=True)
     with pytest.raises(InputError, match="does not say where to start"):
         fit(linear_record(), mapped, map="fitted")
     plain = model.to_plain() | {"equation": "z'' = -k*z"}
     with pytest.raises(InputError, match="not those of a reduced model"):
         ReducedModel.from_plain(plain)
+
+
+@pytest.mark.long  # quick: the texts of `test_words` and `test_driven`
+def test_a_law_that_says_no_more_where_to_start() -> None:
+    law = Law("spring", "z'' = -k*(z - level) - c*z'", positive=("k", "c"))
+    model = fit(linear_record(), law, starts=1)
+    assert model.parameters["k"] == pytest.approx(21.8**2, rel=1e-6)
 
 
 @pytest.mark.parametrize(

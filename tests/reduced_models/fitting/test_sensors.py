@@ -58,6 +58,7 @@ def test_an_acceleration_behind_a_filter() -> None:
     assert (again.sensor, again.untold) == (model.sensor, model.untold)
 
 
+@pytest.mark.long  # quick: a slower one above
 def test_a_swing_so_fast_that_its_acceleration_is_a_large_number() -> None:
     sensor = Sensor("acceleration", low_pass=200.0, damping_ratio=0.7)
     random = np.random.default_rng(1)

@@ -9,7 +9,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import fit
+from reduced_models import ReducedModel, fit
 from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
 from reduced_models.records.first_guesses import noise_level
@@ -91,21 +91,27 @@ def test_noise_level_heeds_the_times() -> None:
     assert noise_level(noisy, time) == pytest.approx(0.02, rel=0.05)
 
 
-def test_resampled_intervals_agree_with_linear_ones(made: Any) -> None:
+@pytest.fixture(scope="module")
+def resampled(made: Any) -> ReducedModel:
+    """A fit with resampled intervals."""
+    return fit(made("linear", level=0.02), "linear", intervals="bootstrap")
+
+
+def test_resampled_intervals_agree_with_linear_ones(made: Any, resampled: ReducedModel) -> None:
     """Where the law is right and the noise is white, both are the same but for sampling error."""
-    record = made("linear", level=0.02)
-    linear_ones = fit(record, "linear").intervals
-    resampled = fit(record, "linear", intervals="bootstrap")
+    linear_ones = fit(made("linear", level=0.02), "linear").intervals
     for name, pair in resampled.intervals.items():
         ratio = np.diff(pair)[0] / np.diff(linear_ones[name])[0]
         assert 0.75 < ratio < 1.3
     assert "bootstrap" in resampled.provenance["fit"]
 
 
-def test_the_seed_reaches_the_resampled_records(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_seed_reaches_the_resampled_records(
+    made: Any, resampled: ReducedModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The best fit is the same from any starts; what is drawn around it is not."""
     record = made("linear", level=0.02)
-    first, other = (fit(record, "linear", intervals="bootstrap", seed=seed) for seed in (1, 2))
+    first, other = resampled, fit(record, "linear", intervals="bootstrap", seed=2)
     assert first.parameters == pytest.approx(other.parameters, rel=1e-6)
     for name, pair in first.intervals.items():
         assert all(a != b for a, b in zip(pair, other.intervals[name], strict=True))

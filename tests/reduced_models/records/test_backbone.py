@@ -63,7 +63,7 @@ def test_damping_at_an_amplitude(kind: str, seed: int) -> None:
 
 def test_errors_of_a_noisy_linear_decay_hold_the_truth() -> None:
     time, inside = np.linspace(0.0, 5.0, 2500), []
-    for seed in range(20):
+    for seed in range(10):
         noise = np.random.default_rng(seed).normal(0.0, 2e-5, len(time))
         record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.4 * time) * np.cos(20.0 * time) + noise)
         swing = free_backbone(record).interpolate_at(5e-4)

@@ -9,8 +9,8 @@ from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models.records.derivatives import DERIVATIVE_METHODS, Derivatives, derivatives
 
-TIME = np.linspace(0.0, 30.0, 1500)
-INNER = slice(150, -150)
+TIME = np.linspace(0.0, 30.0, 1000)
+INNER = slice(100, -100)
 
 
 def swing(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -84,8 +84,8 @@ def test_what_smoothing_takes_from_the_motion_is_no_more_than_twice_the_noise() 
 
 
 def test_uneven_samples_do_as_well_as_even_ones() -> None:
-    kept = np.sort(np.random.default_rng(1).choice(3000, 1500, replace=False))
-    time = np.linspace(0.0, 30.0, 3000)[kept]
+    kept = np.sort(np.random.default_rng(1).choice(2000, 1000, replace=False))
+    time = np.linspace(0.0, 30.0, 2000)[kept]
     uneven, even = derivatives(noisy(time, 1e-4)), derivatives(noisy(TIME, 1e-4))
     assert uneven.record_noise == pytest.approx(1e-4, rel=0.1)
     for one, other in zip(errors(uneven), errors(even), strict=True):

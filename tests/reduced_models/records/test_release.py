@@ -191,7 +191,9 @@ def test_a_file_is_read_from_its_release_on(held: Path) -> None:
         assert overview_of_record_file(held.parent / "record.toml").record.time[0] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("hold", [0.05, pytest.param(0.25, marks=pytest.mark.long), 0.5])
+@pytest.mark.parametrize(
+    "hold", [0.05, *(pytest.param(hold, marks=pytest.mark.long) for hold in (0.25, 0.5))]
+)
 def test_a_held_swing_is_identified(hold: float, tmp_path: Path) -> None:
     record(hold, 0.01, rate=500.0).to_csv(tmp_path / "held.csv")
     with pytest.warns(RecordWarning, match="stands still"):
