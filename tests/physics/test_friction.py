@@ -69,6 +69,7 @@ def test_second_order_torque_is_a_third_more(bed: Scene) -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(fraction=st.floats(0.1, 0.9), small=st.floats(0.0018, 0.0059))
+@pytest.mark.long  # quick: unlike grains, tests/granular/scene/test_unlike_grains.py
 def test_mixture_load_from_the_formula(fraction: float, small: float) -> None:
     """N_i = q_i sum_j q_j K_ij/r^3 with both angles, written out once more."""
     species = [
@@ -92,6 +93,7 @@ def test_mixture_load_from_the_formula(fraction: float, small: float) -> None:
     np.testing.assert_allclose(evaluate(scene, positions).normal_load, wanted, rtol=1e-10)
 
 
+@pytest.mark.long  # quick: what is said of each species alike, in the same file
 def test_mixture_of_equal_grains_is_the_mono_disperse_bed(bed: Scene) -> None:
     alike = [
         {"name": "one", "diameter": 0.006, "share": 0.5},

@@ -14,13 +14,16 @@ pytestmark = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where
 SIDES = np.array([20.0, 19.0])
 
 
-@pytest.mark.parametrize("method", ["direct", "cut-off", "mesh"])
-def test_grains_meet_images_across_the_sides(method: str) -> None:
+@pytest.mark.parametrize(
+    ("method", "magnets"),
+    [("direct", "dipoles"), ("direct", "cylinders"), ("cut-off", "dipoles"), ("mesh", "dipoles")],
+)
+def test_grains_meet_images_across_the_sides(method: str, magnets: str) -> None:
     """A pair over a corner pushes itself apart as within the cell; the mesh to its tolerance."""
     radius = {} if method == "mesh" else {"cut_off": "7 D"}
     scene = Scene.from_plain(
         {
-            "grains": {"count": 40, "species": [{"diameter": "6 mm"}]},
+            "grains": {"count": 40, "species": [{"diameter": "6 mm"}], "magnets": magnets},
             "cell": {"width": "20 D", "height": "19 D", "sides": "periodic"},
             "effects": {"dipole": True},
             "pairs": {"method": method, **radius},

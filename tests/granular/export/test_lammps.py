@@ -162,7 +162,7 @@ def test_tables_and_masses_are_those_of_the_material(unlike: Scene, tmp_path: Pa
 def test_tables_of_discs_are_their_law(unlike: Scene, tmp_path: Path) -> None:
     """Also below contact, where the force goes on with its slope."""
     scene = static(unlike).replace(**{"grains.magnets": "cylinders"})
-    to_lammps(scene, tmp_path)
+    to_lammps(scene, tmp_path, dt=2.5e-5)
     scales = Scales.from_grains(scene.grains)
     pair = discs_unless_dipoles(scene.grains, scales.length)
     text = (tmp_path / "pairs.table").read_text(encoding="utf-8")

@@ -230,7 +230,11 @@ def test_discs_that_meet_head_on_are_as_stiff_as_where_they_turn(ratio: float) -
     )
 
 
-@pytest.mark.parametrize("periods", [None, (14.0, 11.0), (5.5, 40.0)])
+@pytest.mark.parametrize(
+    "periods",
+    # Quick with images: in plain Python.
+    [None, *(pytest.param(one, marks=pytest.mark.long) for one in ((14.0, 11.0), (5.5, 40.0)))],
+)
 def test_list_holds_the_close_pairs_while_grains_move(periods: tuple[float, float] | None) -> None:
     """And a new list, of grains that stand elsewhere in the same positions, has the same bits."""
     random = np.random.default_rng(7)
