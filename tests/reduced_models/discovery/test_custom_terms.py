@@ -88,7 +88,11 @@ def found_in(name: str, seed: int) -> set[str]:
     return {term.text for term in found.best.terms or ()}
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize(
+    "name",
+    # quick: an input as a term of its own, in `test_discovery`
+    [pytest.param(one, marks=pytest.mark.long if one == "driven spring" else ()) for one in SYSTEMS],
+)
 def test_the_structure_is_found_with_the_right_library(name: str) -> None:
     assert found_in(name, 0) == SYSTEMS[name][3]
 

@@ -100,7 +100,9 @@ def coefficient_errors(found: Discovery, name: str) -> np.ndarray:
     return np.array([found.best.terms[t] / v - 1.0 for t, v in zip(terms, values, strict=True)])
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=pytest.mark.long if one == "van-der-pol-like" else ()) for one in LAWS]
+)
 def test_sparse_regression_finds_the_structure(name: str) -> None:
     found = discovered(name)
     assert is_exact(found, name)
@@ -170,7 +172,12 @@ def pair(name: str, starts: tuple[float, float]) -> list[PistonRecord]:
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"form": "strong"}, pytest.param({"method": "operon"}, marks=pytest.mark.long)]
+    "options",
+    [
+        {},
+        pytest.param({"form": "strong"}, marks=pytest.mark.long),  # quick: in ensembles
+        pytest.param({"method": "operon"}, marks=pytest.mark.long),
+    ],
 )
 def test_several_records_have_one_structure(options: dict[str, Any]) -> None:
     """A small and a large swing of the same spring, which stiffens in the large one alone."""
@@ -398,9 +405,9 @@ def test_bad_records_are_refused() -> None:
 
 
 def test_a_line_shows_what_is_done(coarse_duffing: PistonRecord, capsys: pytest.CaptureFixture[str]) -> None:
-    discover(coarse_duffing, "sindy", polish=0, progress=True)
+    discover(coarse_duffing, "sindy", degree=1, polish=0, progress=True)
     shown = capsys.readouterr().err
     for words in ("discover: libraries", "sparse sums of terms", "done"):
         assert words in shown
-    discover(coarse_duffing, "sindy", polish=0)
+    discover(coarse_duffing, "sindy", degree=1, polish=0)
     assert capsys.readouterr().err == ""

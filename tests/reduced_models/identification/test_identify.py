@@ -47,8 +47,18 @@ def identified(lab: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Ide
     return identify(lab, out, progress=False), out
 
 
+@pytest.fixture(scope="module")
+def spring(
+    made: Callable[..., PistonRecord], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Identification, Path]:
+    """Identification of a record that few laws may describe, and the directory that holds it."""
+    out = tmp_path_factory.mktemp("spring")
+    made("duffing").to_csv(out / "lab.csv")
+    return identify(out / "lab.csv", out, starts=2, progress=False), out
+
+
 def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> None:
-    words = ("--law", "linear", "-o", str(tmp_path / "out"), "--quiet")
+    words = ("--law", "linear", "--starts", "2", "-o", str(tmp_path / "out"), "--quiet")
     done = command("reduced_models", "identify", str(lab), *words)
     assert done.returncode == 0, done.stderr
     assert "z'' + 2*lam*z' + omega**2*z = g0" in done.stdout
@@ -60,6 +70,30 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
     assert np.array_equal(back.height, PistonRecord.from_csv(lab).height)
 
 
+@pytest.mark.parametrize("left_out", ["coulomb", "quadratic-drag"])
+def test_a_spring_by_the_laws_that_may_be_its(spring: tuple[Identification, Path], left_out: str) -> None:
+    found, out = spring
+    assert found.best.law.name == "duffing"
+    assert {row.name for row in found.comparison.rows} == {"linear", "polynomial-spring", "duffing"}
+    assert "the data cannot tell polynomial-spring from it" in found.verdict
+    assert any(f"{left_out} was not fitted" in words for words in found.left_out)
+    fits_a_screen(found, "as a mass on a spring of")
+    page = (out / "report.html").read_text()
+    assert page.count("<svg") == 5
+    for words in (
+        "95 % interval",
+        "quality factor",
+        "The laws compared",
+        "Frequency and damping of the record",
+    ):
+        assert words in page
+    assert "scipy " in page[page.index("<footer>") :]
+    assert not re.search(r"(src|href)=\"http", page)
+    assert "LaTeX:" in (out / "equations.txt").read_text()
+    assert load_model(out / "model.json").law.name == "duffing"
+
+
+@pytest.mark.long  # quick: the report of a spring, above, by fewer laws
 def test_the_report_of_a_record(identified: tuple[Identification, Path], lab: Path) -> None:
     out = identified[1]
     page = (out / "report.html").read_text()
@@ -311,6 +345,7 @@ def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:
     assert "step" not in found.figure("natural frequency").parts
 
 
+@pytest.mark.long  # quick: the spring whose law two describe
 def test_verdict_calls_equals_equal(identified: tuple[Identification, Path]) -> None:
     found = identified[0]
     assert found.best.law.name == "linear"

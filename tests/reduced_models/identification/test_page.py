@@ -52,6 +52,7 @@ def found(names: tuple[str, ...]) -> Identification:
     return Identification(record, models, table, None, figures, names[0], names, {"fits": 1.0})
 
 
+@pytest.mark.long  # quick: a dozen laws by strange names, below
 def test_as_many_laws_as_there_are() -> None:
     """All laws of the package, and some of one's own, each with its own lines."""
     names = (*LAWS, "own", "another", "a third")

@@ -22,9 +22,14 @@ from reduced_models.identification.candidate_laws import (
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.records.sources import read_record
 
+QUICK = ("linear", "duffing", "coulomb")
+"""Of a spring, of a stiffer one and of friction: tests of other files have made their records."""
+
 
 @pytest.mark.parametrize("level", [0.01, *(pytest.param(one, marks=pytest.mark.long) for one in (0.0, 0.1))])
-@pytest.mark.parametrize("name", CANDIDATES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=() if one in QUICK else pytest.mark.long) for one in CANDIDATES]
+)
 def test_the_true_law_is_never_left_out(name: str, level: float, made: Any) -> None:
     found = screen_laws_by_weak_form(made(name, level=level), [LAWS[each] for each in CANDIDATES])
     assert not found.is_hopeless(name)

@@ -79,6 +79,7 @@ def test_committed_creep_grows_with_the_step() -> None:
     assert creep_over_step(EMPTY) == []
 
 
+@pytest.mark.long  # quick: the forces of the loop and the way of its piston
 def test_the_committed_loop_is_found_again_within_its_scatter() -> None:
     found = committed()
     ends = [found.number("late_velocity", f"{when} 92, 1") for when in ("start", "end")]
