@@ -258,7 +258,7 @@ class Scene(Section):
     def pair_method(self) -> str:
         """Name of the method of summing pairs; the recommended one where the scene says ``"auto"``."""
         return self.pairs.resolve_method(
-            self.grains.count, closed=self._has_closed_walls, shorter_side=self._shorter_period
+            self.grains.count, closed=self.has_closed_walls, shorter_side=self._shorter_period
         )
 
     @property
@@ -269,7 +269,8 @@ class Scene(Section):
         return min(self.cell.periods) / self.grains.species[0].diameter
 
     @property
-    def _has_closed_walls(self) -> bool:
+    def has_closed_walls(self) -> bool:
+        """True where walls close the cell on all sides, without a gap."""
         walls = self.effects.walls
         return walls is not None and not walls.has_gap and None not in walls.walls_in_order
 
@@ -289,7 +290,7 @@ class Scene(Section):
                 "pairs",
                 "cut_off",
             )
-        if self.pairs.method == "mesh" and not self._has_closed_walls:
+        if self.pairs.method == "mesh" and not self.has_closed_walls:
             raise FieldError(
                 "the mesh of 'mesh' covers a closed cell; give all four walls and no gap, or take 'direct'",
                 "pairs",

@@ -92,8 +92,8 @@ STARTS = option("--starts", type=int, default=16, help="how many starting points
     option("--no-checks", action="store_true", help="skip the runs that show step error and scatter"),
     option(
         "--dt",
-        help="time step [s], 'auto', or a multiple such as auto/2; if not given, the "
-        "longest whose errors random starts hide",
+        help="time step [s], 'auto', or a multiple such as auto/2; if not given, the longest step "
+        "and the fastest sum over pairs whose errors random starts hide",
     ),
     METHOD,
     IMPORT,

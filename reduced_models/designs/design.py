@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from granular.run.settings_for_accuracy import longest_step_hidden_by_scatter
+from granular.run.settings_for_accuracy import longest_step_hidden_by_scatter, pair_sum_hidden_by_scatter
 from granular.scene.published_beds import damper
 from granular.shared.errors import GranularError, InputError, StoreError
 from granular.shared.message_text import quote
@@ -280,7 +280,7 @@ def _run_checks(
     executor: Executor,
     progress: bool,
 ) -> tuple[DesignCheck, ...]:
-    scenes = [candidate.scene(seed) for seed in seeds]
+    scenes = [pair_sum_hidden_by_scatter(candidate.scene(seed)) for seed in seeds]
     study = sweep(
         damper(),
         cases=[scene.to_plain() for scene in scenes],

@@ -112,7 +112,8 @@ def identify(
     dt, method, threads : optional
         Time step [s], integration method and number of threads of the simulation; for a scene only.
         The step, if not given, is the longest whose errors random starts hide by the stored table
-        of prices, and the automatic one of scenes that it does not hold.
+        of prices, and the automatic one of scenes that it does not hold; the sum over pairs is then the
+        mesh where that is faster and its errors are hidden too.
     starts : int
         Number of random starts of each fit, from 1 to 10000.
     budget : float
@@ -213,7 +214,7 @@ def _run_beside_checks(
     Parameters
     ----------
     free_step : bool
-        Whether the step is chosen here.
+        Whether step and sum over pairs are chosen here.
     background : BackgroundCaseRunner or None
         Where the checks run; None where none are wanted.
     """
@@ -221,8 +222,12 @@ def _run_beside_checks(
 
     if isinstance(source, Scene):
         if free_step:
-            from granular.run.settings_for_accuracy import longest_step_hidden_by_scatter
+            from granular.run.settings_for_accuracy import (
+                longest_step_hidden_by_scatter,
+                pair_sum_hidden_by_scatter,
+            )
 
+            source = pair_sum_hidden_by_scatter(source)
             options = options._replace(dt=longest_step_hidden_by_scatter(source, options.method))
         settings = {"dt": options.dt, "t_end": None, "method": options.method}
         further = None if background is None else SceneChecks(background, source, settings, lift)

@@ -239,7 +239,10 @@ class Identification:
             lines.append(self.elliptic_averaging.text)
         if self.run is not None:
             method = self.run.method.name
-            lines.append(f"simulated with {method}, time step {time_step_text(self.run)}")
+            pairs = self.run.scene.pair_method
+            lines.append(
+                f"simulated with {method}, pairs.method = {pairs}, time step {time_step_text(self.run)}"
+            )
             lines.append(checked_work_precision_text(self.run, self.figure("level of rest")))
         lines += [f"left out: {words}" for words in self.left_out]
         lines += [f"to try: {words}" for words in self.advice]

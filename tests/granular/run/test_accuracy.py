@@ -17,6 +17,7 @@ from granular.run.settings_for_accuracy import (
     MARGIN,
     choose_settings_for_accuracy,
     longest_step_hidden_by_scatter,
+    pair_sum_hidden_by_scatter,
     parse_accuracy,
 )
 from granular.run.summary import run_text
@@ -160,3 +161,33 @@ def test_what_the_table_does_not_hold_keeps_the_automatic_step() -> None:
     touching = damper().replace(**{"effects.contact": {"modulus": "1 MPa"}})
     assert longest_step_hidden_by_scatter(touching, "stormer-verlet") == "auto"
     assert longest_step_hidden_by_scatter(damper(), "explicit-euler") == "auto"
+
+
+def test_the_mesh_sums_where_it_is_faster_and_random_starts_hide_it() -> None:
+    scene = damper()
+    summed = pair_sum_hidden_by_scatter(scene)
+    assert summed.pair_method == "mesh"
+    assert summed == scene.replace(**{"pairs.method": "mesh"})
+
+
+@pytest.mark.parametrize(
+    ("made", "changes"),
+    [
+        ({"count": 92}, {}),
+        ({"magnets": "cylinders"}, {}),
+        ({}, {"pairs.method": "direct"}),
+        ({}, {"pairs.far_every": 4}),
+        ({}, {"effects.contact": {"modulus": "1 MPa"}}),
+        ({}, {"effects.walls.left": "none"}),
+    ],
+    ids=["few grains", "discs", "a named sum", "a named far field", "contact", "an open side"],
+)
+def test_other_scenes_keep_their_sum(made: dict[str, Any], changes: dict[str, Any]) -> None:
+    scene = damper(**made).replace(**changes)
+    assert pair_sum_hidden_by_scatter(scene) is scene
+
+
+def test_a_table_with_less_scatter_keeps_the_direct_sum(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(SceneWorkPrecision, "scatter_for_grain_count", lambda *_: 1e-4)
+    scene = damper()
+    assert pair_sum_hidden_by_scatter(scene) is scene
