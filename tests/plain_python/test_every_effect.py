@@ -193,6 +193,7 @@ def small(name: str, **more: Any) -> Scene:
     return scene.replace(**more)
 
 
+@pytest.mark.long  # quick: the table of pairs looks at the slope in each of its rows
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_force_is_minus_the_gradient(name: str) -> None:
     scene = small(name)

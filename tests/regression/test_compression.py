@@ -34,7 +34,7 @@ def half_distances(runs: list[Trajectory]) -> np.ndarray:
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("dt", [5e-4, 1e-3])
+@pytest.mark.parametrize("dt", [pytest.param(5e-4, marks=pytest.mark.long), 1e-3])
 def test_distance_of_92_grains(dt: float) -> None:
     runs = [simulate(compression(92, seed), dt, progress=False) for seed in SEEDS]
     assert half_distances(runs).mean() == pytest.approx(5.33, rel=5e-3)
@@ -50,6 +50,7 @@ def test_published_force_and_distance(count: int, force: float, distance: float,
     assert half_distances(runs).mean() == pytest.approx(distance, rel=5e-3)
 
 
+@pytest.mark.long  # quick: the distance of 92 grains
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_published_force_of_368_grains() -> None:
     """The mean of three starts, at a step of 1 ms; the longer checks take shorter ones too."""

@@ -106,6 +106,7 @@ def test_motion_starts_at_the_start(name: str) -> None:
     assert begin.velocities == pytest.approx(np.array(velocity), abs=1e-15)
 
 
+@pytest.mark.long  # quick: a bounce that comes back, and solvers of others that reach the exact motion
 def test_quadrature_agrees_with_a_taylor_series_to_25_digits() -> None:
     scene = bounce_scene(3.0, 0.05)
     with mpmath.workdps(40):

@@ -256,7 +256,7 @@ def test_noise_free_records_keep_their_structure() -> None:
 
 
 def test_a_height_in_metres_is_centred_and_scaled() -> None:
-    record = PistonRecord(TIME[::2], 0.06 + 0.002 * made("duffing", 0).height[::2])
+    record = PistonRecord(TIME[::4], 0.06 + 0.002 * made("duffing", 0).height[::4])
     found = discover(record, "sindy", polish=1)
     assert found.map.shift == pytest.approx(0.06, abs=2e-4)
     assert found.map.scale == pytest.approx(0.003, rel=0.1)

@@ -200,6 +200,7 @@ def test_a_real_search() -> None:
     assert {term.text for term in found.best.terms} == {"z", "z'"}
 
 
+@pytest.mark.long  # quick: searches that stand in for it take the settings
 def test_settings_suit_the_real_constructor() -> None:
     pytest.importorskip("juliapkg")
     done = subprocess.run([sys.executable, "-c", STUB], capture_output=True, text=True, check=False)

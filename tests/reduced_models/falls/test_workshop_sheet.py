@@ -74,7 +74,7 @@ def test_the_sheet_names_parts_and_command() -> None:
 
 def test_a_design_for_a_machine_has_a_sheet() -> None:
     scene = load_scene("machine")
-    law = solve_host_response(CoupledSystem.from_host_scene(scene), [2.8, 2.9], 10.0)
+    law = solve_host_response(CoupledSystem.from_host_scene(scene), [2.8], 10.0)
     text = DamperDesign(scene, law, 24e-3, 1e-3, 9e-3, 7.7, "").workshop_sheet_page().to_html()
     assert "how far starts differ is not known" in text
     assert "remanence of the discs" in text

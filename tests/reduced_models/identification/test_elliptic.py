@@ -23,7 +23,7 @@ def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
     z += np.random.default_rng(0).normal(0.0, 0.01 * z.std(), len(z))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = identify(PistonRecord(time, z), laws=["linear", "duffing"], progress=False)
+        found = identify(PistonRecord(time, z), laws=["linear", "duffing"], starts=2, progress=False)
     motion = found.elliptic_motion
     assert motion is not None
     assert motion.function == "cn"
@@ -47,7 +47,7 @@ def test_a_cosine_is_no_elliptic_motion() -> None:
     z = np.cos(1.1 * time) + np.random.default_rng(0).normal(0.0, 0.005, len(time))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = identify(PistonRecord(time, z), laws=["linear", "duffing"], progress=False)
+        found = identify(PistonRecord(time, z), laws=["linear", "duffing"], starts=2, progress=False)
     assert found.elliptic_motion is None
     assert found.elliptic_averaging is None
     assert "elliptic" not in found.verdict

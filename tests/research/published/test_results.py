@@ -250,6 +250,7 @@ def test_results_survive_their_file(tmp_path: Path) -> None:
         read(path)
 
 
+@pytest.mark.long  # quick: the report of the committed results, by command, and verdicts of none
 def test_the_report_says_what_was_not_run() -> None:
     some = results(*scan(0.6, 1), series("direct 368", force=[17.0, 17.01, 17.02]))
     html = page(some, some).to_html()
