@@ -50,7 +50,7 @@ def fits(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return [
-            fit(noisy(kind, clean, seed), "linear", starts=2, test_fraction=0.0, intervals=how, **KINDS[kind])
+            fit(noisy(kind, clean, seed), "linear", starts=1, test_fraction=0.0, intervals=how, **KINDS[kind])
             for seed in range(count)
         ]
 
@@ -109,15 +109,15 @@ def test_drift_is_noted_and_modelled(
     """Found by the residuals, unless it is refused; the notes name the argument and the option."""
     record = noisy("drift", made("linear", level=0.0).height, 0)
     with pytest.warns(UserWarning, match=r"zero drifts.* drift=False \(fit --no-drift on the command"):
-        found = fit(record, "linear", starts=2)
+        found = fit(record, "linear", starts=1)
     with pytest.warns(UserWarning, match=r"drift slowly.* drift=True \(fit --drift on the command"):
-        fit(record, "linear", starts=2, drift=False)
+        fit(record, "linear", starts=1, drift=False)
     record.to_csv(tmp_path / "record.csv")
-    words = ("fit", str(tmp_path / "record.csv"), "--law", "linear", "--starts", "2")
+    words = ("fit", str(tmp_path / "record.csv"), "--law", "linear", "--starts", "1")
     assert "zero drifts" in command("reduced_models", *words).stdout
     assert "drift slowly" in command("reduced_models", *words, "--no-drift").stdout
     assert "drift" not in command("reduced_models", *words, "--drift").stdout
-    modelled = fit(record, "linear", starts=2, drift=True)
+    modelled = fit(record, "linear", starts=1, drift=True)
     assert not any("drift" in note for note in modelled.notes)
     assert found.parameters == pytest.approx(modelled.parameters, rel=1e-4)
     low, high = modelled.intervals["g0"]

@@ -94,15 +94,20 @@ def test_cycles_that_cannot_be(linear: ReducedModel, made: Any) -> None:
         spring.harmonic_cycle(50.0, 1.0)
 
 
-def test_text_that_runs_alone(duffing: ReducedModel, made: Any) -> None:
+@pytest.mark.parametrize(
+    "name",
+    ["duffing", pytest.param("bouc-wen", marks=pytest.mark.long)],  # quick: Bouc-Wen's of `test_exports`
+)
+def test_text_that_runs_alone(name: str, duffing: ReducedModel, made: Any) -> None:
     times = np.linspace(0.0, 10.0, 300)
-    memory = dataclasses.replace(
-        duffing, law=law_named("bouc-wen"), parameters=made.true["bouc-wen"], initial=(3.0, 0.0)
-    )
-    for model in (duffing, memory):
-        space: dict[str, Any] = {}
-        exec(model.numpy_source, space)
-        np.testing.assert_allclose(space["simulate"](times), model.simulate(times).height, atol=1e-5)
+    model = duffing
+    if name != "duffing":
+        model = dataclasses.replace(
+            duffing, law=law_named(name), parameters=made.true[name], initial=(3.0, 0.0)
+        )
+    space: dict[str, Any] = {}
+    exec(model.numpy_source, space)
+    np.testing.assert_allclose(space["simulate"](times), model.simulate(times).height, atol=1e-5)
     assert "LaTeX:" in duffing.text
     assert "sha256" in duffing.text
 
