@@ -103,7 +103,7 @@ SCENES: dict[str, dict[str, Any]] = {
     "friction of the source": {"effects.friction.scheme": "regularised"},
     "contact": TOUCHING,
     "contact of two species, with friction": {"effects.friction": {}, **TOUCHING, **SPECIES},
-    "discs of two species that touch": {**TOUCHING, **DISCS},
+    "contact of discs of two species": {**TOUCHING, **DISCS},
     "shaking": {"effects.shaking": {"amplitude": "0.5 mm", "frequency": 100.0}},
     "shaking with friction": {
         "effects.shaking": {"amplitude": "0.5 mm", "frequency": 100.0},
