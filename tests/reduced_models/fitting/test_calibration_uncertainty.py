@@ -7,7 +7,7 @@ import pytest
 
 from reduced_models import PistonRecord, ReducedModel, fit
 
-TIME = np.arange(2000) / 500.0
+TIME = np.arange(2000) / 1000.0
 OMEGA = 2.0 * np.pi * 4.1
 NOISE = np.random.default_rng(1).normal(0.0, 3e-5, len(TIME))
 HEIGHT = 0.06 + 0.003 * np.exp(-0.05 * OMEGA * TIME) * np.cos(OMEGA * TIME) + NOISE

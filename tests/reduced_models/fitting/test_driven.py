@@ -55,6 +55,7 @@ def test_a_band_limited_input_is_that_between_samples() -> None:
         assert np.abs(found - exact).max() < limit
 
 
+@pytest.mark.long  # quick: a band-limited input, which tells how far a spline is off
 def test_a_spline_beats_monotone_cubics() -> None:
     from scipy.interpolate import PchipInterpolator
 

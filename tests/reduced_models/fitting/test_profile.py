@@ -107,6 +107,7 @@ def test_what_the_data_leave_open_has_no_end() -> None:
     assert high - low < 0.2
 
 
+@pytest.mark.long  # quick: profiles of one record above, several records in `test_several`
 def test_several_records_share_an_interval(made: Any) -> None:
     """Shared parameters have one interval; own ones have their own; maps that are given none."""
     records = [made("linear", seed=seed, start=start) for seed, start in ((1, 1.0), (2, 2.0))]
