@@ -13,10 +13,13 @@ from validation.hard_cases.one_and_two_grains import distance_from_verlet_swing
 
 CASES = hard_case_catalogue()
 
+ALONE = ("drag with gamma", "remanence of 1e-4", "gravity of 1e4")
+"""Cases whose code no other compiles, or that take a second and more; other extremes are quick."""
+
 
 def marked(case: HardCase) -> object:
     marks = []
-    if any(word in case.name for word in COSTLY):
+    if any(word in case.name for word in (*COSTLY, *ALONE)):
         marks.append(pytest.mark.long)
     return pytest.param(case, id=case.name, marks=marks)
 

@@ -56,7 +56,7 @@ def test_the_true_law_is_first(made: Any) -> None:
 def test_a_law_that_cannot_be_fitted_is_listed(made: Any) -> None:
     """It does not stop the others."""
     law = Law("pushed", "z'' + k*z = push", positive=("k",), inputs=("push",))
-    table = compare(made("linear"), [law, "linear"])
+    table = compare(made("linear"), [law, "linear"], starts=2)
     assert table.rows[0].name == "linear"
     assert "has the input 'push'" in table.rows[1].failure
     assert table.verdict.endswith("pushed could not be fitted.")
@@ -71,7 +71,7 @@ def test_a_law_that_cannot_be_fitted_is_listed(made: Any) -> None:
 
 def test_a_blow_up_is_an_infinite_error(made: Any) -> None:
     """A spring that softens runs away from a large swing."""
-    model = fit(made("duffing"), "duffing")
+    model = fit(made("duffing"), "duffing", starts=2)
     softening = dataclasses.replace(model, parameters={**model.parameters, "beta": -0.8})
     found = roll_out(softening, made("duffing"))
     assert math.isinf(found.error)
@@ -88,7 +88,7 @@ def test_models_are_compared_by_their_structure(made: Any) -> None:
 
 def test_roll_out_predicts_from_the_first_period_alone(made: Any) -> None:
     """What comes later does not move the prediction."""
-    model = fit(made("duffing"), "duffing")
+    model = fit(made("duffing"), "duffing", starts=2)
     record = made("duffing", seed=3)
     late = record.time > 12.0
     moved = PistonRecord(record.time, record.height + 1e-3 * late)

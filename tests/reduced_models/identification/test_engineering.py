@@ -127,7 +127,7 @@ def test_the_record_s_own_peaks_overrule_a_damping_ratio() -> None:
 
 def test_damping_by_friction_in_the_answer(made: Callable[..., PistonRecord]) -> None:
     """In the table, on the page and in the plain data: no figure of swings that none saw."""
-    found = identify(made("coulomb"), laws=["coulomb"], progress=False)
+    found = identify(made("coulomb"), laws=["coulomb"], starts=2, progress=False)
     own = {size: found.own.figures[2 * place + 1].value for place, size in enumerate(found.own.amplitudes)}
     friction, omega = (
         found.model_of_figures.parameters["friction"],
@@ -149,7 +149,7 @@ def test_a_law_that_contradicts_the_record_is_said_to_before_anything_else(
     made: Callable[..., PistonRecord],
 ) -> None:
     """A dashpot for dry friction: its damping ratio is one, the record's grows as the swing shrinks."""
-    found = identify(made("coulomb"), laws=["linear"], progress=False)
+    found = identify(made("coulomb"), laws=["linear"], starts=2, progress=False)
     assert not found.own.law_agrees
     for told in (found.summary, terminal_summary(found)):
         assert told.lower().startswith("the law, linear, contradicts the record: at ")

@@ -177,7 +177,7 @@ def run(small_damper: Scene, tmp_path_factory: pytest.TempPathFactory) -> Trajec
 
 
 def test_from_run(run: Trajectory) -> None:
-    found = identify(run.path, laws=["linear"], checks=False, progress=False)
+    found = identify(run.path, laws=["linear"], starts=2, checks=False, progress=False)
     assert np.array_equal(found.record.height, run.piston().height)
     assert "time step auto*2: " in str(found)
     for option in ({"changes": {"piston.mass": 1.0}}, {"dt": 1e-5}, {"threads": 1}):
@@ -264,7 +264,7 @@ class MadeUp(Executor):
         return future
 
 
-@pytest.mark.parametrize("law", ["linear", "van-der-pol-like"])
+@pytest.mark.parametrize("law", ["linear", pytest.param("van-der-pol-like", marks=pytest.mark.long)])
 def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
     run: Trajectory, monkeypatch: pytest.MonkeyPatch, law: str
 ) -> None:
@@ -273,7 +273,7 @@ def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
     swing = PistonRecord(time, height)
     monkeypatch.setattr(Trajectory, "piston", lambda _: swing)
     made_up = MadeUp(*(faster(swing, by) for by in (1.01, 0.99, 1.03)))
-    found = identify(run.path, laws=[law], executor=made_up, progress=False)
+    found = identify(run.path, laws=[law], starts=2, executor=made_up, progress=False)
     assert [case.settings["dt"] for case in made_up.asked] == ["auto*2", "auto*2", "auto*4"]
     assert {case.settings["method"] for case in made_up.asked} == {"stormer-verlet"}
     seeds = [case.scene.arrangement.seed for case in made_up.asked]
@@ -293,7 +293,7 @@ def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -
 
     made_up = MadeUp(run.piston(), run.piston(), "EnergyError: step 3", before=saved)
     with pytest.warns(UserWarning, match="check with twice the time step failed: EnergyError"):
-        found = identify(run.path, tmp_path, laws=["linear"], executor=made_up, progress=False)
+        found = identify(run.path, tmp_path, laws=["linear"], starts=2, executor=made_up, progress=False)
     frequency = found.figure("natural frequency")
     assert "step" not in frequency.parts
     assert frequency.parts["start"] < 1e-6 * frequency.value
@@ -340,7 +340,7 @@ def test_checks_from_a_plain_script(run: Trajectory, tmp_path: Path) -> None:
 def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:
     cut = dataclasses.replace(run, complete=False)
     with pytest.warns(UserWarning, match=r"the run was cut at t = 1\.3 s, in stage 'release'"):
-        found = identify(cut, laws=["linear"], progress=False)
+        found = identify(cut, laws=["linear"], starts=2, progress=False)
     assert "was cut" in found.notes[0]
     assert "step" not in found.figure("natural frequency").parts
 
