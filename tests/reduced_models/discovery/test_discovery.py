@@ -186,6 +186,7 @@ def test_several_records_have_one_structure(options: dict[str, Any]) -> None:
     assert np.abs(coefficient_errors(found, "duffing")).max() < 0.1
 
 
+@pytest.mark.long  # quick: with the large one, above
 def test_the_small_swing_alone_hides_the_spring() -> None:
     found = discover(pair("duffing", (0.1, 1.8))[0], "sindy", polish=0)
     assert set(found.best.terms or ()) == {Term(1), Term(0, **VELOCITY)}
