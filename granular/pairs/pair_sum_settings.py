@@ -16,7 +16,7 @@ LEAST = 40
 METHODS = ("auto", "direct", "mesh", "cut-off", "verlet-list")
 
 MESH_FROM = 1500
-"""Grains from which the mesh is chosen: it is faster from 400 on where its long steps act, and
+"""Grains from which the mesh is chosen: it is faster from 300 on where its long steps act, and
 from 900 on where grains rub; up to here the exact sum is fast enough."""
 
 SPLIT_RADIUS, TOLERANCE = 6.5, 3e-4

@@ -280,7 +280,7 @@ def _run_checks(
     executor: Executor,
     progress: bool,
 ) -> tuple[DesignCheck, ...]:
-    scenes = [pair_sum_hidden_by_scatter(candidate.scene(seed)) for seed in seeds]
+    scenes = [pair_sum_hidden_by_scatter(candidate.scene(seed), METHOD) for seed in seeds]
     study = sweep(
         damper(),
         cases=[scene.to_plain() for scene in scenes],

@@ -94,7 +94,7 @@ def identify(
         an object; or a table of a record, of pandas or xarray. Times are in s, heights in m. A scene
         is simulated first.
     out : str or Path, optional
-        Directory for the report, the models, the record and the run. A run of the same scene that
+        Directory for the report, the models, the record and the run. A run of the same scene and sum that
         lies there already is used, or gone on with. Nothing is written if not given.
     laws : sequence of str or Law, optional
         Names, equations or laws. Without, those that can win: see
@@ -112,8 +112,9 @@ def identify(
     dt, method, threads : optional
         Time step [s], integration method and number of threads of the simulation; for a scene only.
         The step, if not given, is the longest whose errors random starts hide by the stored table
-        of prices, and the automatic one of scenes that it does not hold; the sum over pairs is then the
-        mesh where that is faster and its errors are hidden too.
+        of prices, and the automatic one of scenes that it does not hold; with checks, the sum over
+        pairs is then the mesh where that is faster and its errors are hidden too. A scene that names
+        its sum, as ``changes={"pairs.method": "direct"}``, keeps it.
     starts : int
         Number of random starts of each fit, from 1 to 10000.
     budget : float
@@ -227,7 +228,8 @@ def _run_beside_checks(
                 pair_sum_hidden_by_scatter,
             )
 
-            source = pair_sum_hidden_by_scatter(source)
+            if background is not None:  # several runs pay for the mesh's compiling
+                source = pair_sum_hidden_by_scatter(source, options.method)
             options = options._replace(dt=longest_step_hidden_by_scatter(source, options.method))
         settings = {"dt": options.dt, "t_end": None, "method": options.method}
         further = None if background is None else SceneChecks(background, source, settings, lift)

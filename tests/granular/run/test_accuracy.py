@@ -163,31 +163,66 @@ def test_what_the_table_does_not_hold_keeps_the_automatic_step() -> None:
     assert longest_step_hidden_by_scatter(damper(), "explicit-euler") == "auto"
 
 
-def test_the_mesh_sums_where_it_is_faster_and_random_starts_hide_it() -> None:
-    scene = damper()
-    summed = pair_sum_hidden_by_scatter(scene)
+VERLET = "stormer-verlet"
+MIXTURE = [
+    {"name": "large", "diameter": "6 mm", "share": 0.7},
+    {"name": "small", "diameter": "4 mm", "share": 0.3},
+]
+COPPER = {"conductivity": "58 MS/m", "thickness": "1 mm", "distance": "4 mm"}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"grains.species": MIXTURE}, {"cell.width": "70 D"}],
+    ids=["damper", "two species", "another cell"],
+)
+def test_the_mesh_sums_where_it_is_faster_and_random_starts_hide_it(changes: dict[str, Any]) -> None:
+    scene = damper().replace(**changes)
+    summed = pair_sum_hidden_by_scatter(scene, VERLET)
     assert summed.pair_method == "mesh"
     assert summed == scene.replace(**{"pairs.method": "mesh"})
 
 
 @pytest.mark.parametrize(
-    ("made", "changes"),
+    ("made", "changes", "method"),
     [
-        ({"count": 92}, {}),
-        ({"magnets": "cylinders"}, {}),
-        ({}, {"pairs.method": "direct"}),
-        ({}, {"pairs.far_every": 4}),
-        ({}, {"effects.contact": {"modulus": "1 MPa"}}),
-        ({}, {"effects.walls.left": "none"}),
+        ({"count": 92}, {}, VERLET),
+        ({"magnets": "cylinders"}, {"effects.contact": None}, VERLET),
+        ({}, {"pairs.method": "direct"}, VERLET),
+        ({}, {"pairs.far_every": 4}, VERLET),
+        ({}, {"effects.contact": {"modulus": "1 MPa"}}, VERLET),
+        ({}, {"effects.eddy": COPPER}, VERLET),
+        ({}, {"effects.drag": None, "effects.friction": {}}, VERLET),
+        ({}, {"effects.walls.left": "none"}, VERLET),
+        ({}, {"cell.width": "1e5 D", "piston.height": "1e5 D"}, VERLET),
+        ({}, {}, "pefrl"),
+        ({}, {}, "stormer-verlet+compensated"),
+        ({}, {}, "runge-kutta-4"),
+        ({}, {}, "adaptive-verlet"),
     ],
-    ids=["few grains", "discs", "a named sum", "a named far field", "contact", "an open side"],
+    ids=[
+        "few grains",
+        "discs",
+        "a named sum",
+        "a named far field",
+        "contact",
+        "eddy currents",
+        "friction, of which the table has no rest",
+        "an open side",
+        "a cell too large for a mesh",
+        "fourth order",
+        "compensated",
+        "Runge-Kutta",
+        "variable steps",
+    ],
 )
-def test_other_scenes_keep_their_sum(made: dict[str, Any], changes: dict[str, Any]) -> None:
+def test_other_scenes_and_methods_keep_their_sum(
+    made: dict[str, Any], changes: dict[str, Any], method: str
+) -> None:
     scene = damper(**made).replace(**changes)
-    assert pair_sum_hidden_by_scatter(scene) is scene
+    assert pair_sum_hidden_by_scatter(scene, method) is scene
 
 
-def test_a_table_with_less_scatter_keeps_the_direct_sum(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(SceneWorkPrecision, "scatter_for_grain_count", lambda *_: 1e-4)
-    scene = damper()
-    assert pair_sum_hidden_by_scatter(scene) is scene
+@pytest.mark.parametrize(("count", "method"), [(700, "mesh"), (800, "direct")])
+def test_many_grains_scatter_less_than_the_mesh_errs(count: int, method: str) -> None:
+    assert pair_sum_hidden_by_scatter(damper(count=count), VERLET).pair_method == method
