@@ -113,7 +113,9 @@ def numpy_source(model: FittedLaw) -> str:
         parameters=repr({name: float(model.parameters[name]) for name in law.parameters}),
         shift=float(model.map.shift),
         scale=float(model.map.scale),
-        initial=repr((*map(float, model.initial), *(0.0 for _ in hidden))),
+        initial=repr(
+            (*map(float, model.initial), *(float(model.hidden.get(name, 0.0)) for name in law.hidden))
+        ),
         hidden_note="".join(f", {name}" for name in hidden),
         hidden_words="".join(f", {name}" for name in hidden),
         hidden_names="".join(f", {name}" for name in hidden),

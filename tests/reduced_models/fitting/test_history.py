@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import warnings
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -70,6 +71,15 @@ def test_hidden_states_follow_from_what_was_before() -> None:
     assert np.abs(still - late.height).max() > 10.0 * NOISE
 
 
+def test_python_of_a_model_starts_with_its_hidden_state() -> None:
+    """Where it is not zero, the motion that runs alone is that of the model."""
+    model, times = check("bouc-wen"), np.linspace(0.0, 10.0, 300)
+    assert abs(model.hidden["w"]) > 0.2
+    space: dict[str, Any] = {}
+    exec(model.numpy_source, space)
+    np.testing.assert_allclose(space["simulate"](times), model.simulate(times).height, atol=1e-5)
+
+
 def test_a_hysteresis_loop_has_the_work_of_its_force() -> None:
     """Energy of a Bouc-Wen cycle, by another solver, and the ends of its loop."""
     from scipy.integrate import solve_ivp
@@ -93,6 +103,13 @@ def test_a_hysteresis_loop_has_the_work_of_its_force() -> None:
 
 def test_printed_parameters_of_bouc_wen_are_those_of_its_swing() -> None:
     assert_memory_as_printed(check("bouc-wen"))
+
+
+def test_a_free_hidden_state_is_found_from_the_motion_alone() -> None:
+    """As it was, without the motion before."""
+    free = fit(integer().between(CUT, TIME[-1]), "bouc-wen", initial="free", starts=2)
+    assert free.hidden["w"] == pytest.approx(motion()[2][np.searchsorted(TIME, CUT)], abs=0.01)
+    assert free.quality.residual == pytest.approx(NOISE, rel=0.05)
 
 
 @pytest.mark.long
