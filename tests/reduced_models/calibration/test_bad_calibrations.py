@@ -71,7 +71,7 @@ def test_bad_arguments(act: Callable[[], Any], words: str) -> None:
         pytest.param(
             ("grows.csv", "damper", "--law", "z'' + 2*d*z' + k*z = g"),
             "damping ratio is -",
-            marks=pytest.mark.long,  # quick: the same record by the linear law
+            marks=pytest.mark.long,  # quick: the same words by a made-up fit in `test_features`
         ),
         (("lab.csv", "dampr"), "did you mean 'damper'"),
         (("lab.csv", "damper", "--parameter", "piston.weight"), "unknown key 'weight'"),

@@ -119,7 +119,10 @@ class Lab(NamedTuple):
 
 @pytest.mark.parametrize("records", [100, pytest.param(300, marks=pytest.mark.long)])
 def test_intervals_cover_the_truth(records: int) -> None:
-    """Of records of beds of their own, from other starts; 95 % intervals."""
+    """Of records of beds of their own, from other starts; 95 % intervals.
+
+    Their seeds are fixed. With others, a right method can fall below 0.92: in one of eight hundreds.
+    """
     covered, halves = [], []
     for seed in range(records):
         found = Lab.of(seed, mass=6.0, drag=0.15).calibrated()

@@ -50,7 +50,7 @@ def pendulum(place: int) -> Pendulum:
     return Pendulum(PistonRecord(time, height), k, rest, noise)
 
 
-@pytest.mark.long  # quick: the pendulum of `test_words`
+@pytest.mark.long  # quick: symmetries in `test_words`, a real pendulum in `test_examples`
 @pytest.mark.parametrize("place", range(COUNT))
 def test_all_records(place: int) -> None:
     made = pendulum(place)

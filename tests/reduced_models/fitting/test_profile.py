@@ -15,7 +15,7 @@ from reduced_models import HeightMap, ReducedModel, fit
 from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
 
-SPARSE = np.linspace(0.0, 10.0, 2000)  # as many as elsewhere: their code is compiled already
+TIME = np.linspace(0.0, 10.0, 2000)  # as many as elsewhere: their code is compiled already
 
 
 def quiet(record: Any, law: str, **options: Any) -> Any:
@@ -26,9 +26,9 @@ def quiet(record: Any, law: str, **options: Any) -> Any:
 
 def weakly_damped(seed: int, lam: float = 0.02, noise: float = 0.63) -> PistonRecord:
     """A swing of ten time units in so much noise that the damping is hardly seen."""
-    clean = solve_law(LAWS["linear"], SPARSE, 0.0, 0.0, (lam, 1.05, -1.0), 1.0).z
+    clean = solve_law(LAWS["linear"], TIME, 0.0, 0.0, (lam, 1.05, -1.0), 1.0).z
     random = np.random.default_rng(seed)
-    return PistonRecord(SPARSE, clean + random.normal(0.0, noise * clean.std(), len(SPARSE)))
+    return PistonRecord(TIME, clean + random.normal(0.0, noise * clean.std(), len(TIME)))
 
 
 def squares(model: ReducedModel) -> float:

@@ -91,7 +91,7 @@ def test_a_pendulum_as_it_is_written() -> None:
     assert held.quality.converged >= 8
 
 
-@pytest.mark.long  # quick: a start that is given in `test_search`, the rest above
+@pytest.mark.long  # quick: a start that is given in `test_search`
 def test_a_pendulum_from_other_starts() -> None:
     for options in ({"positive": ["k", "lam"]}, {"start": {"k": -8.0, "rest": 3.0}}):
         fitted_pendulum(**options)
@@ -215,6 +215,7 @@ def test_known_noise_weights_and_the_start(made: Callable[..., PistonRecord]) ->
         assert spared.parameters[name] == pytest.approx(value, rel=2e-3)
     still = fit(record, "linear", initial="rest")
     assert still.initial[1] == 0.0
+    assert fit(record, "linear", initial="free").initial == plain.initial
     given = fit(record, "linear", initial={"height": 1.0, "velocity": 0.0})
     assert given.initial == pytest.approx((1.0, 0.0), abs=1e-12)
 

@@ -70,13 +70,13 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
     assert np.array_equal(back.height, PistonRecord.from_csv(lab).height)
 
 
-@pytest.mark.parametrize("left_out", ["coulomb", "quadratic-drag"])
-def test_a_spring_by_the_laws_that_may_be_its(spring: tuple[Identification, Path], left_out: str) -> None:
+def test_a_spring_by_the_laws_that_may_be_its(spring: tuple[Identification, Path]) -> None:
     found, out = spring
     assert found.best.law.name == "duffing"
     assert {row.name for row in found.comparison.rows} == {"linear", "polynomial-spring", "duffing"}
     assert "the data cannot tell polynomial-spring from it" in found.verdict
-    assert any(f"{left_out} was not fitted" in words for words in found.left_out)
+    for name in ("coulomb", "quadratic-drag"):
+        assert any(f"{name} was not fitted" in words for words in found.left_out)
     fits_a_screen(found, "as a mass on a spring of")
     page = (out / "report.html").read_text()
     assert page.count("<svg") == 5
@@ -318,7 +318,7 @@ with BackgroundCaseRunner(piston_record_columns, None) as background:
 """
 
 
-@pytest.mark.long  # quick: checks of a scene, in a session
+@pytest.mark.long  # quick: the same checks by a made-up executor, above; processes in `test_workers`
 def test_checks_from_a_plain_script(run: Trajectory, tmp_path: Path) -> None:
     """No guard is needed, and a run that fails in its process comes back as words."""
     (tmp_path / "script.py").write_text(SCRIPT)

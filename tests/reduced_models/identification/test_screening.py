@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import shlex
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import odeint
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
@@ -20,18 +22,30 @@ from reduced_models.identification.candidate_laws import (
     unused_columns,
 )
 from reduced_models.laws.catalogue import LAWS
+from reduced_models.laws.equation import compile_rates
 from reduced_models.records.sources import read_record
+from tests.reduced_models.conftest import TIME, TRUE
 
-QUICK = ("linear", "duffing", "coulomb")
-"""Of a spring, of a stiffer one and of friction: tests of other files have made their records."""
+
+@functools.cache
+def clean(name: str) -> np.ndarray:
+    """The motion of a law by a solver of another house, that compiles nothing."""
+    law, (values, start) = LAWS[name], TRUE[name]
+    field = compile_rates(law.equation, (), "math")
+    numbers = [values[key] for key in law.parameters]
+
+    def slopes(state: np.ndarray, _: float) -> tuple[float, ...]:
+        return (float(state[1]), *field(*map(float, state), *numbers))
+
+    return np.asarray(odeint(slopes, [start, 0.0], TIME, rtol=1e-9, atol=1e-11)[:, 0])
 
 
 @pytest.mark.parametrize("level", [0.01, *(pytest.param(one, marks=pytest.mark.long) for one in (0.0, 0.1))])
-@pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=() if one in QUICK else pytest.mark.long) for one in CANDIDATES]
-)
-def test_the_true_law_is_never_left_out(name: str, level: float, made: Any) -> None:
-    found = screen_laws_by_weak_form(made(name, level=level), [LAWS[each] for each in CANDIDATES])
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_the_true_law_is_never_left_out(name: str, level: float) -> None:
+    z = clean(name)
+    record = PistonRecord(TIME, z + np.random.default_rng(0).normal(0.0, level * z.std(), len(z)))
+    found = screen_laws_by_weak_form(record, [LAWS[each] for each in CANDIDATES])
     assert not found.is_hopeless(name)
     assert found.misfits[name] < 3.0 * max(found.least_misfit, 1.0)
 

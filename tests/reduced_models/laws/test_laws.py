@@ -81,7 +81,7 @@ def test_friction_lets_the_swing_fall_in_a_straight_line() -> None:
     assert np.diff(peaks) == pytest.approx([-0.24] * 7, rel=0.02)
 
 
-@pytest.mark.long  # quick: the pendulum of `test_words`, the own law of `test_fit`
+@pytest.mark.long  # quick: the time in a law of `test_words`, the own law of `test_fit`
 @pytest.mark.parametrize(
     ("name", "equation", "values"),
     [

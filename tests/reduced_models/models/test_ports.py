@@ -297,7 +297,7 @@ def own_motion(system: CoupledSystem, force: float, omega: float) -> np.ndarray:
 
 @needs_gcc
 @needs_fmpy
-@pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.long), 3])
+@pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.long), 3])  # quick of 2: below
 def test_a_machine_on_an_fmu_swings_as_by_the_toolkit(version: int, tmp_path: Path) -> None:
     from fmpy.validation import validate_fmu
 

@@ -29,7 +29,10 @@ from reduced_models.laws.printing import mathml, mathml_of_rate, round_significa
 from reduced_models.models.fitted_law import AtRest
 
 COMBINED = ("van-der-pol", "viscous-coulomb", "viscous-quadratic", "pendulum-coulomb", "pendulum-quadratic")
-"""Laws of parts that other laws here have or nearly have, each of which takes seconds to compile."""
+"""Laws of parts that other laws here have or nearly have, each of which takes seconds to compile.
+
+The damping of van-der-pol is that of van-der-pol-like, but for its centre and its sign.
+"""
 NUMBER = r"(-?[0-9.]+(?:e[+-]?[0-9]+)?)"
 
 

@@ -120,6 +120,7 @@ def test_bad_records_are_refused_in_one_line(
 
 
 LONG = ("noise alone", "another motion", "blowing up", "a jump")
+"""Their words are those of the other three, which stay quick."""
 
 
 @pytest.mark.parametrize(

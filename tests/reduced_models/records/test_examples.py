@@ -81,7 +81,7 @@ def test_a_pendulum(lab: Path) -> None:
     assert pendulum.parameters["lam"] == pytest.approx(0.05, rel=0.01)
 
 
-@pytest.mark.long  # quick: `test_driven`, and a force by its calibration in `test_calibration_uncertainty`
+@pytest.mark.long  # quick: `test_driven`
 def test_a_driven_mass(lab: Path) -> None:
     driven = fit(read_record(lab / "driven.toml"), "z'' + 2*lam*z' + k*(z - rest) = force/m", starts=2)
     assert driven.parameters["m"] == pytest.approx(7.5, rel=2e-3)

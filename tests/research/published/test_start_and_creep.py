@@ -33,9 +33,8 @@ def test_the_accelerated_cycle_takes_as_much_step_times_time() -> None:
 def test_forces_of_the_loop_are_the_models(random: np.random.Generator) -> None:
     x, y = random.uniform(1.0, 9.0, (2, 7))
     force = np.zeros((3, 7))
-    getattr(_forces, "py_func", _forces)(
-        x, y, 10.0, 10.0, 0.01, force
-    )  # as it is written; a long test compiles it
+    as_written = getattr(_forces, "py_func", _forces)  # a long test compiles it
+    as_written(x, y, 10.0, 10.0, 0.01, force)
     for i in range(7):
         dx, dy = x[i] - np.delete(x, i), y[i] - np.delete(y, i)
         r = np.hypot(dx, dy)
