@@ -61,7 +61,7 @@ def forces(scene: Scene, positions: np.ndarray) -> np.ndarray:
     return evaluate(scene, positions * scene.grains.species[0].diameter).force / unit
 
 
-@pytest.mark.long  # quick: unlike discs, below; kernels, in granular/pairs/test_discs.py
+@pytest.mark.long  # quick: 40 grains, in plain Python
 @pytest.mark.parametrize(
     ("pairs", "reach", "tolerance"),
     [
@@ -144,7 +144,7 @@ def test_species_and_scatter_have_the_law(small_bed: Scene) -> None:
     assert np.abs(forces(scene, positions) - known).max() <= 1e-5 * np.abs(known).max()
 
 
-@pytest.mark.long
+@pytest.mark.long  # quick: in plain Python
 def test_run_that_goes_on_has_the_bits_of_one_left_alone(small_bed: Scene, tmp_path: Path) -> None:
     """Though lists of close pairs are made anew."""
     changes = {"effects.drag.coefficient": 0.0, "effects.contact.restitution": 1.0}
@@ -163,7 +163,7 @@ def test_two_threads_give_the_bits_of_one(bed: Scene) -> None:
     np.testing.assert_array_equal(*(run.dataset["position"].values for run in runs))
 
 
-@pytest.mark.long  # quick: grains that are too near are counted, in granular/pairs/test_discs.py
+@pytest.mark.long  # quick: two grains, in plain Python
 def test_discs_pressed_into_each_other_stop_the_run(small_bed: Scene) -> None:
     scene = discs(small_bed, **{"effects.contact.modulus": "1 kPa"}).replace(
         protocol=[{"kind": "move", "name": "press", "to": "1 D", "duration": 0.1}]

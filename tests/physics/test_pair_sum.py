@@ -159,7 +159,6 @@ found = run.dataset["position"].values[-1].tolist()
 """
 
 
-@pytest.mark.long  # quick: small runs of all kinds, in tests/plain_python
 def test_without_compilation() -> None:
     """The engine also runs as plain Python, and gives the same motion."""
     here: dict[str, list[list[float]]] = {}

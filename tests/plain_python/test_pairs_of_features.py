@@ -145,7 +145,7 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
         "pairs": METHODS[row["method"]],
         "arrangement": {"speed": "30 D/s", "jitter": 0.1},
         "protocol": bed["protocol"],
-        "output": {"scalars": 2 * STEP, "frames": 2 * STEP},
+        "output": {"scalars": STEPS * STEP, "frames": STEPS * STEP},  # far pairs act every fourth step
     }
     if not around:
         plain["piston"] = {"height": f"{height} D"}
@@ -238,14 +238,14 @@ def check_run(scene: Scene, row: Row, out: Path) -> None:
     """A short run keeps its ledger, loses nothing less than zero, and goes on with its bits."""
     words: dict[str, Any] = {"dt": STEP, "progress": False}
     integer = simulate(scene, t_end=STEPS * STEP, threads=row["threads"], **words)
-    assert float(integer.settings()["ledger_residual"]) < 2e-3
+    assert float(integer.settings()["ledger_residual"]) < (2e-3 if row["effect"] == "contact" else 1e-3)
     for variable, values in integer.dataset.items():
         assert np.isfinite(values.values).all(), variable
         if str(variable).endswith("_loss") and row["effect"] != "bath":
             assert (np.diff(values.values) >= -1e-18).all(), variable
     other = integer
     if row["resumed"]:
-        simulate(scene, t_end=3 * STEP, threads=row["threads"], out=out, **words)
+        simulate(scene, t_end=STEP, threads=row["threads"], out=out, **words)
         other = simulate(scene, t_end=STEPS * STEP, out=out, resume=True, **words)
     elif row["threads"] > 1:
         other = simulate(scene, t_end=STEPS * STEP, **words)

@@ -8,6 +8,7 @@ import pytest
 
 from granular import Scene, evaluate
 from granular.schema.natural_units import Scales
+from tests.granular.pairs.test_periodic import ewald_energy
 
 pytestmark = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 
@@ -41,3 +42,6 @@ def test_grains_meet_images_across_the_sides(method: str, magnets: str) -> None:
     off = 1e-3 if method == "mesh" else 1e-11
     np.testing.assert_allclose(half.force, inside.force, atol=off * size)
     assert half.potential_energy == pytest.approx(inside.potential_energy, rel=0.1 * off)
+    if method == "mesh":
+        wanted = ewald_energy(places / scales.length, SIDES)
+        assert inside.potential_energy / scales.energy == pytest.approx(wanted, rel=3e-4)

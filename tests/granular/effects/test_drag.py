@@ -43,7 +43,7 @@ def apart(species: list[dict[str, Any]], **changes: Any) -> Scene:
 
 @pytest.mark.parametrize(
     "method",
-    # Quick by Runge-Kutta: every effect, and eddy currents, in plain Python.
+    # Quick by Runge-Kutta: unlike grains in plain Python.
     ["stormer-verlet", pytest.param("runge-kutta-4", marks=pytest.mark.long)],
 )
 @pytest.mark.parametrize("coefficient", [0.01, 0.0])

@@ -60,7 +60,7 @@ def places(random: np.random.Generator) -> np.ndarray:
         {"effects.walls": {"left": SLAB, "right": "none", "bottom": "infinite", "top": "slab"}},
         pytest.param(
             {"effects.walls": {"left": FORMULA}, "grains.spread": 0.1},
-            marks=pytest.mark.long,  # quick: every law of walls in plain Python
+            marks=pytest.mark.long,  # quick: in plain Python, test_sums_in_scenes.py
         ),
         {"effects.contact": {"modulus": "1 MPa"}},
     ],
@@ -80,7 +80,7 @@ def test_the_parts_add_up_to_the_force_of_the_engine(
     np.testing.assert_allclose(total, integer, rtol=0.0, atol=1e-13 * np.abs(integer).max())
 
 
-@pytest.mark.long  # quick: unlike discs against their law, tests/physics/test_discs.py
+@pytest.mark.long  # quick: in plain Python, test_sums_in_scenes.py
 def test_the_parts_add_up_for_discs(random: np.random.Generator) -> None:
     """Unlike discs, two of them pressed together; within the tables' error of the force at contact.
 

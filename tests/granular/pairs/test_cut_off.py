@@ -131,7 +131,7 @@ def test_lists_made_again_give_the_same_bits() -> None:
         np.testing.assert_array_equal(bed.sums(), wanted)
 
 
-@pytest.mark.long  # quick: those of the direct sum, tests/physics/test_pair_sum.py
+@pytest.mark.long  # quick: in plain Python, parts taken in another order
 def test_threads_give_the_same_bits() -> None:
     one, several = (Bed(scattered(3000, 5), 6.0, differing=True) for _ in range(2))
     several.threaded = True

@@ -163,7 +163,7 @@ def test_lattice_stands_still() -> None:
     np.testing.assert_allclose(moved.fy, far.fy, atol=1e-13)
 
 
-@pytest.mark.long  # quick: those of the direct sum, tests/physics/test_pair_sum.py
+@pytest.mark.long  # quick: in plain Python, parts taken in another order
 def test_threads_give_the_same_bits() -> None:
     bed = Bed(1472, differing=True)
     one = bed.far()

@@ -66,7 +66,7 @@ def test_recording_does_not_change_the_motion(scene: Scene) -> None:
     assert np.array_equal(often.dataset["position"].values[-1], seldom.dataset["position"].values[-1])
 
 
-@pytest.mark.long  # quick: the sums over pairs, which are all that threads share, one by one
+@pytest.mark.long  # quick: the direct sum, tests/physics/test_pair_sum.py
 def test_threads_give_the_same_bits(bed: Scene) -> None:
     large = bed.replace(
         **{
@@ -117,7 +117,7 @@ def test_dataset_is_labelled(scene: Scene, tmp_path: Path) -> None:
         # A grain at the wall is compiled for other tests as well.
         ("adaptive-verlet", True),
         pytest.param("adaptive-verlet", False, marks=pytest.mark.long),
-        # Quick: every effect goes on with the same bits, and sums are compensated, in plain Python.
+        # Quick: in plain Python.
         *(pytest.param("stormer-verlet+compensated", one, marks=pytest.mark.long) for one in (True, False)),
     ],
 )

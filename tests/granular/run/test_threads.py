@@ -79,7 +79,7 @@ def test_large_beds_take_several(bed: Scene, method: str, monkeypatch: pytest.Mo
 
 
 @TWO
-@pytest.mark.long  # quick: the sums over pairs, one by one
+@pytest.mark.long  # quick: parts taken in another order, in plain Python
 @pytest.mark.parametrize("method", ["cut-off", "mesh"])
 def test_runs_have_the_same_bits(bed: Scene, method: str) -> None:
     large = bed.replace(
