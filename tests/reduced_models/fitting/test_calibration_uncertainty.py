@@ -48,7 +48,7 @@ def linear() -> ReducedModel:
     return fit(read("2.5 +- 0.02 mm/V"), "linear")
 
 
-@pytest.mark.parametrize("how", [pytest.param("bootstrap", marks=pytest.mark.long), "profile"])
+@pytest.mark.parametrize("how", ["bootstrap", "profile"])
 def test_other_intervals_have_it_too(linear: ReducedModel, how: str) -> None:
     other = fit(read("2.5 +- 0.02 mm/V"), "linear", intervals=how)
     assert spread(other, "g0") == pytest.approx(spread(linear, "g0"), rel=0.1)

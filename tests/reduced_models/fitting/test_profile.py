@@ -107,7 +107,21 @@ def test_what_the_data_leave_open_has_no_end() -> None:
     assert high - low < 0.2
 
 
-@pytest.mark.long  # quick: profiles of one record above, several records in `test_several`
+def test_the_sum_of_squares_of_several_records_rises_to_the_quantile() -> None:
+    """Of a damping that they share, by fits to both with it held there."""
+    records = [weakly_damped(seed) for seed in (1, 2)]
+    models = quiet(records, "linear", own=["g0"], intervals="profile")
+    assert models[0].intervals["lam"] == models[1].intervals["lam"]
+    freedom = sum(map(len, records)) - 8  # damping, frequency; two loads, heights and velocities
+    least = sum(map(squares, models))
+    variance = least * np.mean([one.quality.correlation for one in models]) / freedom
+    end = models[0].intervals["lam"][1]
+    held = quiet(records, "linear", own=["g0"], bounds={"lam": (end, end * (1.0 + 1e-9))})
+    rise = math.sqrt((sum(map(squares, held)) - least) / variance)
+    assert rise == pytest.approx(student.ppf(0.975, freedom), rel=0.02)
+
+
+@pytest.mark.long  # quick: the shared interval above, several records in `test_several`
 def test_several_records_share_an_interval(made: Any) -> None:
     """Shared parameters have one interval; own ones have their own; maps that are given none."""
     records = [made("linear", seed=seed, start=start) for seed, start in ((1, 1.0), (2, 2.0))]
