@@ -93,7 +93,7 @@ def test_mixture_load_from_the_formula(fraction: float, small: float) -> None:
     np.testing.assert_allclose(evaluate(scene, positions).normal_load, wanted, rtol=1e-10)
 
 
-@pytest.mark.long  # quick: what is said of each species alike, in the same file
+@pytest.mark.long  # quick: unlike grains, tests/granular/scene/test_unlike_grains.py
 def test_mixture_of_equal_grains_is_the_mono_disperse_bed(bed: Scene) -> None:
     alike = [
         {"name": "one", "diameter": 0.006, "share": 0.5},

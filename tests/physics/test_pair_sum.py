@@ -135,8 +135,9 @@ def test_parts_agree_with_one_part() -> None:
     """The same grains, summed in parts and (a few fewer, far away ones) in one part."""
     positions = arrangement(PARTED_FROM - 8, 5)
     far = np.stack([1e12 * np.arange(1.0, 17.0), np.zeros(16)], axis=1)
-    one = sums(direct_sum, positions, None, full=True)
-    many = sums(direct_sum, np.concatenate([positions, far]), None, full=True)
+    moments = np.linspace(0.3, 1.0, PARTED_FROM + 8)
+    one = sums(direct_sum, positions, pad_values(moments[:-16]), full=True)
+    many = sums(direct_sum, np.concatenate([positions, far]), pad_values(moments), full=True)
     for alone, among in zip(one[:3], many[:3], strict=True):
         np.testing.assert_allclose(among[: len(alone)], alone, rtol=1e-11, atol=1e-13)
 

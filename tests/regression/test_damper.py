@@ -27,7 +27,7 @@ from reduced_models import fit
 def test_rest_height_period_and_damping(
     damper: Scene, tmp_path: Path, dt: str, changes: dict[str, Any]
 ) -> None:
-    """N = 368, M = 7.5 kg, gamma = 0.1 kg/s, drop from 20 D; also with far pairs less often."""
+    """N = 368, M = 7.5 kg, gamma = 0.1 kg/s, drop from 20 D; long, also with far pairs less often."""
     run = simulate(damper.replace(**changes), dt=dt, progress=False)
     diameter = damper.grains.species[0].diameter
     assert run.stage("drop").height / diameter == pytest.approx(9.86, abs=0.1)

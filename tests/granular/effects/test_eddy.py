@@ -246,7 +246,7 @@ def test_high_bed_within_reach_is_the_bed_of_all_pairs() -> None:
     assert 0.0 <= losses[0] / losses[1] - 1.0 < 0.05
 
 
-@pytest.mark.long  # quick: resumed, every effect in plain Python
+@pytest.mark.long  # quick: resumed and on two threads, the table of pairs in plain Python
 def test_resumed_and_on_two_threads_the_same_bits(tmp_path: Path) -> None:
     random = np.random.default_rng(6)
     scene = scene_of(

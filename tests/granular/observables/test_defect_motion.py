@@ -18,7 +18,12 @@ from xarray import Dataset
 from granular.__main__ import main
 from granular.commands.console import launch
 from granular.observables import detect_defects, track_defects
-from granular.observables.defect_tracks import detect_defects_in_frames, link_defect_tracks
+from granular.observables.defect_tracks import (
+    DefectTrack,
+    detect_defects_in_frames,
+    link_defect_tracks,
+    motion_of_track,
+)
 from granular.observables.plots import plot_defect_paths
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
@@ -319,6 +324,22 @@ def test_the_command_writes_tables_and_a_picture(
     assert launch(main, ["defects", "runs/bed", "--json", "--quiet"]) == 0
     assert json.loads(capsys.readouterr().out)["conserved"] == 1.0
     assert launch(main, ["defects", "runs/bed", "--start", "5 m"]) == 2
+
+
+def test_motion_is_parted_along_the_burgers_vector_and_across() -> None:
+    """Climb is that along the vector turned by +90 degrees; seen in frames 1, 2 and 4 of a line."""
+    times, frames = np.linspace(0.0, 2.0, 5), [1, 2, 4]
+    burgers = 0.01 * np.array([0.6, 0.8])
+    velocity = 3.0 * np.array([0.6, 0.8]) - 2.0 * np.array([-0.8, 0.6])
+    path = times[frames, None] * velocity
+    track = DefectTrack("dislocation", np.array([1, 0]), np.array(frames), path, burgers)
+    found = motion_of_track(track, times)
+    np.testing.assert_allclose(found.velocity, velocity, rtol=1e-12)
+    assert (found.glide, found.climb) == pytest.approx((3.0, -2.0), rel=1e-12)
+    assert found.speed == pytest.approx(math.sqrt(13.0), rel=1e-12)
+    alone = motion_of_track(track._replace(burgers=np.zeros(2)), times)
+    assert math.isnan(alone.glide)
+    assert math.isnan(alone.climb)
 
 
 def test_direction_of_the_lattice_is_followed_beyond_60_degrees() -> None:

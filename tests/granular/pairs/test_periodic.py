@@ -128,7 +128,7 @@ def test_direct_sum_is_that_of_the_nearest_images(columns: int, rows: int) -> No
     assert found.potential_energy / energy == pytest.approx(potential, rel=1e-12)
 
 
-@pytest.mark.long  # quick: the near part of the mesh, which is met in the same way
+@pytest.mark.long  # quick: in plain Python
 @pytest.mark.parametrize(("columns", "rows"), [(12, 12), (30, 26), (40, 40)])
 def test_cut_off_is_that_of_the_nearest_images(columns: int, rows: int) -> None:
     radius = "7 D" if columns == 12 else "8.5 D"
@@ -150,13 +150,13 @@ def held_by_images(scene: Scene, force_error: float, energy_error: float) -> Non
     assert found.potential_energy / energy == pytest.approx(potential, rel=energy_error)
 
 
-@pytest.mark.long  # quick: grains and their images in plain Python, to which nothing need be compiled
+@pytest.mark.long  # quick: 40 grains in plain Python, forces by the table of pairs
 def test_mesh_takes_all_images() -> None:
     """A short radius and a coarse mesh: to what its tolerance says, and no better."""
     held_by_images(crystal(20, 22, **{"pairs.method": "mesh"}), 3e-4, 5e-5)
 
 
-@pytest.mark.long
+@pytest.mark.long  # quick: in plain Python
 def test_mesh_of_few_grains_takes_all_images() -> None:
     """Stripes hold less than a vector of grains; sums are smaller next to the mesh's error."""
     held_by_images(crystal(7, 8, 3.0, **{"pairs.method": "mesh"}), 5e-4, 1e-4)

@@ -122,8 +122,8 @@ def test_kernels_are_counted_while_they_are_compiled(
     """Kernels that stand in no file of the package are compiled in every process."""
     monkeypatch.setattr(granular.shared.progress_bars, "LINES_EVERY", 0.0)
     kernels = [entry(lambda x, k=k: x + k) for k in range(2)]
-    words = "compiling for scenes of this kind, kept for later runs, kernel "
-    for told in ([f"{words}1", f"{words}2"], []):
+    opening = "compiling for scenes of this kind, kept for later runs, kernel "
+    for told in ([f"{opening}1", f"{opening}2"], []):
         with RunProgressBar(True):
             assert [kernel(1.0) for kernel in kernels] == [1.0, 2.0]
         said = capsys.readouterr().err

@@ -16,6 +16,7 @@ from granular.__main__ import main
 from granular.commands.console import launch
 from granular.compiled.compile_timer import report_compiled_kernels
 from granular.compiled.kernel_cache import kernel_cache_folder
+from granular.run import protocol_runner
 
 ROOT = Path(__file__).parents[3]
 
@@ -46,13 +47,27 @@ def test_after_a_warm_up_a_run_compiles_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-def test_what_was_warmed_up_is_kept_and_compiled_no_more(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_was_warmed_up_is_kept_and_compiled_no_more(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop in a file of its own: for the types that the run gives it."""
     assert launch(main, ["scenes", "--warm-up", "single-particle", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert list(told["seconds"]) == ["single-particle"]
     assert told["folder"] == str(kernel_cache_folder())
-    assert any("advance_ticks" in path.name for path in Path(told["folder"]).glob("*.kernel"))
+    kept = set(Path(told["folder"]).glob("*.kernel"))
     compiled: list[int] = []
+    loop, met = protocol_runner.advance_ticks, []
+
+    def advance(*values: object) -> object:
+        met.append(tuple(map(loop.typeof_pyval, values)))
+        return loop(*values)
+
+    monkeypatch.setattr(protocol_runner, "advance_ticks", advance)
     with report_compiled_kernels(compiled.append):
         simulate(load_scene("single-particle"), t_end=1e-3, progress=False)
     assert not compiled
+    assert met
+    for types in met:
+        file, _ = loop._cache._kernel_file_and_label(types, loop.targetctx.codegen())
+        assert file in kept

@@ -252,9 +252,9 @@ START = """
 import os, time
 from granular.studies.executors import ProcessPool
 workers = ProcessPool(1)
-pids = {workers.submit(os.getpid).result()}
+pid = workers.submit(os.getpid).result()
 busy = [workers.submit(time.sleep, 600.0) for _ in range(2)]
-print(*pids, flush=True)
+print(pid, flush=True)
 time.sleep(600.0)
 """
 
