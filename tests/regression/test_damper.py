@@ -21,6 +21,8 @@ from reduced_models import fit
     [
         pytest.param("auto", {}, marks=pytest.mark.long),
         pytest.param("auto*2", {"pairs.far_every": 8}, marks=pytest.mark.long),
+        # What `identify` takes.
+        pytest.param("auto*4", {"pairs.method": "mesh"}, marks=pytest.mark.long),
         ("auto*6", {"protocol.release.duration": 2.0}),
     ],
 )
