@@ -163,11 +163,11 @@ def test_published_number_of_grains_where_it_does():
 @pytest.mark.parametrize(
     ("wish", "words"),
     [
-        pytest.param(
-            {"frequency": 9.0, "damping": 0.1}, "frequency = 9 Hz", marks=pytest.mark.long
-        ),  # quick: what that refusal offers, and by command
+        # Quick: what that refusal offers, and by command.
+        pytest.param({"frequency": 9.0, "damping": 0.1}, "frequency = 9 Hz", marks=pytest.mark.long),
         ({"frequency": 1.0, "damping": 0.1}, "give a frequency from"),
         ({"frequency": 3.3, "damping": 0.9}, "damping = 0.9"),
+        # Quick: too much of it, above.
         pytest.param({"frequency": 3.3, "damping": 0.001}, "give one from", marks=pytest.mark.long),
         ({"frequency": 4.8, "damping": 0.1, "grains": 368}, "or leave grains and mass free"),
         ({"frequency": 3.3, "damping": 0.1, "mass": 50.0}, "mass = 50 kg"),
