@@ -37,7 +37,7 @@ MESH_ERROR = 5e-4
 
 MESH_IS_FASTER_FROM = 300
 """Grains from which a step of Störmer-Verlet by the mesh takes two thirds of the time of one by the direct
-sum, or less: 22 for 33 us at 300, 27 for 47 us at 368. Its compiling, some ten seconds once, pays where
+sum, or less: 22 for 33 us at 300, 27 for 47 us at 368. Its compiling, some fifteen seconds once, pays where
 several runs follow."""
 
 RESOLVED = 1.0
