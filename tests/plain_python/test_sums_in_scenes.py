@@ -38,7 +38,7 @@ def test_discs_have_their_law(pairs: dict[str, Any], reach: float, tolerance: fl
 
 
 def test_forces_taken_apart_add_up(random: np.random.Generator) -> None:
-    """Of discs, and of walls by formulas."""
+    """Forces of pairs of discs, and of walls by formulas."""
     test_compression.test_the_parts_add_up_for_discs(random)
     changes = {"effects.walls": {"left": test_compression.FORMULA}, "grains.spread": 0.1}
     test_compression.test_the_parts_add_up_to_the_force_of_the_engine(changes, random)

@@ -119,7 +119,7 @@ class Lab(NamedTuple):
 
 @pytest.mark.parametrize("records", [100, pytest.param(300, marks=pytest.mark.long)])
 def test_intervals_cover_the_truth(records: int) -> None:
-    """Of records of beds of their own, from other starts; 95 % intervals.
+    """Cover the truth by 95 % intervals, for records of beds of their own from other starts.
 
     Their seeds are fixed. With others, a right method can fall below 0.92: in one of eight hundreds.
     """

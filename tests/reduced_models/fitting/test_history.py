@@ -72,7 +72,7 @@ def test_hidden_states_follow_from_what_was_before() -> None:
 
 
 def test_python_of_a_model_starts_with_its_hidden_state() -> None:
-    """Where it is not zero, the motion that runs alone is that of the model."""
+    """Start the motion that runs alone, as the model does, where its hidden state is not zero."""
     model, times = check("bouc-wen"), np.linspace(0.0, 10.0, 300)
     assert abs(model.hidden["w"]) > 0.2
     space: dict[str, Any] = {}

@@ -108,7 +108,7 @@ def test_what_the_data_leave_open_has_no_end() -> None:
 
 
 def test_the_sum_of_squares_of_several_records_rises_to_the_quantile() -> None:
-    """Of a damping that they share, by fits to both with it held there."""
+    """Profile a damping that they share, by fits to both with it held there."""
     records = [weakly_damped(seed) for seed in (1, 2)]
     models = quiet(records, "linear", own=["g0"], intervals="profile")
     assert models[0].intervals["lam"] == models[1].intervals["lam"]
