@@ -16,39 +16,14 @@ from granular.studies.measures import CustomMeasure, custom_measures
 
 
 class UserCode(NamedTuple):
-    """Measures and observables that a user's files define, by name.
-
-    Their methods are known to `granular.methods`, their effects and wall laws to scenes.
-
-    Attributes
-    ----------
-    measures : dict of str to CustomMeasure
-        Functions, and observables at the end of a run.
-    observables : dict of str to function of Frame
-    """
+    """Measures and observables that a user's files define, by name."""
 
     measures: dict[str, CustomMeasure]
     observables: dict[str, Callable[[Frame], Value]]
 
 
 def import_user_code(paths: Iterable[str | Path]) -> UserCode:
-    """Run a user's Python files, and collect their measures and observables.
-
-    Parameters
-    ----------
-    paths : iterable of str or Path
-        Files that the user names, and so trusts.
-
-    Returns
-    -------
-    UserCode
-        Measures and observables by name; effects and methods are registered.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or fails, or two methods have one name.
-    """
+    """Run a user's Python files, and collect their measures and observables."""
     user_code = UserCode({}, {})
     for path in paths:
         file = run_user_file(path)

@@ -29,13 +29,7 @@ def _cache_folder() -> Path | None:
 
 
 def _check_platform(chosen: str) -> None:
-    """Refuse a device that JAX is set to take and does not find, before anything is computed.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Refuse a device that JAX is set to take and does not find, before anything is computed."""
     try:
         jax.devices()
     except (RuntimeError, AssertionError) as error:  # the latter where its plug-in is missing

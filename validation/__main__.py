@@ -79,18 +79,7 @@ examples:
   %(prog)s --full -o out/validation      # goes on where it was stopped""",
 )
 def measure_report(options: Any) -> None:
-    """Measure all sections, the overview alone, or scenes of the user's own.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of the command ``report``.
-
-    Raises
-    ------
-    InputError
-        If options contradict each other, or there is no such scene.
-    """
+    """Measure all sections, the overview alone, or scenes of the user's own."""
     from granular.scene.loading import load_scene
     from validation.overview import OVERVIEW, overview_section_for
     from validation.report import SECTIONS
@@ -169,18 +158,7 @@ mine.py:
   method = Method("mclachlan-2", 2, kicks=(0, 0.5, 0.5, 0), drifts=(z, 1 - 2*z, z))""",
 )
 def measure_own_methods(options: Any) -> None:
-    """Measure methods of the user's own.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of the command ``method``.
-
-    Raises
-    ------
-    InputError
-        If changes are given without a scene, or a method or quantity is unknown.
-    """
+    """Measure methods of the user's own."""
     from granular.user_code import import_user_code
     from validation.custom_method import method_report
 
@@ -210,18 +188,7 @@ def measure_own_methods(options: Any) -> None:
     examples="example:\n  %(prog)s damper 'rest height' 0.01",
 )
 def print_recommendation(options: Any) -> None:
-    """Recommend how to run a scene.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of the command ``cheapest``.
-
-    Raises
-    ------
-    InputError
-        If the quantity is unknown, or no setting tried reaches the tolerance.
-    """
+    """Recommend how to run a scene."""
     from validation.recommendation import recommend_settings
 
     result = recommend_settings(

@@ -55,29 +55,12 @@ _SHELLS = ("bash", "zsh", "fish")
 
 
 def main() -> int:
-    """Run the command line of ``granular-damper`` on the process's arguments.
-
-    Returns
-    -------
-    int
-        Exit code: 0 where the command succeeded.
-    """
+    """Run the command line of ``granular-damper`` on the process's arguments."""
     return launch(dispatch_command)
 
 
 def dispatch_command(arguments: Sequence[str]) -> None:
-    """Hand a command to the package that has it.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        Command and its options, as typed; none prints eight commands to begin with.
-
-    Raises
-    ------
-    InputError
-        If no package has it; the nearest name is given.
-    """
+    """Hand a command to the package that has it."""
     programs = _load_programs()
     if not arguments:
         print(_first_commands(programs))
@@ -153,18 +136,7 @@ def _list_all_commands(programs: dict[str, Program]) -> str:
     examples="examples:\n  %(prog)s\n  %(prog)s damper blanes-moan-4 van-der-pol-like > used.bib",
 )
 def print_citations(options: Any) -> None:
-    """Print BibTeX entries of the papers behind scenes, runs, methods, laws and models.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of the command ``cite``.
-
-    Raises
-    ------
-    InputError
-        If a name is that of none of these.
-    """
+    """Print BibTeX entries of the papers behind scenes, runs, methods, laws and models."""
     from granular.shared.citations import cite as bibtex
 
     text = bibtex(*map(_resolve_cited_name, options.things))
@@ -203,18 +175,7 @@ examples:
   %(prog)s fish > ~/.config/fish/completions/granular-damper.fish""",
 )
 def print_completion_script(options: Any) -> None:
-    """Print a script by which a shell completes commands and options.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of the command ``completion``, with the shell's name.
-
-    Raises
-    ------
-    InputError
-        If the package shtab is not installed.
-    """
+    """Print a script by which a shell completes commands and options."""
     try:
         import shtab
     except ImportError:

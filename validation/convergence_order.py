@@ -71,26 +71,7 @@ Solver = Callable[[ExactProblem, int], GrainStates]
 
 
 def toolkit_solver(method: str) -> Solver:
-    """Toolkit's own integration by the method of that name.
-
-    A method that chooses its steps itself is asked for the multiple of its automatic step that
-    makes about as many.
-
-    Parameters
-    ----------
-    method : str
-        Name of a method, of `granular.methods.METHODS`.
-
-    Returns
-    -------
-    callable
-        From an exact problem and a number of steps to the grains at the problem's time.
-
-    Raises
-    ------
-    InputError
-        If there is no such method.
-    """
+    """Toolkit's own integration by the method of that name."""
     from granular.run.simulation import simulate
 
     variable = method_named(method).variable
@@ -122,27 +103,7 @@ def toolkit_solver(method: str) -> Solver:
 
 
 def step_counts(problem: ExactProblem, solver: Solver, order: int, points: int = 10) -> tuple[int, ...]:
-    """Numbers of steps, a factor sqrt(2) apart, from the first that is not too coarse.
-
-    That is the first one, from `ExactProblem.fewest_steps` on (fewer for high orders, see `LONGER`), at which
-    the solver neither fails nor misses by more than `COARSE` diameters.
-
-    Parameters
-    ----------
-    problem : ExactProblem
-        Problem with its exact solution.
-    solver : callable
-        From a problem and a number of steps to the grains at its time.
-    order : int
-        Order that the solver declares.
-    points : int
-        How many numbers of steps are wanted.
-
-    Returns
-    -------
-    tuple of int
-        Numbers of equal steps up to the problem's time, increasing.
-    """
+    """Numbers of steps, a factor sqrt(2) apart, from the first that is not too coarse."""
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
     start = problem.fewest_steps / (LONGER if order >= HIGH_ORDER else 1.0)
@@ -160,27 +121,7 @@ def _is_resolved(problem: ExactProblem, solver: Solver, count: int, exact: np.nd
 
 
 def method_suits_problem(problem: ExactProblem, method: str) -> bool:
-    """Tell if the method suits the problem.
-
-    Some methods take no dry friction, and variable steps follow distances, so there must be some.
-
-    Parameters
-    ----------
-    problem : ExactProblem
-        Problem with its exact solution.
-    method : str
-        Name of a method.
-
-    Returns
-    -------
-    bool
-        True where the method can run the problem's scene.
-
-    Raises
-    ------
-    InputError
-        If there is no such method.
-    """
+    """Tell if the method suits the problem."""
     from granular.run.time_steps import can_run_with_step
 
     effects = problem.scene.effects
@@ -288,18 +229,7 @@ def fit_convergence_slope(
 ) -> FittedSlope | None:
     """Fit the slope over the finest decade of steps whose errors are `CLEAR` of rounding.
 
-    Parameters
-    ----------
-    steps, errors : sequence of float
-        Steps [s] from coarse to fine, and the error at each [m].
-    rounding : float
-        Effect of rounding at the finest step [m].
-
-    Returns
-    -------
-    FittedSlope or None
-        Slope of a straight line in logarithms (least squares) with its 95 % interval, without unit; None
-        where fewer than four steps, or less than half a decade, stand clear.
+    steps, errors [s, m], rounding [m].
     """
     clear = [k for k, error in enumerate(errors) if error > CLEAR * rounding]
     # Behind the first error that does not stand clear, one that does is a matter of luck.
@@ -335,18 +265,7 @@ OUTSIDE_PROBLEMS = ("oscillation", "bounce", "scattering", "drag")
 
 
 def convergence_tasks(full: bool) -> list[Task]:
-    """Tasks that measure every method on every exact problem that it suits.
-
-    Parameters
-    ----------
-    full : bool
-        All pairs of both; without, three methods on every problem and all on the oscillation.
-
-    Returns
-    -------
-    list of Task
-        The tasks of the report's section, outside integrators among them.
-    """
+    """Tasks that measure every method on every exact problem that it suits."""
     tasks = [
         convergence_task(method_name_to_plot(method), name, full)
         for name in NAMES
@@ -363,48 +282,13 @@ def convergence_tasks(full: bool) -> list[Task]:
 
 
 def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task:
-    """Task that measures one method's order on one exact problem.
-
-    Parameters
-    ----------
-    method : str
-        Name of a method or of an outside integrator.
-    problem : str
-        Name of an exact problem.
-    full : bool
-        Run the problem over its full time.
-    **more : Any
-        Tells the task from others with a method of the same name.
-
-    Returns
-    -------
-    Task
-        Its result is a `ConvergenceResult` as plain data.
-    """
+    """Task that measures one method's order on one exact problem."""
     key = {"problem": problem, "method": method, "full": full, **more}
     return Task(f"{method} on {problem}", key, partial(_measure_convergence, problem, method, full))
 
 
 def method_name_to_plot(name: str) -> str:
-    """Name of the method's form that shows its order: high orders with compensated sums.
-
-    Six decades of error fit above rounding only if sums do not add to it.
-
-    Parameters
-    ----------
-    name : str
-        Name of a method.
-
-    Returns
-    -------
-    str
-        The name, with "+compensated" for compositions of order six and more.
-
-    Raises
-    ------
-    InputError
-        If there is no such method.
-    """
+    """Name of the method's form that shows its order: high orders with compensated sums."""
     method = method_named(name)
     high = method.order >= HIGH_ORDER and method.tableau is None
     return f"{name}{COMPENSATED}" if high else name

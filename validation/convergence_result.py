@@ -29,17 +29,7 @@ the finest steps reach so far down: with methods of order four and more."""
 
 
 class FittedSlope(NamedTuple):
-    """A fitted slope.
-
-    Attributes
-    ----------
-    value : float
-    interval : tuple of float
-        95 % interval of the straight line's fit. The errors are not random; the interval says how
-        straight the line is.
-    first, last : int
-        Indices of the coarsest and the finest step of the fit.
-    """
+    """A fitted slope."""
 
     value: float
     interval: tuple[float, float]
@@ -49,34 +39,15 @@ class FittedSlope(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class ConvergenceResult(PlainData):
-    """Errors of one method on one exact problem.
-
-    Attributes
-    ----------
-    problem, method : str
-    order : int
-        The order that the method declares.
-    smooth : bool
-        Whether the problem lets a method show its order.
-    steps : tuple of float
-        Time steps, from coarse to fine [s].
-    errors : tuple of float
-        Greatest error of a coordinate at the problem's time [m].
-    rounding : float
-        What rounding does at the finest step [m].
-    fit : FittedSlope or None
-        None where too few errors stand clear of rounding, or no step was short enough.
-    seconds : tuple of float
-        Wall time of a run with each step.
-    """
+    """Errors of one method on one exact problem."""
 
     problem: str
     method: str
     order: int
     smooth: bool
-    steps: tuple[float, ...]
-    errors: tuple[float, ...]
-    rounding: float
+    steps: tuple[float, ...]  # time steps, from coarse to fine [s]
+    errors: tuple[float, ...]  # greatest error of a coordinate at the problem's time [m]
+    rounding: float  # [m]
     fit: FittedSlope | None
     seconds: tuple[float, ...]
 
@@ -94,18 +65,7 @@ class ConvergenceResult(PlainData):
         return max(self.errors) <= CLEAR * self.rounding
 
     def shows_declared_order(self, tolerance: float) -> bool:
-        """Tell if the slope is the declared order within a tolerance, or the method is exact.
-
-        Parameters
-        ----------
-        tolerance : float
-            Greatest distance of the slope from the order.
-
-        Returns
-        -------
-        bool
-            True where the slope is as declared, or no error stands clear of rounding.
-        """
+        """Tell if the slope is the declared order within a tolerance, or the method is exact."""
         if self.is_exact:
             return True
         return self.fit is not None and abs(self.fit.value - self.order) <= tolerance
@@ -118,14 +78,7 @@ class ConvergenceResult(PlainData):
         return math.log10(self.steps[self.fit.first] / self.steps[self.fit.last])
 
     def table_row(self) -> tuple[str, ...]:
-        """Row of this result in a table of results; see `HEADER`.
-
-        Returns
-        -------
-        tuple of str
-            Problem, method, order, slope, its interval, steps of the fit [s], least error [m] and
-            rounding [m].
-        """
+        """Row of this result in a table of results; see `HEADER` [s, m]."""
         measured = "exact to rounding" if self.is_exact else "too few steps above rounding"
         interval = steps_range = ""
         if self.fit is not None:
@@ -146,13 +99,7 @@ class ConvergenceResult(PlainData):
         )
 
     def table(self) -> TextTable:
-        """Step, error, local slope and wall time of each run.
-
-        Returns
-        -------
-        TextTable
-            Step [s], error [m], local slope and wall time [s], the coarsest step first.
-        """
+        """Step, error, local slope and wall time of each run [s, m]."""
         rows = zip(self.steps, self.errors, ("", *self.local_slopes), self.seconds, strict=True)
         return text_table(
             ("step [s]", "error [m]", "slope", "seconds"),
@@ -163,13 +110,7 @@ class ConvergenceResult(PlainData):
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Run a row: step [s], error [m], slope to it from the step before, wall time [s].
-
-        Returns
-        -------
-        pandas.DataFrame
-            Columns ``step``, ``error``, ``slope`` and ``seconds``.
-        """
+        """Run a row: step [s], error [m], slope to it from the step before, wall time [s]."""
         import pandas
 
         slopes = (math.nan, *self.local_slopes)
@@ -177,20 +118,7 @@ class ConvergenceResult(PlainData):
         return pandas.DataFrame({**columns, "seconds": self.seconds})
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
-        """Draw error over step, and the fitted line, into logarithmic axes.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Axes to draw into; new ones without.
-        **style : Any
-            Keywords of ``matplotlib.axes.Axes.loglog``.
-
-        Returns
-        -------
-        matplotlib Axes
-            Steps [s] and errors [m] on logarithmic axes.
-        """
+        """Draw error over step, and the fitted line, into logarithmic axes [s, m]."""
         axes = axes_or_new(ax)
         errors = np.array(self.errors)
         shown = np.where(errors > 0.0, errors, np.nan)
@@ -250,15 +178,7 @@ OUTSIDE_REACH = 1e-12
 
 
 def show_convergence_section(page: HtmlPage, results: Sequence[ConvergenceResult]) -> None:
-    """Add slopes, and a plot of error over step for each problem, to a page.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Page of the report.
-    results : sequence of ConvergenceResult
-        One for each method and problem.
-    """
+    """Add slopes, and a plot of error over step for each problem, to a page."""
     page.add_paragraph(
         "Error at the end against the exact solution (closed forms, or quadrature of the energy "
         "integral to thirty digits), over the time step. The slope is fitted over the finest "
@@ -286,18 +206,7 @@ def show_convergence_section(page: HtmlPage, results: Sequence[ConvergenceResult
 
 
 def slope_table(results: Sequence[ConvergenceResult]) -> TextTable:
-    """Table of measured slopes: a row a method, a column a problem.
-
-    Parameters
-    ----------
-    results : sequence of ConvergenceResult
-        One for each method and problem.
-
-    Returns
-    -------
-    TextTable
-        Slopes without unit; "(!)" marks one that is not as declared.
-    """
+    """Table of measured slopes: a row a method, a column a problem."""
     problems = tuple(dict.fromkeys(result.problem for result in results))
     declared = {result.method: result.order for result in results}
     cells = {(result.method, result.problem): _slope_text(result) for result in results}
@@ -316,19 +225,7 @@ def _slope_text(convergence_result: ConvergenceResult) -> str:
 
 
 def convergence_holds(convergence_result: ConvergenceResult) -> bool:
-    """Tell if a slope is as declared over a decade, or the method is exact on the problem.
-
-    Parameters
-    ----------
-    convergence_result : ConvergenceResult
-        Errors of one method on one problem.
-
-    Returns
-    -------
-    bool
-        True where the slope is within the tolerance of its order over a decade of steps; for an outside
-        integrator, where it reaches the exact place to 1e-12 m.
-    """
+    """Tell if a slope is as declared over a decade, or the method is exact on the problem."""
     if not convergence_result.smooth:
         return (
             convergence_result.fit is not None
@@ -361,17 +258,6 @@ def _slope_tolerance(order: int) -> float:
 
 
 def convergence_verdict(results: Sequence[ConvergenceResult]) -> tuple[str, bool]:
-    """Say how many slopes are as declared, and whether all are.
-
-    Parameters
-    ----------
-    results : sequence of ConvergenceResult
-        One for each method and problem.
-
-    Returns
-    -------
-    (str, bool)
-        The verdict in words, and True where all slopes are as declared.
-    """
+    """Say how many slopes are as declared, and whether all are."""
     right = sum(map(convergence_holds, results))
     return f"{right} of {len(results)} slopes are as declared", right == len(results)

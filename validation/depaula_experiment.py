@@ -97,31 +97,15 @@ def _integrate_compensated_form(
 
 @dataclasses.dataclass(frozen=True)
 class DepaulaRun:
-    """One form at one step.
-
-    Attributes
-    ----------
-    form : str
-    step : float
-        [s]
-    end, error : float
-        Height after 2 s, and its error against the exact one [m].
-    seconds : float
-        Wall time.
-    peaks : tuple of float
-        Height of each peak over the start, which is the first one [m]; empty where none was looked
-        for.
-    path : tuple of float
-        Heights at equal distances of time over the 2 s [m]; empty where none were kept.
-    """
+    """One form at one step."""
 
     form: str
-    step: float
-    end: float
-    error: float
+    step: float  # [s]
+    end: float  # [m]
+    error: float  # [m]
     seconds: float
-    peaks: tuple[float, ...] = ()
-    path: tuple[float, ...] = ()
+    peaks: tuple[float, ...] = ()  # [m]
+    path: tuple[float, ...] = ()  # [m]
 
     @property
     def peak_difference(self) -> float | None:
@@ -136,67 +120,21 @@ class DepaulaStepTest(PlainData):
     runs: tuple[DepaulaRun, ...]
 
     def runs_of_form(self, form: str) -> tuple[DepaulaRun, ...]:
-        """Return the runs of one form of the method, from coarse to fine steps.
-
-        Parameters
-        ----------
-        form : str
-            `PLAIN`, `COMPENSATED` or `TOOLKIT`.
-
-        Returns
-        -------
-        tuple of DepaulaRun
-            The runs.
-        """
+        """Return the runs of one form of the method, from coarse to fine steps."""
         return tuple(run for run in self.runs if run.form == form)
 
     def error_slope(self, form: str, finest: float = 5e-8) -> float:
-        """Slope of the error against the exact height over the step, in logarithms.
-
-        Parameters
-        ----------
-        form : str
-            `PLAIN`, `COMPENSATED` or `TOOLKIT`.
-        finest : float
-            Least step that is taken [s].
-
-        Returns
-        -------
-        float
-            Slope by least squares, without unit; the order of the method without rounding.
-        """
+        """Slope of the error against the exact height over the step, in logarithms; finest [s]."""
         runs = [run for run in self.runs_of_form(form) if run.step >= 0.999 * finest]
         return _slope([run.step for run in runs], [run.error for run in runs])
 
     def slope_relative_to_finest(self, form: str) -> float:
-        """Slope of the error against the height at the finest step: de Paula's figure.
-
-        Parameters
-        ----------
-        form : str
-            `PLAIN`, `COMPENSATED` or `TOOLKIT`.
-
-        Returns
-        -------
-        float
-            Slope by least squares in logarithms, without unit.
-        """
+        """Slope of the error against the height at the finest step: de Paula's figure."""
         *runs, last = self.runs_of_form(form)
         return _slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
 
     def scatter_about_slope(self, form: str) -> float:
-        """Greatest distance of the errors relative to the finest step from their fitted line.
-
-        Parameters
-        ----------
-        form : str
-            `PLAIN`, `COMPENSATED` or `TOOLKIT`.
-
-        Returns
-        -------
-        float
-            Distance over the line's value, without unit.
-        """
+        """Greatest distance of the errors relative to the finest step from their fitted line."""
         *runs, last = self.runs_of_form(form)
         steps = np.log([run.step for run in runs])
         errors = np.log([abs(run.end - last.end) for run in runs])
@@ -204,38 +142,17 @@ class DepaulaStepTest(PlainData):
         return float(np.expm1(np.abs(away).max()))
 
     def rounding_errors(self) -> dict[float, float]:
-        """Effect of rounding on the height after 2 s in the position form, at each step.
-
-        Returns
-        -------
-        dict of float to float
-            Difference from the compensated form [m], by the step [s].
-        """
+        """Effect of rounding on the height after 2 s in the position form, at each step [m, s]."""
         clean = {run.step: run.end for run in self.runs_of_form(COMPENSATED)}
         return {run.step: abs(run.end - clean[run.step]) for run in self.runs_of_form(PLAIN)}
 
     def greatest_form_difference(self) -> float:
-        """Greatest difference of the heights of position form and velocity form, both compensated.
-
-        They are the same sequence of positions: y_{n+1} - 2 y_n + y_{n-1} = h^2 a(y_n) follows
-        from two steps of the velocity form (Hairer, Lubich and Wanner 2003, section 1).
-
-        Returns
-        -------
-        float
-            Difference after 2 s [m].
-        """
+        """Greatest difference of the heights of position form and velocity form, both compensated [m]."""
         ends = {run.step: run.end for run in self.runs_of_form(COMPENSATED)}
         return max(abs(run.end - ends[run.step]) for run in self.runs_of_form(TOOLKIT))
 
     def table(self) -> TextTable:
-        """One row a run.
-
-        Returns
-        -------
-        TextTable
-            Form, step [s], error [m], rounding [m], difference of peaks [m] and wall time [s].
-        """
+        """One row a run [s, m]."""
         rounding = self.rounding_errors()
         rows = [
             (
@@ -252,18 +169,7 @@ class DepaulaStepTest(PlainData):
         return text_table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the errors of each form over the step, and those relative to the finest step.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Axes to draw into; new ones without.
-
-        Returns
-        -------
-        matplotlib Axes
-            Steps [s] and errors [m] on logarithmic axes.
-        """
+        """Draw the errors of each form over the step, and those relative to the finest step [s, m]."""
         axes = axes_or_new(ax)
         for k, form in enumerate(dict.fromkeys(run.form for run in self.runs)):
             runs = self.runs_of_form(form)
@@ -294,18 +200,7 @@ class DepaulaStepTest(PlainData):
         return axes
 
     def plot_path(self, ax: Axes | None = None) -> Axes:
-        """Draw the height over time at the finest step, next to free fall.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Axes to draw into; new ones without.
-
-        Returns
-        -------
-        matplotlib Axes
-            Time [s] and height [mm].
-        """
+        """Draw the height over time at the finest step, next to free fall [s, mm]."""
         axes = axes_or_new(ax)
         run = self.runs_of_form(COMPENSATED)[-1]
         time = np.arange(len(run.path)) * bounce.TIME / len(run.path)
@@ -327,18 +222,7 @@ class DepaulaStepTest(PlainData):
         return axes
 
     def plot_peaks(self, ax: Axes | None = None) -> Axes:
-        """Draw how far each peak is from the start's height, at the finest step.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Axes to draw into; new ones without.
-
-        Returns
-        -------
-        matplotlib Axes
-            Number of the bounce, and distance [m] on a logarithmic axis.
-        """
+        """Draw how far each peak is from the start's height, at the finest step [m]."""
         axes = axes_or_new(ax)
         for form, colour in ((PLAIN, COLOURS[0]), (COMPENSATED, COLOURS[1])):
             run = self.runs_of_form(form)[-1]
@@ -367,18 +251,7 @@ def _slope(steps: list[float], errors: list[float]) -> float:
 
 
 def run_depaula_experiment(*, full: bool = True) -> DepaulaStepTest:
-    """Run de Paula's test of its method: a bouncing grain at seven steps, in three forms.
-
-    Parameters
-    ----------
-    full : bool
-        All seven steps; without, steps down to 1e-7 s, and two of them by the toolkit.
-
-    Returns
-    -------
-    DepaulaStepTest
-        Heights [m], errors [m], peaks [m] and wall times [s] of all runs.
-    """
+    """Run de Paula's test of its method: a bouncing grain at seven steps, in three forms [m, s]."""
     steps = STEPS if full else STEPS[:4]
     problem = bounce.bounce_problem()
     exact = float(problem.exact(bounce.TIME).positions[0, 1])
@@ -432,15 +305,7 @@ def _run_toolkit(step: float, exact: float) -> DepaulaRun:
 
 
 def show_depaula_section(page: HtmlPage, experiments: Sequence[DepaulaStepTest]) -> None:
-    """Add errors over the step, and the peaks, with and without rounding, to a page.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Page of the report.
-    experiments : sequence of DepaulaStepTest
-        Usually one.
-    """
+    """Add errors over the step, and the peaks, with and without rounding, to a page."""
     for experiment in experiments:
         clean, plain = experiment.runs_of_form(COMPENSATED)[-1], experiment.runs_of_form(PLAIN)[-1]
         page.add_paragraph(

@@ -43,13 +43,7 @@ class EngineSteps:
         self.rows = np.zeros((3, ledger_column_count(len(system.effects))))
 
     def make_steps(self, steps: int) -> None:
-        """Make that many steps, and check the state at their end.
-
-        Parameters
-        ----------
-        steps : int
-            Number of steps.
-        """
+        """Make that many steps, and check the state at their end."""
         numba.set_num_threads(self.threads)
         schedule = StepSchedule(steps * self.step, self.step, 1, 1, steps, 0)
         run = self.run
@@ -88,27 +82,7 @@ AGREE = 0.2
 
 
 def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[str, Any]:
-    """Microseconds a step of a scene, by effect and by sum over pairs.
-
-    Steps are timed in turn, in ``rounds`` rounds; what an effect costs is the median over the
-    rounds of the difference of the two steps timed in one round.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene whose effects are timed.
-    rounds : int
-        Number of rounds.
-    workers : int
-        Processes that compile side by side before.
-
-    Returns
-    -------
-    dict
-        ``scene``, ``grains``, ``step`` [us], ``sums`` (time of a step [us] by method, as far as
-        the scene can be run with it) and ``effects``: a row each, with what it adds where it comes
-        first and saves where it is taken away last [us], and half the interval of each.
-    """
+    """Microseconds a step of a scene, by effect and by sum over pairs [us]."""
     names = active_effect_names(scene)
     held = scene.replace(**_HELD)
     builds = _scenes_to_time(held, names)
@@ -210,17 +184,6 @@ def _median_difference(more: np.ndarray | None, less: np.ndarray | None) -> tupl
 
 
 def first_and_last_costs_agree(row: Mapping[str, Any]) -> bool:
-    """Tell if an effect costs the same first and last, within a fifth.
-
-    Parameters
-    ----------
-    row : mapping of str to Any
-        Costs ``first`` and ``last`` of an effect [us].
-
-    Returns
-    -------
-    bool
-        True where they differ by a fifth of the greater at most.
-    """
+    """Tell if an effect costs the same first and last, within a fifth; row [us]."""
     first, last = row["first"], row["last"]
     return bool(abs(first - last) <= AGREE * max(abs(first), abs(last)))

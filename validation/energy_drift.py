@@ -38,80 +38,34 @@ _ENERGIES = ("kinetic_energy", "pair_energy", "wall_energy", "weight_energy")
 
 
 class EnergyRun(NamedTuple):
-    """A run whose energy is tested.
-
-    Attributes
-    ----------
-    system : str
-        What runs.
-    scene : Scene
-        With its records and frames.
-    method : str
-    dt : float or str
-        [s], or a multiple of the automatic step.
-    time : float
-        [s]
-    """
+    """A run whose energy is tested."""
 
     system: str
     scene: Scene
     method: str
-    dt: float | str
-    time: float
+    dt: float | str  # [s], or a multiple of the automatic step
+    time: float  # [s]
 
 
 @dataclasses.dataclass(frozen=True)
 class EnergyStudy(PlainData):
-    """The energy of one run.
-
-    Attributes
-    ----------
-    system, method : str
-    keeps : bool
-        Whether it is symplectic, or reversible with variable steps: such a method shows no trend.
-    dt : float or str
-        [s], or a multiple of the automatic step.
-    steps : int
-    stopped : str or None
-        The error that stopped it.
-    times, errors : tuple of float
-        Samples of the energy's error over the energy turned over.
-    trend : EnergyTrend
-        Of all samples.
-    heights, velocities : tuple of float
-        Phase portrait of the first grain, from its frames [D], [m/s]; empty for a bed.
-    """
+    """The energy of one run."""
 
     system: str
     method: str
     keeps: bool
-    dt: float | str
+    dt: float | str  # [s], or a multiple of the automatic step
     steps: int
     stopped: str | None
     times: tuple[float, ...]
     errors: tuple[float, ...]
     trend: EnergyTrend
-    heights: tuple[float, ...] = ()
-    velocities: tuple[float, ...] = ()
+    heights: tuple[float, ...] = ()  # [D]
+    velocities: tuple[float, ...] = ()  # [m/s]
 
 
 def report_energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
-    """Return the runs of the report.
-
-    Every method on a grain that swings above the wall, at steps at which the controls' trend is
-    still within what the ledger lets pass; in full also 1e8 steps of de Paula's bouncing grain
-    and 1e6 of the frictionless bed, with the controls next to them.
-
-    Parameters
-    ----------
-    full : bool
-        Add the long runs.
-
-    Returns
-    -------
-    tuple of EnergyRun
-        Scenes with methods, steps [s] and times [s].
-    """
+    """Return the runs of the report [s]."""
     swings = tuple(
         wall_oscillation_run(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable
     )
@@ -133,20 +87,7 @@ _BEDS = (("stormer-verlet", 2e-5, 20.0), ("explicit-euler", 5e-7, 0.1), ("runge-
 
 
 def wall_oscillation_run(method: str, periods: int) -> EnergyRun:
-    """Run of a grain that swings above the wall with half its height of rest.
-
-    Parameters
-    ----------
-    method : str
-        Name of a method.
-    periods : int
-        Number of periods.
-
-    Returns
-    -------
-    EnergyRun
-        Scene, method, step [s] and time [s].
-    """
+    """Run of a grain that swings above the wall with half its height of rest [s]."""
     start, dt = bounce.oscillation_problem(0.5), _STEPS.get(method, 2e-3)
     time = periods * bounce.harmonic_period(start.scene, 0.5)
     return EnergyRun("swing above the wall", _set_record_intervals(start.scene, dt, time), method, dt, time)
@@ -158,13 +99,7 @@ def _bounce_run(method: str, dt: float, time: float) -> EnergyRun:
 
 
 def variable_step_bounce_run() -> EnergyRun:
-    """Run of 1e4 bounces with variable steps, some 160 a bounce.
-
-    Returns
-    -------
-    EnergyRun
-        Scene, method, step as a multiple of the automatic one, and time [s].
-    """
+    """Run of 1e4 bounces with variable steps, some 160 a bounce [s]."""
     scene = bounce.bounce_problem().scene
     time = 1e4 * float(bounce.bounce_period(scene))
     records = {"output.scalars": time / SAMPLES, "output.frames": time / SAMPLES}
@@ -184,23 +119,7 @@ def _set_record_intervals(scene: Scene, dt: float, time: float) -> Scene:
 
 
 def run_energy_study(run: EnergyRun) -> EnergyStudy:
-    """Carry out a run and test its energy.
-
-    Parameters
-    ----------
-    run : EnergyRun
-        Run whose energy is tested.
-
-    Returns
-    -------
-    EnergyStudy
-        Error of the energy over the energy turned over, its trend, and the phase portrait.
-
-    Raises
-    ------
-    InputError
-        If it is stopped before there are samples enough to test.
-    """
+    """Carry out a run and test its energy."""
     from granular.run.simulation import simulate
 
     stopped = None
@@ -258,18 +177,7 @@ def _step_text(dt: float | str) -> str:
 
 
 def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
-    """Return a table with a row a study.
-
-    Parameters
-    ----------
-    studies : sequence of EnergyStudy
-        One for each run.
-
-    Returns
-    -------
-    TextTable
-        System, method, step [s], swing and drift over the energy turned over, and p-value.
-    """
+    """Return a table with a row a study [s]."""
     rows = [
         (
             study.system,
@@ -310,35 +218,14 @@ CONTROLS = {"explicit-euler": "gains", "runge-kutta-4": "loses"}
 
 
 def trend_is_as_expected(study: EnergyStudy) -> bool:
-    """Tell if a run is of its kind: without a trend, or with a control's.
-
-    Of a user's method that is not symplectic nothing is claimed.
-
-    Parameters
-    ----------
-    study : EnergyStudy
-        Energy of one run.
-
-    Returns
-    -------
-    bool
-        True where a symplectic or reversible method shows no trend, a control its own.
-    """
+    """Tell if a run is of its kind: without a trend, or with a control's."""
     if not study.keeps and study.method not in CONTROLS:
         return True
     return study.trend.verdict() == ("none" if study.keeps else CONTROLS[study.method])
 
 
 def show_energy_section(page: HtmlPage, studies: Sequence[EnergyStudy]) -> None:
-    """Add trends, the energy error over time, and phase portraits to a page.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Page of the report.
-    studies : sequence of EnergyStudy
-        One for each run.
-    """
+    """Add trends, the energy error over time, and phase portraits to a page."""
     page.add_paragraph(
         "Error of the energy over the energy turned over. A trend is claimed where it stands out "
         f"against stationary noise and against a random walk, at p below {SIGNIFICANCE:g}. "
@@ -431,20 +318,7 @@ def _energy_verdict(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
 
 
 def energy_task(run: EnergyRun, **more: Any) -> Task:
-    """Task that tests the energy of one long run.
-
-    Parameters
-    ----------
-    run : EnergyRun
-        Run whose energy is tested.
-    **more : Any
-        Tells the task from others with a method of the same name.
-
-    Returns
-    -------
-    Task
-        Its result is an `EnergyStudy` as plain data.
-    """
+    """Task that tests the energy of one long run."""
     key = {
         "system": run.system,
         "scene": run.scene.digest(),

@@ -31,32 +31,14 @@ Rate = Callable[[Any, Any], Any]
 
 
 class IntegratorStart(NamedTuple):
-    """A scene ready for an outside integrator.
+    """A scene ready for an outside integrator."""
 
-    Attributes
-    ----------
-    state : float64 (4 n,)
-        Positions and velocities [D], [D/tau].
-    scales : Scales
-    """
-
-    state: np.ndarray
+    state: np.ndarray  # positions and velocities [D], [D/tau]
     scales: Scales
 
 
 def supports_scene(scene: Scene) -> bool:
-    """Tell if the forces here are all that act: pairs, experimental walls, weight, drag.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to run.
-
-    Returns
-    -------
-    bool
-        True where nothing else acts, and there is one species only.
-    """
+    """Tell if the forces here are all that act: pairs, experimental walls, weight, drag."""
     effects = scene.effects
     others = (effects.friction, effects.contact, effects.shaking)
     walls = effects.walls
@@ -70,23 +52,7 @@ def supports_scene(scene: Scene) -> bool:
 
 
 def initial_state(scene: Scene) -> IntegratorStart:
-    """Make the initial state of a scene for an outside integrator.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to run.
-
-    Returns
-    -------
-    IntegratorStart
-        State (4 n,) in natural units, and their sizes in SI.
-
-    Raises
-    ------
-    InputError
-        If something acts in the scene that the forces here leave out.
-    """
+    """Make the initial state of a scene for an outside integrator."""
     if not supports_scene(scene):
         raise InputError(
             f"scene {scene.name!r} has more than grains of one kind, pairs, experimental walls, "
@@ -99,23 +65,7 @@ def initial_state(scene: Scene) -> IntegratorStart:
 
 
 def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
-    """Equations of motion of a scene in natural units, in NumPy or in ``jax.numpy``.
-
-    The forces are written here once more, after de Paula [D, eqs 2.6 and 2.8].
-
-    Parameters
-    ----------
-    scene : Scene
-        One that `supports_scene` allows.
-    arrays : module
-        ``numpy`` or ``jax.numpy``.
-
-    Returns
-    -------
-    callable
-        From a time [tau] and a state (4 n,), positions [D] then velocities [D/tau], to the state's rate
-        (4 n,).
-    """
+    """Equations of motion of a scene in natural units, in NumPy or in ``jax.numpy`` [tau, D, D/tau]."""
     scales, effects, count = Scales.from_grains(scene.grains), scene.effects, scene.grains.count
     weight = effects.gravity.acceleration / scales.acceleration if effects.gravity else 0.0
     decay = effects.drag.coefficient * scales.time / scales.mass if effects.drag else 0.0
@@ -159,19 +109,7 @@ def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]
 
 
 def external_solver(name: str) -> Callable[[ExactProblem, int], GrainStates]:
-    """Outside integrator at equal steps, to see its order with `validation.convergence_order`.
-
-    Parameters
-    ----------
-    name : str
-        `SCIPY` (Hairer, Norsett and Wanner 1993, II.5) or `DIFFRAX` (Tsitouras 2011,
-        doi:10.1016/j.camwa.2011.06.002).
-
-    Returns
-    -------
-    callable
-        From an exact problem and a number of steps to the grains at its time.
-    """
+    """Outside integrator at equal steps, to see its order with `validation.convergence_order`."""
     solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
 
     def fixed(problem: ExactProblem, count: int) -> GrainStates:
@@ -181,30 +119,7 @@ def external_solver(name: str) -> Callable[[ExactProblem, int], GrainStates]:
 
 
 def solve_adaptively(name: str, scene: Scene, time: float, tolerance: float) -> GrainStates:
-    """Integrate a scene by an outside integrator that chooses its steps by a tolerance.
-
-    Parameters
-    ----------
-    name : str
-        `SCIPY` (Hairer, Norsett and Wanner 1993, II.5) or `DIFFRAX` (Tsitouras 2011,
-        doi:10.1016/j.camwa.2011.06.002).
-    scene : Scene
-        One that `supports_scene` allows.
-    time : float
-        Time to integrate to [s].
-    tolerance : float
-        Relative tolerance, and absolute one in natural units.
-
-    Returns
-    -------
-    GrainStates
-        Positions (n, 2) [m], velocities (n, 2) [m/s] and number of steps.
-
-    Raises
-    ------
-    InputError
-        If something acts in the scene that the forces here leave out.
-    """
+    """Integrate a scene by an outside integrator that chooses its steps by a tolerance [m, m/s]; time [s]."""
     solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
     return solve(scene, time, None, tolerance)
 

@@ -31,25 +31,7 @@ OVERLAP = "less than a diameter"
 
 @dataclasses.dataclass(frozen=True)
 class HardCaseOutcome(PlainData):
-    """Ending of a case.
-
-    Attributes
-    ----------
-    case, method, dt : str
-    kind : str
-        `ACCURATE`, `DEGRADED`, `STOPPED`, `SILENT` or `CRASHED`.
-    error : float
-        As measured; NaN where the run did not end.
-    limit : float
-    said : str
-        The typed error's class and message, or the warnings.
-    allowed : bool
-        Whether the case may end like this.
-    seconds : float
-        Wall time, the compilation of a new kind of scene included.
-    measured : str
-        What the error is of, with its unit.
-    """
+    """Ending of a case."""
 
     case: str
     method: str
@@ -131,15 +113,7 @@ def _run_case(case: HardCase, method: str, dt: float | str, until: float) -> tup
 
 
 def show_outcomes_section(page: HtmlPage, outcomes: Sequence[HardCaseOutcome]) -> None:
-    """Add the outcome of every hard case to a page.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Page of the report.
-    outcomes : sequence of HardCaseOutcome
-        One for each run.
-    """
+    """Add the outcome of every hard case to a page."""
     page.add_paragraph(outcome_summary(outcomes))
     for outcome in outcomes:
         if not outcome.allowed:
@@ -156,18 +130,7 @@ def show_outcomes_section(page: HtmlPage, outcomes: Sequence[HardCaseOutcome]) -
 
 
 def outcome_summary(outcomes: Sequence[HardCaseOutcome]) -> str:
-    """Summary of the outcomes in two sentences: accurate, degraded or stopped, and wrong ones.
-
-    Parameters
-    ----------
-    outcomes : sequence of HardCaseOutcome
-        One for each run.
-
-    Returns
-    -------
-    str
-        Counts of runs in words.
-    """
+    """Summary of the outcomes in two sentences: accurate, degraded or stopped, and wrong ones."""
     accurate = sum(outcome.kind == ACCURATE for outcome in outcomes)
     wrong = sum(not outcome.allowed for outcome in outcomes)
     return (
@@ -178,18 +141,7 @@ def outcome_summary(outcomes: Sequence[HardCaseOutcome]) -> str:
 
 
 def outcome_matrix(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
-    """Matrix of outcomes: a row a case, a column for each method and step.
-
-    Parameters
-    ----------
-    outcomes : sequence of HardCaseOutcome
-        One for each run; the first of a case is with its own settings.
-
-    Returns
-    -------
-    TextTable
-        Kind of ending, with the error in the case's unit.
-    """
+    """Matrix of outcomes: a row a case, a column for each method and step."""
     own = "its own settings"
     rows: dict[str, dict[str, str]] = {}
     columns: dict[str, None] = {own: None}
@@ -229,18 +181,7 @@ def _ending_text(outcome: HardCaseOutcome) -> str:
 
 
 def outcome_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
-    """Table of outcomes, one row a run.
-
-    Parameters
-    ----------
-    outcomes : sequence of HardCaseOutcome
-        One for each run.
-
-    Returns
-    -------
-    TextTable
-        Case, method, step [s], kind of ending, error and its limit, messages, and wall time [s].
-    """
+    """Table of outcomes, one row a run [s]."""
     rows = [
         (
             outcome.case,
@@ -259,18 +200,7 @@ def outcome_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
 
 
 def hard_case_descriptions(names: Collection[str]) -> TextTable:
-    """Return a table of what is hard about each case, and of what its error is.
-
-    Parameters
-    ----------
-    names : collection of str
-        Names of cases of the catalogue.
-
-    Returns
-    -------
-    TextTable
-        Case, difficulty, and quantity of the error.
-    """
+    """Return a table of what is hard about each case, and of what its error is."""
     rows = [
         (case.name, case.difficulty, case.measure.description)
         for case in hard_case_catalogue()
@@ -291,18 +221,7 @@ leave: a step four times as long leaves sixteen times the error, and methods dif
 
 
 def stability_tasks(full: bool) -> list[Task]:
-    """Tasks that run the catalogue of hard cases.
-
-    Parameters
-    ----------
-    full : bool
-        Run up to late times, and by other methods and steps too.
-
-    Returns
-    -------
-    list of Task
-        Their results are `HardCaseOutcome` as plain data.
-    """
+    """Tasks that run the catalogue of hard cases."""
 
     def task(case: HardCase, method: str, dt: float | str | None, *, late: bool) -> Task:
         return Task(

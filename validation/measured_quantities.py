@@ -18,21 +18,7 @@ _LEAST_SWINGS = 3
 
 @dataclasses.dataclass(frozen=True)
 class MeasuredQuantity:
-    """A measured quantity.
-
-    Attributes
-    ----------
-    name, unit : str
-    measure : callable
-        Its value (or values, as an array) from a run.
-    relative : bool
-        Whether its error is relative to its value; otherwise it is taken as it is.
-    exact : float or None
-        The value it should have, where that is known; an error itself should be 0.
-    differs_by_start : bool
-        Whether each random start has a value of its own, as places do: then the scatter of the
-        values says nothing.
-    """
+    """A measured quantity."""
 
     name: str
     unit: str
@@ -42,20 +28,7 @@ class MeasuredQuantity:
     differs_by_start: bool = False
 
     def error(self, value: float | np.ndarray, reference: float | np.ndarray) -> float:
-        """Greatest error against a reference.
-
-        Parameters
-        ----------
-        value : float or ndarray
-            Measured value, in the quantity's unit.
-        reference : float or ndarray
-            Reference, of the same shape and unit.
-
-        Returns
-        -------
-        float
-            Greatest difference; over the greatest reference for a relative quantity.
-        """
+        """Greatest error against a reference."""
         missed = float(np.abs(np.asarray(value) - np.asarray(reference)).max())
         return missed / float(np.abs(reference).max()) if self.relative else missed
 
@@ -78,27 +51,7 @@ def _height_at_rest(run: Trajectory) -> float:
 
 
 def swing_period_and_damping(record: PistonRecord) -> tuple[float, float]:
-    """Period [s] and damping ratio of a swing that dies out.
-
-    From its turning points (parabolas through the samples about each): the distance of those of
-    one side, and the slope of the logarithm of the displacement from each to the next, which needs
-    no level of rest. Non-linearity shows in both where the swing is not small.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Swing that dies out, times [s] and heights [m].
-
-    Returns
-    -------
-    (float, float)
-        Period [s], and damping ratio d/sqrt(pi^2 + d^2) of the logarithmic decrement d of half a period.
-
-    Raises
-    ------
-    RecordError
-        If there are fewer than three swings.
-    """
+    """Period [s] and damping ratio of a swing that dies out; record [s, m]."""
     times, heights = _turning_points(record)
     displacements = np.abs(np.diff(heights))
     clear = displacements > 0.02 * displacements.max(
@@ -158,23 +111,7 @@ QUANTITIES = {
 
 
 def quantity_named(name: str | MeasuredQuantity) -> MeasuredQuantity:
-    """Quantity of that name, or the quantity itself.
-
-    Parameters
-    ----------
-    name : str or MeasuredQuantity
-        Name in `QUANTITIES`, or a quantity.
-
-    Returns
-    -------
-    MeasuredQuantity
-        The quantity.
-
-    Raises
-    ------
-    InputError
-        If there is none; the nearest name is given.
-    """
+    """Quantity of that name, or the quantity itself."""
     if isinstance(name, MeasuredQuantity):
         return name
     if name not in QUANTITIES:

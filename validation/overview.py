@@ -77,22 +77,7 @@ SINGLE = 0.3
 
 
 def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[Task]:
-    """Tasks that measure the accuracy and the effects' costs of scenes.
-
-    Parameters
-    ----------
-    scenes : sequence of Scene
-        Scenes to measure.
-    full : bool
-        Take 20 minutes for each scene's runs instead of 75 s.
-    hard : bool
-        Add the hard cases that run quickly.
-
-    Returns
-    -------
-    list of Task
-        Two for each scene, and one for the hard cases.
-    """
+    """Tasks that measure the accuracy and the effects' costs of scenes."""
     seconds = FULL_SECONDS if full else QUICK_SECONDS
     tasks = []
     for scene in scenes:
@@ -118,18 +103,7 @@ def _run_hard_cases() -> Plain:
 
 
 def suitable_quantities(scene: Scene) -> tuple[str, ...]:
-    """Names of the quantities that a scene is made for, by its piston and its stages.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to measure.
-
-    Returns
-    -------
-    tuple of str
-        Names in `validation.measured_quantities.QUANTITIES`.
-    """
+    """Names of the quantities that a scene is made for, by its piston and its stages."""
     if scene.piston is None:
         return ("energy", "positions")
     rests = any(getattr(stage, "until", None) == "rest" for stage in scene.protocol)
@@ -157,24 +131,7 @@ def _measure_accuracy(scene: Scene, seconds: float) -> Plain:
 def plan_runs(
     scene: Scene, until: float | None, seconds: float
 ) -> tuple[list[SolverSettings], tuple[Scene, ...], SolverSettings]:
-    """Plan settings, starts and a reference whose runs fit into a time.
-
-    Steps are halved from the longest one on, each at twice the time of the one before.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to measure; it is run once to time it.
-    until : float or None
-        Stop each run at this time [s].
-    seconds : float
-        Time that the runs may take [s].
-
-    Returns
-    -------
-    (list of SolverSettings, tuple of Scene, SolverSettings)
-        Settings to try, the scene from each start, and the reference.
-    """
+    """Plan settings, starts and a reference whose runs fit into a time; until, seconds [s]."""
     steps = [dt for dt in STEPS if can_run_with_step(scene, dt, "stormer-verlet")]
     took = _run_seconds(scene, SolverSettings("stormer-verlet", steps[0]), until)
     random = depends_on_seed(scene)
@@ -207,11 +164,7 @@ def _check_with_fresh_start(
     studies: Sequence[WorkPrecision],
     until: float | None,
 ) -> list[dict[str, Any]]:
-    """One more start, run with each setting that a single run is advised of.
-
-    Its value is compared with the mean of the reference over the other starts, or with the exact
-    one.
-    """
+    """One more start, run with each setting that a single run is advised of."""
     last = scenes[-1].arrangement.seed
     other = scenes[0].replace(**{"arrangement.seed": last + 1})
     runs: dict[str, Any] = {}
@@ -249,20 +202,7 @@ def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) ->
 
 
 def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) -> str:
-    """Text of the factor by which the time grows for a tenth of the error.
-
-    Parameters
-    ----------
-    study : WorkPrecision
-        Errors and times of a quantity.
-    best : WorkPrecisionPoint or None
-        Setting whose order tells the factor where the study does not.
-
-    Returns
-    -------
-    str
-        Such as "3.2 times".
-    """
+    """Text of the factor by which the time grows for a tenth of the error."""
     measured = study.cost_of_digit()
     if measured is not None:
         return f"{measured:.2g} times"
@@ -274,15 +214,7 @@ def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) ->
 
 
 def show_overview_section(page: HtmlPage, results: Sequence[Plain]) -> None:
-    """Add the costs of accuracy and effects of each scene, and the hard cases, to a page.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Page of the report.
-    results : sequence of dict of str to Any
-        Results of `overview_tasks`.
-    """
+    """Add the costs of accuracy and effects of each scene, and the hard cases, to a page."""
     for result in results:
         if "studies" in result:
             _show_accuracy(page, result)
@@ -318,15 +250,7 @@ def _show_accuracy(page: HtmlPage, plain: Plain) -> None:
 
 
 def plot_error_over_run_time(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
-    """Draw errors over the time of a run: a colour a quantity, a line a method.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-        Axes to draw into, made logarithmic: times [s] and errors.
-    studies : sequence of WorkPrecision
-        One for each quantity; its floor is dashed.
-    """
+    """Draw errors over the time of a run: a colour a quantity, a line a method; axes [s]."""
     for k, study in enumerate(studies):
         colour = COLOURS[k % len(COLOURS)]
         for j, (name, family) in enumerate(study.points_by_family().items()):
@@ -360,18 +284,7 @@ def plot_error_over_run_time(axes: Axes, studies: Sequence[WorkPrecision]) -> No
 
 
 def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:
-    """Table of the settings to take for each quantity and tolerance, with their times.
-
-    Parameters
-    ----------
-    studies : sequence of WorkPrecision
-        One for each quantity.
-
-    Returns
-    -------
-    TextTable
-        Setting and time for each tolerance, scatter of the starts, and cost of a digit.
-    """
+    """Table of the settings to take for each quantity and tolerance, with their times."""
     rows = []
     for study in studies:
         advised = [study.advise(level) for level in LEVELS.values()]
@@ -417,18 +330,7 @@ def _show_effects(page: HtmlPage, plain: Mapping[str, Any]) -> None:
 
 
 def effect_cost_table(plain: Mapping[str, Any]) -> TextTable:
-    """Table of the cost of each effect: what it adds first and what it saves last.
-
-    Parameters
-    ----------
-    plain : mapping of str to Any
-        Result of `effect_costs`.
-
-    Returns
-    -------
-    TextTable
-        Costs [us] of a step with half their 95 % interval.
-    """
+    """Table of the cost of each effect: what it adds first and what it saves last [us]."""
     rows = []
     for effect in plain["effects"]:
         first, last = _effect_cost_text(effect, "first"), _effect_cost_text(effect, "last")
@@ -453,18 +355,7 @@ def _effect_cost_text(mapping: Mapping[str, Any], which: str) -> str:
 
 
 def outcome_count_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
-    """Table of how many hard cases ended how, in one row.
-
-    Parameters
-    ----------
-    outcomes : sequence of HardCaseOutcome
-        One for each run.
-
-    Returns
-    -------
-    TextTable
-        Counts of accurate, degraded and stopped runs, and names of wrong ones.
-    """
+    """Table of how many hard cases ended how, in one row."""
     counts = [sum(item.kind == kind for item in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)]
     wrong = [item.case for item in outcomes if not item.allowed]
     row = (len(outcomes), *counts, ", ".join(wrong) or "none")
@@ -509,18 +400,7 @@ def _overview_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
 
 
 def overview_section_for(scenes: Sequence[Scene]) -> Section:
-    """Overview section of the report for a user's own scenes, with the quick hard cases.
-
-    Parameters
-    ----------
-    scenes : sequence of Scene
-        Scenes to measure.
-
-    Returns
-    -------
-    Section
-        The section, its tasks not run yet.
-    """
+    """Overview section of the report for a user's own scenes, with the quick hard cases."""
     return OVERVIEW._replace(tasks=lambda full: overview_tasks(scenes, full, hard=True))
 
 

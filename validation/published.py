@@ -29,13 +29,7 @@ _INDEX = re.compile(r"(.*)\[(\d+)\]")
 
 @cache
 def published_values() -> dict[str, dict[str, Any]]:
-    """All values that de Paula (2025) prints, by section and name.
-
-    Returns
-    -------
-    dict of str to dict of str to Any
-        Content of ``published.toml``, in the units of the thesis.
-    """
+    """All values that de Paula (2025) prints, by section and name."""
     return tomllib.loads(PATH.read_text(encoding="utf-8"))
 
 
@@ -76,13 +70,7 @@ def published_value(key: str) -> Any:
 
 
 def published_keys() -> Iterator[str]:
-    """Keys of all published values, labels left out.
-
-    Returns
-    -------
-    iterator of str
-        Keys that `published_value` takes.
-    """
+    """Keys of all published values, labels left out."""
     for section, entries in published_values().items():
         for name, value in entries.items():
             if name not in LABELS:

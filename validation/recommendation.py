@@ -53,27 +53,7 @@ APART = 2
 
 @dataclasses.dataclass(frozen=True)
 class Recommendation(PlainData):
-    """A setting that reaches a tolerance, by one run or by many starts.
-
-    Attributes
-    ----------
-    scene, quantity : str
-    tolerance, error : float
-        What was asked for, and what was measured.
-    seconds : float
-        What one run takes.
-    keywords : dict
-        For ``simulate(scene.replace(**found.changes), **found.keywords)``.
-    changes : dict
-        Keys of the scene.
-    study : WorkPrecision
-        All settings that were tried.
-    doubt : float
-        Standard error of the error.
-    starts : int
-        How many random starts to average over: 1 unless the scatter of the starts forbids a single
-        run to be that accurate.
-    """
+    """A setting that reaches a tolerance, by one run or by many starts."""
 
     scene: str
     quantity: str
@@ -113,13 +93,7 @@ class Recommendation(PlainData):
         )
 
     def to_plain(self) -> dict[str, Any]:
-        """Return the recommendation as plain data, with its command.
-
-        Returns
-        -------
-        dict of str to Any
-            All fields, the ``command``, the ``floor`` and ``below_floor``.
-        """
+        """Return the recommendation as plain data, with its command."""
         return super().to_plain() | {
             "command": self.command,
             "floor": self.study.floor,
@@ -188,31 +162,14 @@ def recommend_settings(
 
 
 def quantity_is_scattered(quantity: MeasuredQuantity, starts: int) -> bool:
-    """Tell if a quantity is a mean over random starts, which scatters.
-
-    Parameters
-    ----------
-    quantity : MeasuredQuantity
-        Quantity to measure.
-    starts : int
-        Number of random starts.
-
-    Returns
-    -------
-    bool
-        True for several starts, where no exact value is known and no start has a value of its own.
-    """
+    """Tell if a quantity is a mean over random starts, which scatters."""
     return quantity.exact is None and not quantity.differs_by_start and starts > 1
 
 
 def _study_by_halving(
     scenes: Sequence[Scene], quantity: MeasuredQuantity, tolerance: float, until: float | None, progress: bool
 ) -> WorkPrecision:
-    """Study against the longest reference step that tells whether a tolerance is met.
-
-    It does where the step that was halved `APART` times to give it is accurate enough: the
-    reference then errs by a fifteenth of the tolerance at most.
-    """
+    """Study against the longest reference step that tells whether a tolerance is met."""
     study = None
     steps = (*STEPS, REFERENCES[-1])
     for dt in REFERENCES:
@@ -285,10 +242,7 @@ def _next_step_too_dear(points: Sequence[WorkPrecisionPoint], best: AdvisedSetti
 def _family_too_dear(
     setting: SolverSettings, tried: Sequence[WorkPrecisionPoint], best: AdvisedSetting
 ) -> bool:
-    """Tell if already a family's longest step must cost far more than the best one so far.
-
-    By its force calls: a run's time is that of its steps times those of each.
-    """
+    """Tell if already a family's longest step must cost far more than the best one so far."""
     known = [latest for latest in tried if not latest.has_failed and latest.setting.dt in STEPS]
     if not known or best.point is None or setting.dt not in STEPS:
         return False
@@ -300,25 +254,7 @@ def _family_too_dear(
 
 
 def recommend_from_study(study: WorkPrecision, tolerance: float) -> Recommendation:
-    """Return what a study recommends for a tolerance.
-
-    Parameters
-    ----------
-    study : WorkPrecision
-        Errors and times of all settings that were tried.
-    tolerance : float
-        Error that is allowed, in the unit of the study.
-
-    Returns
-    -------
-    Recommendation
-        Setting with its error, time [s] and number of starts.
-
-    Raises
-    ------
-    InputError
-        If no setting of the study reaches the tolerance.
-    """
+    """Return what a study recommends for a tolerance [s]."""
     advised = study.advise(tolerance)
     if advised.point is None:
         front = study.pareto_front()

@@ -32,31 +32,7 @@ def report(
     full: bool = False,
     progress: bool = True,
 ) -> dict[str, Any]:
-    """Measure sections, and write ``report.html`` and ``report.json``.
-
-    What was measured before with the same sources is read from ``directory``/pieces.
-
-    Parameters
-    ----------
-    directory : str, Path or None
-        Nothing is written where it is None.
-    sections : sequence of Section
-        Some of `SECTIONS`, or such with other tasks.
-    full : bool
-        Everything, which takes an hour or so; without, what fits into a few minutes.
-    progress : bool
-        Show a progress bar on standard error.
-
-    Returns
-    -------
-    dict
-        What the JSON file holds: the sections' results, a verdict each, and the machine.
-
-    Raises
-    ------
-    InputError
-        If the directory cannot be written.
-    """
+    """Measure sections, and write ``report.html`` and ``report.json``."""
     where = None if directory is None else Path(directory)
     if where is not None:
         make_directory(where)
@@ -72,20 +48,7 @@ def report(
 
 
 def report_page(results: Results, *, full: bool) -> HtmlPage:
-    """Page of the report from the results of its sections.
-
-    Parameters
-    ----------
-    results : mapping of str to sequence of dict
-        Plain results by the section's name.
-    full : bool
-        Whether they are those of the full report, which the page's end says.
-
-    Returns
-    -------
-    HtmlPage
-        Verdicts, then each section, then its tables.
-    """
+    """Page of the report from the results of its sections."""
     read = {SECTIONS[name]: _read_results(name, section_entries) for name, section_entries in results.items()}
     verdicts = summarise_verdicts(results)
     wrong = [name for name, held in verdicts["held"].items() if not held]
@@ -143,18 +106,7 @@ def _failure_lines(results: Sequence[Plain]) -> list[str]:
 
 
 def summarise_verdicts(results: Results) -> dict[str, Any]:
-    """Verdicts of all sections, and if they hold.
-
-    Parameters
-    ----------
-    results : mapping of str to sequence of dict
-        Plain results by the section's name.
-
-    Returns
-    -------
-    dict of str to Any
-        ``verdicts`` and ``held`` by the section's name, and ``holds`` for all together.
-    """
+    """Verdicts of all sections, and if they hold."""
     verdicts, held = {}, {}
     for name, result in results.items():
         verdicts[name], right = SECTIONS[name].verdict(_read_results(name, result))
@@ -166,37 +118,13 @@ def summarise_verdicts(results: Results) -> dict[str, Any]:
 
 
 def report_text(plain: Mapping[str, Any]) -> str:
-    """Text of a report for the console: tables, failures and verdicts.
-
-    Parameters
-    ----------
-    plain : mapping of str to Any
-        Content of ``report.json``.
-
-    Returns
-    -------
-    str
-        Lines of text.
-    """
+    """Text of a report for the console: tables, failures and verdicts."""
     lines = [section_text(name, group) for name, group in plain["parts"].items()]
     return "\n".join([*lines, *(f"{name}: {verdict}" for name, verdict in plain["verdicts"].items())])
 
 
 def section_text(name: str, results: Sequence[Plain]) -> str:
-    """Text of a section for the console: its tables, and what failed.
-
-    Parameters
-    ----------
-    name : str
-        Name of the section.
-    results : sequence of dict
-        Its plain results.
-
-    Returns
-    -------
-    str
-        Lines of text.
-    """
+    """Text of a section for the console: its tables, and what failed."""
     tables = SECTIONS[name].tables(_read_results(name, results))
     texts = [f"{title}\n{table.text()}\n" for title, table in tables]
     return "\n".join([*texts, *_failure_lines(results)])

@@ -11,13 +11,7 @@ from granular.scene.scene import Scene
 
 
 def compression_scene() -> Scene:
-    """Quarter of de Paula's bed with dry friction, compressed at 33 mm/s [D, 2.3.3].
-
-    Returns
-    -------
-    Scene
-        The scene, 92 grains.
-    """
+    """Quarter of de Paula's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
     return load_scene("bed").replace(
         **{
             "name": "compression",
@@ -38,29 +32,12 @@ def compression_scene() -> Scene:
 
 
 def frictionless_bed() -> Scene:
-    """Return the packaged bed without drag: it keeps its energy.
-
-    Returns
-    -------
-    Scene
-        The scene, 368 grains.
-    """
+    """Return the packaged bed without drag: it keeps its energy."""
     return load_scene("bed").replace(**{"name": "bed without friction", "effects.drag": None})
 
 
 def disturbed_lattice(count: int) -> Scene:
-    """Scene of a disturbed hexagonal lattice at the packing of the packaged bed.
-
-    Parameters
-    ----------
-    count : int
-        Number of grains; the cell grows with its root.
-
-    Returns
-    -------
-    Scene
-        The scene, whose grains are off their sites by 0.05 spacings (standard deviation).
-    """
+    """Scene of a disturbed hexagonal lattice at the packing of the packaged bed."""
     scale = math.sqrt(count / 368.0)
     width, height = 60.0 * scale, 20.0 * scale
     apart = math.sqrt(2.0 / math.sqrt(3.0) * width * height / count)

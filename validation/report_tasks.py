@@ -87,16 +87,7 @@ def _is_record_type(kind: Any) -> bool:
 
 
 class Task(NamedTuple):
-    """One measurement.
-
-    Attributes
-    ----------
-    label : str
-    key : dict
-        All that tells it from others, as plain data.
-    measure : callable
-        Makes its result, as plain data.
-    """
+    """One measurement."""
 
     label: str
     key: Plain
@@ -144,29 +135,7 @@ FAILED = "failed"
 def run_tasks(
     name: str, tasks: Sequence[Task], directory: Path | None, *, progress: bool = True
 ) -> list[Plain]:
-    """Return the results of tasks, those on disk included.
-
-    Parameters
-    ----------
-    name : str
-        Of the section, or whatever the tasks are part of.
-    tasks : sequence of Task
-        Tasks to run.
-    directory : Path or None
-        Where results are kept, below ``pieces``; nowhere without.
-    progress : bool
-        Show a progress bar on standard error.
-
-    Returns
-    -------
-    list of dict of str to Any
-        Plain result of each task; with the failure of one that ended in a typed error.
-
-    Raises
-    ------
-    InputError
-        If the directory cannot be written.
-    """
+    """Return the results of tasks, those on disk included."""
     results = []
     saved = None if directory is None else ResultCache(directory / "pieces")
     for task in _iterate_with_progress(name, tasks, progress):
@@ -209,13 +178,7 @@ _SHOWING = ("report.py", "text_tables.py", "html_pages.py", "plotting.py", "publ
 
 @cache
 def source_digest() -> str:
-    """Digest (SHA-256) of all code that a figure of the report may depend on.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-    """
+    """Digest (SHA-256) of all code that a figure of the report may depend on."""
     import granular
     import validation
 
@@ -229,13 +192,7 @@ def source_digest() -> str:
 
 
 def machine_info() -> dict[str, str]:
-    """Processor, cores, system, and versions of Python and the packages computed with.
-
-    Returns
-    -------
-    dict of str to str
-        Texts by name.
-    """
+    """Processor, cores, system, and versions of Python and the packages computed with."""
     import os
 
     from granular.shared.version import versions

@@ -26,74 +26,28 @@ class TextTable(NamedTuple):
     rows: tuple[tuple[str, ...], ...]
 
     def text(self) -> str:
-        """Table as text in aligned columns.
-
-        Returns
-        -------
-        str
-            Lines of text.
-        """
+        """Table as text in aligned columns."""
         return align_columns([self.header, *self.rows])
 
 
 def text_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> TextTable:
-    """Make a table of texts from anything that can be written.
-
-    Parameters
-    ----------
-    header : sequence of str
-        Headings of the columns.
-    rows : sequence of sequence of object
-        Cells, a row each.
-
-    Returns
-    -------
-    TextTable
-        The table.
-    """
+    """Make a table of texts from anything that can be written."""
     return TextTable(tuple(header), tuple(tuple(map(str, row)) for row in rows))
 
 
 def add_table_to_page(page: HtmlPage, shown: TextTable) -> None:
-    """Add a table to a page, its numbers kept on one line.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Page to add to.
-    shown : TextTable
-        The table.
-    """
+    """Add a table to a page, its numbers kept on one line."""
     page.add_table(shown.header, [tuple(map(keep_number_with_unit, row)) for row in shown.rows])
 
 
 def keep_number_with_unit(cell: str) -> str:
-    """Keep a number and its unit on one line: 1e-06 is not broken at its sign.
-
-    Parameters
-    ----------
-    cell : str
-        Text of a cell.
-
-    Returns
-    -------
-    str
-        The text, with a non-breaking hyphen and spaces where it is a number.
-    """
+    """Keep a number and its unit on one line: 1e-06 is not broken at its sign."""
     if "," in cell or len(cell) > LONGEST_NUMBER or not cell.lstrip("+-")[:1].isdigit():
         return cell
     return cell.replace("-", "\u2011").replace(" ", "\u00a0")
 
 
 def draw_legend_below(axes: Axes, columns: int = 2) -> None:
-    """Draw a legend below the axes of a figure.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-        Axes with labelled lines.
-    columns : int
-        Columns of the legend.
-    """
+    """Draw a legend below the axes of a figure."""
     # Below the axes, so that a narrow page leaves the figure wide enough to be read.
     axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=columns)

@@ -35,28 +35,14 @@ _WORKING = 1.5
 
 @dataclasses.dataclass(frozen=True)
 class EnergyTrend:
-    """The trend of a series.
+    """The trend of a series."""
 
-    Attributes
-    ----------
-    rate : float
-        Slope of the straight line [unit/s].
-    interval : tuple of float
-        99 % interval of the slope, the wider of the two kinds of noise.
-    p_stationary, p_walk : float
-        Probability of such a slope without a trend, for stationary noise and for a random walk.
-    swing : float
-        Standard deviation of the series about the line.
-    duration : float
-        Length of the series [s].
-    """
-
-    rate: float
+    rate: float  # [unit/s]
     interval: tuple[float, float]
     p_stationary: float
     p_walk: float
     swing: float
-    duration: float
+    duration: float  # [s]
 
     @property
     def p_value(self) -> float:
@@ -69,18 +55,7 @@ class EnergyTrend:
         return self.rate * self.duration
 
     def verdict(self, significance: float = SIGNIFICANCE) -> str:
-        """``"gains"``, ``"loses"``, or ``"none"`` where no trend is seen.
-
-        Parameters
-        ----------
-        significance : float
-            Greatest p-value at which a trend is claimed.
-
-        Returns
-        -------
-        str
-            The verdict.
-        """
+        """``"gains"``, ``"loses"``, or ``"none"`` where no trend is seen."""
         if self.p_value > significance:
             return "none"
         return "gains" if self.rate > 0.0 else "loses"

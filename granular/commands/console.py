@@ -46,55 +46,18 @@ BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line.
-
-    Attributes
-    ----------
-    commands : dict of str to str
-        Summary of each command, by its name.
-    parsers : dict of str to Parser
-        Parser of each command, by its name.
-    """
+    """An argument parser whose errors are one line."""
 
     commands: dict[str, str]
     parsers: dict[str, Parser]
 
     def error(self, message: str) -> NoReturn:
-        """Raise a usage error as one line.
-
-        Parameters
-        ----------
-        message : str
-            What is wrong with the arguments.
-
-        Raises
-        ------
-        InputError
-            Always, with the message and how to get help.
-        """
+        """Raise a usage error as one line."""
         raise InputError(f"{message}; see {self.prog} --help")
 
 
 def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | None = None) -> int:
-    """Run a command, and print errors and warnings as one line each.
-
-    Parameters
-    ----------
-    command : function of a sequence of str
-        Takes the arguments of the command line.
-    arguments : sequence of str, optional
-        Arguments; those of the process if not given.
-
-    Returns
-    -------
-    int
-        Exit code: 0, or 2 for bad input, 1 for a failed run, 130 after Ctrl-C, 143 after SIGTERM.
-
-    Raises
-    ------
-    Exception
-        An error that is none of the package's, as it was raised.
-    """
+    """Run a command, and print errors and warnings as one line each."""
     warnings.showwarning = _show_warning
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -168,38 +131,12 @@ Option = Callable[[argparse._ActionsContainer], object]
 
 
 def option(*names: str, **settings: Any) -> Option:
-    """Declare an option or an argument of a command.
-
-    Parameters
-    ----------
-    *names : str
-        Names, as of `argparse.ArgumentParser.add_argument`.
-    **settings : any
-        Its keyword arguments.
-
-    Returns
-    -------
-    Option
-        Function that adds it to a parser.
-    """
+    """Declare an option or an argument of a command."""
     return lambda parser: parser.add_argument(*names, **settings)
 
 
 def option_group(*options: Option, title: str | None = None) -> Option:
-    """Join several options to one; with a title they stand under it in the help.
-
-    Parameters
-    ----------
-    *options : Option
-        Options to join.
-    title : str, optional
-        Title in the help.
-
-    Returns
-    -------
-    Option
-        Function that adds all of them to a parser.
-    """
+    """Join several options to one; with a title they stand under it in the help."""
 
     def add(parser: argparse._ActionsContainer) -> None:
         target = parser if title is None else parser.add_argument_group(title)
@@ -210,19 +147,7 @@ def option_group(*options: Option, title: str | None = None) -> Option:
 
 
 class Command(NamedTuple):
-    """A command of a program.
-
-    Attributes
-    ----------
-    name, summary : str
-        Name on the command line, and summary in a line.
-    options : tuple of Option
-        Its options and arguments.
-    examples : str
-        End of its help; ``%(prog)s`` in it is what the user types up to its options.
-    carry_out : callable
-        Takes the parsed options.
-    """
+    """A command of a program."""
 
     name: str
     summary: str
@@ -234,37 +159,12 @@ class Command(NamedTuple):
 def command(
     name: str, summary: str, *options: Option, examples: str
 ) -> Callable[[Callable[[Any], None]], Command]:
-    """Make the function below it a command of a program.
-
-    Parameters
-    ----------
-    name, summary : str
-        Name on the command line, and summary in a line.
-    *options : Option
-        Options and arguments.
-    examples : str
-        End of its help; ``%(prog)s`` in it is what the user types up to its options.
-
-    Returns
-    -------
-    function
-        Decorator that turns a function of the parsed options into a `Command`.
-    """
+    """Make the function below it a command of a program."""
     return lambda carry_out: Command(name, summary, options, examples, carry_out)
 
 
 class Program(NamedTuple):
-    """The command line of a package.
-
-    Attributes
-    ----------
-    name : str
-        Name of the program, unless it is run under another name.
-    description, examples : str
-        Start and end of its help.
-    commands : tuple of Command
-        Its commands, in the order of the help.
-    """
+    """The command line of a package."""
 
     name: str
     description: str
@@ -272,18 +172,7 @@ class Program(NamedTuple):
     commands: tuple[Command, ...]
 
     def parser(self, name: str | None = None) -> Parser:
-        """Make the parser of the command line, with a subparser for each command.
-
-        Parameters
-        ----------
-        name : str, optional
-            Name that the program is run under; its own if not given.
-
-        Returns
-        -------
-        Parser
-            Parser with the attributes ``commands`` and ``parsers``.
-        """
+        """Make the parser of the command line, with a subparser for each command."""
         raw = argparse.RawDescriptionHelpFormatter
         top = Parser(
             prog=name or self.name, description=self.description, epilog=self.examples, formatter_class=raw
@@ -306,20 +195,7 @@ class Program(NamedTuple):
         return top
 
     def main(self, arguments: Sequence[str], name: str | None = None) -> None:
-        """Parse arguments, and carry out the command that they name.
-
-        Parameters
-        ----------
-        arguments : sequence of str
-            Arguments of the command line.
-        name : str, optional
-            Name that the program is run under; its own if not given.
-
-        Raises
-        ------
-        InputError
-            If an argument is not known, or the command refuses its options.
-        """
+        """Parse arguments, and carry out the command that they name."""
         parser = self.parser(name)
         options, rest = parser.parse_known_args(arguments)
         if rest:
@@ -339,38 +215,12 @@ def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentPars
 
 
 def pick_options(options: Any, *names: str) -> dict[str, Any]:
-    """Pick options as keyword arguments of a function that calls them the same.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options.
-    *names : str
-        Names of those to pick.
-
-    Returns
-    -------
-    dict of str to any
-        Their values by name.
-    """
+    """Pick options as keyword arguments of a function that calls them the same."""
     return {name: getattr(options, name) for name in names}
 
 
 def require_options(options: Any, **arguments: str) -> None:
-    """Refuse a command without arguments that only some forms of it need.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options.
-    **arguments : str
-        Each option as written on the command line, by its name.
-
-    Raises
-    ------
-    InputError
-        If one is missing, in the words of a command that always needs it.
-    """
+    """Refuse a command without arguments that only some forms of it need."""
     missing = [words for name, words in arguments.items() if getattr(options, name) in (None, [])]
     if missing:
         raise InputError(
@@ -379,37 +229,14 @@ def require_options(options: Any, **arguments: str) -> None:
 
 
 def refuse_options(options: Any, form: str, *names: str, **written: str) -> None:
-    """Refuse options that a form of a command, such as ``--impulse``, does not take.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options.
-    form : str
-        The form, in words for the message.
-    *names : str
-        Options that are written as they are named.
-    **written : str
-        Other options as written on the command line, by their names.
-
-    Raises
-    ------
-    InputError
-        If one of them is given.
-    """
+    """Refuse options that a form of a command, such as ``--impulse``, does not take."""
     for name, words in ({name: f"--{name}" for name in names} | written).items():
         if getattr(options, name) not in (None, [], False):
             raise InputError(f"{words} does not go with {form}; leave it out")
 
 
 def add_version_option(parser: argparse.ArgumentParser) -> None:
-    """Add ``--version``, which prints the toolkit's version and exits.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Parser that it is added to.
-    """
+    """Add ``--version``, which prints the toolkit's version and exits."""
     parser.add_argument(
         "--version",
         action="version",
@@ -419,19 +246,7 @@ def add_version_option(parser: argparse.ArgumentParser) -> None:
 
 
 def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
-    """Print a result: one JSON object, or a text for people, with long notes in several lines.
-
-    JSON has neither infinities nor NaN: they are printed as null.
-
-    Parameters
-    ----------
-    result : dict of str to any
-        Result as plain data.
-    text : str
-        The same for people.
-    as_json : bool
-        Whether to print JSON.
-    """
+    """Print a result: one JSON object, or a text for people, with long notes in several lines."""
     if as_json:
         print(json.dumps(replace_non_finite_by_none(result), allow_nan=False))
     else:
@@ -446,13 +261,7 @@ def _wrap_note(line: str) -> str:
 
 
 def _check_working_directory() -> None:
-    """Refuse surroundings that no command can run in, before what stumbles over them is imported.
-
-    Raises
-    ------
-    InputError
-        If the working directory was deleted, or the environment asks for less than one thread.
-    """
+    """Refuse surroundings that no command can run in, before what stumbles over them is imported."""
     try:
         os.getcwd()
     except OSError:

@@ -48,18 +48,7 @@ mine.py:
       return np.nanmax(np.linalg.norm(frame.forces, axis=1))""",
 )
 def observe(options: Any) -> None:
-    """Print observables of every frame of a run as a table, or write it to a CSV file.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of ``granular observe``.
-
-    Raises
-    ------
-    InputError
-        If the run or an observable cannot be read, or the file exists or cannot be written.
-    """
+    """Print observables of every frame of a run as a table, or write it to a CSV file."""
     from granular.observables.catalogue import find_observable, observables_table
     from granular.run.trajectory import load_trajectory
     from granular.user_code import import_user_code
@@ -98,18 +87,7 @@ what is written to the directory:
   paths.png    the paths over the Voronoi cells of the last frame""",
 )
 def defects(options: Any) -> None:
-    """Follow the defects of a run, and print or write their tracks and events.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of ``granular defects``.
-
-    Raises
-    ------
-    InputError
-        If the run cannot be read, has no such frames, or an option is not possible.
-    """
+    """Follow the defects of a run, and print or write their tracks and events."""
     from granular.observables.defect_tracks import track_defects
     from granular.run.trajectory import load_trajectory
 

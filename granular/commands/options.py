@@ -59,23 +59,7 @@ OUTPUT = option_group(
 
 
 def scene_from_options(options: Any) -> Scene:
-    """Load the scene that a command was given, with its changes, after the user's own code.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options, with ``scene``, ``changes`` and perhaps ``user_files``.
-
-    Returns
-    -------
-    Scene
-        Scene with the changes.
-
-    Raises
-    ------
-    InputError
-        If the code, the scene or a change is none.
-    """
+    """Load the scene that a command was given, with its changes, after the user's own code."""
     from granular.scene.loading import load_scene
     from granular.user_code import import_user_code
 
@@ -84,23 +68,7 @@ def scene_from_options(options: Any) -> Scene:
 
 
 def parse_changes(items: Sequence[str]) -> dict[str, Any]:
-    """Parse the changes to a scene from ``KEY=VALUE`` texts.
-
-    Parameters
-    ----------
-    items : sequence of str
-        Texts, such as ``"piston.mass=6.5"``; a value is TOML, or else a text.
-
-    Returns
-    -------
-    dict of str to any
-        Value of each dotted key.
-
-    Raises
-    ------
-    InputError
-        If a text has no equals sign.
-    """
+    """Parse the changes to a scene from ``KEY=VALUE`` texts."""
     changes: dict[str, Any] = {}
     for item in items:
         key, equals, value = item.partition("=")
@@ -114,19 +82,7 @@ def parse_changes(items: Sequence[str]) -> dict[str, Any]:
 
 
 def quantity_reader(unit: str) -> Callable[[str], float]:
-    """Make the reader of an option that holds a quantity.
-
-    Parameters
-    ----------
-    unit : str
-        SI unit of a plain number, such as ``"s"``.
-
-    Returns
-    -------
-    function of str
-        Reads a number in that unit, or a quantity with a unit of its own, to a float in SI; raises
-        `argparse.ArgumentTypeError` for any other text.
-    """
+    """Make the reader of an option that holds a quantity."""
 
     def read(text: str) -> float:
         from granular.schema.units import si_value
@@ -140,23 +96,7 @@ def quantity_reader(unit: str) -> Callable[[str], float]:
 
 
 def parse_time_step(text: str) -> float | str:
-    """Read a time step of the command line: seconds, a quantity, or a multiple of "auto".
-
-    Parameters
-    ----------
-    text : str
-        Such as ``"1e-4"``, ``"0.1 ms"`` or ``"auto/2"``.
-
-    Returns
-    -------
-    float or str
-        Time step [s], or the text that begins with "auto".
-
-    Raises
-    ------
-    InputError
-        If it is none of these.
-    """
+    """Read a time step of the command line: seconds, a quantity, or a multiple of "auto" [s]."""
     from granular.schema.units import si_value
 
     return text if text.startswith("auto") else si_value(text, "s")

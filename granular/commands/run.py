@@ -50,20 +50,7 @@ examples:
   %(prog)s damper -o runs/damper --resume     # goes on after Ctrl-C""",
 )
 def run(options: Any) -> None:
-    """Run a scene, and print its outcome.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of ``granular run``.
-
-    Raises
-    ------
-    InputError
-        If the scene or an option is not possible.
-    RunError
-        If the simulation fails.
-    """
+    """Run a scene, and print its outcome."""
     from granular.run.simulation import simulate
 
     done = simulate(

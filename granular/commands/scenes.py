@@ -33,18 +33,7 @@ examples:
   %(prog)s --warm-up damper my-bed.toml --set effects.friction=true""",
 )
 def scenes(options: Any) -> None:
-    """List the packaged scenes or the methods, or compile what scenes need.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of ``granular scenes``.
-
-    Raises
-    ------
-    InputError
-        If a scene or an option is not possible, or there is no folder for compiled code.
-    """
+    """List the packaged scenes or the methods, or compile what scenes need."""
     from granular.user_code import import_user_code
 
     import_user_code(options.user_files)
@@ -124,18 +113,7 @@ def _warm_up(options: Any) -> None:
     examples="example:\n  %(prog)s damper --set piston.mass=6.5",
 )
 def show(options: Any) -> None:
-    """Print the values of a scene in SI and in natural units.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of ``granular show``.
-
-    Raises
-    ------
-    InputError
-        If the scene or a change is none.
-    """
+    """Print the values of a scene in SI and in natural units."""
     from granular.run.summary import derived_scene_values, scene_text
 
     scene = scene_from_options(options)

@@ -38,18 +38,7 @@ class ReferenceType(types.Type):
         return self.name, ()
 
     def field_position_and_type(self, name: str) -> tuple[int, Any] | None:
-        """Position of a field, and the type that reading it gives.
-
-        Parameters
-        ----------
-        name : str
-            Name of the field.
-
-        Returns
-        -------
-        tuple of (int, type) or None
-            None where there is no such field.
-        """
+        """Position of a field, and the type that reading it gives."""
         if name not in self.integer.fields:
             return None
         number = self.integer.fields.index(name)

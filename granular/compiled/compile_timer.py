@@ -11,38 +11,21 @@ from numba.core.event import Event, Listener, install_listener
 
 
 class CompileTimer(Listener):
-    """Counts the time in which its thread holds the lock of Numba's compiler.
-
-    Attributes
-    ----------
-    seconds : float
-    """
+    """Counts the time in which its thread holds the lock of Numba's compiler."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
         self._thread, self._depth, self._begun = threading.get_ident(), 0, 0.0
 
     def on_start(self, event: Event) -> None:
-        """Start the clock where the thread takes the lock.
-
-        Parameters
-        ----------
-        event : Event
-            Event of Numba.
-        """
+        """Start the clock where the thread takes the lock."""
         if threading.get_ident() == self._thread:
             if self._depth == 0:
                 self._begun = time.perf_counter()
             self._depth += 1
 
     def on_end(self, event: Event) -> None:
-        """Stop the clock where the thread gives the lock back.
-
-        Parameters
-        ----------
-        event : Event
-            Event of Numba.
-        """
+        """Stop the clock where the thread gives the lock back."""
         if threading.get_ident() == self._thread:
             self._depth -= 1
             if self._depth == 0:
@@ -51,13 +34,7 @@ class CompileTimer(Listener):
 
 @contextlib.contextmanager
 def measure_compile_time() -> Iterator[CompileTimer]:
-    """Measure the time in which kernels are compiled or read within the block.
-
-    Returns
-    -------
-    context manager of CompileTimer
-        Timer, whose ``seconds`` [s] grow within the block.
-    """
+    """Measure the time in which kernels are compiled or read within the block [s]."""
     with install_listener("numba:compiler_lock", CompileTimer()) as timer:
         yield timer
 
@@ -69,41 +46,18 @@ class CompileReporter(Listener):
         self._report, self._thread, self._begun = report, threading.get_ident(), 0
 
     def on_start(self, event: Event) -> None:
-        """Count a kernel whose compiling the thread begins, and report the number.
-
-        Parameters
-        ----------
-        event : Event
-            Event of Numba.
-        """
+        """Count a kernel whose compiling the thread begins, and report the number."""
         if threading.get_ident() == self._thread:
             self._begun += 1
             self._report(self._begun)
 
     def on_end(self, event: Event) -> None:
-        """Do nothing where a kernel is done.
-
-        Parameters
-        ----------
-        event : Event
-            Event of Numba.
-        """
+        """Do nothing where a kernel is done."""
         pass
 
 
 @contextlib.contextmanager
 def report_compiled_kernels(report: Callable[[int], None]) -> Iterator[None]:
-    """Call a function with the number of each kernel that is compiled within the block.
-
-    Parameters
-    ----------
-    report : Callable[[int], None]
-        Function of the number of kernels so far.
-
-    Returns
-    -------
-    context manager
-        Block in which kernels are reported.
-    """
+    """Call a function with the number of each kernel that is compiled within the block."""
     with install_listener("numba:compile", CompileReporter(report)):
         yield

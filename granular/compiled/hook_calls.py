@@ -31,26 +31,7 @@ OPTIONS: dict[str, Any] = {
 
 
 def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:
-    """Make a kernel ``(laws, workspaces, *rest)`` that adds up what a hook of each law returns.
-
-    The hook is called as ``hook(law, workspace, index, *rest)``, with the law's index in the tuple.
-
-    Parameters
-    ----------
-    hook : str
-        Name of the static method of laws.
-    rest : str
-        Names of the further arguments.
-    empty : float
-        The sum where no law has the hook.
-    backward : bool
-        Take the last law first.
-
-    Returns
-    -------
-    function
-        Kernel, for Python and for kernels.
-    """
+    """Make a kernel ``(laws, workspaces, *rest)`` that adds up what a hook of each law returns."""
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         result = [
@@ -68,20 +49,7 @@ def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = Fal
 
 
 def greatest_of_hooks(hook: str, rest: str) -> Kernel:
-    """Make a kernel as of `sum_of_hooks`, for the greatest value; 0 where no law has the hook.
-
-    Parameters
-    ----------
-    hook : str
-        Name of the static method of laws.
-    rest : str
-        Names of the further arguments.
-
-    Returns
-    -------
-    function
-        Kernel, for Python and for kernels.
-    """
+    """Make a kernel as of `sum_of_hooks`, for the greatest value; 0 where no law has the hook."""
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         return max(
@@ -101,24 +69,7 @@ def greatest_of_hooks(hook: str, rest: str) -> Kernel:
 
 
 def call_last_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
-    """Make a kernel that calls the hook of the last law that has it; without one ``otherwise(*rest)``.
-
-    It is called as `sum_of_hooks` is.
-
-    Parameters
-    ----------
-    hook : str
-        Name of the static method of laws.
-    rest : str
-        Names of the further arguments.
-    otherwise : Kernel
-        Kernel that is called where no law has the hook.
-
-    Returns
-    -------
-    function
-        Kernel, for Python and for kernels.
-    """
+    """Make a kernel that calls the hook of the last law that has it; without one ``otherwise(*rest)``."""
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         for index in _indices_of_laws_with_hook(hook, map(type, laws), backward=True):
@@ -135,24 +86,7 @@ def call_last_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
 
 
 def call_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
-    """Make a kernel ``(law, *rest)`` that calls a law's hook, or ``otherwise`` where it has none.
-
-    Both are called with the same arguments.
-
-    Parameters
-    ----------
-    hook : str
-        Name of the static method of laws.
-    rest : str
-        Names of the further arguments.
-    otherwise : Kernel
-        Kernel that is called where the law has no such hook.
-
-    Returns
-    -------
-    function
-        Kernel, for Python and for kernels.
-    """
+    """Make a kernel ``(law, *rest)`` that calls a law's hook, or ``otherwise`` where it has none."""
 
     def call(law: Any, *others: Any) -> Any:
         return getattr(law, hook, otherwise)(law, *others)
@@ -175,18 +109,7 @@ def _indices_of_laws_with_hook(hook: str, classes: Any, backward: bool = False) 
 
 
 class _KernelCall(NamedTuple):
-    """A call of a kernel in compiled code.
-
-    Attributes
-    ----------
-    kernel : type
-        Numba's type of the kernel.
-    sig : Signature
-    sources : sequence of int, or of (int, int)
-        Where each argument comes from: an argument, or an entry of one that is a tuple.
-    number : int or None
-        The law's index, which is handed over behind law and workspace.
-    """
+    """A call of a kernel in compiled code."""
 
     kernel: Any
     sig: Signature

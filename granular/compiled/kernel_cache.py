@@ -43,16 +43,7 @@ ABANDONED = 86400.0
 
 @functools.cache
 def kernel_cache_folder() -> Path | None:
-    """Folder where kernels are kept: in ``NUMBA_CACHE_DIR``, or among the user's caches.
-
-    A folder for each place that the package stands at, and each version of Python. None where
-    there is no folder to trust.
-
-    Returns
-    -------
-    Path or None
-        None where there is no folder to trust.
-    """
+    """Folder where kernels are kept: in ``NUMBA_CACHE_DIR``, or among the user's caches."""
     here = hashlib.sha256(f"{PACKAGE} {sys.implementation.cache_tag}".encode()).hexdigest()
     chosen = numba.config.CACHE_DIR
     home = Path(chosen) if chosen else toolkit_cache_folder()
@@ -61,13 +52,7 @@ def kernel_cache_folder() -> Path | None:
 
 @functools.cache
 def digest_of_sources() -> str:
-    """Digest of all that the code of kernels depends on, but for arguments and processor.
-
-    Returns
-    -------
-    str
-        SHA-256, hexadecimal.
-    """
+    """Digest of all that the code of kernels depends on, but for arguments and processor."""
     versions = f"{sys.version} {numba.__version__} {llvmlite.__version__}"
     return hashlib.sha256(f"{versions} {_load_or_compute_syntax_digest()}".encode()).hexdigest()
 
@@ -157,20 +142,7 @@ class KernelCache(_Cache):
         return str(kernel_cache_folder())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load the compiled form for these types of arguments.
-
-        Parameters
-        ----------
-        sig : object
-            Types of the arguments.
-        target_context : object
-            Numba's context of the processor.
-
-        Returns
-        -------
-        CompileResult or None
-            None where there is none that can be trusted.
-        """
+        """Load the compiled form for these types of arguments."""
         target_context.refresh()
         entry = self._kernel_file_and_label(sig, target_context.codegen())
         body = None if entry is None else _read_kernel_file_or_claim(*entry)
@@ -183,15 +155,7 @@ class KernelCache(_Cache):
         return rebuild_kernel(target_context, payload) if types == sig else None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Write the compiled form for these types of arguments to its file.
-
-        Parameters
-        ----------
-        sig : object
-            Types of the arguments.
-        data : object
-            Numba's result of the compiling.
-        """
+        """Write the compiled form for these types of arguments to its file."""
         entry = self._kernel_file_and_label(sig, data.codegen)
         if entry is None:
             return

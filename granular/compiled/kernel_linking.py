@@ -52,13 +52,7 @@ class LinkedLibrary(JITCodeLibrary):
         self._finalized = True
 
     def kernel_module(self) -> Any:
-        """LLVM module of the kernel alone.
-
-        Returns
-        -------
-        ModuleRef
-            Module without what the kernel calls.
-        """
+        """LLVM module of the kernel alone."""
         self._ensure_finalized()
         return self._final_module
 
@@ -73,13 +67,7 @@ class LinkedLibrary(JITCodeLibrary):
         return self._shared_module
 
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:
-        """Bitcode of the kernel with all that it calls, for the cache.
-
-        Returns
-        -------
-        tuple of (str, str, bytes)
-            Name, ``"linked"`` and bitcode.
-        """
+        """Bitcode of the kernel with all that it calls, for the cache."""
         return self.name, "linked", self._get_module_for_linking().as_bitcode()
 
 
@@ -108,13 +96,7 @@ class InnerCompiler(Compiler):
     """Numba's compiler, up to what is to be linked."""
 
     def define_pipelines(self) -> Any:
-        """Define Numba's stages of compiling, up to a library that is to be linked.
-
-        Returns
-        -------
-        list
-            Numba's pipelines.
-        """
+        """Define Numba's stages of compiling, up to a library that is to be linked."""
         state = self.state
         if not state.flags.auto_parallel.enabled:
             codegen = state.targetctx.codegen()
@@ -136,13 +118,7 @@ class EntryCompiler(Compiler):
     """Numba's compiler, with a library that takes in all kernels below."""
 
     def define_pipelines(self) -> Any:
-        """Define Numba's stages of compiling, with a library that takes in the kernels below.
-
-        Returns
-        -------
-        list
-            Numba's pipelines.
-        """
+        """Define Numba's stages of compiling, with a library that takes in the kernels below."""
         state = self.state
         codegen = state.targetctx.codegen()
         state.library = EntryLibrary(codegen, state.func_id.func_qualname)
@@ -161,20 +137,7 @@ def _placeholder_entry_point(library: Any, fndesc: Any, env: Any) -> Any:
 
 
 def rebuild_kernel(context: Any, payload: tuple[Any, ...]) -> Any:
-    """Rebuild the compiled form of a kernel from its file's content.
-
-    Parameters
-    ----------
-    context : object
-        Numba's context of the processor.
-    payload : tuple[Any, ...]
-        Parts of Numba's result that were stored.
-
-    Returns
-    -------
-    CompileResult
-        Compiled form.
-    """
+    """Rebuild the compiled form of a kernel from its file's content."""
     (name, kind, data), fndesc, env, signature, *rest = payload
     if kind != "linked":
         return CompileResult._rebuild(context, *payload)

@@ -18,30 +18,13 @@ _KERNEL = re.compile(rb"^\s*@(compiled|entry|intrinsic)\b", re.MULTILINE)
 
 
 def read_compiled_sources() -> dict[str, bytes]:
-    """Content of every file in `FOLDERS`, by its path in the package.
-
-    Returns
-    -------
-    dict of str to bytes
-        Contents by paths.
-    """
+    """Content of every file in `FOLDERS`, by its path in the package."""
     paths = sorted(path for folder in FOLDERS for path in (PACKAGE / folder).rglob("*.py"))
     return {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
 
 
 def digest_of_bytes(files: dict[str, bytes]) -> str:
-    """Digest of the files to the last byte.
-
-    Parameters
-    ----------
-    files : dict[str, bytes]
-        Contents by paths.
-
-    Returns
-    -------
-    str
-        SHA-256, hexadecimal.
-    """
+    """Digest of the files to the last byte."""
     digest = hashlib.sha256()
     for name, content in files.items():
         digest.update(f"{name}\0{len(content)}\0".encode() + content)
@@ -49,20 +32,7 @@ def digest_of_bytes(files: dict[str, bytes]) -> str:
 
 
 def digest_of_syntax(files: dict[str, bytes]) -> str:
-    """Digest of what the compiler sees of the files that hold kernels, or that these import from.
-
-    Comments, docstrings and the places of lines are left out.
-
-    Parameters
-    ----------
-    files : dict[str, bytes]
-        Contents by paths.
-
-    Returns
-    -------
-    str
-        SHA-256, hexadecimal.
-    """
+    """Digest of what the compiler sees of the files that hold kernels, or that these import from."""
     waiting = [name for name, content in files.items() if _KERNEL.search(content)]
     trees: dict[str, ast.Module] = {}
     while waiting:
@@ -78,10 +48,7 @@ def digest_of_syntax(files: dict[str, bytes]) -> str:
 
 
 def _remove_docstrings(tree: ast.Module) -> list[str]:
-    """Take out docstrings, and return the package's files that the file may import from.
-
-    Only statements are visited: they are a small part of a tree.
-    """
+    """Take out docstrings, and return the package's files that the file may import from."""
     imports: list[str] = []
     waiting: list[Any] = [tree]
     while waiting:

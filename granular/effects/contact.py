@@ -53,18 +53,7 @@ class Contact(ForceEffect, DissipativeEffect):
     restitution: float = quantity("1", default=0.5, above=0.0, most=1.0)
 
     def make_kernel_law(self, context: EffectContext) -> ContactLaw:
-        """Law in natural units.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        ContactLaw
-            Law that the compiled loop takes, in natural units.
-        """
+        """Law in natural units."""
         scales = context.scales
         diameters = np.array([specy.diameter for specy in context.grains.species]) / scales.length
         radius = 0.5 * diameters[context.species]
@@ -80,66 +69,22 @@ class Contact(ForceEffect, DissipativeEffect):
 
 
 class ContactLaw(NamedTuple):
-    """Contact as the kernels take it.
+    """Contact as the kernels take it."""
 
-    Attributes
-    ----------
-    modulus : float
-        (4/3) E* [F*/D^2]
-    alpha : float
-        Coefficient of the dashpot.
-    radius : float64 (n,)
-        [D]
-    widest, narrowest : float
-        Largest and smallest diameter [D].
-    """
-
-    modulus: float
+    modulus: float  # [F*/D^2]
     alpha: float
-    radius: Array
-    widest: float
-    narrowest: float
+    radius: Array  # [D]
+    widest: float  # [D]
+    narrowest: float  # [D]
 
     def workspace(self, size: int, count: int) -> ClosePairs:
-        """Make the workspace for the list of grains in contact.
-
-        Parameters
-        ----------
-        size : int
-            Length m of the padded arrays of grains.
-        count : int
-            Number of grains.
-
-        Returns
-        -------
-        ClosePairs
-            Cells, and room for the pairs of ``count`` grains.
-        """
+        """Make the workspace for the list of grains in contact."""
         return close_pairs_workspace(count, PLACES_A_GRAIN * count)
 
     @staticmethod
     @compiled
     def add_forces(law: ContactLaw, workspace: ClosePairs, index: int, bed: Bed, time: float) -> int:
-        """Add the Hertzian forces of the grains in contact [F*].
-
-        Parameters
-        ----------
-        law : ContactLaw
-            Law in natural units.
-        workspace : ClosePairs
-            List of close pairs; found anew.
-        index : int
-            Index of the law in the tuple of laws.
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-
-        Returns
-        -------
-        int
-            1 where the list is too short for the pairs, or a position is no number; else 0.
-        """
+        """Add the Hertzian forces of the grains in contact [F*]; time [tau]."""
         state, constants = bed.state, bed.constants
         find_close_pairs(workspace, state.x, state.y, constants.grains, law.widest, law.radius)
         for p in range(workspace.filled[0]):
@@ -169,27 +114,7 @@ class ContactLaw(NamedTuple):
     ) -> int:
         """Enter the energy of the contacts, and add their stiffness.
 
-        Parameters
-        ----------
-        law : ContactLaw
-            Law in natural units.
-        workspace : ClosePairs
-            List of close pairs, of the forces at the same positions.
-        index : int
-            Index of the law in the tuple of laws.
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-        stiffness : float64 (m,)
-            Stiffness of each grain over its mass [1/tau^2]; added to.
-        energies : float64 (laws,)
-            Energies of the laws [F* D]; the entry ``index`` is set.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
+        time [tau], stiffness [1/tau^2], energies [F* D].
         """
         state, constants = bed.state, bed.constants
         total = 0.0
@@ -212,30 +137,7 @@ class ContactLaw(NamedTuple):
     def damp_velocities(
         law: ContactLaw, workspace: ClosePairs, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Apply the dashpots to the normal velocities of grains in contact.
-
-        Pair by pair, each exactly, with the positions standing still; enters the energy lost in the ledger.
-
-        Parameters
-        ----------
-        law : ContactLaw
-            Law in natural units.
-        workspace : ClosePairs
-            List of close pairs, of the last forces.
-        index : int
-            Index of the law in the tuple of laws.
-        dt : float
-            Duration of the kick [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-        opens_step : bool
-            Whether the kick opens a step; False for one that closes it.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Apply the dashpots to the normal velocities of grains in contact; dt [tau]."""
         state, constants = bed.state, bed.constants
         masses = constants.masses
         for turn in range(workspace.filled[0]):
@@ -265,25 +167,9 @@ class ContactLaw(NamedTuple):
     def squared_head_on_impact_frequency(
         law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
-        """Square of the highest angular frequency in an impact of two grains at that speed.
+        """Square of the highest angular frequency in an impact of two grains at that speed [1/tau^2].
 
-        Parameters
-        ----------
-        law : ContactLaw
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        speed : float
-            Speed of the grain [D/tau].
-        constants : Constants
-            Constants of the run.
-
-        Returns
-        -------
-        float
-            [1/tau^2]
+        speed [D/tau].
         """
         barrier = 0.0
         if constants.acting.dipole is not None:
@@ -298,66 +184,19 @@ def _magnetic_energy_at_touch(discs: DiscLaw | None, law: ContactLaw) -> float:
 
 @compiled
 def hertz_spring_constant(law: ContactLaw, first: float, second: float) -> float:
-    """Spring constant k of two grains in contact.
-
-    k = (4/3) E* sqrt(R*), R* = R1 R2/(R1 + R2) (Johnson, Contact Mechanics, 1985).
-
-    Parameters
-    ----------
-    law : ContactLaw
-        Law in natural units.
-    first : float
-        Radius R1 [D].
-    second : float
-        Radius R2 [D].
-
-    Returns
-    -------
-    float
-        [F*/D^(3/2)]
-    """
+    """Spring constant k of two grains in contact [F*/D^(3/2)]; first, second [D]."""
     return law.modulus * math.sqrt(first * second / (first + second))
 
 
 @compiled
 def hertz_force(k: float, overlap: float) -> float:
-    """Repulsion k d^(3/2) of two grains at an overlap d.
-
-    Hertz's law (Johnson, Contact Mechanics, 1985).
-
-    Parameters
-    ----------
-    k : float
-        Spring constant [F*/D^(3/2)].
-    overlap : float
-        d [D], not negative.
-
-    Returns
-    -------
-    float
-        [F*]
-    """
+    """Repulsion k d^(3/2) of two grains at an overlap d [F*]; k [F*/D^(3/2)], overlap [D]."""
     return k * overlap * math.sqrt(overlap)
 
 
 @compiled
 def hertz_energy(k: float, overlap: float) -> float:
-    """Energy (2/5) k d^(5/2) of two grains at an overlap d.
-
-    Hertz's law (Johnson, Contact Mechanics, 1985).
-
-    Parameters
-    ----------
-    k : float
-        Spring constant [F*/D^(3/2)].
-    overlap : float
-        d [D], not negative.
-
-    Returns
-    -------
-    float
-        [F* D]
-    """
+    """Energy (2/5) k d^(5/2) of two grains at an overlap d [F* D]; k [F*/D^(3/2)], overlap [D]."""
     return 0.4 * k * overlap * overlap * math.sqrt(overlap)
 
 
@@ -371,25 +210,7 @@ def _hertz_stiffness(k: float, overlap: float) -> float:
 def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float, dt: float) -> float:
     """Fraction of the normal velocity that the dashpot leaves after ``dt``.
 
-    Of the dashpot alpha sqrt(m* k) d^(1/4) (Antypov and Elliott 2011, doi:10.1209/0295-5075/94/50004).
-
-    Parameters
-    ----------
-    law : ContactLaw
-        Law in natural units.
-    k : float
-        Spring constant [F*/D^(3/2)].
-    overlap : float
-        d [D].
-    mass : float
-        Reduced mass m* of the pair [m].
-    dt : float
-        Duration [tau].
-
-    Returns
-    -------
-    float
-        Between 0 and 1 for a positive duration, without unit.
+    k [F*/D^(3/2)], overlap [D], mass [m], dt [tau].
     """
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * dt)
@@ -397,25 +218,9 @@ def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float,
 
 @compiled
 def squared_head_on_impact_frequency(law: ContactLaw, speed: float, mass: float, barrier: float) -> float:
-    """Square of the highest angular frequency in a head-on impact of two alike grains.
+    """Square of the highest angular frequency in a head-on impact of two alike grains [1/tau^2].
 
-    Their energy above the magnetic ``barrier`` at touch fixes the greatest overlap, by Hertz's law.
-
-    Parameters
-    ----------
-    law : ContactLaw
-        Law in natural units.
-    speed : float
-        Speed of each of the two [D/tau].
-    mass : float
-        Mass of each [m].
-    barrier : float
-        Magnetic energy of the pair at touch [F* D].
-
-    Returns
-    -------
-    float
-        [1/tau^2]; 0 where they do not touch.
+    speed [D/tau], mass [m], barrier [F* D].
     """
     reduced = 0.5 * mass
     left = 2.0 * reduced * speed * speed - barrier

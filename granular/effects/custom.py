@@ -124,18 +124,7 @@ class CustomSection(Section):
         return () if is_built_in(type(self)) else (self.definition.digest,)
 
     def parameters_in_natural_units(self, scales: Scales) -> Any:
-        """Parameters of the section in natural units.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        named tuple
-            One number for each field, in their order; each in the natural unit of its SI unit.
-        """
+        """Parameters of the section in natural units."""
         values = []
         for field in dataclasses.fields(self):
             kind = field.metadata["kind"]
@@ -159,23 +148,7 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
     rank = 1
 
     def make_kernel_law(self, context: EffectContext) -> CustomLaw:
-        """Law in natural units.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        CustomLaw
-            Law that the compiled loop takes, in natural units.
-
-        Raises
-        ------
-        InputError
-            If a function fails, or a force is not the gradient of its energy.
-        """
+        """Law in natural units."""
         p = self.parameters_in_natural_units(context.scales)
         check_effect_functions(self.definition, p, context)
         reach = self.definition.functions.get("reach")
@@ -183,18 +156,7 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
         return CustomLaw(CustomLawKind(self.definition.digest), tuple(p), ends, None)
 
     def check_functions_compile(self, context: EffectContext) -> None:
-        """Raise `InputError` if one of the effect's functions does not compile.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Raises
-        ------
-        InputError
-            If one does not; the message has the compiler's main line.
-        """
+        """Raise `InputError` if one of the effect's functions does not compile."""
         check_functions_compile(self.definition, self.parameters_in_natural_units(context.scales))
 
     @property
@@ -203,18 +165,7 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
         return "flow" in self.definition.functions
 
     def drive_angular_frequency(self, scales: Scales) -> float:
-        """Highest angular frequency with which the effect changes in time.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        float
-            Magnitude of the user's ``frequency(p)`` [1/tau]; 0 without one.
-        """
+        """Highest angular frequency with which the effect changes in time [1/tau]."""
         result = self.definition.functions.get("frequency")
         return 0.0 if result is None else abs(float(result(self.parameters_in_natural_units(scales))))
 
@@ -223,23 +174,7 @@ class CustomWall(CustomSection):
     """Base of the wall laws that `wall_law` makes."""
 
     def make_kernel_law(self, scales: Scales) -> CustomWallLaw:
-        """Law in natural units.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        CustomWallLaw
-            Law that the compiled loop takes, in natural units.
-
-        Raises
-        ------
-        InputError
-            If a function fails, or the force is not minus the slope of its energy.
-        """
+        """Law in natural units."""
         values = self.parameters_in_natural_units(scales)
         check_wall_functions(self.definition, values)
         return CustomWallLaw(CustomLawKind(self.definition.digest), tuple(values))
@@ -333,23 +268,7 @@ def wall_law(user_class: type) -> Any:
 
 
 def load_user_sections(file: UserFile) -> dict[str, type[CustomSection]]:
-    """Load the effects and wall laws that a user's file defines; they know the file then.
-
-    Parameters
-    ----------
-    file : UserFile
-        File that the command line named.
-
-    Returns
-    -------
-    dict of str to type
-        Classes by their keys in scenes.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be imported.
-    """
+    """Load the effects and wall laws that a user's file defines; they know the file then."""
     result = {}
     for content in list(user_definitions(file).values()):
         own = isinstance(content, type) and issubclass(content, CustomSection)
@@ -380,32 +299,7 @@ def make_section_class(
     /,
     **more: Any,
 ) -> Any:
-    """Subclass of ``base`` with the class's parameters, and its functions as ``definition``.
-
-    Parameters
-    ----------
-    user_class : type
-        As the user wrote it.
-    base : type
-    allowed_functions : sequence of str
-        Names of the functions that there may be.
-    required_functions : sequence of str
-        Names of the functions that there must be.
-    what : str
-        In messages: ``"effect"``.
-    **more
-        Further attributes of the made class.
-
-    Returns
-    -------
-    type
-        The new class, known to compiled code by its ``definition``.
-
-    Raises
-    ------
-    InputError
-        If the class is no such.
-    """
+    """Subclass of ``base`` with the class's parameters, and its functions as ``definition``."""
     key = scene_key_of_class(user_class)
     content = {
         name: value for name, value in vars(user_class).items() if name not in ("__dict__", "__weakref__")
@@ -451,51 +345,18 @@ def make_section_class(
 
 
 def is_built_in(made: type) -> bool:
-    """Return whether a class is defined in a file of the package's effects.
-
-    Parameters
-    ----------
-    made : type
-        Class of an effect or a wall law.
-
-    Returns
-    -------
-    bool
-        True for a file of `granular.effects`.
-    """
+    """Return whether a class is defined in a file of the package's effects."""
     return made.__module__.rpartition(".")[0] == __name__.rpartition(".")[0]
 
 
 def scene_key_of_class(user_class: type) -> str:
-    """Name of a class in scenes: ``LeafSpring`` is ``leaf_spring``.
-
-    Parameters
-    ----------
-    user_class : type
-        Class as the user wrote it.
-
-    Returns
-    -------
-    str
-        Its name in small letters, with underscores.
-    """
+    """Name of a class in scenes: ``LeafSpring`` is ``leaf_spring``."""
     words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in user_class.__name__)
     return words.lstrip("_")
 
 
 def static_methods_of(content: dict[str, Any]) -> dict[str, Callable[..., Any]]:
-    """Return the static methods of a class by their names.
-
-    Parameters
-    ----------
-    content : dict[str, Any]
-        Attributes of the class, as ``vars`` gives them.
-
-    Returns
-    -------
-    dict of str to function
-        The functions behind them.
-    """
+    """Return the static methods of a class by their names."""
     return {name: value.__func__ for name, value in content.items() if isinstance(value, staticmethod)}
 
 

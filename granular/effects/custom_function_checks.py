@@ -24,25 +24,7 @@ _DISTANCES = (0.83, 1.21, 1.94)
 
 
 def check_effect_functions(definition: CustomDefinition, p: Any, context: EffectContext) -> None:
-    """Check an effect's functions against each other at a few points, in plain Python.
-
-    Each force is compared with the numerical derivative of its energy, a pair's with the grains exchanged,
-    and a flow over two spans with that over both.
-
-    Parameters
-    ----------
-    definition : CustomDefinition
-        Functions of the effect.
-    p : object
-        Parameters in natural units.
-    context : EffectContext
-        Grains, cell, natural units and effects of the scene.
-
-    Raises
-    ------
-    InputError
-        If a function fails, or one is not the derivative of the other.
-    """
+    """Check an effect's functions against each other at a few points, in plain Python."""
     functions = definition.functions
     width = context.cell.width / context.scales.length
     ends = len(context.grains.species)
@@ -63,20 +45,7 @@ def check_effect_functions(definition: CustomDefinition, p: Any, context: Effect
 
 
 def check_wall_functions(definition: CustomDefinition, p: Any) -> None:
-    """Check that a wall law's force is minus the slope of its energy, at a few distances.
-
-    Parameters
-    ----------
-    definition : CustomDefinition
-        Functions of the effect.
-    p : object
-        Parameters in natural units.
-
-    Raises
-    ------
-    InputError
-        If a function fails, or the force is another.
-    """
+    """Check that a wall law's force is minus the slope of its energy, at a few distances."""
     for w in _DISTANCES:
 
         def energy(distance: float) -> float:
@@ -89,20 +58,7 @@ def check_wall_functions(definition: CustomDefinition, p: Any) -> None:
 
 
 def check_functions_compile(definition: CustomDefinition, p: Any) -> None:
-    """Compile each function of an effect that kernels call.
-
-    Parameters
-    ----------
-    definition : CustomDefinition
-        Functions of the effect.
-    p : object
-        Parameters in natural units.
-
-    Raises
-    ------
-    InputError
-        If one does not compile; the message has the compiler's main line.
-    """
+    """Compile each function of an effect that kernels call."""
     grain = Grain(1.5, 1.5, 1.0, 1.0)
     pair = (p, 1.5, grain, grain)
     arguments: dict[str, tuple[Any, ...]] = {

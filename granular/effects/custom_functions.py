@@ -33,15 +33,7 @@ WALL_FUNCTIONS = ("energy", "force", "stiffness")
 
 
 class Grain(NamedTuple):
-    """A grain as the functions of an own effect see it.
-
-    Attributes
-    ----------
-    x, y : float
-        Its position; for a pair, the names that matter are the next ones.
-    mass, moment : float
-        Its mass and its magnetic moment.
-    """
+    """A grain as the functions of an own effect see it."""
 
     x: float
     y: float
@@ -50,22 +42,7 @@ class Grain(NamedTuple):
 
 
 class CustomDefinition(NamedTuple):
-    """Definition of an own effect, or of an own law of a wall.
-
-    Attributes
-    ----------
-    what : str
-        Kind in messages: ``"effect"``.
-    key : str
-    digest : str
-        Digest of its functions, and of all that they use of their file.
-    parameters : type
-        Named tuple of the values in natural units.
-    functions : mapping of str to function
-        As they were written.
-    kernels : mapping of str to function
-        The same, to be called by kernels.
-    """
+    """Definition of an own effect, or of an own law of a wall."""
 
     what: str
     key: str
@@ -109,20 +86,7 @@ def _unbox_kind(kind: Any, value: Any, context: Any) -> NativeValue:
 
 
 def functions_digest(functions: dict[str, Any], fields: list[str]) -> str:
-    """Digest of functions, and of all that they use of their file.
-
-    Parameters
-    ----------
-    functions : dict[str, Any]
-        Functions by their names.
-    fields : list[str]
-        Names of the parameters.
-
-    Returns
-    -------
-    str
-        24 hexadecimal digits of SHA-256.
-    """
+    """Digest of functions, and of all that they use of their file."""
     digest, seen = hashlib.sha256(repr(fields).encode()), set[int]()
     for name in sorted(functions):
         digest.update(f"\0{name}\0".encode())
@@ -167,22 +131,7 @@ def _iterate_code_constants(code: Any, names: dict[str, Any], seen: set[int]) ->
 
 
 def user_code_error(definition: CustomDefinition, what: str, error: BaseException) -> InputError:
-    """Make the error of a user's code, in one line.
-
-    Parameters
-    ----------
-    definition : CustomDefinition
-        Functions of the user's class or formula.
-    what : str
-        Action that failed, as in ``"'force' fails"``.
-    error : BaseException
-        Exception that the code raised.
-
-    Returns
-    -------
-    InputError
-        Error that names the effect, the action and the exception.
-    """
+    """Make the error of a user's code, in one line."""
     return InputError(
         f"{definition.display_name}: {what}: {type(error).__name__}: {one_line(error)}; correct it"
     )

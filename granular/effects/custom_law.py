@@ -19,65 +19,22 @@ from granular.pairs.grain_arrays import value_or_one
 
 
 class CustomLaw(NamedTuple):
-    """An own effect as the kernels take it.
-
-    Attributes
-    ----------
-    kind : CustomLawKind
-    values : tuple of float
-        Its parameters.
-    reach : float
-        Distance from which on pairs do nothing [D]; infinite where all pairs count.
-    factor : float64 (m,) or None
-        By which each grain's energy and force are multiplied.
-    """
+    """An own effect as the kernels take it."""
 
     kind: Any
     values: tuple[float, ...]
-    reach: float
+    reach: float  # [D]
     factor: Array | None
 
     def workspace(self, size: int, count: int) -> CellList | None:
-        """Make cells for the search of grains within reach.
-
-        Parameters
-        ----------
-        size : int
-            Length m of the padded arrays of grains.
-        count : int
-            Number of grains.
-
-        Returns
-        -------
-        Cells or None
-            None where all pairs count, or there is no law of pairs.
-        """
+        """Make cells for the search of grains within reach."""
         pairs = "pair_force" in DEFINITIONS[self.kind.name].functions
         return cell_list_workspace(count) if pairs and math.isfinite(self.reach) else None
 
     @staticmethod
     @compiled(inline=True)
     def add_forces(law: CustomLaw, workspace: CellList | None, index: int, bed: Bed, time: float) -> int:
-        """Add the forces on the grains, and between them, by the user's functions [F*].
-
-        Parameters
-        ----------
-        law : CustomLaw
-            Law in natural units.
-        workspace : CellList or None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-
-        Returns
-        -------
-        int
-            1 where a position is no number; else 0.
-        """
+        """Add the forces on the grains, and between them, by the user's functions [F*]; time [tau]."""
         state, constants = bed.state, bed.constants
         _grain_forces(law.kind, law, state, constants, time)
         return _pair_forces(law.kind, law, workspace, state, constants)
@@ -95,27 +52,7 @@ class CustomLaw(NamedTuple):
     ) -> int:
         """Enter the energies of grains and pairs by the user's functions, and add their stiffness.
 
-        Parameters
-        ----------
-        law : CustomLaw
-            Law in natural units.
-        workspace : CellList or None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-        stiffness : float64 (m,)
-            Stiffness of each grain over its mass [1/tau^2]; added to.
-        energies : float64 (laws,)
-            Energies of the laws [F* D]; the entry ``index`` is set.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
+        time [tau], stiffness [1/tau^2], energies [F* D].
         """
         state, constants = bed.state, bed.constants
         energies[index] = _grain_energy(law.kind, law, state, constants, time, stiffness)
@@ -127,28 +64,7 @@ class CustomLaw(NamedTuple):
     def damp_velocities(
         law: CustomLaw, workspace: CellList | None, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Apply the user's ``flow`` to the velocity of each grain; enter the energy lost.
-
-        Parameters
-        ----------
-        law : CustomLaw
-            Law in natural units.
-        workspace : CellList or None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        dt : float
-            Duration of the kick [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-        opens_step : bool
-            Whether the kick opens a step; False for one that closes it.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Apply the user's ``flow`` to the velocity of each grain; enter the energy lost; dt [tau]."""
         _flow(law.kind, law, LOSSES + index, dt, bed.state, bed.constants)
         return 0
 
@@ -159,25 +75,7 @@ class CustomLaw(NamedTuple):
     ) -> int:
         """Enter ``dt`` times the user's ``power`` of all grains as work from outside [F* D].
 
-        Parameters
-        ----------
-        law : CustomLaw
-            Law in natural units.
-        workspace : CellList or None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        dt : float
-            Duration of the kick [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
+        dt, time [tau].
         """
         state, constants = bed.state, bed.constants
         _work(law.kind, law, dt, state, constants, time)
@@ -186,24 +84,7 @@ class CustomLaw(NamedTuple):
 
 @compiled(inline=True)
 def make_grain(state: State, masses: Array | None, moments: Array | None, i: int) -> Grain:
-    """Grain as the user's functions see it.
-
-    Parameters
-    ----------
-    state : State
-        State of the run.
-    masses : float64 (m,) or None
-        Masses over that of the first species; None where all are 1.
-    moments : float64 (m,) or None
-        Moments over that of the first species; None where all are 1.
-    i : int
-        Index of the grain.
-
-    Returns
-    -------
-    Grain
-        Position [D], mass and moment over those of the first species.
-    """
+    """Grain as the user's functions see it [D]."""
     return Grain(state.x[i], state.y[i], value_or_one(masses, i), value_or_one(moments, i))
 
 
@@ -211,18 +92,7 @@ Loop = Callable[..., Any]
 
 
 def dispatch_by_kind(make: Callable[[CustomDefinition], Loop]) -> Loop:
-    """Make a kernel ``(kind, *rest)`` whose code the kind chooses when it is compiled.
-
-    Parameters
-    ----------
-    make : Callable[[CustomDefinition], Loop]
-        Function that makes the loop of a definition.
-
-    Returns
-    -------
-    function
-        Kernel that calls the loop of its first argument's definition.
-    """
+    """Make a kernel ``(kind, *rest)`` whose code the kind chooses when it is compiled."""
 
     def call(kind: Any, *rest: Any) -> Any:
         return make(DEFINITIONS[kind.name])(kind, *rest)
@@ -403,13 +273,7 @@ NEAREST, FARTHEST = 1e-4, 1e3
 
 
 class CustomWallLaw(NamedTuple):
-    """An own law of a wall as the kernels take it.
-
-    Attributes
-    ----------
-    kind : CustomLawKind
-    values : tuple of float
-    """
+    """An own law of a wall as the kernels take it."""
 
     kind: Any
     values: tuple[float, ...]
@@ -417,76 +281,27 @@ class CustomWallLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def force(law: CustomWallLaw, w: float) -> float:
-        """Force away from the wall on a grain of the first species, by the user's function.
-
-        Parameters
-        ----------
-        law : CustomWallLaw
-            Law in natural units.
-        w : float
-            Distance of the grain from the wall [D].
-
-        Returns
-        -------
-        float
-            [F*]
-        """
+        """Force away from the wall on a grain of the first species, by the user's function [F*]; w [D]."""
         return _wall_force(law.kind, law.values, w)
 
     @staticmethod
     @compiled(inline=True)
     def energy(law: CustomWallLaw, w: float) -> float:
-        """Energy of a grain of the first species at the wall, by the user's function.
-
-        Parameters
-        ----------
-        law : CustomWallLaw
-            Law in natural units.
-        w : float
-            Distance of the grain from the wall [D].
-
-        Returns
-        -------
-        float
-            [F* D]
-        """
+        """Energy of a grain of the first species at the wall, by the user's function [F* D]; w [D]."""
         return _wall_energy(law.kind, law.values, w)
 
     @staticmethod
     @compiled(inline=True)
     def stiffness(law: CustomWallLaw, w: float) -> float:
-        """Minus the slope of the force at the wall, by the user's function.
-
-        Parameters
-        ----------
-        law : CustomWallLaw
-            Law in natural units.
-        w : float
-            Distance of the grain from the wall [D].
-
-        Returns
-        -------
-        float
-            [F*/D]
-        """
+        """Minus the slope of the force at the wall, by the user's function [F*/D]; w [D]."""
         return _wall_stiffness(law.kind, law.values, w)
 
     @staticmethod
     @compiled
     def turning_point_stiffness(law: CustomWallLaw, speed: float) -> float:
-        """Stiffness where a grain of this speed turns, by bisection of the logarithmic distance.
+        """Stiffness where a grain of this speed turns, by bisection of the logarithmic distance [1/tau^2].
 
-        Parameters
-        ----------
-        law : CustomWallLaw
-            Law in natural units.
-        speed : float
-            Speed of the grain [D/tau].
-
-        Returns
-        -------
-        float
-            Of a grain of the first species, over its mass [1/tau^2].
+        speed [D/tau].
         """
         near, far = math.log(NEAREST), math.log(FARTHEST)
         for _ in range(60):

@@ -22,38 +22,12 @@ class Dipole(ForceEffect):
 
 
 def discs_unless_dipoles(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Disc of each species where the grains are cylinders; none of dipoles.
-
-    Parameters
-    ----------
-    grains : Grains
-        Grains of the scene.
-    length : float
-        Unit of length [m].
-
-    Returns
-    -------
-    tuple of Disc
-        One for each species, in units of ``length``; empty of dipoles.
-    """
+    """Disc of each species where the grains are cylinders; none of dipoles; length [m]."""
     return () if grains.magnets == "dipoles" else species_discs(grains, length)
 
 
 def species_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Disc of each species' diameter and thickness.
-
-    Parameters
-    ----------
-    grains : Grains
-        Grains of the scene.
-    length : float
-        Unit of length [m].
-
-    Returns
-    -------
-    tuple of Disc
-        One for each species, in units of ``length``.
-    """
+    """Disc of each species' diameter and thickness; length [m]."""
     heights = grains.species_values("thickness") / length
     radii = [0.5 * species.diameter / length for species in grains.species]
     return tuple(Disc(r, float(h)) for r, h in zip(radii, heights, strict=True))

@@ -51,51 +51,15 @@ class Drag(DissipativeEffect):
     coefficient: float = quantity("kg/s", default=0.1, least=0.0)
 
     def decay_rate(self, scales: Scales) -> float:
-        """Decay rate c = gamma/m of a grain of the first species.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        float
-            [1/tau]
-        """
+        """Decay rate c = gamma/m of a grain of the first species [1/tau]."""
         return self.coefficient * scales.time / scales.mass
 
     def make_kernel_law(self, context: EffectContext) -> DragLaw:
-        """Law in natural units.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        DragLaw
-            Law that the compiled loop takes, in natural units.
-        """
+        """Law in natural units."""
         return DragLaw(*self.grain_decay_rates(context))
 
     def grain_decay_rates(self, context: EffectContext) -> tuple[float, Array | None, DragRateTable | None]:
-        """Decay rates of all grains, as the fields ``rate``, ``kind`` and ``rates`` of `DragLaw`.
-
-        gamma goes with the area of a grain's face [D, eq. 4.16].
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        tuple
-            Rate of the first species [1/tau]; the index of each grain's rate, float64 (m,), and the different
-            rates [1/tau]; the last two are None where all grains have the same rate.
-        """
+        """Decay rates of all grains, as the fields ``rate``, ``kind`` and ``rates`` of `DragLaw` [1/tau]."""
         rate, grains = self.decay_rate(context.scales), context.grains
         slower = grains.face_area_ratios() / grains.mass_ratios()
         if (slower == 1.0).all():
@@ -105,61 +69,26 @@ class Drag(DissipativeEffect):
 
 
 class DragRateTable(NamedTuple):
-    """Decay rates of grains of several materials or thicknesses.
+    """Decay rates of grains of several materials or thicknesses."""
 
-    Attributes
-    ----------
-    values : float64 (k,)
-        [1/tau]
-    """
-
-    values: np.ndarray
+    values: np.ndarray  # [1/tau]
 
 
 class DragFlowCache(NamedTuple):
-    """The flow over the last ``dt``.
+    """The flow over the last ``dt``."""
 
-    Attributes
-    ----------
-    values : float64 (k, 7)
-        Of each rate: ``dt`` [tau], what `drag_flow_coefficients` returned, and exp(-c dt) - 1.
-    """
-
-    values: np.ndarray
+    values: np.ndarray  # [tau]
 
 
 class DragLaw(NamedTuple):
-    """Drag as the kernels take it.
+    """Drag as the kernels take it."""
 
-    Attributes
-    ----------
-    rate : float
-        Decay rate of the velocity of a grain of the first species [1/tau].
-    kind : float64 (m,) or None
-        Index of each grain's rate in ``rates``.
-    rates : DragRateTable or None
-        None where all grains have the same rate.
-    """
-
-    rate: float
+    rate: float  # [1/tau]
     kind: Array | None
     rates: DragRateTable | None
 
     def workspace(self, size: int, count: int) -> DragFlowCache:
-        """Make the buffer of the last flow: steps of equal length share it, and exponentials take long.
-
-        Parameters
-        ----------
-        size : int
-            Length m of the padded arrays of grains.
-        count : int
-            Number of grains.
-
-        Returns
-        -------
-        DragFlowCache
-            Coefficients of each rate, (k, 7), not a number yet.
-        """
+        """Make the buffer of the last flow: steps of equal length share it, and exponentials take long."""
         rates = 1 if self.rates is None else len(self.rates.values)
         return DragFlowCache(np.full((rates, 7), np.nan))
 
@@ -168,28 +97,7 @@ class DragLaw(NamedTuple):
     def kick(
         law: DragLaw, workspace: DragFlowCache, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Kick the grains by their forces and the drag together, exactly; enter the energy lost.
-
-        Parameters
-        ----------
-        law : DragLaw
-            Law in natural units.
-        workspace : DragFlowCache
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        dt : float
-            Duration of the kick [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-        opens_step : bool
-            Whether the kick opens a step; False for one that closes it.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Kick the grains by their forces and the drag together, exactly; enter the energy lost; dt [tau]."""
         state, constants = bed.state, bed.constants
         for k in range(distinct_drag_rate_count(law.rates)):
             _kick_with_drag(
@@ -205,25 +113,7 @@ class DragLaw(NamedTuple):
     ) -> int:
         """Take the drag off the slopes of the velocities; enter the loss with the weight ``dt``.
 
-        Parameters
-        ----------
-        law : DragLaw
-            Law in natural units.
-        workspace : DragFlowCache
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        slopes : float64 (4, m)
-            Rates of change of x, y [D/tau], vx and vy [D/tau^2]; the last two are changed.
-        dt : float
-            Weight of the stage in the step [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
+        slopes [D/tau, D/tau^2], dt [tau].
         """
         state, constants = bed.state, bed.constants
         common = law.rate if law.rates is None else 1.0
@@ -276,23 +166,7 @@ def _kick_with_drag(
 
 @entry
 def drag_flow_coefficients(rate: float, dt: float) -> tuple[float, float, float, float, float]:
-    """Coefficients of the exact flow of kick and drag over ``dt``.
-
-    At constant acceleration a the velocity is e^(-c t) v + (1 - e^(-c t))/c a, and the energy lost per mass
-    is A v^2 + B v a + C a^2; see the head of this file.
-
-    Parameters
-    ----------
-    rate : float
-        Decay rate c [1/tau].
-    dt : float
-        Duration [tau].
-
-    Returns
-    -------
-    decay, gain, a, b, c : float
-        Decay of v, without unit; gain of v from a [tau]; and A [1], B [tau], C [tau^2].
-    """
+    """Coefficients of the exact flow of kick and drag over ``dt`` [tau, tau^2]; rate [1/tau], dt [tau]."""
     z = rate * dt
     decay = math.exp(-z)
     gain = -math.expm1(-z) / rate if z != 0.0 else dt
@@ -309,25 +183,9 @@ def drag_flow_coefficients(rate: float, dt: float) -> tuple[float, float, float,
 
 @compiled
 def displacement_under_drag(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
-    """Displacement in ``dt`` under drag and a constant acceleration.
+    """Displacement in ``dt`` under drag and a constant acceleration [D].
 
-    Parameters
-    ----------
-    rate : float
-        Decay rate c [1/tau].
-    dt : float
-        Duration [tau].
-    gain : float
-        (1 - e^(-c dt))/c of `drag_flow_coefficients` [tau].
-    speed : float
-        Velocity at the start [D/tau].
-    push : float
-        Acceleration [D/tau^2].
-
-    Returns
-    -------
-    float
-        [D]
+    rate [1/tau], dt, gain [tau], speed [D/tau], push [D/tau^2].
     """
     bend = (dt - gain) / rate if rate * dt > 1e-6 else 0.5 * dt * dt
     return gain * speed + bend * push
@@ -335,23 +193,9 @@ def displacement_under_drag(rate: float, dt: float, gain: float, speed: float, p
 
 @compiled
 def stopping_distance(rate: float, speed: float, brake: float) -> float:
-    """Distance to rest under drag and a constant deceleration.
+    """Distance to rest under drag and a constant deceleration [D].
 
-    With the time of the stop t, e^(c t) = 1 + c v/brake, it is v/c - brake t/c.
-
-    Parameters
-    ----------
-    rate : float
-        Decay rate c [1/tau].
-    speed : float
-        v, not negative [D/tau].
-    brake : float
-        Deceleration [D/tau^2].
-
-    Returns
-    -------
-    float
-        [D]
+    rate [1/tau], speed [D/tau], brake [D/tau^2].
     """
     if rate * speed <= 1e-6 * brake:
         return 0.5 * speed * speed / brake
@@ -362,21 +206,9 @@ def stopping_distance(rate: float, speed: float, brake: float) -> float:
 
 @compiled
 def stopping_time(rate: float, speed: float, brake: float) -> float:
-    """Time log(1 + c v/brake)/c to rest under drag and a constant deceleration.
+    """Time log(1 + c v/brake)/c to rest under drag and a constant deceleration [tau].
 
-    Parameters
-    ----------
-    rate : float
-        Decay rate c [1/tau].
-    speed : float
-        v, not negative [D/tau].
-    brake : float
-        Deceleration [D/tau^2].
-
-    Returns
-    -------
-    float
-        [tau]
+    rate [1/tau], speed [D/tau], brake [D/tau^2].
     """
     if rate * speed <= 1e-6 * brake:
         return speed / brake
@@ -385,60 +217,19 @@ def stopping_time(rate: float, speed: float, brake: float) -> float:
 
 @compiled(inline=True)
 def distinct_drag_rate_count(rates: DragRateTable | None) -> int:
-    """Return the number of different decay rates.
-
-    Parameters
-    ----------
-    rates : DragRateTable or None
-        Field of `DragLaw`.
-
-    Returns
-    -------
-    int
-        1 where all grains have the same rate.
-    """
+    """Return the number of different decay rates."""
     return 1 if rates is None else len(rates.values)
 
 
 @compiled(inline=True)
 def drag_rate_of_kind(rate: float, rates: DragRateTable | None, k: int) -> float:
-    """Return the decay rate with an index.
-
-    Parameters
-    ----------
-    rate : float
-        Rate of the first species [1/tau].
-    rates : DragRateTable or None
-        Field of `DragLaw`.
-    k : int
-        Index of the rate.
-
-    Returns
-    -------
-    float
-        [1/tau]
-    """
+    """Return the decay rate with an index [1/tau]; rate [1/tau]."""
     return rate if rates is None else rates.values[k]
 
 
 @compiled(inline=True)
 def is_of_drag_kind(kind: Array | None, i: int, k: int) -> bool:
-    """Return whether a grain has the decay rate with the index ``k``.
-
-    Parameters
-    ----------
-    kind : float64 (m,) or None
-        Index of each grain's rate; None where all have the same.
-    i : int
-        Index of the grain.
-    k : int
-        Index of the rate.
-
-    Returns
-    -------
-    bool
-        True where all have the same rate, too.
-    """
+    """Return whether a grain has the decay rate with the index ``k``."""
     return True if kind is None else kind[i] == k
 
 
@@ -447,33 +238,12 @@ def is_of_drag_kind(kind: Array | None, i: int, k: int) -> bool:
 
 @compiled
 def drag_rate_or_zero(rate: float | None) -> float:
-    """Return the decay rate; 0 without drag.
-
-    Parameters
-    ----------
-    rate : float or None
-        Rate [1/tau]; None without drag.
-
-    Returns
-    -------
-    float
-        [1/tau]
-    """
+    """Return the decay rate; 0 without drag [1/tau]; rate [1/tau]."""
     return 0.0 if rate is None else rate
 
 
 @compiled(inline=True)
 def record_drag_loss(entry: int | None, state: State, energy: float) -> None:
-    """Enter the energy that the drag takes; without drag that is the rounding of zero.
-
-    Parameters
-    ----------
-    entry : int or None
-        Index in the ledger of the drag's loss; None without drag.
-    state : State
-        State of the run.
-    energy : float
-        [F* D]
-    """
+    """Enter the energy that the drag takes; without drag that is the rounding of zero; energy [F* D]."""
     if entry is not None:
         state.ledger[entry] += energy

@@ -78,13 +78,7 @@ class Eddy(DissipativeEffect):
     mutual: bool | None = flag_field(default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that a thick plate does not reach the grains' middle.
-
-        Raises
-        ------
-        FieldError
-            If it does.
-        """
+        """Check that a thick plate does not reach the grains' middle."""
         if self.plate == "thick" and self.thickness >= 2.0 * self.distance:
             raise FieldError(
                 f"{self.thickness:g} m reaches the grains' middle, {self.distance:g} m from the "
@@ -95,24 +89,7 @@ class Eddy(DissipativeEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that discs do not reach into the plate.
-
-        Parameters
-        ----------
-        grains : Grains
-            Grains of the scene.
-        cell : Cell
-            Cell of the scene.
-        piston : Piston or None
-            Piston of the scene; None where there is none.
-        others : Mapping[str, Effect]
-            All effects that act, by their keys.
-
-        Raises
-        ------
-        FieldError
-            If they do.
-        """
+        """Check that discs do not reach into the plate."""
         half = 0.5 * self.thickness if self.plate == "thick" else 0.0
         tallest = 0.5 * float(grains.species_values("thickness").max())
         if grains.magnets == "cylinders" and self.distance <= half + tallest:
@@ -124,13 +101,7 @@ class Eddy(DissipativeEffect):
             )
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`; the last two keys stand there where they are set.
-
-        Returns
-        -------
-        dict
-            Keys and plain values.
-        """
+        """Plain data as of `Section.to_plain`; the last two keys stand there where they are set."""
         plain = super().to_plain()
         if self.plate == "thin":
             del plain["plate"]
@@ -143,42 +114,13 @@ class Eddy(DissipativeEffect):
         return Plate(self.distance / scales.length, thickness / scales.length)
 
     def includes_mutual_currents(self, count: int, scales: Scales) -> bool:
-        """Return whether the currents of other grains are counted.
-
-        Where the scene does not say: if the drag in a triangular lattice of spacing 1.375 D that moves as one
-        body differs by more than a tenth from that of a lone grain.
-
-        Parameters
-        ----------
-        count : int
-            Number of grains.
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        bool
-            False for a single grain.
-        """
+        """Return whether the currents of other grains are counted."""
         if self.mutual is not None or count < 2:
             return bool(self.mutual) and count > 1
         return abs(lattice_drag_factor(self._plate_in_natural_units(scales), SPACING) - 1.0) > TENTH
 
     def dipole_drag_coefficient(self, scales: Scales) -> float:
-        """Drag coefficient of a grain of the first species, as a dipole over the plates.
-
-        Reitz 1970, doi:10.1063/1.1659172; for a thick plate times `Plate.thickness_drag_factor`.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        float
-            [kg/s]
-        """
+        """Drag coefficient of a grain of the first species, as a dipole over the plates [kg/s]."""
         moment = scales.current * scales.length**2
         sheet = self.plates * self.conductivity * self.thickness
         strength = 3.0 * scales.permeability**2 * sheet * moment**2
@@ -186,33 +128,11 @@ class Eddy(DissipativeEffect):
         return thin * self._plate_in_natural_units(scales).thickness_drag_factor()
 
     def decay_rate(self, scales: Scales) -> float:
-        """Decay rate of the velocity of a grain of the first species.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        float
-            [1/tau]
-        """
+        """Decay rate of the velocity of a grain of the first species [1/tau]."""
         return self.dipole_drag_coefficient(scales) * scales.time / scales.mass
 
     def make_kernel_law(self, context: EffectContext) -> EddyLaw | MutualEddyLaw:
-        """Law in natural units.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        EddyLaw or MutualEddyLaw
-            Law that the compiled loop takes, in natural units.
-        """
+        """Law in natural units."""
         plate, grains = self._plate_in_natural_units(context.scales), context.grains
         rate = self.decay_rate(context.scales)
         discs = discs_unless_dipoles(grains, context.scales.length)
@@ -225,17 +145,9 @@ class Eddy(DissipativeEffect):
 
 
 class EddyLaw(NamedTuple):
-    """Eddy-current drag as the kernels take it.
+    """Eddy-current drag as the kernels take it."""
 
-    Attributes
-    ----------
-    rate : float
-        Decay rate of a dipole of the first species [1/tau].
-    factors : float64 (m,) or None
-        Drag of each grain over a dipole's; None of dipoles.
-    """
-
-    rate: float
+    rate: float  # [1/tau]
     factors: Array | None
 
     @staticmethod
@@ -243,28 +155,7 @@ class EddyLaw(NamedTuple):
     def damp_velocities(
         law: EddyLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Let the velocities decay by the eddy currents; enter the energy lost.
-
-        Parameters
-        ----------
-        law : EddyLaw
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        dt : float
-            Duration of the kick [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-        opens_step : bool
-            Whether the kick opens a step; False for one that closes it.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Let the velocities decay by the eddy currents; enter the energy lost; dt [tau]."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, relative_moments(constants), 0.0
         for i in range(constants.grains):
@@ -285,25 +176,7 @@ class EddyLaw(NamedTuple):
     ) -> int:
         """Add the drag as a force, for Runge-Kutta methods; enter the loss with the weight ``dt``.
 
-        Parameters
-        ----------
-        law : EddyLaw
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        slopes : float64 (4, m)
-            Rates of change of x, y [D/tau], vx and vy [D/tau^2]; the last two are changed.
-        dt : float
-            Weight of the stage in the step [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
+        slopes [D/tau, D/tau^2], dt [tau].
         """
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, relative_moments(constants), 0.0

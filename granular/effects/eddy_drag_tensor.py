@@ -35,27 +35,13 @@ _PANEL = 20.0
 
 
 class Plate(NamedTuple):
-    """A plate below the grains.
+    """A plate below the grains."""
 
-    Attributes
-    ----------
-    distance : float
-        h from the grains' middle to the plate's [D].
-    thickness : float
-        [D]; 0 of a thin plate.
-    """
-
-    distance: float
-    thickness: float
+    distance: float  # [D]
+    thickness: float  # [D]
 
     def thickness_drag_factor(self) -> float:
-        """Drag of a lone dipole over that along a thin plate of the same sheet conductance.
-
-        Returns
-        -------
-        float
-            Without unit; 1 for a thin plate.
-        """
+        """Drag of a lone dipole over that along a thin plate of the same sheet conductance."""
         h, half = self.distance, 0.5 * self.thickness
         if half == 0.0:
             return 1.0
@@ -63,23 +49,7 @@ class Plate(NamedTuple):
 
 
 def drag_tensor(plate: Plate, r: np.ndarray, discs: tuple[Disc, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the drag tensor of two magnets, over the drag of a lone dipole along a thin plate.
-
-    Parameters
-    ----------
-    plate : Plate
-        Plate below the grains, in units of D.
-    r : float (n,)
-        Distances [D].
-    discs : tuple of Disc
-        The two magnets, where they are no dipoles: each brings the factor 2 J1(kR)/(kR) sinh(kt/2)/(kt/2) to
-        w.
-
-    Returns
-    -------
-    isotropic, radial : float (n,)
-        A and B of T = A + B e e^T.
-    """
+    """Compute the drag tensor of two magnets, over the drag of a lone dipole along a thin plate; r [D]."""
     from scipy.special import j0, j1
 
     h, half = plate.distance, 0.5 * plate.thickness
@@ -104,41 +74,13 @@ def drag_tensor(plate: Plate, r: np.ndarray, discs: tuple[Disc, ...] = ()) -> tu
 
 @cache
 def lone_disc_drag_factor(plate: Plate, disc: Disc) -> float:
-    """Drag of a lone disc over that of a dipole along a thin plate.
-
-    Parameters
-    ----------
-    plate : Plate
-        Plate below the grains, in units of D.
-    disc : Disc
-        The magnet, in units of D.
-
-    Returns
-    -------
-    float
-        Without unit.
-    """
+    """Drag of a lone disc over that of a dipole along a thin plate."""
     return float(drag_tensor(plate, np.zeros(1), (disc, disc))[0][0])
 
 
 @cache
 def drag_tensor_polynomials(plate: Plate, discs: tuple[Disc, ...] = ()) -> np.ndarray | None:
-    """Fit P and Q in T = u^(5/2) [P(u) - 5 Q(u) r r^T/s], u = H^2/s = H^2/(r^2 + H^2).
-
-    By least squares in Chebyshev polynomials of u, for distances up to `FARTHEST`.
-
-    Parameters
-    ----------
-    plate : Plate
-        Plate below the grains, in units of D.
-    discs : tuple[Disc, ...]
-        The two magnets, where they are no dipoles.
-
-    Returns
-    -------
-    float64 (2, `ORDER`) or None
-        None of dipoles over a thin plate, whose P and Q are 1.
-    """
+    """Fit P and Q in T = u^(5/2) [P(u) - 5 Q(u) r r^T/s], u = H^2/s = H^2/(r^2 + H^2)."""
     if plate.thickness == 0.0 and not discs:
         return None
     chebyshev = np.polynomial.Chebyshev
@@ -161,17 +103,7 @@ def drag_tensor_polynomials(plate: Plate, discs: tuple[Disc, ...] = ()) -> np.nd
 def lattice_drag_factor(plate: Plate, spacing: float) -> float:
     """Drag of a grain of a triangular lattice that moves as one body, over that of a lone grain.
 
-    Parameters
-    ----------
-    plate : Plate
-        Plate below the grains, in units of D.
-    spacing : float
-        Distance of neighbours [D].
-
-    Returns
-    -------
-    float
-        Without unit.
+    spacing [D].
     """
     reach = 40
     i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-reach, reach + 1))

@@ -244,18 +244,5 @@ class Effect(Section):
 
 
 def energy_variable(name: str, meaning: str) -> RecordedVariable:
-    """Make the record of an energy.
-
-    Parameters
-    ----------
-    name : str
-        Name of the variable in datasets.
-    meaning : str
-        Its meaning in words.
-
-    Returns
-    -------
-    RecordedVariable
-        Variable in J.
-    """
+    """Make the record of an energy."""
     return RecordedVariable(name, "J", meaning, "energy")

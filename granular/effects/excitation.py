@@ -91,13 +91,7 @@ class Excitation(Section):
     file: str | None = text_field(default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that one amplitude and all that the kind needs are given; read a record's file.
-
-        Raises
-        ------
-        FieldError
-            If a key is missing or does not fit, or the file cannot be read.
-        """
+        """Check that one amplitude and all that the kind needs are given; read a record's file."""
         given = [name for name in _AMPLITUDES if getattr(self, name) is not None]
         if len(given) != 1:
             raise FieldError(f"give one of {', '.join(_AMPLITUDES)}, not {len(given)}")
@@ -148,13 +142,7 @@ class Excitation(Section):
         return self.force is None
 
     def highest_frequency(self) -> float:
-        """Highest frequency that a step has to resolve.
-
-        Returns
-        -------
-        float
-            [Hz]
-        """
+        """Highest frequency that a step has to resolve [Hz]."""
         if self.kind == "table":
             return 0.1 / float(np.diff(self.times).min())
         if self.kind == "impulse":
@@ -162,18 +150,7 @@ class Excitation(Section):
         return self.to or self.frequency or 0.0
 
     def make_kernel_law(self, scales: Scales) -> ExcitationLaw:
-        """Make the excitation that the compiled loop takes, in natural units.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        ExcitationLaw
-            In natural units; of noise and tables as a cubic spline.
-        """
+        """Make the excitation that the compiled loop takes, in natural units."""
         tau = scales.time
         kind = {"sine": SINE, "sweep": SWEEP, "impulse": IMPULSE}.get(self.kind, TABLE)
         size, swings = self._amplitude_in_natural_units(scales)
@@ -208,34 +185,16 @@ class Excitation(Section):
 
 
 class ExcitationLaw(NamedTuple):
-    """An excitation as the kernels take it.
-
-    Attributes
-    ----------
-    kind : int
-    base : bool
-        Whether it is an acceleration of the base [D/tau^2]; otherwise a force [F*].
-    size : float
-    swings : bool
-        Whether ``size`` is that of a displacement [D].
-    omega : float
-        First angular frequency [1/tau].
-    ratio : float
-        Logarithm of the last over the first frequency.
-    start, duration : float
-        Time of its begin, and its duration [tau].
-    times, values, slopes : float64 (k,)
-        Of a table: times since its start, equally far from each other; cubic between them.
-    """
+    """An excitation as the kernels take it."""
 
     kind: int
-    base: bool
+    base: bool  # whether it is an acceleration of the base [D/tau^2]; otherwise a force [F*]
     size: float
-    swings: bool
-    omega: float
+    swings: bool  # whether ``size`` is that of a displacement [D]
+    omega: float  # [1/tau]
     ratio: float
-    start: float
-    duration: float
+    start: float  # [tau]
+    duration: float  # [tau]
     times: np.ndarray
     values: np.ndarray
     slopes: np.ndarray
@@ -243,46 +202,16 @@ class ExcitationLaw(NamedTuple):
 
 @compiled
 def evaluate_excitation(drive: ExcitationLaw, time: float) -> float:
-    """Force on the host, or the acceleration of the base, at a time.
-
-    Parameters
-    ----------
-    drive : ExcitationLaw
-        The excitation in natural units.
-    time : float
-        Time since the start of the run [tau].
-
-    Returns
-    -------
-    float
-        [F*] or [D/tau^2]; 0 before its begin and after its end.
-    """
+    """Force on the host, or the acceleration of the base, at a time [F*, D/tau^2]; time [tau]."""
     t = time - drive.start
     return _value_during_excitation(drive, t) if 0.0 <= t <= drive.duration else 0.0
 
 
 @compiled
 def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_step: bool) -> float:
-    """Excitation for a kick that begins at ``time`` or, where it closes a step, ends there.
+    """Excitation for a kick that begins at ``time`` or, where it closes a step, ends there [F*, D/tau^2].
 
-    Begin and end, where the drive may jump, fall within a kick: it then counts for its part of the
-    kick. All of the kick, or nothing, would cost a step the second order.
-
-    Parameters
-    ----------
-    drive : ExcitationLaw
-        The excitation in natural units.
-    time : float
-        Time since the start of the run [tau].
-    dt : float
-        Duration of the kick [tau].
-    opens_step : bool
-        Whether the kick opens a step; False for one that closes it.
-
-    Returns
-    -------
-    float
-        [F*] or [D/tau^2], times the part of the kick in which it acts.
+    time, dt [tau].
     """
     t = time - drive.start
     other = t + dt if opens_step else t - dt

@@ -54,82 +54,21 @@ class EnergyFormula(SectionWithFormula):
 
     @staticmethod
     def derivative_expressions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Derive SymPy's expressions of force and stiffness from that of the energy.
-
-        Parameters
-        ----------
-        energy : object
-            SymPy's expression.
-        symbols : Mapping[str, Any]
-            SymPy's symbols of the variables, by their names.
-
-        Returns
-        -------
-        dict of str to Expr
-            Expressions, by the names that `make_kernel_functions` takes.
-
-        Raises
-        ------
-        NotImplementedError
-            In the base class.
-        """
+        """Derive SymPy's expressions of force and stiffness from that of the energy."""
         raise NotImplementedError
 
     @staticmethod
     def make_kernel_functions(compiled: Functions) -> Functions:
-        """Make the functions that kernels call, from compiled ones of all variables and parameters.
-
-        Parameters
-        ----------
-        compiled : Functions
-            Compiled expressions, by the names of `derivative_expressions`.
-
-        Returns
-        -------
-        dict of str to function
-            Functions by their names in `custom_functions.FUNCTIONS`.
-
-        Raises
-        ------
-        NotImplementedError
-            In the base class.
-        """
+        """Make the functions that kernels call, from compiled ones of all variables and parameters."""
         raise NotImplementedError
 
     @classmethod
     def kernel_function_names(cls, energy: str) -> tuple[str, ...]:
-        """Names of the functions that kernels get from a formula.
-
-        Parameters
-        ----------
-        energy : str
-            Text of the formula.
-
-        Returns
-        -------
-        tuple of str
-            Keys of what `make_kernel_functions` returns.
-
-        Raises
-        ------
-        NotImplementedError
-            In the base class.
-        """
+        """Names of the functions that kernels get from a formula."""
         raise NotImplementedError
 
     def parameters_in_natural_units(self, scales: Scales) -> tuple[float, ...]:
-        """Parameters in natural units, in the order of `values`.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        tuple of float
-            Each in the natural unit of its dimension.
-        """
+        """Parameters in natural units, in the order of `values`."""
         units = (scales.length, scales.mass, scales.time, scales.current)
         result = []
         for name, _ in self.values:
@@ -154,35 +93,14 @@ class EnergyFormula(SectionWithFormula):
 
 
 class FormulaList(ForceEffect):
-    """Base of an effect that a scene gives as a list of tables, or as one table.
-
-    Its subclass declares ``fields``, whose sections are effects.
-    """
+    """Base of an effect that a scene gives as a list of tables, or as one table."""
 
     if TYPE_CHECKING:
         fields: tuple[Any, ...]
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """Read a list of tables, or one table.
-
-        Parameters
-        ----------
-        plain : object
-            Plain data, as a TOML file holds them.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        FormulaList
-            The effect.
-
-        Raises
-        ------
-        FieldError
-            If a table does not fit.
-        """
+        """Read a list of tables, or one table; diameter [m]."""
         tables = [plain] if isinstance(plain, Mapping) else plain
         try:
             return super().from_plain({"fields": tables}, diameter)
@@ -190,13 +108,7 @@ class FormulaList(ForceEffect):
             raise FieldError(error.reason, *error.path[1:]) from None
 
     def to_plain(self) -> Any:
-        """Formulas as a list of tables; `from_plain` makes an equal effect of it.
-
-        Returns
-        -------
-        list of dict
-            Plain data.
-        """
+        """Formulas as a list of tables; `from_plain` makes an equal effect of it."""
         return [part.to_plain() for part in self.component_effects]
 
     @property
@@ -207,24 +119,7 @@ class FormulaList(ForceEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check each formula; see `Effect.check_compatibility`.
-
-        Parameters
-        ----------
-        grains : Grains
-            Grains of the scene.
-        cell : Cell
-            Cell of the scene.
-        piston : Piston or None
-            Piston of the scene; None where there is none.
-        others : Mapping[str, Effect]
-            All effects that act, by their keys.
-
-        Raises
-        ------
-        FieldError
-            If one does not fit.
-        """
+        """Check each formula; see `Effect.check_compatibility`."""
         for part in self.component_effects:
             part.check_compatibility(grains, cell, piston, others)
 
@@ -249,10 +144,7 @@ if not numba.config.DISABLE_JIT:
 
 
 class _DerivedFunctions(Mapping[str, Callable[..., Any]]):
-    """The functions of a formula, derived when one of them is asked for first.
-
-    Where the compiled code is there already none is, and SymPy need not be imported.
-    """
+    """The functions of a formula, derived when one of them is asked for first."""
 
     def __init__(self, kind: type[EnergyFormula], energy: str, parameters: Sequence[str]) -> None:
         self.kind, self.energy, self.parameters = kind, energy, parameters
@@ -293,10 +185,7 @@ class _DerivedFunctions(Mapping[str, Callable[..., Any]]):
 
 
 def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
-    """Without the infinite stiffness of a kink, at the one point where it is.
-
-    A step stands as a sign: SymPy writes it as a choice from lists, which Numba does not compile.
-    """
+    """Without the infinite stiffness of a kink, at the one point where it is."""
     import sympy
 
     form = form.replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))

@@ -73,37 +73,13 @@ class FieldFormula(EnergyFormula, ForceEffect):
 
     @classmethod
     def kernel_function_names(cls, energy: str) -> tuple[str, ...]:
-        """Names of the functions that kernels get from the formula.
-
-        Parameters
-        ----------
-        energy : str
-            Text of the formula.
-
-        Returns
-        -------
-        tuple of str
-            Among `custom_functions.FUNCTIONS`.
-        """
+        """Names of the functions that kernels get from the formula."""
         depends = any(name.text == "t" for name in variable_names(parse(energy)))
         return ("energy", "force", "stiffness", *(("power",) if depends else ()))
 
     @staticmethod
     def derivative_expressions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Derive force and stiffness from the energy.
-
-        Parameters
-        ----------
-        energy : object
-            SymPy's expression.
-        symbols : Mapping[str, Any]
-            SymPy's symbols of the variables, by their names.
-
-        Returns
-        -------
-        dict of str to Expr
-            ``energy``, ``force``, ``slopes`` (xx, xy, yy) and ``power``.
-        """
+        """Derive force and stiffness from the energy."""
         import sympy
 
         x, y, t = (symbols[name] for name in "xyt")
@@ -116,18 +92,7 @@ class FieldFormula(EnergyFormula, ForceEffect):
 
     @staticmethod
     def make_kernel_functions(compiled: Functions) -> Functions:
-        """Make the functions that kernels call.
-
-        Parameters
-        ----------
-        compiled : Functions
-            Compiled expressions, by the names of `derivative_expressions`.
-
-        Returns
-        -------
-        dict of str to function
-            Functions by their names in `kernel_function_names`.
-        """
+        """Make the functions that kernels call."""
         energy_of, force_of, slopes_of, power_of = (
             compiled[name] for name in ("energy", "force", "slopes", "power")
         )
@@ -150,57 +115,18 @@ class FieldFormula(EnergyFormula, ForceEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that ``factor`` names species of the scene.
-
-        Parameters
-        ----------
-        grains : Grains
-            Grains of the scene.
-        cell : Cell
-            Cell of the scene.
-        piston : Piston or None
-            Piston of the scene; None where there is none.
-        others : Mapping[str, Effect]
-            All effects that act, by their keys.
-
-        Raises
-        ------
-        FieldError
-            If it names another.
-        """
+        """Check that ``factor`` names species of the scene."""
         known = tuple(specy.name for specy in grains.species)
         for name, _ in self.factor:
             if name not in known:
                 raise FieldError(unknown_word_message(name, known, "species"), "effects", "field", "factor")
 
     def drive_angular_frequency(self, scales: Scales) -> float:
-        """Highest angular frequency at which the field changes in time.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        float
-            2 pi ``frequency`` [1/tau].
-        """
+        """Highest angular frequency at which the field changes in time [1/tau]."""
         return 2.0 * math.pi * self.frequency * scales.time
 
     def make_kernel_law(self, context: EffectContext) -> CustomLaw:
-        """Law in natural units.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        CustomLaw
-            Law that the compiled loop takes, in natural units.
-        """
+        """Law in natural units."""
         factor = None
         if self.factor:
             numbers = dict(self.factor)

@@ -42,53 +42,18 @@ class PairFormula(EnergyFormula, ForceEffect):
 
     @classmethod
     def kernel_function_names(cls, energy: str) -> tuple[str, ...]:
-        """Names of the functions that kernels get from the formula.
-
-        Parameters
-        ----------
-        energy : str
-            Text of the formula.
-
-        Returns
-        -------
-        tuple of str
-            Among `custom_functions.FUNCTIONS`.
-        """
+        """Names of the functions that kernels get from the formula."""
         return ("pair_energy", "pair_force", "pair_stiffness")
 
     @staticmethod
     def derivative_expressions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Derive force and stiffness from the energy.
-
-        Parameters
-        ----------
-        energy : object
-            SymPy's expression.
-        symbols : Mapping[str, Any]
-            SymPy's symbols of the variables, by their names.
-
-        Returns
-        -------
-        dict of str to Expr
-            ``energy``, ``force`` and ``slope`` of the distance.
-        """
+        """Derive force and stiffness from the energy."""
         r = symbols["r"]
         return {"energy": energy, "force": -energy.diff(r), "slope": energy.diff(r, 2)}
 
     @staticmethod
     def make_kernel_functions(compiled: Functions) -> Functions:
-        """Make the functions that kernels call.
-
-        Parameters
-        ----------
-        compiled : Functions
-            Compiled expressions, by the names of `derivative_expressions`.
-
-        Returns
-        -------
-        dict of str to function
-            Functions by their names in `kernel_function_names`.
-        """
+        """Make the functions that kernels call."""
         energy_of, force_of, slope_of = (compiled[name] for name in ("energy", "force", "slope"))
 
         def energy(p: Any, r: float, first: Grain, second: Grain) -> Any:
@@ -107,23 +72,7 @@ class PairFormula(EnergyFormula, ForceEffect):
         return {"pair_energy": energy, "pair_force": force, "pair_stiffness": stiffness}
 
     def make_kernel_law(self, context: EffectContext) -> CustomLaw:
-        """Law in natural units.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        CustomLaw
-            Law that the compiled loop takes, in natural units.
-
-        Raises
-        ------
-        InputError
-            If the formula treats the two grains unlike.
-        """
+        """Law in natural units."""
         definition, values = self.definition, self.parameters_in_natural_units(context.scales)
         if any(name.text in ("q1", "q2") for name in variable_names(parse(self.energy))):
             check_effect_functions(definition, values, context)  # that both are treated alike

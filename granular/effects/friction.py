@@ -72,40 +72,14 @@ class Friction(DissipativeEffect):
     load: float = quantity("N", default=0.0, least=0.0)
 
     def validate(self) -> None:
-        """Check that the dynamic coefficient is at most the static one.
-
-        Raises
-        ------
-        FieldError
-            If it is above.
-        """
+        """Check that the dynamic coefficient is at most the static one."""
         if self.dynamic > self.static:
             raise FieldError(
                 f"{self.dynamic:g} must be at most the static coefficient, {self.static:g}", "dynamic"
             )
 
     def normal_force_factors(self, grains: Grains, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
-        """Per species, A_i and B_j of the normal force, with q_i q_j K_ij = A_i B_j.
-
-        [D, eqs. 2.15, 4.11], without the misprint of [D, eq. 4.10]; see the head of this file.
-
-        Parameters
-        ----------
-        grains : Grains
-            Grains of the scene.
-        cell : Cell
-            Cell of the scene.
-
-        Returns
-        -------
-        own, partner : float64 (s,)
-            A_i and B_j in natural units.
-
-        Raises
-        ------
-        FieldError
-            If the grains of a species do not fit between the plates, or fall over.
-        """
+        """Per species, A_i and B_j of the normal force, with q_i q_j K_ij = A_i B_j."""
         diameter = np.array([specy.diameter for specy in grains.species])
         thickness, gap = grains.species_values("thickness"), cell.separation
         if gap < thickness.max():
@@ -133,39 +107,11 @@ class Friction(DissipativeEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that the grains fit between the plates, and tilt there.
-
-        Parameters
-        ----------
-        grains : Grains
-            Grains of the scene.
-        cell : Cell
-            Cell of the scene.
-        piston : Piston or None
-            Piston of the scene; None where there is none.
-        others : Mapping[str, Effect]
-            All effects that act, by their keys.
-
-        Raises
-        ------
-        FieldError
-            If they do not fit, or fall over.
-        """
+        """Check that the grains fit between the plates, and tilt there."""
         self.normal_force_factors(grains, cell)
 
     def make_kernel_law(self, context: EffectContext) -> FrictionLaw:
-        """Make the law that the compiled loop takes; it takes the drag along.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        FrictionLaw
-            Law that the compiled loop takes, in natural units.
-        """
+        """Make the law that the compiled loop takes; it takes the drag along."""
         scales, other = context.scales, context.effects.get("drag")
         rate, kind, rates = (None, None, None) if other is None else other.grain_decay_rates(context)
         own, _ = self.normal_force_factors(context.grains, context.cell)
@@ -184,35 +130,11 @@ class Friction(DissipativeEffect):
         )
 
     def normal_load_weights(self, context: EffectContext) -> np.ndarray:
-        """Weights B_j of the grains in the sums of the normal force over 1/r^3.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        float64 (m,)
-            In natural units, padded.
-        """
+        """Weights B_j of the grains in the sums of the normal force over 1/r^3."""
         weight = self.normal_force_factors(context.grains, context.cell)[1][context.species]
         return pad_values(weight * context.grains.moment_spread_factors())
 
     def grain_record_values(self, law: FrictionLaw, state: State) -> dict[str, np.ndarray]:
-        """Return the normal force of the plates on each grain.
-
-        Parameters
-        ----------
-        law : FrictionLaw
-            Law of the friction.
-        state : State
-            State of the run.
-
-        Returns
-        -------
-        dict of str to float64 (m,)
-            ``normal_load`` [F*].
-        """
+        """Return the normal force of the plates on each grain [F*]."""
         assert state.load is not None
         return {"normal_load": np.asarray(law.load + law.factor * state.load)}

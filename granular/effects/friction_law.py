@@ -11,35 +11,14 @@ from granular.kernel_data.state import Bed, State
 
 
 class FrictionLaw(NamedTuple):
-    """Friction as the kernels take it.
-
-    Attributes
-    ----------
-    static, dynamic : float
-    threshold : float or None
-        Threshold of the regularised law [D/tau]; None for the velocity scheme.
-    load : float
-        Constant normal force [F*].
-    factor : float64 (m,)
-        N_i = load + factor_i sum_j weight_j / r_ij^3.
-    rate : float or None
-        Decay rate of the drag that is solved with it [1/tau]; None without drag.
-    kind : float64 (m,) or None
-        Index of each grain's rate in ``rates``.
-    rates : DragRateTable or None
-        None where all grains have the same rate.
-    entry : int
-        Index in the ledger of the loss to friction.
-    drag : int or None
-        The same for the drag.
-    """
+    """Friction as the kernels take it."""
 
     static: float
     dynamic: float
-    threshold: float | None
-    load: float
+    threshold: float | None  # [D/tau]
+    load: float  # [F*]
     factor: Array
-    rate: float | None
+    rate: float | None  # [1/tau]
     kind: Array | None
     rates: drag.DragRateTable | None
     entry: int
@@ -48,28 +27,7 @@ class FrictionLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def kick(law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
-        """Kick the grains by force, drag and friction together; see `granular.effects.friction`.
-
-        Parameters
-        ----------
-        law : FrictionLaw
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        dt : float
-            Duration of the kick [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-        opens_step : bool
-            Whether the kick opens a step; False for one that closes it.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Kick the grains by force, drag and friction together; see `granular.effects.friction`; dt [tau]."""
         for k in range(drag.distinct_drag_rate_count(law.rates)):
             rate = drag.drag_rate_of_kind(drag.drag_rate_or_zero(law.rate), law.rates, k)
             _kick_by_scheme(law.threshold, law, k, rate, dt, bed, opens_step)
@@ -82,43 +40,13 @@ DragCoefficients = tuple[float, float, float, float, float]
 
 @compiled
 def plate_normal_force(law: FrictionLaw, load: Array, i: int) -> float:
-    """Return the normal force of the plates on a grain, from its sum over 1/r^3.
-
-    [D, eqs. 2.15, 4.11].
-
-    Parameters
-    ----------
-    law : FrictionLaw
-        Law in natural units.
-    load : float64 (m,)
-        Sums of the partners' weights over 1/r^3, of all grains.
-    i : int
-        Index of the grain.
-
-    Returns
-    -------
-    float
-        [F*]
-    """
+    """Return the normal force of the plates on a grain, from its sum over 1/r^3 [F*]."""
     return law.load + law.factor[i] * load[i]
 
 
 @compiled
 def velocity_factor_after_friction(speed: float, loss: float) -> float:
-    """Factor that shortens a velocity which loses ``loss`` of its magnitude.
-
-    Parameters
-    ----------
-    speed : float
-        Magnitude of the velocity [D/tau].
-    loss : float
-        Deceleration by friction times the duration [D/tau].
-
-    Returns
-    -------
-    float
-        From 0, where it stops, to 1, without unit.
-    """
+    """Factor that shortens a velocity which loses ``loss`` of its magnitude; speed, loss [D/tau]."""
     return 1.0 - loss / speed if speed > loss else 0.0
 
 
@@ -130,10 +58,7 @@ def velocity_factor_after_friction(speed: float, loss: float) -> float:
 
 @compiled(inline=True)
 def _vector_length(x: float, y: float) -> float:
-    """Length of a vector whose squares neither overflow nor matter where they vanish.
-
-    ``hypot`` heeds both, and took a third of a step.
-    """
+    """Length of a vector whose squares neither overflow nor matter where they vanish."""
     return math.sqrt(x * x + y * y)
 
 
@@ -176,13 +101,7 @@ def _start_sliding_if_forced(
 def _kick_fast_grain(
     flow: DragCoefficients, loss: float, vx: float, vy: float, ax: float, ay: float, opens_step: bool
 ) -> tuple[float, float, float, float]:
-    """Kick and drag, then friction, or in the reverse order in the kick that closes a step.
-
-    Returns
-    -------
-    tuple of float
-        The velocity, and the energies lost to drag and to friction, per mass.
-    """
+    """Kick and drag, then friction, or in the reverse order in the kick that closes a step."""
     decay, gain, a, b, c = flow
     rubbed, left = 0.0, 1.0
     if not opens_step:
@@ -211,11 +130,7 @@ def _kick_creeping_grain(
     mass: float,
     load: float,
 ) -> None:
-    """Force, drag and friction together, friction against the mean direction of the motion.
-
-    One after the other, as fast grains take them, they would give a creeping grain more energy in
-    each step than it has.
-    """
+    """Force, drag and friction together, friction against the mean direction of the motion."""
     decay, gain, a, b, c = flow
     ax, ay = state.fx[i] / mass, state.fy[i] / mass
     vx, vy = state.vx[i], state.vy[i]
@@ -297,11 +212,7 @@ def _kick_with_friction(
 def _grain_sticks(
     law: FrictionLaw, dt: float, speed: float, state: State, i: int, mass: float, load: float
 ) -> bool:
-    """Return whether force and friction stop the grain within ``dt``, and friction then holds it.
-
-    A grain must not be carried through rest to the other side, where dynamic friction would release
-    it of what static friction holds.
-    """
+    """Return whether force and friction stop the grain within ``dt``, and friction then holds it."""
     vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
     against = -(vx * fx + vy * fy)
     if against <= 0.0 or _vector_length(fx, fy) > law.static * load:

@@ -27,33 +27,11 @@ class Gravity(ForceEffect):
     acceleration: float = quantity("m/s^2", default=9.8, least=0.0)
 
     def downward_acceleration(self, scales: Scales) -> float:
-        """G = m g / F*, the acceleration in natural units.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        float
-            [D/tau^2]
-        """
+        """G = m g / F*, the acceleration in natural units [D/tau^2]."""
         return self.acceleration / scales.acceleration
 
     def make_kernel_law(self, context: EffectContext) -> GravityLaw:
-        """Law in natural units.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        GravityLaw
-            Law that the compiled loop takes, in natural units.
-        """
+        """Law in natural units."""
         host: Any = context.effects.get("host")
         upside_down = host is not None and host.mount == "piston"
         pull = self.downward_acceleration(context.scales)
@@ -61,39 +39,14 @@ class Gravity(ForceEffect):
 
 
 class GravityLaw(NamedTuple):
-    """Gravity as the kernels take it.
+    """Gravity as the kernels take it."""
 
-    Attributes
-    ----------
-    pull : float
-        G [F*/m].
-    """
-
-    pull: float
+    pull: float  # [F*/m]
 
     @staticmethod
     @compiled(inline=True)
     def add_forces(law: GravityLaw, workspace: None, index: int, bed: Bed, time: float) -> int:
-        """Add the grains' weight, -G times the mass [F*].
-
-        Parameters
-        ----------
-        law : GravityLaw
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Add the grains' weight, -G times the mass [F*]; time [tau]."""
         state, constants = bed.state, bed.constants
         _add_weight(law.pull, constants.grains, constants.masses, state.fy)
         return 0
@@ -103,30 +56,7 @@ class GravityLaw(NamedTuple):
     def measure_energy_and_stiffness(
         law: GravityLaw, workspace: None, index: int, bed: Bed, time: float, stiffness: Array, energies: Array
     ) -> int:
-        """Enter the sum of m g y over the grains [F* D], zero at the bottom.
-
-        Parameters
-        ----------
-        law : GravityLaw
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-        stiffness : float64 (m,)
-            Left as it is: weight has no stiffness.
-        energies : float64 (laws,)
-            Energies of the laws [F* D]; the entry ``index`` is set.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Enter the sum of m g y over the grains [F* D], zero at the bottom; time [tau], energies [F* D]."""
         state, constants = bed.state, bed.constants
         energies[index] = _weight_energy(law.pull, constants.grains, constants.masses, state.y)
         return 0

@@ -133,13 +133,7 @@ class Host(MovingFrameEffect):
         return tuple(result)
 
     def validate(self) -> None:
-        """Check that bodies, mount, free cell and excitation fit each other.
-
-        Raises
-        ------
-        FieldError
-            If they do not.
-        """
+        """Check that bodies, mount, free cell and excitation fit each other."""
         if (self.mount == "base") == bool(self.bodies):
             raise FieldError(
                 "a cell on the base has no bodies" if self.bodies else "give at least one body", "bodies"
@@ -154,24 +148,7 @@ class Host(MovingFrameEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that nothing else moves the cell, and that what the mount needs is there.
-
-        Parameters
-        ----------
-        grains : Grains
-            Grains of the scene.
-        cell : Cell
-            Cell of the scene.
-        piston : Piston or None
-            Piston of the scene; None where there is none.
-        others : Mapping[str, Effect]
-            All effects that act, by their keys.
-
-        Raises
-        ------
-        FieldError
-            If the scene shakes, has a bath or a gap in its bottom, or lacks the piston's mass.
-        """
+        """Check that nothing else moves the cell, and that what the mount needs is there."""
         if "shaking" in others:
             raise FieldError(
                 "the cell is shaken already; take effects.shaking away, or move the host's base",
@@ -192,20 +169,7 @@ class Host(MovingFrameEffect):
             raise FieldError("must be given: the host carries the piston", "piston", "mass")
 
     def drive_angular_frequency(self, scales: Scales) -> float:
-        """Highest angular frequency of the chain or of its excitation, times `RESOLVED`.
-
-        That of the chain is bounded by the row sums of its stiffness over the masses (Gershgorin's theorem).
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        float
-            [1/tau]
-        """
+        """Highest angular frequency of the chain or of its excitation, times `RESOLVED` [1/tau]."""
         drive = 0.0 if self.excitation is None else self.excitation.highest_frequency()
         masses = [body.mass for body in self.bodies]
         stiffness = [body.stiffness for body in self.bodies] + [0.0]
@@ -213,54 +177,17 @@ class Host(MovingFrameEffect):
         return RESOLVED * max(math.tau * drive, math.sqrt(max(rows, default=0.0))) * scales.time
 
     def weight_on_piston(self, grains: Grains, scales: Scales, gravity: float) -> float | None:
-        """Weight that presses the bed against the piston, where the cell is free.
-
-        Parameters
-        ----------
-        grains : Grains
-            Grains of the scene.
-        scales : Scales
-            Natural units of the scene, in SI.
-        gravity : float
-            Downward acceleration [D/tau^2].
-
-        Returns
-        -------
-        float or None
-            Of cell and grains [F*]; None where the cell is not free.
-        """
+        """Weight that presses the bed against the piston, where the cell is free [F*]; gravity [D/tau^2]."""
         if self.cell_mass is None:
             return None
         return (self.cell_mass + float(grains.masses().sum())) / scales.mass * gravity
 
     def moving_piston_mass(self, mass: float) -> float:
-        """Mass of what moves as the piston: with the body that carries it, if one does.
-
-        Parameters
-        ----------
-        mass : float
-            Mass of the piston itself [kg].
-
-        Returns
-        -------
-        float
-            [kg]
-        """
+        """Mass of what moves as the piston: with the body that carries it, if one does [kg]; mass [kg]."""
         return mass + self.bodies[-1].mass if self.mount == "piston" else mass
 
     def make_kernel_law(self, context: EffectContext) -> HostLaw:
-        """Law in natural units.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        HostLaw
-            Law that the compiled loop takes, in natural units.
-        """
+        """Law in natural units."""
         scales, piston = context.scales, context.piston
         masses = np.array([body.mass for body in self.bodies]) / scales.mass
         force = scales.force / scales.length
@@ -300,14 +227,7 @@ def _effect_dissipates(effect: Effect) -> bool:
 
 
 class HostChain(NamedTuple):
-    """The bodies, from the base upwards.
-
-    Attributes
-    ----------
-    masses, stiffness, damping : float64 (n,)
-    fraction : float64 (n,)
-        Fraction of the outer force that acts on each body.
-    """
+    """The bodies, from the base upwards."""
 
     masses: np.ndarray
     stiffness: np.ndarray
@@ -316,22 +236,7 @@ class HostChain(NamedTuple):
 
 
 class HostWorkspace(NamedTuple):
-    """The motion of the host, and scratch.
-
-    Attributes
-    ----------
-    persistent : float64 (2, n)
-        Displacements over the base, and velocities; of the frame as the last, which is not that of
-        the body where this carries the piston.
-    present : float64 (2,)
-        See `PUSH`.
-    forces, changes, diagonal : float64 (n,)
-    speeds : float64 (2, m)
-        Velocities of the grains before a kick.
-    push : float64 (m,)
-        Vertical forces on the grains, without inertia.
-    ledger : float64 (k,)
-    """
+    """The motion of the host, and scratch."""
 
     persistent: np.ndarray
     present: np.ndarray
@@ -344,52 +249,20 @@ class HostWorkspace(NamedTuple):
 
 
 class HostLaw(NamedTuple):
-    """The host as the kernels take it.
-
-    Attributes
-    ----------
-    mount : int
-    chain : HostChain
-    drive : ExcitationLaw
-    frame_mass : float
-        Mass that is fixed to the frame while the piston is free [m].
-    piston_mass : float
-        With the body that carries it; 0 where none is given [m].
-    bed_mass : float
-        [m]
-    reacts : bool
-        Whether something dissipates, on either side of the frame.
-    entry : int
-        Index in the ledger of the loss to the dashpots.
-    driven : bool
-        Whether something shakes it.
-    """
+    """The host as the kernels take it."""
 
     mount: int
     chain: HostChain
     drive: ExcitationLaw
-    frame_mass: float
-    piston_mass: float
-    bed_mass: float
+    frame_mass: float  # [m]
+    piston_mass: float  # [m]
+    bed_mass: float  # [m]
     reacts: bool
     entry: int
     driven: bool
 
     def workspace(self, size: int, count: int) -> HostWorkspace:
-        """Make the workspace for the motion of the host, all at rest.
-
-        Parameters
-        ----------
-        size : int
-            Length m of the padded arrays of grains.
-        count : int
-            Number of grains.
-
-        Returns
-        -------
-        HostWorkspace
-            Arrays of zeros.
-        """
+        """Make the workspace for the motion of the host, all at rest."""
         bodies = max(len(self.chain.masses), 1)
         return HostWorkspace(
             persistent=np.zeros((2, bodies)),
@@ -415,27 +288,7 @@ class HostLaw(NamedTuple):
     ) -> int:
         """Enter the energy of bodies and springs, and of the frame's motion [F* D].
 
-        Parameters
-        ----------
-        law : HostLaw
-            Law in natural units.
-        workspace : HostWorkspace
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-        stiffness : float64 (m,)
-            Left as it is.
-        energies : float64 (laws,)
-            Energies of the laws [F* D]; the entry ``index`` is set.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
+        time [tau], energies [F* D].
         """
         state = bed.state
         chain, last = law.chain, law.chain.masses.size - 1
@@ -457,40 +310,14 @@ class HostLaw(NamedTuple):
 
 @compiled(inline=True)
 def last_body_velocity(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
-    """Velocity of the last body over the base.
-
-    Parameters
-    ----------
-    law : HostLaw
-        Law of the host.
-    workspace : HostWorkspace
-        Motion of the host.
-    state : State
-        State of the run.
-
-    Returns
-    -------
-    float
-        Upwards [D/tau].
-    """
+    """Velocity of the last body over the base [D/tau]."""
     speed = workspace.persistent[1, law.chain.masses.size - 1]
     return speed + state.piston[SPEED] if law.mount == PISTON_MOUNT else speed
 
 
 @compiled
 def bed_momentum(bed: Bed) -> float:
-    """Vertical momentum of the grains in the frame of the cell.
-
-    Parameters
-    ----------
-    bed : Bed
-        State of the run and its constants.
-
-    Returns
-    -------
-    float
-        [m D/tau]
-    """
+    """Vertical momentum of the grains in the frame of the cell [m D/tau]."""
     state, constants = bed.state, bed.constants
     total = 0.0
     for i in range(constants.grains):

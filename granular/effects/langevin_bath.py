@@ -69,58 +69,17 @@ class Bath(MovingFrameEffect, DissipativeEffect):
     seed: int = integer_field(default=1)
 
     def decay_rate(self, scales: Scales) -> float:
-        """Rate at which velocities are forgotten, in natural units.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        float
-            g tau, without unit: the rate in [1/tau].
-        """
+        """Rate at which velocities are forgotten, in natural units [1/tau]."""
         return self.rate * scales.time
 
     def greatest_imparted_speed(self, scales: Scales) -> float:
-        """Speed that a grain of a few hundred has now and then.
-
-        Four standard deviations of a velocity component of Maxwell's distribution, 4 sqrt(T/m).
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        float
-            [D/tau], of a grain of the first species.
-        """
+        """Speed that a grain of a few hundred has now and then [D/tau]."""
         return 4.0 * math.sqrt(self.temperature / scales.energy)
 
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Raise unless nothing rubs: a grain at rest would be kicked loose at each step.
-
-        Parameters
-        ----------
-        grains : Grains
-            Grains of the scene.
-        cell : Cell
-            Cell of the scene.
-        piston : Piston or None
-            Piston of the scene; None where there is none.
-        others : Mapping[str, Effect]
-            All effects that act, by their keys.
-
-        Raises
-        ------
-        FieldError
-            If an effect with dry friction or contact dashpots acts, too.
-        """
+        """Raise unless nothing rubs: a grain at rest would be kicked loose at each step."""
         for other in others.values():
             if other.dry:
                 raise FieldError(
@@ -128,62 +87,21 @@ class Bath(MovingFrameEffect, DissipativeEffect):
                 )
 
     def make_kernel_law(self, context: EffectContext) -> BathLaw:
-        """Law in natural units.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        BathLaw
-            Law that the compiled loop takes, in natural units.
-        """
+        """Law in natural units."""
         return BathLaw(self.decay_rate(context.scales), self.temperature / context.scales.energy, self.seed)
 
 
 class BathLaw(NamedTuple):
-    """The bath as the kernels take it.
+    """The bath as the kernels take it."""
 
-    Attributes
-    ----------
-    rate : float
-        [1/tau]
-    temperature : float
-        [F* D]
-    seed : int
-    """
-
-    rate: float
-    temperature: float
+    rate: float  # [1/tau]
+    temperature: float  # [F* D]
     seed: int
 
     @staticmethod
     @compiled
     def drift(law: BathLaw, workspace: None, index: int, dt: float, bed: Bed) -> int:
-        """Half a drift, the Ornstein-Uhlenbeck process over ``dt``, half a drift.
-
-        The middle parts of BAOAB (Leimkuhler and Matthews 2013, doi:10.1093/amrx/abs010).
-
-        Parameters
-        ----------
-        law : BathLaw
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        dt : float
-            Duration of the step [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Half a drift, the Ornstein-Uhlenbeck process over ``dt``, half a drift; dt [tau]."""
         state, constants = bed.state, bed.constants
         left = math.exp(-law.rate * dt)
         spread = -math.expm1(-2.0 * law.rate * dt) * law.temperature
@@ -215,24 +133,7 @@ def _philox_round(
 def philox_random_words(
     seed: np.uint64, step: np.uint64, label: np.uint64
 ) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
-    """Four words of 32 random bits of a step and a grain.
-
-    Philox 4x32-10 (Salmon et al., SC'11, doi:10.1145/2063384.2063405).
-
-    Parameters
-    ----------
-    seed : np.uint64
-        Seed, the key of the generator.
-    step : np.uint64
-        Number of the step.
-    label : np.uint64
-        Index of the grain in the scene.
-
-    Returns
-    -------
-    tuple of np.uint64
-        Four words below 2^32.
-    """
+    """Four words of 32 random bits of a step and a grain."""
     a, b, c, d = step & LOW, step >> HALF, label & LOW, label >> HALF
     k, m = seed & LOW, seed >> HALF
     for _ in range(_ROUNDS):
@@ -243,24 +144,7 @@ def philox_random_words(
 
 @entry
 def draw_normal_pair(seed: np.uint64, step: np.uint64, label: np.uint64) -> tuple[float, float]:
-    """Draw two independent normal numbers of mean 0 and variance 1.
-
-    By Box and Muller's transform, Ann. Math. Stat. 29 (1958) 610, of `philox_random_words`.
-
-    Parameters
-    ----------
-    seed : np.uint64
-        Seed, the key of the generator.
-    step : np.uint64
-        Number of the step.
-    label : np.uint64
-        Index of the grain in the scene.
-
-    Returns
-    -------
-    tuple of float
-        Two numbers.
-    """
+    """Draw two independent normal numbers of mean 0 and variance 1."""
     a, b, c, d = philox_random_words(seed, step, label)
     # Above 0 and up to 1, by 53 bits: 27 of one word, 26 of another.
     first = (float((a >> _TOP) << np.uint64(26)) + float(b >> _REST) + 1.0) * _SCALE

@@ -15,13 +15,7 @@ from granular.schema.sections import quantity
 
 @effect
 class Gradient:
-    """A uniform gradient of the field along the moments.
-
-    Attributes
-    ----------
-    x, y : float
-        g_x and g_y [T/m]: where they are positive, grains are pulled right and up.
-    """
+    """A uniform gradient of the field along the moments."""
 
     example: ClassVar[Any] = {"x": "0.05 T/m", "y": "-0.1 T/m"}
 
@@ -30,44 +24,10 @@ class Gradient:
 
     @staticmethod
     def energy(p: Any, grain: Grain, time: float) -> Any:
-        """Energy -mu (g_x x + g_y y) of a grain in the gradient.
-
-        Jackson, Classical Electrodynamics (1999), 5.7.
-
-        Parameters
-        ----------
-        p : object
-            Parameters g_x and g_y in natural units.
-        grain : Grain
-            Grain with its position and moment.
-        time : float
-            Of no effect [tau].
-
-        Returns
-        -------
-        float
-            [F* D]
-        """
+        """Energy -mu (g_x x + g_y y) of a grain in the gradient [F* D]; time [tau]."""
         return -grain.moment * (p.x * grain.x + p.y * grain.y)
 
     @staticmethod
     def force(p: Any, grain: Grain, time: float) -> tuple[Any, Any]:
-        """Force mu (g_x, g_y) on a grain in the gradient.
-
-        Jackson, Classical Electrodynamics (1999), 5.7.
-
-        Parameters
-        ----------
-        p : object
-            Parameters g_x and g_y in natural units.
-        grain : Grain
-            Grain with its moment.
-        time : float
-            Of no effect [tau].
-
-        Returns
-        -------
-        tuple of float
-            To the right and upwards [F*].
-        """
+        """Force mu (g_x, g_y) on a grain in the gradient [F*]; time [tau]."""
         return grain.moment * p.x, grain.moment * p.y

@@ -42,60 +42,25 @@ from there on the moments of each kind of grain, 0 for those of other kinds."""
 
 
 class PairDragTable(NamedTuple):
-    """The tensor of each pair of kinds of grains.
-
-    Attributes
-    ----------
-    series : float64 (k, k, 2, ORDER) or None
-        Coefficients of the tensor's two polynomials for each pair of kinds; None of dipoles over a
-        thin plate, where both are 1.
-    shifts : float64 (s, 2)
-        Displacements of the images of the cell, its own first [D].
-    """
+    """The tensor of each pair of kinds of grains."""
 
     series: np.ndarray | None
-    shifts: np.ndarray
+    shifts: np.ndarray  # displacements of the images of the cell, its own first [D]
 
 
 class EddyWorkspace(NamedTuple):
-    """Scratch of the sums.
-
-    Attributes
-    ----------
-    rows : float64 (8 + k, m)
-    order : int64 (m,)
-        Grains by their height.
-    """
+    """Scratch of the sums."""
 
     rows: np.ndarray
     order: np.ndarray
 
 
 class MutualEddyLaw(NamedTuple):
-    """Eddy-current drag of all grains as the kernels take it.
+    """Eddy-current drag of all grains as the kernels take it."""
 
-    Attributes
-    ----------
-    rate : float
-        Decay rate of a lone dipole of the first species along a thin plate [1/tau].
-    square : float
-        H^2 [D^2].
-    reach : float
-        Greatest difference in height of grains that meet [D].
-    spare : float
-        Drag of each grain for those beyond the reach, over that of a lone one.
-    stiffest : float
-        Bound of the eigenvalues of M^(-1) T, over ``rate``.
-    kinds : int
-        Kinds of grains: 1 of dipoles, of discs one for each species.
-    kind : float64 (m,) or None
-        That of each grain; None of one kind.
-    table : PairDragTable
-    """
-
-    rate: float
-    square: float
-    reach: float
+    rate: float  # [1/tau]
+    square: float  # [D^2]
+    reach: float  # [D]
     spare: float
     stiffest: float
     kinds: int
@@ -103,20 +68,7 @@ class MutualEddyLaw(NamedTuple):
     table: PairDragTable
 
     def workspace(self, size: int, count: int) -> EddyWorkspace:
-        """Make the scratch arrays of the sums over pairs.
-
-        Parameters
-        ----------
-        size : int
-            Length m of the padded arrays of grains.
-        count : int
-            Number of grains.
-
-        Returns
-        -------
-        EddyWorkspace
-            Rows (8 + k, m) of zeros, and the order of the grains (m,).
-        """
+        """Make the scratch arrays of the sums over pairs."""
         rows = np.zeros((CHARGE + self.kinds, size))
         return EddyWorkspace(rows, np.arange(size))
 
@@ -125,28 +77,7 @@ class MutualEddyLaw(NamedTuple):
     def damp_velocities(
         law: MutualEddyLaw, workspace: EddyWorkspace, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Let the velocities decay by the eddy currents; enter the energy lost.
-
-        Parameters
-        ----------
-        law : MutualEddyLaw
-            Law in natural units.
-        workspace : EddyWorkspace
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        dt : float
-            Duration of the kick [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-        opens_step : bool
-            Whether the kick opens a step; False for one that closes it.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Let the velocities decay by the eddy currents; enter the energy lost; dt [tau]."""
         state, constants = bed.state, bed.constants
         masses, count, rows, lost = constants.masses, constants.grains, workspace.rows, 0.0
         _load_grains_into_workspace(law, workspace, bed)
@@ -181,25 +112,7 @@ class MutualEddyLaw(NamedTuple):
     ) -> int:
         """Add the drag as a force, for Runge-Kutta methods; enter the loss with the weight ``dt``.
 
-        Parameters
-        ----------
-        law : MutualEddyLaw
-            Law in natural units.
-        workspace : EddyWorkspace
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        slopes : float64 (4, m)
-            Rates of change of x, y [D/tau], vx and vy [D/tau^2]; the last two are changed.
-        dt : float
-            Weight of the stage in the step [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
+        slopes [D/tau, D/tau^2], dt [tau].
         """
         rows, count, lost = workspace.rows, bed.constants.grains, 0.0
         _load_grains_into_workspace(law, workspace, bed)
@@ -345,24 +258,7 @@ def _polynomial(c: tuple[float, ...], u: float) -> float:
 def make_mutual_eddy_law(
     rate: float, plate: Plate, discs: tuple[Disc, ...], context: EffectContext
 ) -> MutualEddyLaw:
-    """Make the law of the drag with mutual currents, for a bed.
-
-    Parameters
-    ----------
-    rate : float
-        Decay rate of a lone dipole of the first species along a thin plate [1/tau].
-    plate : Plate
-        Plate below the grains, in units of D.
-    discs : tuple of Disc
-        That of each species; empty of dipoles.
-    context : EffectContext
-        Grains, cell, natural units and effects of the scene.
-
-    Returns
-    -------
-    MutualEddyLaw
-        Law that the compiled loop takes, in natural units.
-    """
+    """Make the law of the drag with mutual currents, for a bed; rate [1/tau]."""
     length = context.scales.length
     square = 4.0 * plate.distance**2
     periods = context.cell.periods

@@ -22,34 +22,12 @@ WALL_LAWS: dict[str, type[Section]] = {}
 
 
 def all_effects() -> Mapping[str, type[Effect]]:
-    """Every effect by its name: those of the files here, and a user's own.
-
-    Returns
-    -------
-    mapping of str to type
-        Classes of effects.
-    """
+    """Every effect by its name: those of the files here, and a user's own."""
     return {**_built_in_effects(), **_OWN}
 
 
 def find_effect(name: str) -> type[Effect] | None:
-    """Effect of that name; one that an installed package brings is imported now.
-
-    Parameters
-    ----------
-    name : str
-        Key of the effect in scenes.
-
-    Returns
-    -------
-    type or None
-        Its class; None where there is none.
-
-    Raises
-    ------
-    InputError
-        If a package says that it brings one, and it cannot be loaded.
-    """
+    """Effect of that name; one that an installed package brings is imported now."""
     known = all_effects()
     if name not in known:
         load_entry_point(GROUP, name, "effect")
@@ -58,52 +36,19 @@ def find_effect(name: str) -> type[Effect] | None:
 
 
 def effect_names() -> tuple[str, ...]:
-    """Names of all effects, those of installed packages included.
-
-    Returns
-    -------
-    tuple of str
-        Sorted names.
-    """
+    """Names of all effects, those of installed packages included."""
     return tuple(sorted({*all_effects(), *entry_point_names(GROUP)}))
 
 
 def find_wall_law(name: str) -> type[Section] | None:
-    """Own law of a wall of that name; one that an installed package brings is imported now.
-
-    Parameters
-    ----------
-    name : str
-        Name of the law in scenes.
-
-    Returns
-    -------
-    type or None
-        Its class; None where there is none.
-
-    Raises
-    ------
-    InputError
-        If a package says that it brings one, and it cannot be loaded.
-    """
+    """Own law of a wall of that name; one that an installed package brings is imported now."""
     if name not in WALL_LAWS:
         load_entry_point(WALL_GROUP, name, "wall law")
     return WALL_LAWS.get(name)
 
 
 def register_effect(effect: type[Effect]) -> None:
-    """Let scenes name an own effect; one of the same name that was there before is replaced.
-
-    Parameters
-    ----------
-    effect : type[Effect]
-        Class of the effect.
-
-    Raises
-    ------
-    InputError
-        If a built-in effect has that name.
-    """
+    """Let scenes name an own effect; one of the same name that was there before is replaced."""
     if effect.key in _built_in_effects():
         raise InputError(f"an effect {effect.key!r} is there already; give yours another name")
     _OWN[effect.key] = effect

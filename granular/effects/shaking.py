@@ -41,49 +41,16 @@ class Shaking(MovingFrameEffect):
     angle: float = quantity("1", default=math.pi / 2.0)
 
     def greatest_imparted_speed(self, scales: Scales) -> float:
-        """Greatest speed of the cell.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        float
-            2 pi f X [D/tau].
-        """
+        """Greatest speed of the cell [D/tau]."""
         swing = self._acceleration_in_natural_units(scales)
         return math.hypot(swing.x, swing.y) / swing.omega
 
     def drive_angular_frequency(self, scales: Scales) -> float:
-        """Angular frequency of the motion.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        float
-            2 pi f [1/tau].
-        """
+        """Angular frequency of the motion [1/tau]."""
         return self._acceleration_in_natural_units(scales).omega
 
     def make_kernel_law(self, context: EffectContext) -> ShakingLaw:
-        """Make the apparent acceleration that the compiled loop takes, in natural units.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        ShakingLaw
-            Law that the compiled loop takes, in natural units.
-        """
+        """Make the apparent acceleration that the compiled loop takes, in natural units."""
         return self._acceleration_in_natural_units(context.scales)
 
     def _acceleration_in_natural_units(self, scales: Scales) -> ShakingLaw:
@@ -102,26 +69,7 @@ class ShakingLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def add_forces(law: ShakingLaw, workspace: None, index: int, bed: Bed, time: float) -> int:
-        """Add the apparent forces m A(t) on the grains [F*].
-
-        Parameters
-        ----------
-        law : ShakingLaw
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Add the apparent forces m A(t) on the grains [F*]; time [tau]."""
         state, constants = bed.state, bed.constants
         _add_inertial_forces(law, time, constants.grains, constants.masses, state.fx, state.fy)
         return 0
@@ -131,30 +79,7 @@ class ShakingLaw(NamedTuple):
     def measure_energy_and_stiffness(
         law: ShakingLaw, workspace: None, index: int, bed: Bed, time: float, stiffness: Array, energies: Array
     ) -> int:
-        """Enter the sum of -m A(t) . r over the grains [F* D].
-
-        Parameters
-        ----------
-        law : ShakingLaw
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-        stiffness : float64 (m,)
-            Left as it is.
-        energies : float64 (laws,)
-            Energies of the laws [F* D]; the entry ``index`` is set.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Enter the sum of -m A(t) . r over the grains [F* D]; time [tau], energies [F* D]."""
         energies[index] = _inertia_energy(law, time, bed)
         return 0
 
@@ -163,28 +88,7 @@ class ShakingLaw(NamedTuple):
     def record_external_work(
         law: ShakingLaw, workspace: None, index: int, dt: float, bed: Bed, time: float
     ) -> int:
-        """Enter the work that the shaking does on grains and piston in ``dt`` [F* D].
-
-        Parameters
-        ----------
-        law : ShakingLaw
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        dt : float
-            Duration of the kick [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Enter the work that the shaking does on grains and piston in ``dt`` [F* D]; dt, time [tau]."""
         state, constants = bed.state, bed.constants
         rx, ry = _apparent_acceleration_rate(law, time)
         mx, my = _mass_moment(constants.grains, constants.masses, state.x, state.y)
@@ -196,24 +100,7 @@ class ShakingLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def upward_acceleration(law: ShakingLaw, workspace: None, index: int, time: float) -> float:
-        """Upward part of the apparent acceleration.
-
-        Parameters
-        ----------
-        law : ShakingLaw
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        time : float
-            Time since the start of the run [tau].
-
-        Returns
-        -------
-        float
-            [D/tau^2]
-        """
+        """Upward part of the apparent acceleration [D/tau^2]; time [tau]."""
         return law.y * math.sin(law.omega * time)
 
 

@@ -36,27 +36,13 @@ far away, over the mean one."""
 
 
 class DiscWallTables(NamedTuple):
-    """The row as each species sees it.
+    """The row as each species sees it."""
 
-    Attributes
-    ----------
-    pieces : float64 (kinds, terms, PIECES, 6)
-        W^2 A_m over the moment [F* D^3]: coefficients in the fraction of a piece in 1/W that is passed.
-    per_piece : float
-        Pieces per 1/W [D].
-    smooth : float64 (kinds,)
-        1/W below which the first term alone counts [1/D].
-    wave, depth : float
-        2 pi / p [1/D]; distance of the row's line behind the face [D].
-    turning : float64 (2, n)
-        Squared speeds, rising, of grains that turn, and the greatest stiffness up to there.
-    """
-
-    pieces: Array
-    per_piece: float
-    smooth: Array
-    wave: float
-    depth: float
+    pieces: Array  # [F* D^3]
+    per_piece: float  # [D]
+    smooth: Array  # 1/W below which the first term alone counts [1/D]
+    wave: float  # [1/D]
+    depth: float  # [D]
     turning: Array
 
 
@@ -93,26 +79,7 @@ def _spline_curvature(p: Array, t: float) -> float:
 def energy_and_forces(
     tables: DiscWallTables, kind: int, w: float, along: float
 ) -> tuple[float, float, float]:
-    """Energy and forces of a grain of moment 1 at the row of magnets.
-
-    Sums of the Fourier terms of the head of this file, from quintic splines in 1/W.
-
-    Parameters
-    ----------
-    tables : DiscWallTables
-        Tables of the row of magnets.
-    kind : int
-        Index of the grain's species.
-    w : float
-        Distance of the grain from the wall [D].
-    along : float
-        Place of the grain along the wall [D].
-
-    Returns
-    -------
-    energy, normal, tangential : float
-        Energy [F* D]; forces away from the wall and along it [F*].
-    """
+    """Energy and forces of a grain of moment 1 at the row of magnets [F* D, F*]; w, along [D]."""
     v, piece, t, terms = _find_spline_piece(tables, kind, w)
     wave, cosine, sine, c, s = tables.wave, 1.0, 0.0, 1.0, 0.0
     if terms > 1:
@@ -130,22 +97,7 @@ def energy_and_forces(
 
 @entry
 def stiffness(tables: DiscWallTables, kind: int, w: float) -> float:
-    """Bound of the stiffness of a grain of moment 1, wherever it stands along the wall.
-
-    Parameters
-    ----------
-    tables : DiscWallTables
-        Tables of the row of magnets.
-    kind : int
-        Index of the grain's species.
-    w : float
-        Distance of the grain from the wall [D].
-
-    Returns
-    -------
-    float
-        [F*/D]
-    """
+    """Bound of the stiffness of a grain of moment 1, wherever it stands along the wall [F*/D]; w [D]."""
     v, piece, t, terms = _find_spline_piece(tables, kind, w)
     across, along, mixed = 0.0, 0.0, 0.0
     for m in range(terms):
@@ -159,14 +111,7 @@ def stiffness(tables: DiscWallTables, kind: int, w: float) -> float:
 
 
 class DiscWall(NamedTuple):
-    """The row as the kernels take it.
-
-    Attributes
-    ----------
-    tables : DiscWallTables
-    species : int64 (n,) or None
-        Species of each grain; None where there is one.
-    """
+    """The row as the kernels take it."""
 
     tables: DiscWallTables
     species: Array | None
@@ -184,27 +129,7 @@ class DiscWall(NamedTuple):
     ) -> int:
         """Add the forces away from the wall; those along it are left in ``tangential``.
 
-        Parameters
-        ----------
-        law : DiscWall
-            Law in natural units.
-        count : int
-            Number of grains.
-        moments : float64 (m,) or None
-            Moments over that of the first species; None where all are 1.
-        side : WallSide
-            Place of the wall, and the grains' coordinates as seen from it.
-        force : float64 (m,)
-            Forces across the wall on the grains [F*]; added to.
-        normal : float64 (m,)
-            Scratch: the force of this wall away from it [F*].
-        tangential : float64 (m,)
-            Scratch: the force of this wall along it, of moment 1 [F*].
-
-        Returns
-        -------
-        int
-            Number of grains behind the wall, or at no number.
+        force, normal, tangential [F*].
         """
         outside = 0
         for i in range(count):
@@ -222,21 +147,7 @@ class DiscWall(NamedTuple):
     def add_tangential_forces(
         law: DiscWall, count: int, moments: Array | None, along_force: Array, tangential: Array
     ) -> None:
-        """Add the forces along the wall on the grains [F*].
-
-        Parameters
-        ----------
-        law : DiscWall
-            Law in natural units.
-        count : int
-            Number of grains.
-        moments : float64 (m,) or None
-            Moments over that of the first species; None where all are 1.
-        along_force : float64 (m,)
-            Forces along the wall on the grains [F*]; added to.
-        tangential : float64 (m,)
-            Forces along the wall of moment 1 [F*], as `add_forces` left them.
-        """
+        """Add the forces along the wall on the grains [F*]; along_force, tangential [F*]."""
         for i in range(count):
             ratio = 1.0
             if moments is not None:
@@ -250,18 +161,7 @@ class DiscWall(NamedTuple):
     ) -> None:
         """Fill in the energies at the wall of grains of moment 1, and add bounds of their stiffness.
 
-        Parameters
-        ----------
-        law : DiscWall
-            Law in natural units.
-        count : int
-            Number of grains.
-        side : WallSide
-            Place of the wall, and the grains' coordinates as seen from it.
-        slopes : float64 (m,)
-            Stiffness of each grain of moment 1 [F*/D]; added to.
-        energies : float64 (m,)
-            Energy of each grain of moment 1 [F* D]; overwritten.
+        slopes [F*/D], energies [F* D].
         """
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
@@ -272,19 +172,9 @@ class DiscWall(NamedTuple):
     @staticmethod
     @compiled
     def turning_point_stiffness(law: DiscWall, speed: float) -> float:
-        """Greatest stiffness up to where a grain of any species turns, between two magnets.
+        """Greatest stiffness up to where a grain of any species turns, between two magnets [1/tau^2].
 
-        Parameters
-        ----------
-        law : DiscWall
-            Law in natural units.
-        speed : float
-            Speed of the grain [D/tau].
-
-        Returns
-        -------
-        float
-            [1/tau^2], over the mass of the first species.
+        speed [D/tau].
         """
         squares = law.tables.turning[0]
         return law.tables.turning[1, min(np.searchsorted(squares, speed * speed), squares.size - 1)]
@@ -297,24 +187,7 @@ def _grain_species(species: Array | None, i: int) -> int:
 
 @functools.cache
 def disc_wall_tables(discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch: float) -> DiscWallTables:
-    """Sum the row of magnets once for each species, and table it.
-
-    Parameters
-    ----------
-    discs : tuple of Disc
-        Each species, in units of D.
-    magnet : Disc
-        A magnet of the row.
-    moment : float
-        Its moment over that of the first species.
-    pitch : float
-        Distance of two magnets [D], at least their diameter.
-
-    Returns
-    -------
-    DiscWallTables
-        Quintic splines of the Fourier terms, in natural units.
-    """
+    """Sum the row of magnets once for each species, and table it; pitch [D]."""
     depth, wave = magnet.radius, 2.0 * np.pi / pitch
     v = np.linspace(0.0, 1.0 / depth, PIECES + 1)
     amplitudes = [_fourier_amplitudes(v, disc, magnet, pitch) for disc in discs]

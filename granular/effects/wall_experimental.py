@@ -19,51 +19,21 @@ STIFFNESS = STRENGTH * 3.5
 
 @entry
 def force(w: float) -> float:
-    """Force 1/(2 w^3.5) away from the wall on a grain of the first species, [D, eq. 2.8].
-
-    Parameters
-    ----------
-    w : float
-        Distance of the grain from the wall [D].
-
-    Returns
-    -------
-    float
-        [F*]; not a number behind the wall.
-    """
+    """Force 1/(2 w^3.5) away from the wall on a grain of the first species, [D, eq. 2.8] [F*]; w [D]."""
     return STRENGTH / (w * w * w * math.sqrt(w))
 
 
 @entry
 def energy(w: float) -> float:
-    """Energy 1/(5 w^2.5) of a grain of the first species at the wall, [D, eq. 2.8].
-
-    Parameters
-    ----------
-    w : float
-        Distance of the grain from the wall [D].
-
-    Returns
-    -------
-    float
-        [F* D]
-    """
+    """Energy 1/(5 w^2.5) of a grain of the first species at the wall, [D, eq. 2.8] [F* D]; w [D]."""
     return ENERGY / (w * w * math.sqrt(w))
 
 
 @entry
 def stiffness(w: float) -> float:
-    """Minus the slope of the force, 7/(4 w^4.5), of a grain of the first species, [D, eq. 2.8].
+    """Minus the slope of the force, 7/(4 w^4.5), of a grain of the first species, [D, eq. 2.8] [F*/D].
 
-    Parameters
-    ----------
-    w : float
-        Distance of the grain from the wall [D].
-
-    Returns
-    -------
-    float
-        [F*/D]
+    w [D].
     """
     w2 = w * w
     return STIFFNESS / (w2 * w2 * math.sqrt(w))
@@ -71,18 +41,7 @@ def stiffness(w: float) -> float:
 
 @entry
 def turning_point_stiffness(speed: float) -> float:
-    """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: U(w) = v^2/2.
-
-    Parameters
-    ----------
-    speed : float
-        Speed of the grain [D/tau].
-
-    Returns
-    -------
-    float
-        [1/tau^2]
-    """
+    """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: U(w) = v^2/2."""
     return STIFFNESS * (speed * speed / (2.0 * ENERGY)) ** 1.8
 
 
@@ -92,94 +51,35 @@ class ExperimentalWall(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def is_behind(law: ExperimentalWall, w: float) -> bool:
-        """Return False: behind the wall the force is no number, so that the total tells.
-
-        Parameters
-        ----------
-        law : ExperimentalWall
-            The law, which has no parameters.
-        w : float
-            Distance of the grain from the wall [D].
-
-        Returns
-        -------
-        bool
-            False.
-        """
+        """Return False: behind the wall the force is no number, so that the total tells; w [D]."""
         return False
 
     @staticmethod
     @compiled
     def force(law: ExperimentalWall, w: float) -> float:
-        """Force 1/(2 w^3.5) away from the wall on a grain of the first species, [D, eq. 2.8].
-
-        Parameters
-        ----------
-        law : ExperimentalWall
-            The law, which has no parameters.
-        w : float
-            Distance of the grain from the wall [D].
-
-        Returns
-        -------
-        float
-            [F*]
-        """
+        """Force 1/(2 w^3.5) away from the wall on a grain of the first species, [D, eq. 2.8] [F*]; w [D]."""
         return force(w)
 
     @staticmethod
     @compiled
     def energy(law: ExperimentalWall, w: float) -> float:
-        """Energy 1/(5 w^2.5) of a grain of the first species at the wall, [D, eq. 2.8].
-
-        Parameters
-        ----------
-        law : ExperimentalWall
-            The law, which has no parameters.
-        w : float
-            Distance of the grain from the wall [D].
-
-        Returns
-        -------
-        float
-            [F* D]
-        """
+        """Energy 1/(5 w^2.5) of a grain of the first species at the wall, [D, eq. 2.8] [F* D]; w [D]."""
         return energy(w)
 
     @staticmethod
     @compiled
     def stiffness(law: ExperimentalWall, w: float) -> float:
-        """Minus the slope of the force, 7/(4 w^4.5), of a grain of the first species, [D, eq. 2.8].
+        """Minus the slope of the force, 7/(4 w^4.5), of a grain of the first species, [D, eq. 2.8] [F*/D].
 
-        Parameters
-        ----------
-        law : ExperimentalWall
-            The law, which has no parameters.
-        w : float
-            Distance of the grain from the wall [D].
-
-        Returns
-        -------
-        float
-            [F*/D]
+        w [D].
         """
         return stiffness(w)
 
     @staticmethod
     @compiled
     def turning_point_stiffness(law: ExperimentalWall, speed: float) -> float:
-        """Stiffness per mass where a grain of this speed turns: its energy at the wall is v^2/2.
+        """Stiffness per mass where a grain of this speed turns: its energy at the wall is v^2/2 [1/tau^2].
 
-        Parameters
-        ----------
-        law : ExperimentalWall
-            The law, which has no parameters.
-        speed : float
-            Speed of the grain [D/tau].
-
-        Returns
-        -------
-        float
-            [1/tau^2]
+        speed [D/tau].
         """
         return turning_point_stiffness(speed)

@@ -49,24 +49,7 @@ class WallFriction(DissipativeEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that a side wall is there, whose force is a law of the distance alone.
-
-        Parameters
-        ----------
-        grains : Grains
-            Grains of the scene.
-        cell : Cell
-            Cell of the scene.
-        piston : Piston or None
-            Piston of the scene; None where there is none.
-        others : Mapping[str, Effect]
-            All effects that act, by their keys.
-
-        Raises
-        ------
-        FieldError
-            If there is none, or it is a slab or a row of discs.
-        """
+        """Check that a side wall is there, whose force is a law of the distance alone."""
         walls: Any = others.get("walls")
         sides = [] if walls is None else [getattr(walls, side) for side in _SIDES]
         if not any(sides):
@@ -77,18 +60,7 @@ class WallFriction(DissipativeEffect):
             )
 
     def make_kernel_law(self, context: EffectContext) -> WallFrictionLaw:
-        """Make the law that the compiled loop takes; it takes the drag along.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        WallFrictionLaw
-            Law that the compiled loop takes, in natural units.
-        """
+        """Make the law that the compiled loop takes; it takes the drag along."""
         walls, other = context.effects["walls"], context.effects.get("drag")
         left, right = (
             None if side is None else side.make_kernel_law(context) for side in (walls.left, walls.right)
@@ -106,26 +78,12 @@ class WallFriction(DissipativeEffect):
 
 
 class WallFrictionLaw(NamedTuple):
-    """Friction at the side walls as the kernels take it.
-
-    Attributes
-    ----------
-    coefficient : float
-    left, right : law of the wall, or None
-    rate : float or None
-        Decay rate of the drag that is solved with it [1/tau].
-    kind : float64 (m,) or None
-        Index of each grain's rate in ``rates``.
-    rates : DragRateTable or None
-        None where all grains have the same rate.
-    drag : int or None
-        Entry of the ledger for what the drag takes.
-    """
+    """Friction at the side walls as the kernels take it."""
 
     coefficient: float
     left: Any
     right: Any
-    rate: float | None
+    rate: float | None  # [1/tau]
     kind: Array | None
     rates: drag.DragRateTable | None
     drag: int | None
@@ -133,28 +91,7 @@ class WallFrictionLaw(NamedTuple):
     @staticmethod
     @compiled
     def kick(law: WallFrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
-        """Kick the grains by force, drag and wall friction, together and exactly.
-
-        Parameters
-        ----------
-        law : WallFrictionLaw
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        dt : float
-            Duration of the kick [tau].
-        bed : Bed
-            State of the run, which changes, and its constants.
-        opens_step : bool
-            Whether the kick opens a step; False for one that closes it.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
-        """
+        """Kick the grains by force, drag and wall friction, together and exactly; dt [tau]."""
         state, constants = bed.state, bed.constants
         masses, moments = constants.masses, relative_moments(constants)
         rubbed, dragged = 0.0, 0.0
@@ -205,26 +142,9 @@ def _move_with_drag(rate: float, dt: float, v: float, push: float) -> tuple[floa
 def slide_along_wall(
     rate: float, dt: float, v: float, push: float, hold: float
 ) -> tuple[float, tuple[float, float]]:
-    """Motion along a line under an acceleration, drag and friction, solved exactly.
+    """Motion along a line under an acceleration, drag and friction, solved exactly [D/tau, D, D^2/tau^2].
 
-    Parameters
-    ----------
-    rate : float
-        Decay rate of the drag [1/tau].
-    dt : float
-        Duration [tau].
-    v : float
-        Velocity at the start [D/tau].
-    push : float
-        Acceleration by the force along the wall [D/tau^2].
-    hold : float
-        Greatest friction over the mass [D/tau^2].
-
-    Returns
-    -------
-    tuple
-        Velocity after ``dt`` [D/tau]; the path on which friction acted [D], and the loss to drag per mass
-        [D^2/tau^2].
+    rate [1/tau], dt [tau], v [D/tau], push, hold [D/tau^2].
     """
     displacement, dragged = 0.0, 0.0
     if v != 0.0:

@@ -12,70 +12,26 @@ from granular.compiled import compiled, entry
 
 @entry
 def force(w: float) -> float:
-    """Force 1/w^3 away from the wall on a grain of the first species, [D, eq. 3.3].
-
-    Parameters
-    ----------
-    w : float
-        Distance of the grain from the wall [D].
-
-    Returns
-    -------
-    float
-        [F*]
-    """
+    """Force 1/w^3 away from the wall on a grain of the first species, [D, eq. 3.3] [F*]; w [D]."""
     return 1.0 / (w * w * w)
 
 
 @entry
 def energy(w: float) -> float:
-    """Energy 1/(2 w^2) of a grain of the first species at the wall, [D, eq. 3.3].
-
-    Parameters
-    ----------
-    w : float
-        Distance of the grain from the wall [D].
-
-    Returns
-    -------
-    float
-        [F* D]
-    """
+    """Energy 1/(2 w^2) of a grain of the first species at the wall, [D, eq. 3.3] [F* D]; w [D]."""
     return 0.5 / (w * w)
 
 
 @entry
 def stiffness(w: float) -> float:
-    """Minus the slope of the force, 3/w^4, of a grain of the first species, [D, eq. 3.3].
-
-    Parameters
-    ----------
-    w : float
-        Distance of the grain from the wall [D].
-
-    Returns
-    -------
-    float
-        [F*/D]
-    """
+    """Minus the slope of the force, 3/w^4, of a grain of the first species, [D, eq. 3.3] [F*/D]; w [D]."""
     w2 = w * w
     return 3.0 / (w2 * w2)
 
 
 @entry
 def turning_point_stiffness(speed: float) -> float:
-    """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: 1/(2 w^2) = v^2/2.
-
-    Parameters
-    ----------
-    speed : float
-        Speed of the grain [D/tau].
-
-    Returns
-    -------
-    float
-        [1/tau^2]
-    """
+    """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: 1/(2 w^2) = v^2/2."""
     square = speed * speed
     return 3.0 * square * square
 
@@ -86,75 +42,29 @@ class InfiniteWall(NamedTuple):
     @staticmethod
     @compiled
     def force(law: InfiniteWall, w: float) -> float:
-        """Force 1/w^3 away from the wall on a grain of the first species, [D, eq. 3.3].
-
-        Parameters
-        ----------
-        law : InfiniteWall
-            The law, which has no parameters.
-        w : float
-            Distance of the grain from the wall [D].
-
-        Returns
-        -------
-        float
-            [F*]
-        """
+        """Force 1/w^3 away from the wall on a grain of the first species, [D, eq. 3.3] [F*]; w [D]."""
         return force(w)
 
     @staticmethod
     @compiled
     def energy(law: InfiniteWall, w: float) -> float:
-        """Energy 1/(2 w^2) of a grain of the first species at the wall, [D, eq. 3.3].
-
-        Parameters
-        ----------
-        law : InfiniteWall
-            The law, which has no parameters.
-        w : float
-            Distance of the grain from the wall [D].
-
-        Returns
-        -------
-        float
-            [F* D]
-        """
+        """Energy 1/(2 w^2) of a grain of the first species at the wall, [D, eq. 3.3] [F* D]; w [D]."""
         return energy(w)
 
     @staticmethod
     @compiled
     def stiffness(law: InfiniteWall, w: float) -> float:
-        """Minus the slope of the force, 3/w^4, of a grain of the first species, [D, eq. 3.3].
+        """Minus the slope of the force, 3/w^4, of a grain of the first species, [D, eq. 3.3] [F*/D].
 
-        Parameters
-        ----------
-        law : InfiniteWall
-            The law, which has no parameters.
-        w : float
-            Distance of the grain from the wall [D].
-
-        Returns
-        -------
-        float
-            [F*/D]
+        w [D].
         """
         return stiffness(w)
 
     @staticmethod
     @compiled
     def turning_point_stiffness(law: InfiniteWall, speed: float) -> float:
-        """Stiffness per mass where a grain of this speed turns: its energy at the wall is v^2/2.
+        """Stiffness per mass where a grain of this speed turns: its energy at the wall is v^2/2 [1/tau^2].
 
-        Parameters
-        ----------
-        law : InfiniteWall
-            The law, which has no parameters.
-        speed : float
-            Speed of the grain [D/tau].
-
-        Returns
-        -------
-        float
-            [1/tau^2]
+        speed [D/tau].
         """
         return turning_point_stiffness(speed)

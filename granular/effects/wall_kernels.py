@@ -37,48 +37,14 @@ class WallLaws(NamedTuple):
     top: Any
 
     def workspace(self, size: int, count: int) -> np.ndarray | None:
-        """Make the workspace for the forces along a wall, which slabs and discs alone have.
-
-        Parameters
-        ----------
-        size : int
-            Length m of the padded arrays of grains.
-        count : int
-            Number of grains.
-
-        Returns
-        -------
-        float64 (m,) or None
-            Zeros; None where no wall has such forces.
-        """
+        """Make the workspace for the forces along a wall, which slabs and discs alone have."""
         slabs = any(hasattr(law, "add_forces") for law in self)
         return np.zeros(size) if slabs else None
 
     @staticmethod
     @compiled(inline=True)
     def add_forces(law: WallLaws, workspace: Array | None, index: int, bed: Bed, time: float) -> int:
-        """Add the walls' forces on the grains, and enter the force on each wall [F*].
-
-        The count is of grains on the wrong side of a wall, or at no number.
-
-        Parameters
-        ----------
-        law : WallLaws
-            Law in natural units.
-        workspace : float64 (m,) or None
-            Scratch for the forces along a wall.
-        index : int
-            Index of the law in the tuple of laws.
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-
-        Returns
-        -------
-        int
-            Number of grains on the wrong side of a wall, or at no number.
-        """
+        """Add the walls' forces on the grains, and enter the force on each wall [F*]; time [tau]."""
         state, constants = bed.state, bed.constants
         return _add_wall_forces(
             law,
@@ -108,27 +74,7 @@ class WallLaws(NamedTuple):
     ) -> int:
         """Enter the energy of the grains at the walls, and add their stiffness.
 
-        Parameters
-        ----------
-        law : WallLaws
-            Law in natural units.
-        workspace : float64 (m,) or None
-            Of no use here.
-        index : int
-            Index of the law in the tuple of laws.
-        bed : Bed
-            State of the run, which changes, and its constants.
-        time : float
-            Time since the start of the run [tau].
-        stiffness : float64 (m,)
-            Stiffness of each grain over its mass [1/tau^2]; added to.
-        energies : float64 (laws,)
-            Energies of the laws [F* D]; the entry ``index`` is set.
-
-        Returns
-        -------
-        int
-            0, for the sum over all laws.
+        time [tau], stiffness [1/tau^2], energies [F* D].
         """
         state, constants = bed.state, bed.constants
         _undo_moment_over_mass(stiffness, constants.moments, constants.masses, constants.grains)
@@ -151,25 +97,9 @@ class WallLaws(NamedTuple):
     def squared_head_on_impact_frequency(
         law: WallLaws, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
-        """Largest stiffness over mass that a grain of this speed meets at any wall.
+        """Largest stiffness over mass that a grain of this speed meets at any wall [1/tau^2].
 
-        Parameters
-        ----------
-        law : WallLaws
-            Law in natural units.
-        workspace : None
-            Scratch of the law; None where it needs none.
-        index : int
-            Index of the law in the tuple of laws.
-        speed : float
-            Speed of the grain [D/tau].
-        constants : Constants
-            Constants of the run.
-
-        Returns
-        -------
-        float
-            [1/tau^2]
+        speed [D/tau].
         """
         ratio = constants.least_ratio
         speed /= math.sqrt(ratio)
@@ -183,17 +113,7 @@ class WallLaws(NamedTuple):
 
 @compiled
 def add_piston_stiffness(law: Any, bed: Bed, slopes: Array) -> None:
-    """Add each grain's stiffness against the piston over its mass.
-
-    Parameters
-    ----------
-    law : object
-        Law of the top wall.
-    bed : Bed
-        State of the run and its constants.
-    slopes : float64 (m,)
-        Stiffness over mass [1/tau^2]; added to, from 0.
-    """
+    """Add each grain's stiffness against the piston over its mass; slopes [1/tau^2]."""
     state, constants = bed.state, bed.constants
     side = WallSide(state.y, state.x, state.piston[HEIGHT], -1.0)
     _measure_wall_energy(law, constants.grains, relative_moments(constants), side, slopes, state.scratch)
@@ -267,21 +187,7 @@ def _add_wall_forces(
     tangential: Array | None,
     wall_forces: Array,
 ) -> int:
-    """Add the forces of all four walls.
-
-    laws : WallLaws
-    width, height : float
-        Cell width and piston height [D].
-    normal, tangential : float64 (m,), the second None without slabs
-        Scratch: the force of one wall on each grain, across and along it; zero behind the grains.
-    wall_forces : float64 (4,)
-        Overwritten by the force on each wall, in the order of `SIDES` [F*].
-
-    Returns
-    -------
-    int
-        How many times a grain stands on the wrong side of a wall, or is at no number.
-    """
+    """Add the forces of all four walls."""
     left, right = WallSide(x, y, 0.0, 1.0), WallSide(x, y, width, -1.0)
     bottom, top = WallSide(y, x, 0.0, 1.0), WallSide(y, x, height, -1.0)
     return (
@@ -319,11 +225,7 @@ def _measure_wall_energies(
     stiffness: Array,
     energies: Array,
 ) -> float:
-    """Energy of the grains at the walls [F* D]; adds each wall's stiffness over the grain's mass.
-
-    The stiffness per mass is that of a grain of the first species: moments and mass have the same
-    ratio for every species.
-    """
+    """Energy of the grains at the walls [F* D]; adds each wall's stiffness over the grain's mass."""
     return (
         _measure_wall_energy(laws.left, count, moments, WallSide(x, y, 0.0, 1.0), stiffness, energies)
         + _measure_wall_energy(laws.right, count, moments, WallSide(x, y, width, -1.0), stiffness, energies)

@@ -20,18 +20,10 @@ LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))
 
 
 class WallSide(NamedTuple):
-    """A wall's position, and the grains' coordinates as seen from it.
+    """A wall's position, and the grains' coordinates as seen from it."""
 
-    Attributes
-    ----------
-    position, along : float64 (m,)
-        Coordinates of the grains across and along the wall [D].
-    offset, sign : float
-        The distance from the wall is sign * (position - offset).
-    """
-
-    position: Array
-    along: Array
+    position: Array  # [D]
+    along: Array  # [D]
     offset: float
     sign: float
 
@@ -62,30 +54,7 @@ def add_normal_wall_forces(
     normal: Array,
     tangential: Array | None,
 ) -> int:
-    """Add the forces of a wall away from it, by a law of the distance alone.
-
-    Parameters
-    ----------
-    law : object
-        Law of the wall.
-    count : int
-        Number of grains.
-    moments : float64 (m,) or None
-        Moments over that of the first species; None where all are 1.
-    side : WallSide
-        Place of the wall, and the grains' coordinates as seen from it.
-    force : float64 (m,)
-        Forces across the wall on the grains [F*]; added to.
-    normal : float64 (m,)
-        Scratch: the force of this wall away from it [F*].
-    tangential : Array or None
-        Of no use: there is no force along the wall.
-
-    Returns
-    -------
-    int
-        Number of grains behind the wall, or at no number.
-    """
+    """Add the forces of a wall away from it, by a law of the distance alone; force, normal [F*]."""
     outside = 0
     for i in range(count):
         w = side.sign * (side.position[i] - side.offset)
@@ -101,18 +70,7 @@ def add_normal_wall_forces(
 def add_wall_energies(law: Any, count: int, side: WallSide, stiffness: Array, energies: Array) -> None:
     """Fill in the energies at a wall of grains of moment 1, and add their stiffness.
 
-    Parameters
-    ----------
-    law : object
-        Law of the wall.
-    count : int
-        Number of grains.
-    side : WallSide
-        Place of the wall, and the grains' coordinates as seen from it.
-    stiffness : float64 (m,)
-        Stiffness of each grain of moment 1 [F*/D]; added to.
-    energies : float64 (m,)
-        Energy of each grain of moment 1 [F* D]; overwritten.
+    stiffness [F*/D], energies [F* D].
     """
     for i in range(count):
         w = side.sign * (side.position[i] - side.offset)

@@ -40,24 +40,7 @@ def _end_force_decrease(w: float, a: float) -> float:
 
 @entry
 def energy(w: float, a: float, b: float) -> float:
-    """Energy of a grain of the first species at a slab.
-
-    A line of dipoles; see the head of this file.
-
-    Parameters
-    ----------
-    w : float
-        Distance of the grain from the slab's line [D].
-    a : float
-        Signed distance of its projection from one end [D].
-    b : float
-        Signed distance of its projection from the other end [D].
-
-    Returns
-    -------
-    float
-        [F* D]
-    """
+    """Energy of a grain of the first species at a slab [F* D]; w, a, b [D]."""
     if a >= 0.0 and b >= 0.0:
         w2 = w * w
         return 0.25 / w2 * (a / math.sqrt(w2 + a * a) + b / math.sqrt(w2 + b * b))
@@ -68,24 +51,7 @@ def energy(w: float, a: float, b: float) -> float:
 
 @entry
 def normal_force(w: float, a: float, b: float) -> float:
-    """Force of a slab on a grain of the first species, away from its line.
-
-    [D, eq. 3.17], continued beyond the ends.
-
-    Parameters
-    ----------
-    w : float
-        Distance of the grain from the slab's line [D].
-    a : float
-        Signed distance of its projection from one end [D].
-    b : float
-        Signed distance of its projection from the other end [D].
-
-    Returns
-    -------
-    float
-        [F*]
-    """
+    """Force of a slab on a grain of the first species, away from its line [F*]; w, a, b [D]."""
     if a >= 0.0 and b >= 0.0:
         w2 = w * w
         ra, rb = math.sqrt(w2 + a * a), math.sqrt(w2 + b * b)
@@ -99,23 +65,9 @@ def normal_force(w: float, a: float, b: float) -> float:
 
 @entry
 def tangential_force(w: float, a: float, b: float) -> float:
-    """Force of a slab on a grain of the first species along it, in the direction in which a grows.
+    """Force of a slab on a grain of the first species along it, in the direction in which a grows [F*].
 
-    Minus the slope of `energy` along the line.
-
-    Parameters
-    ----------
-    w : float
-        Distance of the grain from the slab's line [D].
-    a : float
-        Signed distance of its projection from one end [D].
-    b : float
-        Signed distance of its projection from the other end [D].
-
-    Returns
-    -------
-    float
-        [F*]
+    w, a, b [D].
     """
     w2 = w * w
     ra, rb = math.sqrt(w2 + a * a), math.sqrt(w2 + b * b)
@@ -124,40 +76,17 @@ def tangential_force(w: float, a: float, b: float) -> float:
 
 @entry
 def stiffness(w: float, a: float, b: float) -> float:
-    """Bound of the stiffness at a slab: that of an infinite wall at its nearest point.
-
-    Parameters
-    ----------
-    w : float
-        Distance of the grain from the slab's line [D].
-    a : float
-        Signed distance of its projection from one end [D].
-    b : float
-        Signed distance of its projection from the other end [D].
-
-    Returns
-    -------
-    float
-        [F*/D]
-    """
+    """Bound of the stiffness at a slab: that of an infinite wall at its nearest point [F*/D]; w, a, b [D]."""
     beyond = max(0.0, -min(a, b))
     square = w * w + beyond * beyond
     return 3.0 / (square * square)
 
 
 class SlabWall(NamedTuple):
-    """One or two slabs in a line, as the kernels take them.
+    """One or two slabs in a line, as the kernels take them."""
 
-    Attributes
-    ----------
-    starts, ends : float64 (k,)
-        Begin and end of each slab along the wall [D].
-    closed : bool
-        Whether no grain can come behind it.
-    """
-
-    starts: Array
-    ends: Array
+    starts: Array  # [D]
+    ends: Array  # [D]
     closed: bool
 
     @staticmethod
@@ -173,27 +102,7 @@ class SlabWall(NamedTuple):
     ) -> int:
         """Add the forces away from the slabs; those along them are left in ``tangential``.
 
-        Parameters
-        ----------
-        law : SlabWall
-            Law in natural units.
-        count : int
-            Number of grains.
-        moments : float64 (m,) or None
-            Moments over that of the first species; None where all are 1.
-        side : WallSide
-            Place of the wall, and the grains' coordinates as seen from it.
-        force : float64 (m,)
-            Forces across the wall on the grains [F*]; added to.
-        normal : float64 (m,)
-            Scratch: the force of this wall away from it [F*].
-        tangential : float64 (m,)
-            Scratch: the force of this wall along it, of moment 1 [F*].
-
-        Returns
-        -------
-        int
-            Number of grains behind the wall, or at no number.
+        force, normal, tangential [F*].
         """
         outside = 0
         for i in range(count):
@@ -215,21 +124,7 @@ class SlabWall(NamedTuple):
     def add_tangential_forces(
         law: SlabWall, count: int, moments: Array | None, along_force: Array, tangential: Array
     ) -> None:
-        """Add the forces along the slabs on the grains [F*].
-
-        Parameters
-        ----------
-        law : SlabWall
-            Law in natural units.
-        count : int
-            Number of grains.
-        moments : float64 (m,) or None
-            Moments over that of the first species; None where all are 1.
-        along_force : float64 (m,)
-            Forces along the wall on the grains [F*]; added to.
-        tangential : float64 (m,)
-            Forces along the wall of moment 1 [F*], as `add_forces` left them.
-        """
+        """Add the forces along the slabs on the grains [F*]; along_force, tangential [F*]."""
         for i in range(count):
             ratio = 1.0
             if moments is not None:
@@ -243,18 +138,7 @@ class SlabWall(NamedTuple):
     ) -> None:
         """Fill in the energies at the wall of grains of moment 1, and add bounds of their stiffness.
 
-        Parameters
-        ----------
-        law : SlabWall
-            Law in natural units.
-        count : int
-            Number of grains.
-        side : WallSide
-            Place of the wall, and the grains' coordinates as seen from it.
-        slopes : float64 (m,)
-            Stiffness of each grain of moment 1 [F*/D]; added to.
-        energies : float64 (m,)
-            Energy of each grain of moment 1 [F* D]; overwritten.
+        slopes [F*/D], energies [F* D].
         """
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
@@ -267,20 +151,5 @@ class SlabWall(NamedTuple):
     @staticmethod
     @compiled
     def turning_point_stiffness(law: SlabWall, speed: float) -> float:
-        """Bound of the stiffness where a grain of this speed turns.
-
-        At its end a slab has half the infinite wall's energy: a grain comes sqrt(2) nearer.
-
-        Parameters
-        ----------
-        law : SlabWall
-            Law in natural units.
-        speed : float
-            Speed of the grain [D/tau].
-
-        Returns
-        -------
-        float
-            [1/tau^2], over the mass of the first species.
-        """
+        """Bound of the stiffness where a grain of this speed turns [1/tau^2]; speed [D/tau]."""
         return 4.0 * wall_infinite.turning_point_stiffness(speed)

@@ -41,25 +41,7 @@ class WallLawName(FieldKind):
     """The name of a law of a wall."""
 
     def parse(self, value: Any, diameter: float | None) -> str:
-        """Read the name of a law of a wall.
-
-        Parameters
-        ----------
-        value : object
-            Value as plain data.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        str
-            The name.
-
-        Raises
-        ------
-        FieldError
-            If no law has that name.
-        """
+        """Read the name of a law of a wall; diameter [m]."""
         known = (*LAWS, FORMULA, *WALL_LAWS)
         if not isinstance(value, str) or value not in known:
             raise FieldError(unknown_word_message(str(value), known, "choice"))
@@ -70,20 +52,7 @@ class AlreadyParsedSection(FieldKind):
     """A section that is made already."""
 
     def parse(self, value: Any, diameter: float | None) -> Any:
-        """Return the section as it is.
-
-        Parameters
-        ----------
-        value : object
-            A section.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        Section
-            The same.
-        """
+        """Return the section as it is; diameter [m]."""
         return value
 
 
@@ -94,53 +63,18 @@ class WallFormula(EnergyFormula):
 
     @classmethod
     def kernel_function_names(cls, energy: str) -> tuple[str, ...]:
-        """Names of the functions that kernels get from the formula.
-
-        Parameters
-        ----------
-        energy : str
-            Text of the formula.
-
-        Returns
-        -------
-        tuple of str
-            Among `custom_functions.FUNCTIONS`.
-        """
+        """Names of the functions that kernels get from the formula."""
         return ("energy", "force", "stiffness")
 
     @staticmethod
     def derivative_expressions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Derive force and stiffness from the energy.
-
-        Parameters
-        ----------
-        energy : object
-            SymPy's expression.
-        symbols : Mapping[str, Any]
-            SymPy's symbols of the variables, by their names.
-
-        Returns
-        -------
-        dict of str to Expr
-            ``energy``, ``force`` and ``stiffness`` of the distance.
-        """
+        """Derive force and stiffness from the energy."""
         w = symbols["w"]
         return {"energy": energy, "force": -energy.diff(w), "stiffness": energy.diff(w, 2)}
 
     @staticmethod
     def make_kernel_functions(compiled: Functions) -> Functions:
-        """Make the functions that kernels call.
-
-        Parameters
-        ----------
-        compiled : Functions
-            Compiled expressions, by the names of `derivative_expressions`.
-
-        Returns
-        -------
-        dict of str to function
-            Functions by their names in `kernel_function_names`.
-        """
+        """Make the functions that kernels call."""
 
         def wrap_law(of: Any) -> Any:
             return lambda p, w: of(w, *p)
@@ -148,18 +82,7 @@ class WallFormula(EnergyFormula):
         return {name: wrap_law(of) for name, of in compiled.items()}
 
     def make_kernel_law(self, scales: Scales) -> CustomWallLaw:
-        """Law in natural units.
-
-        Parameters
-        ----------
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        CustomWallLaw
-            Law that the compiled loop takes, in natural units.
-        """
+        """Law in natural units."""
         return CustomWallLaw(CustomLawKind(self.definition.digest), self.parameters_in_natural_units(scales))
 
 
@@ -195,25 +118,7 @@ class Wall(Section):
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Wall:
-        """Read a wall: the name of its law, or a table with the law's keys.
-
-        Parameters
-        ----------
-        plain : object
-            Plain data, as a TOML file holds them.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        Wall
-            The wall.
-
-        Raises
-        ------
-        FieldError
-            If the law is unknown, or a key does not fit it.
-        """
+        """Read a wall: the name of its law, or a table with the law's keys; diameter [m]."""
         plain = {"law": plain} if isinstance(plain, str) else plain
         if not isinstance(plain, Mapping) or "own" in plain:
             return super().from_plain(plain, diameter)
@@ -229,13 +134,7 @@ class Wall(Section):
         return super().from_plain(plain, diameter)
 
     def to_plain(self) -> dict[str, Any]:
-        """Wall as a table with its law's keys; `from_plain` makes an equal wall of it.
-
-        Returns
-        -------
-        dict
-            Keys and plain values.
-        """
+        """Wall as a table with its law's keys; `from_plain` makes an equal wall of it."""
         if self.own is None:
             return super().to_plain()
         return {"law": self.law, **self.own.to_plain()}
@@ -246,13 +145,7 @@ class Wall(Section):
         return self.gap_start is not None
 
     def validate(self) -> None:
-        """Check that length, gap and pitch are given where the law has them, and only there.
-
-        Raises
-        ------
-        FieldError
-            If they do not fit the law.
-        """
+        """Check that length, gap and pitch are given where the law has them, and only there."""
         if (self.own is None) != (self.law in LAWS):
             raise FieldError("a law of one's own needs its parameters", "law")
         if self.law != "slab" and (self.length is not None or self.has_gap):
@@ -265,18 +158,7 @@ class Wall(Section):
             raise FieldError(f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end")
 
     def make_kernel_law(self, context: EffectContext) -> Any:
-        """Make the law of the wall that the compiled loop takes, in natural units.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        named tuple
-            Law with the functions of `granular.effects.wall_side`.
-        """
+        """Make the law of the wall that the compiled loop takes, in natural units."""
         scales, width = context.scales, context.cell.width
         if self.own is not None:
             return self.own.make_kernel_law(scales)
@@ -309,13 +191,7 @@ class Walls(ForceEffect):
     top: Wall | None = nested_section_field(Wall, default=Wall(), optional=True)
 
     def validate(self) -> None:
-        """Check that a gap is in the bottom, and that slabs at the sides alone have a length.
-
-        Raises
-        ------
-        FieldError
-            If not.
-        """
+        """Check that a gap is in the bottom, and that slabs at the sides alone have a length."""
         for side in SIDES:
             wall = getattr(self, side)
             if wall is None:
@@ -331,24 +207,7 @@ class Walls(ForceEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that slabs fit the cell and the piston's height, and a pitch the magnets.
-
-        Parameters
-        ----------
-        grains : Grains
-            Grains of the scene.
-        cell : Cell
-            Cell of the scene.
-        piston : Piston or None
-            Piston of the scene; None where there is none.
-        others : Mapping[str, Effect]
-            All effects that act, by their keys.
-
-        Raises
-        ------
-        FieldError
-            If they do not.
-        """
+        """Check that slabs fit the cell and the piston's height, and a pitch the magnets."""
         try:
             self._check_slab_sizes(cell.width, None if piston is None else piston.height)
             self._check_pitch(grains.species[0].diameter)
@@ -400,18 +259,7 @@ class Walls(ForceEffect):
         return self.bottom is not None and self.bottom.has_gap
 
     def make_kernel_law(self, context: EffectContext) -> WallLaws:
-        """Make the laws of all four walls that the compiled loop takes, in natural units.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Returns
-        -------
-        WallLaws
-            Law that the compiled loop takes, in natural units.
-        """
+        """Make the laws of all four walls that the compiled loop takes, in natural units."""
         return WallLaws(
             *(None if wall is None else wall.make_kernel_law(context) for wall in self.walls_in_order)
         )

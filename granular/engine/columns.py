@@ -55,167 +55,55 @@ ENERGIES = len(COLUMNS)
 
 
 def column_names_for_laws(laws: int, own: int = 0) -> tuple[str, ...]:
-    """Names of all columns of a record.
-
-    Parameters
-    ----------
-    laws : int
-        Number of laws.
-    own : int
-        Number of records that the laws bring besides their energy and loss.
-
-    Returns
-    -------
-    tuple of str
-        Names in the order of the columns.
-    """
+    """Names of all columns of a record."""
     numbers = range(laws)
     known = (*COLUMNS, *map(energy_column, numbers), *map(loss_column, numbers))
     return (*known, *map(law_record_column, range(own)))
 
 
 def law_record_column(index: int) -> str:
-    """Name of the column of one of the laws' own records.
-
-    Parameters
-    ----------
-    index : int
-        Index of the record or law.
-
-    Returns
-    -------
-    str
-        Name, as `column_names_for_laws` has it.
-    """
+    """Name of the column of one of the laws' own records."""
     return f"own {index}"
 
 
 def energy_column(index: int) -> str:
-    """Name of the column of the energy of a law.
-
-    Parameters
-    ----------
-    index : int
-        Index of the record or law.
-
-    Returns
-    -------
-    str
-        Name, as `column_names_for_laws` has it.
-    """
+    """Name of the column of the energy of a law."""
     return f"energy {index}"
 
 
 def loss_column(index: int) -> str:
-    """Name of the column of the loss to a law.
-
-    Parameters
-    ----------
-    index : int
-        Index of the record or law.
-
-    Returns
-    -------
-    str
-        Name, as `column_names_for_laws` has it.
-    """
+    """Name of the column of the loss to a law."""
     return f"loss {index}"
 
 
 def ledger_column_count(laws: int) -> int:
-    """Return the number of the columns of a record that the energy ledger reads.
-
-    Parameters
-    ----------
-    laws : int
-        Number of laws.
-
-    Returns
-    -------
-    int
-        Number of columns.
-    """
+    """Return the number of the columns of a record that the energy ledger reads."""
     return ENERGIES + 2 * laws
 
 
 def total_potential_energies(rows: np.ndarray) -> np.ndarray:
-    """Potential energy of the grains in each record, as a whole.
-
-    Parameters
-    ----------
-    rows : float64 (r, columns)
-        Records, in natural units.
-
-    Returns
-    -------
-    float64 (r,)
-        [F* D]
-    """
+    """Potential energy of the grains in each record, as a whole [F* D]."""
     return np.asarray(_potential_energy_columns(rows).sum(axis=1))
 
 
 def summed_potential_magnitudes(rows: np.ndarray) -> np.ndarray:
-    """Sum of the magnitudes of the potential energies in each record.
-
-    Parameters
-    ----------
-    rows : float64 (r, columns)
-        Records, in natural units.
-
-    Returns
-    -------
-    float64 (r,)
-        [F* D]
-    """
+    """Sum of the magnitudes of the potential energies in each record [F* D]."""
     return np.asarray(np.abs(_potential_energy_columns(rows)).sum(axis=1))
 
 
 def total_energies(rows: np.ndarray) -> np.ndarray:
-    """Energy of grains and piston in each record.
-
-    Parameters
-    ----------
-    rows : float64 (r, columns)
-        Records, in natural units.
-
-    Returns
-    -------
-    float64 (r,)
-        Kinetic and potential [F* D].
-    """
+    """Energy of grains and piston in each record [F* D]."""
     terms = [rows[:, [KINETIC]], _potential_energy_columns(rows), rows[:, [PISTON]]]
     return np.asarray(np.concatenate(terms, axis=1).sum(axis=1))
 
 
 def total_energy(row: np.ndarray) -> float:
-    """Energy of grains and piston in one record.
-
-    Parameters
-    ----------
-    row : float64 (columns,)
-        Record, in natural units.
-
-    Returns
-    -------
-    float
-        Kinetic and potential [F* D].
-    """
+    """Energy of grains and piston in one record [F* D]."""
     return float(total_energies(row[None])[0])
 
 
 def total_losses(rows: np.ndarray) -> np.ndarray:
-    """Energy lost up to each record.
-
-    Parameters
-    ----------
-    rows : float64 (r, columns)
-        Records, in natural units.
-
-    Returns
-    -------
-    float64 (r,)
-        By grains and piston [F* D].
-    """
+    """Energy lost up to each record [F* D]."""
     return np.asarray(rows[:, _first_loss_column(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])
 
 

@@ -28,24 +28,7 @@ begun to move from rest has a large relative error of no consequence."""
 
 @dataclasses.dataclass
 class EnergyLedger:
-    """Memory of the energy ledger from record to record, in natural units.
-
-    Attributes
-    ----------
-    start : float
-        Energy at the start of the run.
-    potential : float
-        Potential energy at the start.
-    wrong : float
-        Relative residual that stops the run.
-    piston : float
-        Energy of the piston at the start.
-    moved : float
-        Energy turned over so far: the greatest sum of the kinetic energy, the changes of the
-        potential and the piston's energy, and what was lost and worked.
-    worst : float
-        Greatest residual so far.
-    """
+    """Memory of the energy ledger from record to record, in natural units."""
 
     start: float
     potential: float
@@ -61,20 +44,7 @@ class EnergyLedger:
 
     @classmethod
     def from_first_record(cls, row: np.ndarray, *, coarse: bool) -> EnergyLedger:
-        """Begin a ledger with this record.
-
-        Parameters
-        ----------
-        row : float64 (columns,)
-            Record, in natural units.
-        coarse : bool
-            Whether the limit is wider; see `granular.scene.dry_friction.has_coarse_friction`.
-
-        Returns
-        -------
-        EnergyLedger
-            Ledger without residual.
-        """
+        """Begin a ledger with this record."""
         rows = row[None]
         return cls(
             start=float(columns.total_energies(rows)[0]),
@@ -85,20 +55,7 @@ class EnergyLedger:
         )
 
     def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals of the records: what kinetic, potential and lost energy and work do not balance.
-
-        Parameters
-        ----------
-        rows : float64 (r, columns)
-            Records, in natural units.
-
-        Returns
-        -------
-        residual : float64 (r,)
-            Magnitudes beyond rounding [F* D].
-        relative : float64 (r,)
-            The same over the energy turned over, without unit.
-        """
+        """Imbalance of kinetic, potential and lost energy and work in each record [F* D]."""
         potential, total = columns.total_potential_energies(rows), columns.total_energies(rows)
         lost, work = columns.total_losses(rows), rows[:, columns.WORK]
         moved = np.maximum(rows[:, columns.TURNED], self.moved)
@@ -112,18 +69,7 @@ class EnergyLedger:
         return excess, relative
 
     def find_unbalanced_record(self, rows: np.ndarray) -> tuple[int, float] | None:
-        """Enter records, and find the first one that cannot be trusted.
-
-        Parameters
-        ----------
-        rows : float64 (r, columns)
-            Records, in natural units.
-
-        Returns
-        -------
-        tuple of (int, float) or None
-            Its index and its residual over the energy turned over; None if all balance.
-        """
+        """Enter records, and find the first one that cannot be trusted."""
         if not len(rows):
             return None
         residual, relative = self.residuals(rows)

@@ -26,22 +26,7 @@ from granular.pairs.multilevel_mesh import MultilevelMesh
 
 @compiled(inline=True)
 def compute_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
-    """Compute the far field's forces at the present positions.
-
-    Parameters
-    ----------
-    far : FarFieldState or None
-        Far field with its forces; None without one.
-    bed : Bed
-        State of the run, which changes, and its constants.
-    time : float
-        Time since the start of the run [tau].
-
-    Returns
-    -------
-    int
-        Not 0 where the mesh is too small for the bed.
-    """
+    """Compute the far field's forces at the present positions; time [tau]."""
     if far is None:
         return 0
     far.timing[TIME] = time
@@ -82,22 +67,7 @@ def _find_far_forces_of_bed(
 def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
     """Find the far field where it is a part of every force; where it acts in impulses, it stays.
 
-    It also stays where grains rub and none has moved by more than a little (see
-    `granular.pairs.mesh_far_field.STILL`): grains at rest feel the same force to the last bit.
-
-    Parameters
-    ----------
-    far : FarFieldState or None
-        Far field with its forces; None without one.
-    bed : Bed
-        State of the run, which changes, and its constants.
-    time : float
-        Time since the start of the run [tau].
-
-    Returns
-    -------
-    int
-        Not 0 where the mesh is too small for the bed.
+    time [tau].
     """
     if far is None:
         return 0
@@ -160,16 +130,7 @@ def _store_far_force_rates(rates: Array, far: FarFieldState, lapse: float) -> No
 def add_far_field(far: FarFieldState | None, state: State, count: int, time: float) -> None:
     """Add the far field to the forces and loads; where it acts in impulses, the held one.
 
-    Parameters
-    ----------
-    far : FarFieldState or None
-        Far field with its forces; None without one.
-    state : State
-        State of the run, whose forces [F*] are changed.
-    count : int
-        Number of grains.
-    time : float
-        Time since the start of the run [tau].
+    state [F*], time [tau].
     """
     if far is not None:
         _add_held_forces(far.held_forces, far, state.load, state, count)
@@ -209,34 +170,13 @@ def _add_extrapolated_forces(
 
 @compiled
 def far_energy(far: FarFieldState | None) -> float:
-    """Energy of the far field at the positions of its last evaluation.
-
-    Parameters
-    ----------
-    far : FarFieldState or None
-        Far field with its forces; None without one.
-
-    Returns
-    -------
-    float
-        [F* D]; 0 without one.
-    """
+    """Energy of the far field at the positions of its last evaluation [F* D]."""
     return 0.0 if far is None else far.energy[0]
 
 
 @compiled
 def kick_by_far_field(far: FarFieldState | None, dt: float, bed: Bed) -> None:
-    """Give the impulse by which the far field differs from the held one.
-
-    Parameters
-    ----------
-    far : FarFieldState or None
-        Far field with its forces; None without one.
-    dt : float
-        Duration that the impulse stands for [tau].
-    bed : Bed
-        State of the run, which changes, and its constants.
-    """
+    """Give the impulse by which the far field differs from the held one; dt [tau]."""
     state, constants = bed.state, bed.constants
     if far is not None:
         _kick_by_change_since_held(
@@ -264,16 +204,7 @@ def _kick_by_change_since_held(
 
 
 def update_held_far_field(state: State) -> None:
-    """Hold the present far field from now on, where it acts in impulses.
-
-    The energy does not change, but what a symplectic step conserves does, a little: not to be done
-    often in a run that dissipates nothing.
-
-    Parameters
-    ----------
-    state : State
-        State of the run, whose held forces are changed.
-    """
+    """Hold the present far field from now on, where it acts in impulses."""
     far = state.far_forces
     if far is not None and far.held_forces is not None:
         state.fx[:] += far.fx - far.held_forces[0]
@@ -282,18 +213,7 @@ def update_held_far_field(state: State) -> None:
 
 
 def force_with_far_field(state: State) -> tuple[Array, Array]:
-    """Force on the grains, with all of a far field that acts in impulses.
-
-    Parameters
-    ----------
-    state : State
-        State of the run.
-
-    Returns
-    -------
-    fx, fy : float64 (m,)
-        [F*], padded.
-    """
+    """Force on the grains, with all of a far field that acts in impulses [F*]."""
     far = state.far_forces
     if far is None or far.held_forces is None:
         return state.fx, state.fy

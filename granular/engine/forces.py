@@ -82,20 +82,7 @@ _measure = sum_of_hooks("measure_energy_and_stiffness", "bed time stiffness ener
 
 @compiled(inline=True)
 def compute_forces(bed: Bed, time: float) -> int:
-    """Overwrite the forces on the grains and the walls, in natural units.
-
-    Parameters
-    ----------
-    bed : Bed
-        State of the run, which changes, and its constants.
-    time : float
-        Time since the start of the run [tau].
-
-    Returns
-    -------
-    int
-        Zero while every grain is where it can be (see `granular.effects.walls`).
-    """
+    """Overwrite the forces on the grains and the walls, in natural units; time [tau]."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
     crowded = _compute_pair_forces(acting.dipole, bed, None, None)
@@ -106,22 +93,7 @@ def compute_forces(bed: Bed, time: float) -> int:
 
 @compiled
 def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) -> int:
-    """Overwrite all forces, as `compute_forces`, and sum what `potential_energies` needs.
-
-    Parameters
-    ----------
-    bed : Bed
-        State of the run, which changes, and its constants.
-    time : float
-        Time since the start of the run [tau].
-    measurement : Measurement
-        Scratch of the measuring pass; filled.
-
-    Returns
-    -------
-    int
-        Zero while every grain is where it can be (see `granular.effects.walls`).
-    """
+    """Overwrite all forces, as `compute_forces`, and sum what `potential_energies` needs; time [tau]."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
     crowded = _compute_pair_forces(acting.dipole, bed, measurement.stiffness, measurement.energy_and_closest)
@@ -132,20 +104,7 @@ def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) 
 
 @compiled
 def kinetic_energy(bed: Bed) -> tuple[float, float]:
-    """Kinetic energy of the grains, and the square of the greatest speed.
-
-    Parameters
-    ----------
-    bed : Bed
-        State of the run and its constants.
-
-    Returns
-    -------
-    energy : float
-        [F* D]
-    fastest : float
-        [D^2/tau^2]
-    """
+    """Kinetic energy of the grains, and the square of the greatest speed [F* D; D^2/tau^2]."""
     state, constants = bed.state, bed.constants
     fastest = 0.0
     for i in range(constants.grains):
@@ -166,28 +125,7 @@ def _sum_times_mass(state: State, masses: Array | None) -> float:
 
 @compiled
 def potential_energies(bed: Bed, time: float, measurement: Measurement, energies: Array) -> float:
-    """Energy of the magnetic pairs; fills in that of each law, and the bound of each grain's stiffness.
-
-    Needs a measuring pass at the same positions; completes its stiffness to a bound of the
-    square of the highest angular frequency of each grain: half a row sum of Gershgorin's theorem
-    for the pairs (a pair's stiffness 3 q_i q_j / r^5 enters the row of i twice), and the effects'.
-
-    Parameters
-    ----------
-    bed : Bed
-        State of the run, which changes, and its constants.
-    time : float
-        Time since the start of the run [tau].
-    measurement : Measurement
-        Sums of a measuring pass at the same positions; its stiffness is completed.
-    energies : float64 (laws,)
-        Overwritten by the energy of each law [F* D].
-
-    Returns
-    -------
-    float
-        [F* D]
-    """
+    """Energy of the pairs [F* D]; also fill each law's energy and the bounds of stiffness [1/tau^2]."""
     state, constants = bed.state, bed.constants
     stiffness = measurement.stiffness
     bound = 6.0 * pair_stiffness_bound(constants.acting.discs)
@@ -203,23 +141,9 @@ def potential_energies(bed: Bed, time: float, measurement: Measurement, energies
 def evaluate_forces(
     state: State, constants: Constants, measurement: Measurement, energies: Array
 ) -> tuple[int, float, float]:
-    """Overwrite all forces, and fill ``energies`` with that of each law, at time 0.
+    """Overwrite all forces, and fill ``energies`` with that of each law, at time 0 [F* D].
 
-    Parameters
-    ----------
-    state : State
-        State of the run; its forces are overwritten.
-    constants : Constants
-        Constants of the run.
-    measurement : Measurement
-        Scratch of the measuring pass; filled.
-    energies : float64 (laws,)
-        Overwritten by the energy of each law [F* D].
-
-    Returns
-    -------
-    tuple of (int, float, float)
-        Zero while every grain is where it can be; energy of the pairs, and of motion [F* D].
+    energies [F* D].
     """
     bed = by_reference(Bed(state, constants))
     measurement = by_reference(measurement)

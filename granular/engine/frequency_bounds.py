@@ -24,42 +24,16 @@ _squared_impact_frequency = greatest_of_hooks("squared_head_on_impact_frequency"
 
 @entry
 def evaluate_highest_impact_frequency(constants: Constants, speed: float) -> float:
-    """Highest angular frequency of a collision, for Python; see `highest_impact_frequency`.
+    """Highest angular frequency of a collision, for Python; see `highest_impact_frequency` [1/tau].
 
-    Parameters
-    ----------
-    constants : Constants
-        Constants of the run.
-    speed : float
-        Speed of the grain [D/tau].
-
-    Returns
-    -------
-    float
-        [1/tau]
+    speed [D/tau].
     """
     return highest_impact_frequency(by_reference(constants), speed)
 
 
 @compiled
 def highest_impact_frequency(constants: Constants, speed: float) -> float:
-    """Highest angular frequency of a collision at a speed.
-
-    Two grains of this speed meet head-on, or one of them meets a wall: their energy fixes the
-    closest approach, and that the stiffness. So a step is short before a collision, not after it.
-
-    Parameters
-    ----------
-    constants : Constants
-        Constants of the run.
-    speed : float
-        Speed of the grain [D/tau].
-
-    Returns
-    -------
-    float
-        [1/tau]
-    """
+    """Highest angular frequency of a collision at a speed [1/tau]; speed [D/tau]."""
     square = 0.0
     if constants.acting.dipole is not None and constants.grains > 1:
         square = _head_on_pair_stiffness(
@@ -88,26 +62,9 @@ def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None
 
 @compiled
 def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement: Measurement) -> float:
-    """Bound of the highest angular frequency of bed and free piston, and of collisions.
+    """Bound of the highest angular frequency of bed and free piston, and of collisions [1/tau].
 
-    Row sums of the Hessian over the masses bound its eigenvalues (Gershgorin's theorem); they are
-    in ``measurement`` after `potential_energies`.
-
-    Parameters
-    ----------
-    speed : float
-        Greatest speed of a grain [D/tau].
-    bed : Bed
-        State of the run and its constants.
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-    measurement : Measurement
-        Result of a measuring pass.
-
-    Returns
-    -------
-    float
-        [1/tau]
+    speed [D/tau].
     """
     constants = bed.constants
     highest = 0.0

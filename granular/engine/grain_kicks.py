@@ -41,13 +41,7 @@ _flow_back = sum_of_hooks("damp_velocities", "dt bed opens_step", backward=True)
 
 @compiled(inline=True)
 def kick_grains(dt: float, bed: Bed, opens_step: bool) -> None:
-    """Change the velocities of the grains by ``dt`` [tau] under the present forces.
-
-    Parameters
-    ----------
-    opens_step : bool
-        Whether the kick opens a step: the parts are then taken in one order, else in the other.
-    """
+    """Change the velocities of the grains by ``dt`` [tau] under the present forces."""
     state, constants = bed.state, bed.constants
     laws = constants.acting.laws
     if opens_step:

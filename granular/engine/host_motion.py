@@ -62,27 +62,7 @@ def kick_host(
     start: float,
     opens_step: bool,
 ) -> None:
-    """Kick host, grains and piston together; see the head of this file.
-
-    Parameters
-    ----------
-    law : HostLaw
-        Law of the host.
-    workspace : HostWorkspace
-        Motion of the host, which changes.
-    dt : float
-        Duration of the kick [tau].
-    bed : Bed
-        State of the run, which changes, and its constants.
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-    time : float
-        Time in the stage [tau].
-    start : float
-        Time of the stage's start since that of the run [tau].
-    opens_step : bool
-        Whether the kick opens a step; False for one that closes it.
-    """
+    """Kick host, grains and piston together; see the head of this file; dt, time, start [tau]."""
     state = bed.state
     apart = law.mount == PISTON_MOUNT and motion.free
     if apart and not opens_step:
@@ -94,19 +74,7 @@ def kick_host(
 
 @compiled(inline=True)
 def drift_host(law: HostLaw | None, workspace: HostWorkspace | None, dt: float, state: State) -> None:
-    """Move the bodies at their velocities, where there is a host.
-
-    Parameters
-    ----------
-    law : HostLaw or None
-        Law of the host; None without one.
-    workspace : HostWorkspace or None
-        Motion of the host, which changes.
-    dt : float
-        Duration [tau].
-    state : State
-        State of the run.
-    """
+    """Move the bodies at their velocities, where there is a host; dt [tau]."""
     if law is not None and workspace is not None:
         last = law.chain.masses.size - 1
         for k in range(last):
@@ -119,21 +87,7 @@ def drift_host(law: HostLaw | None, workspace: HostWorkspace | None, dt: float, 
 def record_host_motion(
     law: HostLaw | None, workspace: HostWorkspace | None, state: State, time: float, values: Array
 ) -> None:
-    """Enter displacements, velocity and drive of a host, where there is one.
-
-    Parameters
-    ----------
-    law : HostLaw or None
-        Law of the host; None without one.
-    workspace : HostWorkspace or None
-        Motion of the host.
-    state : State
-        State of the run.
-    time : float
-        Time since the start of the run [tau].
-    values : float64 (k,)
-        Filled in the order of `Host.extra_records`, in natural units.
-    """
+    """Enter displacements, velocity and drive of a host, where there is one; time [tau]."""
     if law is not None and workspace is not None:
         last, at = law.chain.masses.size - 1, 0
         if last >= 0:
@@ -368,10 +322,7 @@ def _fill_chain_forces(chain: HostChain, workspace: HostWorkspace, force: float)
 def _solve_body_velocity_changes(
     chain: HostChain, workspace: HostWorkspace, dt: float, base: float, change: float, dashpots: bool
 ) -> float:
-    """Fill in what the bodies below the last one gain, where that gains ``change``.
-
-    Returns the force of its dashpot at mean velocities. By elimination from the base upwards.
-    """
+    """Fill in what the bodies below the last one gain, where that gains ``change``."""
     last, half = chain.masses.size - 1, 0.5 * dt
     for k in range(last):
         own, above = chain.damping[k], chain.damping[k + 1]

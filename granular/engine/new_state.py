@@ -21,25 +21,7 @@ def new_state(
 ) -> State:
     """Make the state of a run, with arrays only for the effects that act.
 
-    Arrays are made only for the effects that act.
-
-    Parameters
-    ----------
-    positions : float64 (n, 2)
-        [D]
-    velocities : float64 (n, 2)
-        [D/tau]
-    height : float
-        Height of the piston [D].
-    acting : EffectLaws
-        Laws of the effects that act.
-    method : Method
-        Integration method.
-
-    Returns
-    -------
-    State
-        Padded arrays; forces, ledger and clock are zero.
+    positions, height [D], velocities [D/tau].
     """
     count = len(positions)
     x, y = pad_coordinates(positions)
@@ -103,16 +85,5 @@ def _new_slopes(rows: int, size: int) -> StageSlopes:
 
 
 def new_measurement(state: State) -> Measurement:
-    """Make the scratch of a measuring pass.
-
-    Parameters
-    ----------
-    state : State
-        State of the run.
-
-    Returns
-    -------
-    Measurement
-        Arrays of zeros, as long as those of the state.
-    """
+    """Make the scratch of a measuring pass."""
     return Measurement(np.zeros_like(state.x), np.zeros(2), np.zeros_like(state.x))

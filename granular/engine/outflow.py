@@ -11,20 +11,7 @@ from granular.pairs.direct_sum import PADDING
 
 
 def constants_per_grain(constants: Constants) -> list[np.ndarray]:
-    """Constants with one value for each grain, which must move with the grains.
-
-    All arrays of a law are such; what is something else stands in a tuple within it.
-
-    Parameters
-    ----------
-    constants : Constants
-        Constants of the run.
-
-    Returns
-    -------
-    list of arrays (m,)
-        Views: what is changed in them changes the constants.
-    """
+    """Constants with one value for each grain, which must move with the grains."""
     acting = constants.acting
     result = [constants.masses, constants.moments, acting.weight]
     if acting.discs is not None:
@@ -35,20 +22,7 @@ def constants_per_grain(constants: Constants) -> list[np.ndarray]:
 
 
 def remove_outflowed_grains(state: State, constants: Constants) -> Constants:
-    """Take out the grains below the exit, by moving the last ones to their entries.
-
-    Parameters
-    ----------
-    state : State
-        State of the run, which changes.
-    constants : Constants
-        Constants of the run.
-
-    Returns
-    -------
-    Constants
-        The constants with the new number of grains.
-    """
+    """Take out the grains below the exit, by moving the last ones to their entries."""
     grains = constants.grains
     for i in range(grains - 1, -1, -1):
         if state.y[i] < constants.exit:

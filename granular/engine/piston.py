@@ -100,11 +100,7 @@ def _accelerate_with_drag(
 def _slide_with_friction(
     resistance: PistonResistance, force: float, dt: float, mass: float, state: State
 ) -> None:
-    """Force, drag and friction together, where friction alone could stop the piston.
-
-    As for grains: one after the other, they would stop for good a piston that is pushed on, and
-    give a creeping one more energy than it has.
-    """
+    """Force, drag and friction together, where friction alone could stop the piston."""
     v, rate, friction = state.piston[SPEED], resistance.rate, resistance.force
     if v != 0.0:
         sign = math.copysign(1.0, v)
@@ -139,11 +135,7 @@ def _slow_by_friction(resistance: PistonResistance, dt: float, mass: float, stat
 
 @compiled
 def _prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) -> float:
-    """Speed on the path [D/tau].
-
-    On a table, whose speed jumps from row to row, it is the mean one over the half step that the
-    kick stands for.
-    """
+    """Speed on the path [D/tau]."""
     if motion.kind == TABLE:
         before = time if opens_step else time - dt
         return (
@@ -156,23 +148,7 @@ def _prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) 
 def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, opens_step: bool) -> None:
     """Change the piston's velocity by its forces; enter the work done from outside meanwhile.
 
-    Work is the conjugate of what depends on time (the path, an outer force, the shaking), so that
-    the ledger has the method's order.
-
-    Parameters
-    ----------
-    dt : float
-        Duration of the kick [tau].
-    bed : Bed
-        State of the run, which changes, and its constants.
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-    time : float
-        Time in the stage [tau].
-    start : float
-        Time of the stage's start since that of the run [tau].
-    opens_step : bool
-        Whether the kick opens a step; False for one that closes it.
+    dt, time, start [tau].
     """
     state, constants = bed.state, bed.constants
     if motion.free:
@@ -191,21 +167,7 @@ def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, 
 
 @compiled(inline=True)
 def drift_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float) -> None:
-    """Move the piston: a free one at its velocity, a driven one along its path.
-
-    Parameters
-    ----------
-    dt : float
-        Duration [tau].
-    bed : Bed
-        State of the run, which changes, and its constants.
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-    time : float
-        Time in the stage at the end of the drift [tau].
-    start : float
-        Time of the stage's start since that of the run [tau].
-    """
+    """Move the piston: a free one at its velocity, a driven one along its path; dt, time, start [tau]."""
     state = bed.state
     if motion.free:
         _add_to_piston_height(state.rounding, dt * state.piston[SPEED], state)
@@ -219,20 +181,7 @@ def drift_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float)
 
 @compiled(inline=True)
 def piston_energy(bed: Bed, time: float) -> float:
-    """Kinetic and potential energy of the piston.
-
-    Parameters
-    ----------
-    bed : Bed
-        State of the run and its constants.
-    time : float
-        Time since the start of the run [tau].
-
-    Returns
-    -------
-    float
-        [F* D]; 0 where it has no mass.
-    """
+    """Kinetic and potential energy of the piston [F* D]; time [tau]."""
     state, constants = bed.state, bed.constants
     if not constants.piston_mass < math.inf:
         return 0.0

@@ -27,28 +27,7 @@ from granular.shared.errors import (
 def misplaced_grain_error(
     state: State, constants: Constants, scales: Scales, step: int, time: float, remedy: str
 ) -> RunError:
-    """Make the error for a grain that is where it cannot be.
-
-    Parameters
-    ----------
-    state : State
-        State of the run.
-    constants : Constants
-        Constants of the run.
-    scales : Scales
-        Natural units of the scene, in SI.
-    step : int
-        Steps made so far.
-    time : float
-        Time of the run [s].
-    remedy : str
-        Advice that the message ends with.
-
-    Returns
-    -------
-    RunError
-        `NotFiniteError`, or `OutsideError` with the grain and its depth [m].
-    """
+    """Make the error for a grain that is where it cannot be [m]; time [s]."""
     count = constants.grains
     position = np.stack([state.x[:count], state.y[:count]], axis=1)
     lost = ~np.isfinite(position).all(axis=1)
@@ -111,26 +90,7 @@ def misplaced_grain_error(
 def unbalanced_energy_error(
     residual: float, limit: float, step: int, time: float, remedy: str
 ) -> EnergyError:
-    """Make the error for an energy ledger that does not balance.
-
-    Parameters
-    ----------
-    residual : float
-        Residual over the energy turned over.
-    limit : float
-        Greatest one allowed.
-    step : int
-        Steps made so far.
-    time : float
-        Time of the run [s].
-    remedy : str
-        Advice that the message ends with.
-
-    Returns
-    -------
-    EnergyError
-        The error.
-    """
+    """Make the error for an energy ledger that does not balance; time [s]."""
     return EnergyError(
         f"the energy ledger is off by {residual:.2g} of the energy turned over, {limit:g} is the limit",
         step=step,
@@ -145,25 +105,7 @@ def not_at_rest_error(
 ) -> NotAtRestError:
     """Make the error for a piston that does not come to rest.
 
-    Parameters
-    ----------
-    stage : str
-        Name of the stage.
-    limit : float
-        Longest duration of the stage [s].
-    speeds : tuple[float, float]
-        Speeds of the piston and of the fastest grain at its end [m/s].
-    tolerance : float
-        Range of the piston at rest [m].
-    step : int
-        Steps made so far.
-    time : float
-        Time of the run [s].
-
-    Returns
-    -------
-    NotAtRestError
-        The error.
+    limit, time [s], speeds [m/s], tolerance [m].
     """
     piston, grain = speeds
     remedy = "give the stage a longer duration, a greater tolerance or more dissipation"
@@ -181,26 +123,7 @@ def not_at_rest_error(
 
 
 def too_many_steps_error(what: str, steps: float, limit: float, step: int, time: float) -> StepCountError:
-    """Make the error for more steps than can be made, or counted.
-
-    Parameters
-    ----------
-    what : str
-        Name of what takes them, as in ``"a record"``.
-    steps : float
-        Number of steps that it takes.
-    limit : float
-        Greatest number allowed.
-    step : int
-        Steps made so far.
-    time : float
-        Time of the run [s].
-
-    Returns
-    -------
-    StepCountError
-        The error.
-    """
+    """Make the error for more steps than can be made, or counted; time [s]."""
     return StepCountError(
         f"{what} takes {steps:.3g} steps, {limit:.3g} is the limit",
         step=step,
@@ -212,20 +135,7 @@ def too_many_steps_error(what: str, steps: float, limit: float, step: int, time:
 
 @contextlib.contextmanager
 def report_arithmetic_errors_as(failure: Callable[[], Exception]) -> Iterator[None]:
-    """Without the compiler, turn arithmetic that fails in a kernel into a run's error.
-
-    Compiled code goes on with infinities there, and the loop then reports the same. Yields None.
-
-    Parameters
-    ----------
-    failure : Callable[[], Exception]
-        Function that makes the error.
-
-    Raises
-    ------
-    Exception
-        What ``failure`` returns, where arithmetic fails in the block.
-    """
+    """Without the compiler, turn arithmetic that fails in a kernel into a run's error."""
     try:
         yield
     except (ArithmeticError, ValueError) as error:

@@ -120,33 +120,7 @@ def runge_kutta_step(
 ) -> int:
     """Make one step of an explicit Runge-Kutta method; work and losses are integrated alike.
 
-    Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), II.1.
-
-    Parameters
-    ----------
-    tableau : float64 (s + 1, s)
-        Butcher tableau, its weights as the last row.
-    slopes : StageSlopes
-        Scratch of the stages.
-    h : float
-        Length of the step [tau].
-    time : float
-        Time in the stage at the step's start [tau].
-    start : float
-        Time of the stage's start since that of the run [tau].
-    bed : Bed
-        State of the run, which changes, and its constants.
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-    measurement : Measurement
-        Scratch of the measuring pass; filled.
-    measuring : bool
-        Whether the last forces are measured.
-
-    Returns
-    -------
-    int
-        Zero while every grain is where it can be.
+    h, time, start [tau].
     """
     state, constants = bed.state, bed.constants
     stages = tableau.shape[1]

@@ -46,18 +46,7 @@ MOST_COUNT = 2**53
 
 
 def auto_step_text(factor: float) -> str:
-    """Multiple of the automatic step, as users write it: ``auto/2``.
-
-    Parameters
-    ----------
-    factor : float
-        The multiple.
-
-    Returns
-    -------
-    str
-        Text.
-    """
+    """Multiple of the automatic step, as users write it: ``auto/2``."""
     if factor == 1.0:
         return "auto"
     return f"auto*{factor:g}" if factor > 1.0 else f"auto/{1.0 / factor:g}"
@@ -65,19 +54,7 @@ def auto_step_text(factor: float) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class StepRequest:
-    """Requested time step.
-
-    Attributes
-    ----------
-    seconds : float or None
-        None for the automatic step.
-    factor : float
-        Multiple of the automatic step.
-    grains : int
-        Number of grains.
-    dry : bool
-        Whether grains rub, by the velocity scheme, and nothing stiffer than they acts.
-    """
+    """Requested time step."""
 
     seconds: float | None = None
     factor: float = 1.0
@@ -107,44 +84,11 @@ class StepRequest:
         return LONGEST / DRY_FACTOR if self.dry else LONGEST
 
     def steps_per_tick(self, length: float, frequency: float) -> int:
-        """Automatic steps of a tick, for a highest frequency.
-
-        Parameters
-        ----------
-        length : float
-            Length of the tick [tau].
-        frequency : float
-            Highest angular frequency [1/tau].
-
-        Returns
-        -------
-        int
-            At least 1.
-        """
+        """Automatic steps of a tick, for a highest frequency; length [tau], frequency [1/tau]."""
         return max(1, math.ceil(length * frequency / self.step_times_frequency - 1e-9))
 
     def divide_stage(self, record: float, frame: float, frequency: float, tau: float) -> StepSchedule:
-        """Divide a stage into ticks and steps.
-
-        A given step stays as it is, and the distances are rounded to whole steps and records; an
-        automatic one divides them.
-
-        Parameters
-        ----------
-        record : float
-            From record to record [tau].
-        frame : float
-            From frame to frame [tau].
-        frequency : float
-            Highest angular frequency [1/tau].
-        tau : float
-            Natural unit of time [s].
-
-        Returns
-        -------
-        StepSchedule
-            Ticks and steps, in natural units.
-        """
+        """Divide a stage into ticks and steps; record, frame [tau], frequency [1/tau], tau [s]."""
         if self.seconds is not None:
             h = self.seconds / tau
             steps = max(1, round(record / h))
@@ -164,64 +108,23 @@ def _limit_tick_count(ticks: int) -> int:
 
 
 class StepSchedule(NamedTuple):
-    """Ticks and steps of a stage, as the compiled loop takes them.
+    """Ticks and steps of a stage, as the compiled loop takes them."""
 
-    Attributes
-    ----------
-    length : float
-        A tick [tau]: from look to look at the bed; the mean one where the step is given.
-    h : float
-        A step [tau].
-    every : int
-        Ticks from record to record.
-    frames_every : int
-        Ticks from frame to frame.
-    steps : int
-        Steps of a tick.
-    given : int
-        Steps from record to record where the step is given, so that a tick may have one step less
-        than another; 0 where it is automatic.
-    """
-
-    length: float
-    h: float
+    length: float  # [tau]
+    h: float  # A step [tau]
     every: int
     frames_every: int
     steps: int
     given: int
 
     def with_steps(self, steps: int) -> StepSchedule:
-        """Return the same ticks with another automatic step.
-
-        Parameters
-        ----------
-        steps : int
-            Steps of a tick.
-
-        Returns
-        -------
-        StepSchedule
-            The changed schedule.
-        """
+        """Return the same ticks with another automatic step."""
         return self._replace(steps=steps, h=self.length / steps)
 
 
 @compiled
 def tick_start_time(schedule: StepSchedule, tick: int) -> float:
-    """Time from the stage's start to a tick's start.
-
-    Parameters
-    ----------
-    schedule : StepSchedule
-        Ticks and steps of the stage.
-    tick : int
-        Index of the tick.
-
-    Returns
-    -------
-    float
-        [tau]
-    """
+    """Time from the stage's start to a tick's start [tau]."""
     if schedule.given > 0:
         return steps_before_tick(schedule, tick) * schedule.h
     return tick * schedule.length
@@ -229,62 +132,21 @@ def tick_start_time(schedule: StepSchedule, tick: int) -> float:
 
 @compiled
 def steps_before_tick(schedule: StepSchedule, tick: int) -> int:
-    """Return the number of given steps from the stage's start to a tick's start.
-
-    That is tick * given // every, whose product may pass 64 bits.
-
-    Parameters
-    ----------
-    schedule : StepSchedule
-        Ticks and steps of the stage.
-    tick : int
-        Index of the tick.
-
-    Returns
-    -------
-    int
-        Number of steps.
-    """
+    """Return the number of given steps from the stage's start to a tick's start."""
     total, part = tick // schedule.every, tick % schedule.every
     return total * schedule.given + part * schedule.given // schedule.every
 
 
 @compiled
 def steps_in_tick(schedule: StepSchedule, tick: int) -> int:
-    """Return the number of steps of a tick.
-
-    Parameters
-    ----------
-    schedule : StepSchedule
-        Ticks and steps of the stage.
-    tick : int
-        Index of the tick.
-
-    Returns
-    -------
-    int
-        Number of steps.
-    """
+    """Return the number of steps of a tick."""
     if schedule.given > 0:
         return steps_before_tick(schedule, tick + 1) - steps_before_tick(schedule, tick)
     return schedule.steps
 
 
 def completed_ticks(schedule: StepSchedule, time: float) -> float:
-    """Return the number of ticks that end by a time in the stage.
-
-    Parameters
-    ----------
-    schedule : StepSchedule
-        Ticks and steps of the stage.
-    time : float
-        Time in the stage [tau].
-
-    Returns
-    -------
-    float
-        Whole number; infinite for an infinite time.
-    """
+    """Return the number of ticks that end by a time in the stage; time [tau]."""
     if math.isinf(time):
         return math.inf
     if schedule.given > 0:

@@ -54,55 +54,21 @@ STIFFEST, LATEST, TURNED = range(3)
 
 
 class StopCriteria(NamedTuple):
-    """Criteria that the loop checks at every tick.
-
-    Attributes
-    ----------
-    stiff : float
-        Stop as soon as the step times the highest angular frequency exceeds this.
-    rest : float
-        The piston is at rest while its height stays in a band of this width [D], and the grains
-        while none is faster than this [D/tau]. Negative: rest is not looked for.
-    window : int
-        Ticks that the rest must last.
-    band : float64 (3,)
-        Memory: the tick at which the present band began, and its bounds.
-    seen : float64 (3,)
-        Memory: highest angular frequency since it was last cleared, and the last one; greatest
-        energy turned over.
-    potential, piston : float
-        Potential energy, and energy of the piston, at the run's start [F* D].
-    floor : float
-        Lowest height of the piston [D].
-    """
+    """Criteria that the loop checks at every tick."""
 
     stiff: float
-    rest: float
+    rest: float  # [D, D/tau]
     window: int
     band: np.ndarray
     seen: np.ndarray
-    potential: float
-    piston: float
-    floor: float
+    potential: float  # [F* D]
+    piston: float  # [F* D]
+    floor: float  # [D]
 
 
 @compiled
 def fill_record_row(time: float, bed: Bed, motion: Motion, measurement: Measurement, row: Array) -> None:
-    """Fill one record after a measuring pass.
-
-    Parameters
-    ----------
-    time : float
-        Time since the start of the run [tau].
-    bed : Bed
-        State of the run, which changes, and its constants.
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-    measurement : Measurement
-        Scratch of the measuring pass; filled.
-    row : float64 (columns,)
-        Overwritten, in natural units; see `granular.engine.columns`.
-    """
+    """Fill one record after a measuring pass; time [tau]."""
     state, constants = bed.state, bed.constants
     kinetic, fastest = kinetic_energy(bed)
     laws = state.ledger.size - LOSSES
@@ -151,23 +117,11 @@ def _has_come_to_rest(watch: StopCriteria, tick: int, row: Array) -> bool:
 
 
 class TickRange(NamedTuple):
-    """Range of ticks to advance by.
+    """Range of ticks to advance by."""
 
-    Attributes
-    ----------
-    start : float
-        Time at the start of the stage [tau].
-    origin : float
-        Time from there to tick 0 [tau].
-    limit : float
-        Time in the stage that variable steps do not pass [tau].
-    first, ticks : int
-        Index of the first tick, and how many.
-    """
-
-    start: float
-    origin: float
-    limit: float
+    start: float  # [tau]
+    origin: float  # [tau]
+    limit: float  # [tau]
     first: int
     ticks: int
 
@@ -196,12 +150,7 @@ def _advance_one_tick(
     motion: Motion,
     measurement: Measurement,
 ) -> int:
-    """Make the steps of a tick; not zero where a grain is where it cannot be.
-
-    Variable steps go up to the first moment behind the tick's end; the last one of a stage is cut.
-    A far field that acts ``every`` so many steps gives its impulse half before and half after them
-    (Tuckerman, Berne and Martyna 1992, doi:10.1063/1.463137); a tick is cut into such intervals.
-    """
+    """Make the steps of a tick; not zero where a grain is where it cannot be."""
     state = bed.state
     begin, end = (
         window.origin + tick_start_time(schedule, tick),
@@ -262,34 +211,7 @@ def advance_ticks(
     watch: StopCriteria,
     rows: Array,
 ) -> tuple[int, int, int]:
-    """Advance the run tick by tick; no ticks are a look at the present moment alone.
-
-    Parameters
-    ----------
-    window : TickRange
-        Ticks to advance by.
-    schedule : StepSchedule
-        Ticks and steps of the stage.
-    plan : StepPlan
-        Tables of the method.
-    state : State
-        State of the run, which changes.
-    constants : Constants
-        Constants of the run.
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-    measurement : Measurement
-        Scratch of the measuring pass.
-    watch : StopCriteria
-        Criteria for a stop, and their memory.
-    rows : float64 (r, columns)
-        Filled with the records; the row behind them holds the last tick.
-
-    Returns
-    -------
-    tuple of int
-        Status; ticks made; records written.
-    """
+    """Advance the run tick by tick; no ticks are a look at the present moment alone."""
     return _advance_window(
         by_reference(window),
         by_reference(schedule),
@@ -365,32 +287,7 @@ def record_present_state(
     measurement: Measurement,
     row: Array,
 ) -> bool:
-    """Compute the forces and fill a record of the present moment.
-
-    It is a call of the loop without ticks: a kernel of its own would be compiled besides.
-
-    Parameters
-    ----------
-    start : float
-        Time of the stage's start since that of the run [tau].
-    plan : StepPlan
-        Tables of the method.
-    state : State
-        State of the run; its forces are overwritten.
-    constants : Constants
-        Constants of the run.
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-    measurement : Measurement
-        Scratch of the measuring pass.
-    row : float64 (columns,)
-        Overwritten, in natural units.
-
-    Returns
-    -------
-    bool
-        True where a grain is where none can be.
-    """
+    """Compute the forces and fill a record of the present moment; start [tau]."""
     status, _, _ = advance_ticks(
         TickRange(start, 0.0, math.inf, 0, 0),
         StepSchedule(1.0, 1.0, 1, 1, 1, 0),

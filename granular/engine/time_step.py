@@ -23,19 +23,7 @@ from granular.protocol.piston_motion import Motion
 
 
 class StepPlan(NamedTuple):
-    """The tables of a method; see `granular.methods`.
-
-    Attributes
-    ----------
-    kicks, drifts : float64 (s + 1,), (s,)
-        Fractions of the step.
-    tableau : float64 (s + 1, s) or None
-        Butcher tableau, its weights as the last row; None is compiled away.
-    fraction : float or None
-        Of a variable step: the step times the frequency; None for steps of equal length.
-    far_every : int or None
-        Steps from one impulse of the far field to the next; None where there are none.
-    """
+    """The tables of a method; see `granular.methods`."""
 
     kicks: np.ndarray
     drifts: np.ndarray
@@ -45,22 +33,7 @@ class StepPlan(NamedTuple):
 
 
 def make_step_plan(method: Method, step: StepRequest, far: FarFieldSettings | None) -> StepPlan:
-    """Make the tables of a method that the loop takes.
-
-    Parameters
-    ----------
-    method : Method
-        Integration method.
-    step : StepRequest
-        Requested time step.
-    far : FarFieldSettings or None
-        Settings of the far field; None without one.
-
-    Returns
-    -------
-    StepPlan
-        Tables, and the interval of the far field.
-    """
+    """Make the tables of a method that the loop takes."""
     tableau = None if method.tableau is None else np.array(method.tableau)
     fraction = step.step_times_frequency if method.variable else None
     every = None if far is None else far.every
@@ -69,19 +42,7 @@ def make_step_plan(method: Method, step: StepRequest, far: FarFieldSettings | No
 
 @compiled(inline=True)
 def drift_grains(rounding: Array | None, dt: float, state: State, count: int) -> None:
-    """Move the grains at their present velocities.
-
-    Parameters
-    ----------
-    rounding : float64 (4, m) or None
-        Rounding errors of compensated sums; None with plain sums.
-    dt : float
-        Duration [tau].
-    state : State
-        State of the run, whose positions [D] change.
-    count : int
-        Number of grains.
-    """
+    """Move the grains at their present velocities; dt [tau], state [D]."""
     if rounding is None:
         for i in range(count):
             state.x[i] += dt * state.vx[i]
@@ -134,34 +95,7 @@ def advance_one_step(
     measurement: Measurement,
     measuring: bool,
 ) -> int:
-    """Make one step by the method's tables.
-
-    Parameters
-    ----------
-    tableau : float64 (s + 1, s) or None
-        That of the plan; None for a composition of kicks and drifts.
-    plan : StepPlan
-        Tables of the method.
-    h : float
-        Length of the step [tau].
-    time : float
-        Time in the stage at the step's start [tau].
-    start : float
-        Time of the stage's start since that of the run [tau].
-    bed : Bed
-        State of the run, which changes, and its constants.
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-    measurement : Measurement
-        Scratch of the measuring pass; filled.
-    measuring : bool
-        Whether the last forces are measured.
-
-    Returns
-    -------
-    int
-        Zero while every grain is where it can be.
-    """
+    """Make one step by the method's tables; h, time, start [tau]."""
     state, constants = bed.state, bed.constants
     outside = 0
     if tableau is not None:

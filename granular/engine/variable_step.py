@@ -48,43 +48,9 @@ def step_density(
     piston_speed: float,
     pairs: bool,
 ) -> tuple[float, float]:
-    """Density of steps of a bed, a smooth frequency omega, and its logarithmic rate.
+    """Density of steps of a bed, a smooth frequency omega, and its logarithmic rate [1/tau].
 
-    With omega^8 = sum kappa^4 + least^8 over all pairs and walls.
-
-    Parameters
-    ----------
-    x : float64 (m,)
-        Positions across [D].
-    y : float64 (m,)
-        Heights [D].
-    vx : float64 (m,)
-        Velocities across [D/tau].
-    vy : float64 (m,)
-        Velocities upwards [D/tau].
-    count : int
-        Number of grains.
-    moments : float64 (m,) or None
-        Moments over that of the first species; None where all are 1.
-    square : float
-        Square of a speed c [D/tau]: what comes with it shall not cross much of its distance in a step. A wall
-        stands still, so kappa = (7/4)/w^5 + c^2/w^2; two grains may approach at twice it, so kappa = 3 (q_i +
-        q_j)/r^5 + (2 c)^2/r^2.
-    least : float
-        The frequency where nothing is near [1/tau], above 0.
-    sides : tuple of float
-        Places of the left, right, bottom and top wall; infinite where there is none.
-    piston_speed : float
-        Velocity of the piston, upwards [D/tau].
-    pairs : bool
-        Whether the pairs of grains count.
-
-    Returns
-    -------
-    omega : float
-        [1/tau]
-    rate : float
-        d ln(omega)/dt [1/tau].
+    x, y [D], vx, vy, square, piston_speed [D/tau], least [1/tau].
     """
     total, rate = least**8, 0.0
     left, right, bottom, top = sides
@@ -149,21 +115,7 @@ def _bed_step_density(bed: Bed) -> tuple[float, float]:
 def initialise_step_density(
     speed: float, longest: float, fraction: float, state: State, constants: Constants
 ) -> None:
-    """Set the density half a step before the present state.
-
-    Parameters
-    ----------
-    speed : float
-        Speed that grains are expected to have [D/tau].
-    longest : float
-        Longest step [tau].
-    fraction : float
-        Step times frequency, without unit.
-    state : State
-        State of the run, whose clock changes.
-    constants : Constants
-        Constants of the run.
-    """
+    """Set the density half a step before the present state; speed [D/tau], longest [tau]."""
     bed = by_reference(Bed(state, constants))
     state.clock[SQUARE] = speed * speed
     state.clock[LEAST] = fraction / longest
@@ -173,22 +125,7 @@ def initialise_step_density(
 
 @compiled
 def advance_step_density(fraction: float, bed: Bed) -> float:
-    """Advance the density of steps by one step.
-
-    rho_{n+1/2} = rho_{n-1/2} + eps d ln(omega)/dt (Hairer and Soderlind 2005, doi:10.1137/040606995).
-
-    Parameters
-    ----------
-    fraction : float
-        eps, step times frequency, without unit.
-    bed : Bed
-        State of the run, which changes, and its constants.
-
-    Returns
-    -------
-    float
-        Length of the step [tau].
-    """
+    """Advance the density of steps by one step [tau]."""
     state = bed.state
     _, rate = _bed_step_density(bed)
     state.clock[DENSITY] = max(state.clock[DENSITY] + fraction * rate, 0.5 * state.clock[LEAST])

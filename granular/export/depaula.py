@@ -49,40 +49,15 @@ USUAL, FINE, COARSE = 250, 10, 1000
 
 
 class DepaulaTimeUnits(NamedTuple):
-    """De Paula's clock for a run.
+    """De Paula's clock for a run."""
 
-    Attributes
-    ----------
-    time_unit : float
-        T, the duration of the compression [s].
-    step : float
-        1e-6 T [s]
-    frame_interval : float
-        250 steps [s]: the ``output.frames`` of a scene whose files are to be as fine as the
-        source's.
-    """
-
-    time_unit: float
-    step: float
-    frame_interval: float
+    time_unit: float  # [s]
+    step: float  # [s]
+    frame_interval: float  # [s]
 
 
 def depaula_time_units(run: Trajectory) -> DepaulaTimeUnits:
-    """De Paula's units of time for a run: T, its step, and its interval of frames.
-
-    T is the duration of the first stage that lowers the piston at constant speed, stroke/V_c
-    [D, 2.3.2, 4.13], as the scene prescribes it; 1 s where there is none.
-
-    Parameters
-    ----------
-    run : Trajectory
-        A run.
-
-    Returns
-    -------
-    DepaulaTimeUnits
-        Unit of time, time step and interval of the frames, each in seconds.
-    """
+    """De Paula's units of time for a run: T, its step, and its interval of frames."""
     unit = 1.0
     height = None if run.scene.piston is None else run.scene.piston.height
     for stage, done in zip(run.scene.protocol, run.stages, strict=False):

@@ -17,55 +17,20 @@ BLOCK = 64
 
 
 class BedFrame(NamedTuple):
-    """The bed at one instant, in SI: the k grains that are in the cell.
-
-    Attributes
-    ----------
-    number : int
-        Index of the frame in the run.
-    time : float
-        Time in the run [s].
-    height : float or None
-        Height of the piston [m]; None where the scene has none.
-    grains : int (k,)
-        Index of each grain in the scene.
-    position, velocity, force : float64 (k, 2)
-        Position [m], within the cell where it is periodic; velocity [m/s]; force [N], which is magnetic,
-        weight and contact.
-    interaction : float64 (k, 2)
-        The force of grains and walls alone [N]: without weight.
-    """
+    """The bed at one instant, in SI: the k grains that are in the cell."""
 
     number: int
-    time: float
-    height: float | None
+    time: float  # [s]
+    height: float | None  # [m]
     grains: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    force: np.ndarray
-    interaction: np.ndarray
+    position: np.ndarray  # [m]
+    velocity: np.ndarray  # [m/s]
+    force: np.ndarray  # [N]
+    interaction: np.ndarray  # the force of grains and walls alone [N]: without weight
 
 
 def open_run(run: Trajectory | str | Path) -> Trajectory:
-    """Return a run as it is, or load the run in a directory.
-
-    Parameters
-    ----------
-    run : Trajectory or path
-        A run, or its directory.
-
-    Returns
-    -------
-    Trajectory
-        The run, with at least one frame.
-
-    Raises
-    ------
-    StoreError
-        If the directory holds no run.
-    InputError
-        If the run has no frame.
-    """
+    """Return a run as it is, or load the run in a directory."""
     run = run if isinstance(run, Trajectory) else load_trajectory(run)
     if not run.dataset.sizes["frame"]:
         raise InputError("the run has no frames; run it for longer, or lower output.frames")
@@ -75,24 +40,7 @@ def open_run(run: Trajectory | str | Path) -> Trajectory:
 def iterate_frames(
     run: Trajectory, indices: Sequence[int] | None = None, bar: str | None = None
 ) -> Iterator[BedFrame]:
-    """Yield frames of a run, some of which are in memory at a time.
-
-    Grains that have left the cell (their position is NaN) are left out.
-
-    Parameters
-    ----------
-    run : Trajectory
-        A run.
-    indices : sequence of int, optional
-        Indices of the frames, in the order in which they are wanted; all if not given.
-    bar : str, optional
-        Title of a progress bar, which is shown if this is given.
-
-    Yields
-    ------
-    BedFrame
-        The grains in the cell, in SI.
-    """
+    """Yield frames of a run, some of which are in memory at a time."""
     from granular.shared.progress_bars import progress_bar
 
     chosen = range(run.dataset.sizes["frame"]) if indices is None else indices
@@ -117,16 +65,5 @@ def _read_frame_block(run: Trajectory, indices: list[int]) -> Iterator[BedFrame]
 
 
 def planar_to_spatial(plane: np.ndarray) -> np.ndarray:
-    """Append z = 0 to vectors in the plane.
-
-    Parameters
-    ----------
-    plane : float64 (k, 2)
-        Vectors in any unit.
-
-    Returns
-    -------
-    float64 (k, 3)
-        The same vectors in space, in the same unit.
-    """
+    """Append z = 0 to vectors in the plane."""
     return np.column_stack([plane, np.zeros(len(plane))])

@@ -318,32 +318,9 @@ def mode_frequency_bound(
     pairs: bool,
     discs: Sequence[Disc] = (),
 ) -> float:
-    """Upper bound of the highest angular frequency of the bed's normal modes, in natural units.
+    """Upper bound of the highest angular frequency of the bed's normal modes, in natural units [1/tau].
 
-    The row sums of the stiffness matrix bound its eigenvalues (Gershgorin's circle theorem; Horn and
-    Johnson, Matrix Analysis, 2nd ed., theorem 6.1.1). Natural units: the length D is the diameter of
-    the first species, the time tau that of `granular.schema.natural_units.Scales`.
-
-    Parameters
-    ----------
-    positions : float (n, 2)
-        Positions of the grains [D].
-    moment_ratio, mass_ratio : float (n,)
-        Magnetic moment and mass of each grain over those of the first species.
-    walls : mapping of str to str
-        Law (``"experimental"`` or ``"infinite"``) of each wall, by its side: ``left``, ``right``,
-        ``bottom`` or ``top``.
-    width, height : float
-        Width and height of the cell [D].
-    pairs : bool
-        Whether grains repel each other; pairs farther apart than `REACH` are left out.
-    discs : sequence of Disc, n long
-        Each grain as a disc; empty where grains are dipoles.
-
-    Returns
-    -------
-    float
-        Angular frequency [1/tau].
+    positions, width, height [D].
     """
     from scipy.spatial import cKDTree
 
@@ -380,28 +357,9 @@ def collision_stiffness_frequency(
     pairs: bool,
     discs: Sequence[Disc] = (),
 ) -> float:
-    """Highest angular frequency sqrt(stiffness/mass) at the turning point of a collision.
+    """Highest angular frequency sqrt(stiffness/mass) at the turning point of a collision [1/tau].
 
-    Two grains of one species meet head-on, or one of them meets a wall; where they turn, the stiffness
-    is greatest. Energy conservation gives the distance of that point.
-
-    Parameters
-    ----------
-    speed : float
-        Speed of each grain far from the other one, or from the wall [D/tau].
-    moment_ratios, masses : sequence of float, a species each
-        Magnetic moment and mass over those of the first species.
-    laws : set of str
-        Laws of the walls that act: ``"experimental"``, ``"infinite"``.
-    pairs : bool
-        Whether grains repel each other.
-    discs : sequence of Disc, a species each
-        Shapes of the magnets; empty where grains are dipoles.
-
-    Returns
-    -------
-    float
-        Angular frequency [1/tau]; 0 where nothing repels.
+    speed [D/tau].
     """
     squares = []
     for moment_ratio, mass in zip(moment_ratios, masses, strict=True):

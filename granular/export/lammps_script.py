@@ -35,37 +35,16 @@ _PAIR_EXPONENT = 4.0
 
 
 class ForceTable(NamedTuple):
-    """A repulsive force and its potential energy, tabulated over the distance, in SI.
-
-    Attributes
-    ----------
-    name : str
-        Keyword of the section in the table file.
-    distance, energy, force : float64 (ROWS,)
-        Distance [m], increasing; potential energy [J]; repulsive force [N].
-    slopes : tuple of float
-        d(force)/d(distance) at both ends [N/m].
-    """
+    """A repulsive force and its potential energy, tabulated over the distance, in SI."""
 
     name: str
-    distance: np.ndarray
-    energy: np.ndarray
-    force: np.ndarray
-    slopes: tuple[float, float]
+    distance: np.ndarray  # [m]
+    energy: np.ndarray  # [J]
+    force: np.ndarray  # [N]
+    slopes: tuple[float, float]  # d(force)/d(distance) at both ends [N/m]
 
     def section_lines(self, slope_keyword: str) -> Iterator[str]:
-        """Yield the lines of this table's section in a LAMMPS table file.
-
-        Parameters
-        ----------
-        slope_keyword : str
-            LAMMPS's keyword for the slopes at both ends: ``"FPRIME"`` for pairs, ``"FP"`` for walls.
-
-        Yields
-        ------
-        str
-            The header, then a row for each distance: number, distance [m], energy [J] and force [N].
-        """
+        """Yield the lines of this table's section in a LAMMPS table file [m, J, N]."""
         first, last = self.slopes
         yield f"{self.name}\nN {ROWS} {slope_keyword} {first:.17g} {last:.17g}\n\n"
         columns = (self.distance.tolist(), self.energy.tolist(), self.force.tolist())
@@ -82,28 +61,7 @@ def pair_force_table(
     scales: Scales,
     discs: tuple[Disc, Disc] | None = None,
 ) -> ForceTable:
-    """Tabulate the repulsion of two grains over their distance.
-
-    Dipoles repel as 1/r^4; discs by the law of `disc_law_continued_below_contact`.
-
-    Parameters
-    ----------
-    name : str
-        Keyword of the section in the table file.
-    moment_product : float
-        Product of both magnetic moments, each over that of the first species.
-    nearest, farthest : float
-        Range of the distance [D], D being the diameter of the first species.
-    scales : Scales
-        Natural units in SI.
-    discs : tuple of two Disc, optional
-        Shapes of the two magnets; dipoles if not given.
-
-    Returns
-    -------
-    ForceTable
-        Distance [m], energy [J] and force [N], each (ROWS,), in geometric steps.
-    """
+    """Tabulate the repulsion of two grains over their distance [m, J, N]; nearest, farthest [D]."""
     r = np.geomspace(nearest, farthest, ROWS)
     energy, force = dipole_law.ENERGY / r**3, dipole_law.STRENGTH / r**4
     slopes = -_PAIR_EXPONENT * force[[0, -1]] / r[[0, -1]]
@@ -120,25 +78,9 @@ def pair_force_table(
 def wall_force_table(
     name: str, law: str, moment_ratio: float, nearest: float, farthest: float, scales: Scales
 ) -> ForceTable:
-    """Tabulate the repulsion of a grain from a wall over their distance, a power law.
+    """Tabulate the repulsion of a grain from a wall over their distance, a power law [m, J, N].
 
-    Parameters
-    ----------
-    name : str
-        Keyword of the section in the table file.
-    law : str
-        ``"experimental"`` (force as distance^-3.5) or ``"infinite"`` (as distance^-3).
-    moment_ratio : float
-        Magnetic moment of the grain over that of the first species.
-    nearest, farthest : float
-        Range of the distance [D], D being the diameter of the first species.
-    scales : Scales
-        Natural units in SI.
-
-    Returns
-    -------
-    ForceTable
-        Distance [m], energy [J] and force [N], each (ROWS,), in geometric steps.
+    nearest, farthest [D].
     """
     w = np.geomspace(nearest, farthest, ROWS)
     exponent = WALL_EXPONENTS[law]
@@ -171,19 +113,7 @@ CARRIED = ("dipole", "walls", "gravity", "drag", "shaking")
 
 
 def check_exportable_scene(scene: Scene) -> None:
-    """Refuse a scene that a LAMMPS deck cannot carry.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to export.
-
-    Raises
-    ------
-    InputError
-        If the scene has no grains, a spread of their sizes, dry friction, contact or another effect
-        that a deck has not, a wall that depends on two coordinates, or Verlet lists.
-    """
+    """Refuse a scene that a LAMMPS deck cannot carry."""
     effects, walls = scene.effects, scene.effects.walls
     if scene.grains.count == 0:
         raise InputError("grains.count = 0; LAMMPS needs at least 1 grain")
@@ -221,39 +151,17 @@ def check_exportable_scene(scene: Scene) -> None:
 
 
 class LammpsDeck(NamedTuple):
-    """Contents of the input script.
-
-    Attributes
-    ----------
-    scene : Scene
-        Scene that the script runs.
-    scales : Scales
-        Natural units in SI.
-    moment_ratios : tuple of float
-        Magnetic moment of each species over that of the first one.
-    mass_ratios : tuple of float
-        Mass of each species over that of the first one.
-    remaining_stages : tuple of RemainingStage
-        Stages that the script runs.
-    piston_start : float or None
-        Height of the piston at the start [m]; None without a piston.
-    highest : float
-        Greatest height in the run of the piston, or of the bed where there is none [m].
-    longest_step : float
-        Longest time step [s].
-    start_time : float
-        Time of the start [s].
-    """
+    """Contents of the input script."""
 
     scene: Scene
     scales: Scales
     moment_ratios: tuple[float, ...]
     mass_ratios: tuple[float, ...]
     remaining_stages: tuple[RemainingStage, ...]
-    piston_start: float | None
-    highest: float
-    longest_step: float
-    start_time: float
+    piston_start: float | None  # [m]
+    highest: float  # [m]
+    longest_step: float  # [s]
+    start_time: float  # [s]
 
     @property
     def wall_laws(self) -> dict[str, str]:
@@ -268,11 +176,7 @@ class LammpsDeck(NamedTuple):
 
     @property
     def decay_rate_groups(self) -> list[tuple[str, str, int]]:
-        """Groups of grains that one rate of viscous decay holds for.
-
-        Each group is a suffix of its variables' names, its name in LAMMPS, and the index of a species
-        in it. There is one group of all grains where drag over mass is the same for all species.
-        """
+        """Groups of grains that one rate of viscous decay holds for."""
         drag, grains = self.scene.effects.drag, self.scene.grains
         if drag is None or (grains.face_area_ratios() == grains.mass_ratios()).all():
             return [("", "all", 0)]
@@ -280,10 +184,7 @@ class LammpsDeck(NamedTuple):
 
     @property
     def pair_cutoff(self) -> float | None:
-        """Distance beyond which two grains exert no force [D]; None without magnetic forces.
-
-        It is the scene's cut-off; without one the cell's diagonal, or a multiple where a side is open.
-        """
+        """Distance beyond which two grains exert no force [D]; None without magnetic forces."""
         if self.scene.effects.dipole is None:
             return None
         # What a mesh adds to its near part is the rest of all pairs.
@@ -305,52 +206,17 @@ class LammpsDeck(NamedTuple):
 
 
 def pair_table_name(first: int, second: int) -> str:
-    """Name the table of the repulsion of two species.
-
-    Parameters
-    ----------
-    first, second : int
-        Species, counted from 1.
-
-    Returns
-    -------
-    str
-        Keyword of the table's section.
-    """
+    """Name the table of the repulsion of two species."""
     return f"PAIR_{first}_{second}"
 
 
 def wall_table_name(law: str, species: int) -> str:
-    """Name the table of the repulsion of a species from a wall.
-
-    Parameters
-    ----------
-    law : str
-        Law of the wall, such as ``"infinite"``.
-    species : int
-        Species, counted from 1.
-
-    Returns
-    -------
-    str
-        Keyword of the table's section.
-    """
+    """Name the table of the repulsion of a species from a wall."""
     return f"WALL_{law.upper()}_{species}"
 
 
 def input_script_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Yield the lines of the LAMMPS input script, in SI and without line ends.
-
-    Parameters
-    ----------
-    deck : LammpsDeck
-        Contents of the script.
-
-    Yields
-    ------
-    str
-        A line of the script.
-    """
+    """Yield the lines of the LAMMPS input script, in SI and without line ends."""
     yield from _initialization_lines(deck)
     yield from _pair_style_lines(deck)
     yield from _wall_force_lines(deck)

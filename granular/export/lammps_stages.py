@@ -13,43 +13,23 @@ from granular.shared.errors import InputError
 
 
 class PistonPath(NamedTuple):
-    """Prescribed motion of the piston in a stage.
+    """Prescribed motion of the piston in a stage."""
 
-    Attributes
-    ----------
-    formula : str
-        Formula of its height [m] in ``v_t``, the time since the stage's start [s].
-    lowest, highest, end : float
-        Bounds of the height, and the height at the stage's end [m].
-    speed : float
-        Greatest speed [m/s].
-    """
-
-    formula: str
-    lowest: float
-    highest: float
-    end: float
-    speed: float
+    formula: str  # formula of its height [m] in ``v_t``, the time since the stage's start [s]
+    lowest: float  # [m]
+    highest: float  # [m]
+    end: float  # [m]
+    speed: float  # [m/s]
 
 
 class RemainingStage(NamedTuple):
-    """A stage of a protocol that LAMMPS runs from its start, or from a later time on.
-
-    Attributes
-    ----------
-    name, kind : str
-        Name in the scene, and the class of the stage in lower case.
-    path : PistonPath or None
-        Motion of the piston; None without one.
-    elapsed, total_duration : float
-        Elapsed time of the stage, and its whole duration [s].
-    """
+    """A stage of a protocol that LAMMPS runs from its start, or from a later time on."""
 
     name: str
     kind: str
     path: PistonPath | None
-    elapsed: float
-    total_duration: float
+    elapsed: float  # [s]
+    total_duration: float  # [s]
 
     @property
     def remaining_duration(self) -> float:
@@ -58,18 +38,7 @@ class RemainingStage(NamedTuple):
 
 
 def check_exportable_stage(stage: Stage) -> None:
-    """Refuse a stage that does not prescribe the piston for a known time.
-
-    Parameters
-    ----------
-    stage : Stage
-        Stage of the scene's protocol.
-
-    Raises
-    ------
-    InputError
-        If the piston is free, or the stage ends at rest or at a force.
-    """
+    """Refuse a stage that does not prescribe the piston for a known time."""
     what, only = f"stage {stage.name!r} cannot be exported to LAMMPS", None
     if stage.needs_piston_mass:
         only = "its piston is free, LAMMPS takes a prescribed one; drive it (follow) or hold it"
@@ -82,27 +51,7 @@ def check_exportable_stage(stage: Stage) -> None:
 
 
 def remaining_stage(stage: Stage, height: float | None, elapsed: float = 0.0) -> RemainingStage:
-    """Turn a stage of a protocol into one that LAMMPS can run.
-
-    Parameters
-    ----------
-    stage : Stage
-        Stage of the scene's protocol.
-    height : float or None
-        Height of the piston at the stage's start [m]; None without a piston.
-    elapsed : float
-        Time since the stage's start [s], if part of it is over.
-
-    Returns
-    -------
-    RemainingStage
-        Piston's path, elapsed time and whole duration.
-
-    Raises
-    ------
-    InputError
-        If LAMMPS cannot carry the stage, or it has no end.
-    """
+    """Turn a stage of a protocol into one that LAMMPS can run; height [m], elapsed [s]."""
     check_exportable_stage(stage)
     kind = type(stage).__name__.lower()
     duration = stage.total_duration(0.0 if height is None else height)

@@ -20,25 +20,7 @@ _LEAST, _GREATEST = sys.float_info.min, sys.float_info.max
 
 
 def sympy_expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = None) -> sympy.Expr:
-    """Return the formula as SymPy's expression.
-
-    Parameters
-    ----------
-    tree : Node
-        Parsed formula.
-    symbols : mapping of str to Symbol, optional
-        By the names as they are written, primes included; those of others have the same name.
-
-    Returns
-    -------
-    Expr
-        SymPy's expression.
-
-    Raises
-    ------
-    FormulaError
-        If it is infinite or no real number, such as ``k/(z - z)``.
-    """
+    """Return the formula as SymPy's expression."""
     import sympy
 
     result = _build_expression(tree, symbols or {})
@@ -48,18 +30,7 @@ def sympy_expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = No
 
 
 def check_finite_numbers(expression: sympy.Expr) -> None:
-    """Check that the numbers that multiplying out has made are ones that a computer holds.
-
-    Parameters
-    ----------
-    expression : sympy.Expr
-        SymPy's expression.
-
-    Raises
-    ------
-    FormulaError
-        If a part that holds numbers alone is beyond 1e308, or below 1e-308 but not zero.
-    """
+    """Check that the numbers that multiplying out has made are ones that a computer holds."""
     import sympy
 
     for part in sympy.preorder_traversal(expression):
@@ -97,11 +68,7 @@ def _left_fold(pair: Callable[[Any, Any], Any]) -> Callable[..., Any]:
 
 @functools.cache
 def _make_min_or_max(name: str) -> Any:
-    """Greater or the lesser of two operands.
-
-    SymPy's own `Max` asks of every two operands which one is the greater, in all cases, and so do
-    its derivatives: for eight of them it takes half a minute.
-    """
+    """Greater or the lesser of two operands."""
     import sympy
 
     sign = 1 if name == "max" else -1
@@ -152,19 +119,7 @@ def compile_function(
 ) -> Callable[..., Any]:
     """Compile a function of symbols that returns the value of an expression or a list of them.
 
-    Parameters
-    ----------
-    arguments : Sequence[sympy.Symbol]
-        Arguments of the function, in order.
-    expressions : sympy.Expr or Sequence[sympy.Expr]
-        Expression, or a sequence of them.
-    modules : str, or a sequence of str and mappings
-        As for ``sympy.lambdify``.
-
-    Returns
-    -------
-    function
-        Function of numbers or arrays.
+    arguments [sympy.Symbol], expressions [sympy.Expr].
     """
     import sympy
 

@@ -19,18 +19,7 @@ _SAME = {"+", "-", "max", "min", "abs"}
 
 
 def unit_text(dimension: Dimension) -> str:
-    """Dimension as the unit that has it: ``kg s^-2``; ``1`` without one.
-
-    Parameters
-    ----------
-    dimension : Dimension
-        Powers of metre, kilogram, second and ampere.
-
-    Returns
-    -------
-    str
-        Unit.
-    """
+    """Dimension as the unit that has it: ``kg s^-2``; ``1`` without one."""
     parts = [
         name if power == 1 else f"{name}^{power}"
         for name, power in zip(BASE, dimension, strict=True)
@@ -40,25 +29,7 @@ def unit_text(dimension: Dimension) -> str:
 
 
 def infer_dimension(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
-    """Infer the dimension of a formula from those of its names.
-
-    Parameters
-    ----------
-    tree : Node
-        Parsed formula.
-    known : Mapping[str, Dimension]
-        Dimensions by names.
-
-    Returns
-    -------
-    tuple of Fraction
-        Powers of metre, kilogram, second and ampere.
-
-    Raises
-    ------
-    InputError
-        If unlike things are added, or a function is taken of what has a unit.
-    """
+    """Infer the dimension of a formula from those of its names."""
     if isinstance(tree, Name):
         return known[tree.text]
     if isinstance(tree, Number):

@@ -32,44 +32,12 @@ within about a second."""
 def parse(
     text: str, functions: Mapping[str, FormulaFunction] = FUNCTIONS, *, multiplied: bool = True
 ) -> Node:
-    """Parse a formula.
-
-    Numbers, names (Latin and Greek letters, digits, underscores), the constants ``pi`` and ``e``,
-    ``+ - * / **`` (or ``^``), brackets, and functions.
-
-    Parameters
-    ----------
-    text : str
-        The formula.
-    functions : mapping of str to FormulaFunction
-        Those that the formula may name.
-    multiplied : bool
-        Whether the formula will be multiplied out, so that one too large for it is refused.
-
-    Returns
-    -------
-    Node
-        Tree of the formula.
-
-    Raises
-    ------
-    FormulaError
-        If it holds anything else, or is too large to be computed.
-    """
+    """Parse a formula."""
     return _Parser(tokenize(text, functions), functions, multiplied).parse_tree()
 
 
 class _ParsedPart(NamedTuple):
-    """A parsed part of a formula.
-
-    Attributes
-    ----------
-    tree : Node
-    value : float or None
-        Value of a part that holds numbers alone.
-    terms, size : float
-        Terms once all brackets are multiplied out, and numbers and names in all of them.
-    """
+    """A parsed part of a formula."""
 
     tree: Node
     value: float | None = None

@@ -60,26 +60,7 @@ class FormulaError(InputError):
 
 
 def tokenize(text: str, functions: Mapping[str, FormulaFunction]) -> list[Token]:
-    """Cut a formula into its tokens.
-
-    Parameters
-    ----------
-    text : str
-        The formula.
-    functions : Mapping[str, FormulaFunction]
-        Functions that the formula may name.
-
-    Returns
-    -------
-    list of Token
-        Matches of the token's pattern, in order.
-
-    Raises
-    ------
-    FormulaError
-        If it is empty or too long, holds a foreign character, a number or name beyond the limits,
-        two operands without an operator, or a call of what is no function.
-    """
+    """Cut a formula into its tokens."""
     if len(text) > MAX_CHARACTERS:
         raise FormulaError(
             f"{len(text)} characters are too long; at most {MAX_CHARACTERS} make a formula: write it shorter"
@@ -155,77 +136,25 @@ def _foreign_character_error(token: Token) -> FormulaError:
 
 
 def resolve_function_name(name: str, functions: Mapping[str, FormulaFunction]) -> str | None:
-    """Name of the function that a name stands for; None where it stands for none.
-
-    Parameters
-    ----------
-    name : str
-        Name as it was written, such as ``Abs``.
-    functions : Mapping[str, FormulaFunction]
-        Functions that the formula may name.
-
-    Returns
-    -------
-    str or None
-        Key of ``functions``.
-    """
+    """Name of the function that a name stands for; None where it stands for none."""
     name = ALIASES.get(name, name)
     return name if name in functions else None
 
 
 def syntax_error(token: Token, what: str, remedy: str) -> FormulaError:
-    """Make the error that names what is wrong, the text from there on, and what to write.
-
-    Parameters
-    ----------
-    token : Token
-        Token where it is wrong.
-    what : str
-        Fault in words.
-    remedy : str
-        Advice in words.
-
-    Returns
-    -------
-    FormulaError
-        The error.
-    """
+    """Make the error that names what is wrong, the text from there on, and what to write."""
     rest = token.string[token.start() :][:20].strip()
     return FormulaError(f"{what} at {quote(rest)}; {remedy}")
 
 
 def nesting_error(token: Token) -> FormulaError:
-    """Make the error of what is nested deeper than is read.
-
-    Parameters
-    ----------
-    token : Token
-        Token where it is wrong.
-
-    Returns
-    -------
-    FormulaError
-        The error.
-    """
+    """Make the error of what is nested deeper than is read."""
     what = f"more than {MAX_DEPTH} brackets, operators or powers within each other"
     return syntax_error(token, what, "write it with fewer")
 
 
 def check_magnitude(value: float, token: Token) -> None:
-    """Check that double precision can square and cube a number.
-
-    Parameters
-    ----------
-    value : float
-        The number.
-    token : Token
-        Token where it is wrong.
-
-    Raises
-    ------
-    FormulaError
-        If it is beyond 1e100, or below 1e-100 but not zero.
-    """
+    """Check that double precision can square and cube a number."""
     if value and not 1.0 / LARGEST <= abs(value) <= LARGEST:
         what = f"a number of the size {abs(value):.3g}"
         remedy = f"it must be from {1.0 / LARGEST:g} to {LARGEST:g}: take other units"

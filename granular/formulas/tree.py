@@ -30,16 +30,7 @@ class Name:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Operation:
-    """Operator or function, applied to its operands.
-
-    Attributes
-    ----------
-    head : str
-        ``"+"`` and ``"*"`` of two or more, ``"/"`` and ``"**"`` of two, ``"-"`` of one (the
-        negative), or the name of a function.
-    operands : tuple of Node
-        In the order of the text.
-    """
+    """Operator or function, applied to its operands."""
 
     head: str
     operands: tuple[Node, ...]
@@ -49,34 +40,12 @@ Node = Number | Name | Operation
 
 
 def variable_names(*trees: Node) -> tuple[Name, ...]:
-    """Names in formulas, each once, in the order of the text.
-
-    Parameters
-    ----------
-    *trees
-        Parsed formulas.
-
-    Returns
-    -------
-    tuple of Name
-        The names.
-    """
+    """Names in formulas, each once, in the order of the text."""
     return tuple(dict.fromkeys(leaf for leaf in _iterate_leaves(trees) if isinstance(leaf, Name)))
 
 
 def constant_names(*trees: Node) -> tuple[str, ...]:
-    """Names of `CONSTANTS` in formulas, each once.
-
-    Parameters
-    ----------
-    *trees
-        Parsed formulas.
-
-    Returns
-    -------
-    tuple of str
-        The names.
-    """
+    """Names of `CONSTANTS` in formulas, each once."""
     numbers = (leaf.text for leaf in _iterate_leaves(trees) if isinstance(leaf, Number))
     return tuple(dict.fromkeys(text for text in numbers if text in CONSTANTS))
 

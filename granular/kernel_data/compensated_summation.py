@@ -12,24 +12,7 @@ from granular.kernel_data.state import VX, VY, State
 
 @compiled
 def compensated_sum(total: float, rounding: float, increment: float) -> tuple[float, float]:
-    """Sum of a total and an increment, and what rounding took from it.
-
-    Kahan, Commun. ACM 8 (1965) 40.
-
-    Parameters
-    ----------
-    total : float
-        Sum so far.
-    rounding : float
-        Amount that rounding took so far.
-    increment : float
-        Number to add; all in the same unit.
-
-    Returns
-    -------
-    total, rounding : float
-        New sum, and what rounding took, in that unit.
-    """
+    """Sum of a total and an increment, and what rounding took from it."""
     wanted = increment + rounding
     new = total + wanted
     return new, wanted - (new - total)
@@ -39,18 +22,7 @@ def compensated_sum(total: float, rounding: float, increment: float) -> tuple[fl
 def add_to_velocity(rounding: Array | None, state: State, i: int, by_x: float, by_y: float) -> None:
     """Add to the velocity of a grain, as a compensated sum where what rounding takes is kept.
 
-    Parameters
-    ----------
-    rounding : float64 (4, m) or None
-        Rounding errors of compensated sums; None with plain sums.
-    state : State
-        State of the run, whose velocities change.
-    i : int
-        Index of the grain.
-    by_x : float
-        Change of vx [D/tau].
-    by_y : float
-        Change of vy [D/tau].
+    by_x, by_y [D/tau].
     """
     if rounding is None:
         state.vx[i] += by_x

@@ -141,23 +141,7 @@ class Method:
 
 
 def method_from_plain(plain: Mapping[str, Any]) -> Method:
-    """Return the method of a table that `Method.to_plain` made, or that stands in a study's file.
-
-    Parameters
-    ----------
-    plain : Mapping[str, Any]
-        Table as plain data.
-
-    Returns
-    -------
-    Method
-        The method, checked.
-
-    Raises
-    ------
-    InputError
-        If a key is unknown or missing, or the table fails `Method`.
-    """
+    """Return the method of a table that `Method.to_plain` made, or that stands in a study's file."""
     known = [field.name for field in dataclasses.fields(Method)]
     for name in plain:
         if name not in known:

@@ -32,24 +32,7 @@ Tree: TypeAlias = "tuple[Tree, ...]"
 
 
 def failed_composition_condition(kicks: Sequence[float], drifts: Sequence[float], order: int) -> str | None:
-    """First condition up to an order that a composition fails, in words.
-
-    Hairer, Lubich and Wanner 2006, III.5, doi:10.1007/3-540-30666-8; see the head of this file.
-
-    Parameters
-    ----------
-    kicks : sequence of float
-        Fractions of the step, one kick more than drifts.
-    drifts : sequence of float
-        Fractions of the step, one kick more than drifts.
-    order : int
-        Order of convergence, up to `HIGHEST_ORDER`.
-
-    Returns
-    -------
-    str or None
-        The condition and what the coefficients give; None if all hold.
-    """
+    """First condition up to an order that a composition fails, in words."""
     result = _word_coefficients(kicks, drifts, order)
     for length in range(1, order + 1):
         wanted = 1.0 / math.factorial(length)
@@ -65,22 +48,7 @@ def failed_composition_condition(kicks: Sequence[float], drifts: Sequence[float]
 
 
 def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> str | None:
-    """First condition up to an order that a Runge-Kutta method fails, in words.
-
-    Hairer, Norsett and Wanner 1993, II.2, doi:10.1007/978-3-540-78862-1; see the head of this file.
-
-    Parameters
-    ----------
-    tableau : (s + 1, s) sequence
-        Rows of the Butcher tableau, and its weights behind them.
-    order : int
-        Order of convergence, up to `HIGHEST_ORDER`.
-
-    Returns
-    -------
-    str or None
-        The condition and what the tableau gives; None if all hold.
-    """
+    """First condition up to an order that a Runge-Kutta method fails, in words."""
     rows, weights = np.array(tableau[:-1]), np.array(tableau[-1])
     for nodes in range(1, order + 1):
         for tree in _rooted_trees(nodes):

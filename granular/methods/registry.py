@@ -60,18 +60,7 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
 
 
 def method_as_run_setting(method: Method) -> str | dict[str, Any]:
-    """Entry of a method in a run's settings: the name of a built-in one, else its table.
-
-    Parameters
-    ----------
-    method : Method
-        Integration method.
-
-    Returns
-    -------
-    str or dict
-        Entry, as `resolve_method` takes it.
-    """
+    """Entry of a method in a run's settings: the name of a built-in one, else its table."""
     return method.name if _is_built_in(method) else method.to_plain()
 
 
@@ -114,35 +103,13 @@ def method_named(name: str) -> Method:
 
 
 def all_methods() -> Registry[Method]:
-    """All methods by their names: built in, of the user's own, and of installed distributions.
-
-    Returns
-    -------
-    Registry of Method
-        Methods by their names.
-    """
+    """All methods by their names: built in, of the user's own, and of installed distributions."""
     names = (*METHODS, *_own, *entry_point_names(GROUP))
     return Registry(((name, method_named(name)) for name in dict.fromkeys(names)), str)
 
 
 def with_compensated_sums(method: Method) -> Method:
-    """Return the method with compensated sums.
-
-    Parameters
-    ----------
-    method : Method
-        Composition of kicks and drifts.
-
-    Returns
-    -------
-    Method
-        The same, with ``+compensated`` behind its name.
-
-    Raises
-    ------
-    InputError
-        For a Runge-Kutta method, which has no such form.
-    """
+    """Return the method with compensated sums."""
     if method.tableau is not None:
         raise InputError(
             f"method = {quote(method.name + COMPENSATED)}: a Runge-Kutta method has no "
@@ -152,18 +119,7 @@ def with_compensated_sums(method: Method) -> Method:
 
 
 def register_methods(methods: Iterable[Method]) -> None:
-    """Let `method_named` know methods of the user's own, for as long as the process lives.
-
-    Parameters
-    ----------
-    methods : Iterable[Method]
-        Methods of the user's own.
-
-    Raises
-    ------
-    InputError
-        If one takes the name of another.
-    """
+    """Let `method_named` know methods of the user's own, for as long as the process lives."""
     for method in methods:
         former = _own.get(resolve_method(method).name, method)
         if former != method:

@@ -19,18 +19,7 @@ REFINED = 12
 
 
 class BiexponentialFit(NamedTuple):
-    """A exp(l1 x) + B exp(l2 x), with l1 <= l2.
-
-    Attributes
-    ----------
-    amplitudes, rates : float (2,)
-        (A, B) in the unit of y; (l1, l2) in one over the unit of x.
-    amplitude_intervals, rate_intervals : float (2, 2)
-        Lower and upper end of the intervals of 95 % confidence, for each; infinite where the data
-        leave a value open.
-    residual : float
-        Standard deviation of the residuals, with n - 4 degrees of freedom, in the unit of y.
-    """
+    """A exp(l1 x) + B exp(l2 x), with l1 <= l2."""
 
     amplitudes: np.ndarray
     rates: np.ndarray
@@ -39,18 +28,7 @@ class BiexponentialFit(NamedTuple):
     residual: float
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """Evaluate the fitted law A exp(l1 x) + B exp(l2 x).
-
-        Parameters
-        ----------
-        x : float (...)
-            Abscissae, in the unit of the x that was fitted.
-
-        Returns
-        -------
-        float64 (...)
-            Values in the unit of the y that was fitted, in the shape of x.
-        """
+        """Evaluate the fitted law A exp(l1 x) + B exp(l2 x)."""
         parts = np.exp(np.multiply.outer(np.asarray(x, dtype=np.float64), self.rates))
         return np.asarray(parts @ self.amplitudes)
 

@@ -44,57 +44,19 @@ if TYPE_CHECKING:
 
 @observable("m", "mean distance of two grains", name="mean_distance")
 def mean_grain_distance(frame: Frame) -> float:
-    """Mean distance of two grains' centres, over all pairs of the frame [D, eq. 2.1].
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    float
-        Distance [m]; NaN for fewer than two grains. See `mean_pair_distance`.
-    """
+    """Mean distance of two grains' centres, over all pairs of the frame [D, eq. 2.1] [m]."""
     return mean_pair_distance(frame.positions)
 
 
 @observable("m", "distance of the piston from the grain next to it", name="piston_distance")
 def nearest_grain_to_piston(frame: Frame) -> float:
-    """Least distance of a grain's centre from the piston, the delta of [D, eq. 4.29].
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    float
-        Distance [m]; NaN without grains or without a piston.
-    """
+    """Least distance of a grain's centre from the piston, the delta of [D, eq. 4.29] [m]."""
     return least_piston_distance(frame.positions, frame.piston_height)
 
 
 @observable("m", "least distance of a grain's centre from the piston", name="species_piston_distance")
 def nearest_grain_to_piston_by_species(frame: Frame) -> dict[str, float]:
-    """Least distance of a grain's centre from the piston, for each species [D, eq. 4.29].
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    dict of str to float
-        Distance [m] by the name of the species; NaN for a species without grains.
-
-    Raises
-    ------
-    InputError
-        If the scene has no piston.
-    """
+    """Least distance of a grain's centre from the piston, for each species [D, eq. 4.29] [m]."""
     require_piston(frame.scene)
     return {
         name: least_piston_distance(frame.positions[frame.species == k], frame.piston_height)
@@ -104,23 +66,7 @@ def nearest_grain_to_piston_by_species(frame: Frame) -> dict[str, float]:
 
 @observable("1", "packing fraction below the piston, or of a periodic cell", name="packing")
 def frame_packing_fraction(frame: Frame) -> float:
-    """Area of the grains over that of the cell below the piston, or of the periodic cell [D, eq. 2.2].
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    float
-        Packing fraction, without unit.
-
-    Raises
-    ------
-    InputError
-        If the cell has no height above 0 m, as without a piston.
-    """
+    """Area of the grains over that of the cell below the piston, or of the periodic cell [D, eq. 2.2]."""
     here = is_present(frame.positions)
     height = frame.scene.cell.height or frame.piston_height
     return float(packing_fraction(frame.diameters[here], frame.scene.cell.width, height))
@@ -128,69 +74,25 @@ def frame_packing_fraction(frame: Frame) -> float:
 
 @observable("1", "mean of |psi_6| over the grains", name="hexatic_order")
 def mean_local_psi6(frame: Frame) -> float:
-    """Mean of |psi_6| over the grains with an interior Voronoi cell [D, eq. 4.28].
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    float
-        Order parameter from 0 to 1, without unit; NaN without interior cells. See `psi6`.
-    """
+    """Mean of |psi_6| over the grains with an interior Voronoi cell [D, eq. 4.28]."""
     return psi6(frame.positions)
 
 
 @observable("1", "fraction of the cells", name="polygons")
 def frame_polygon_fractions(frame: Frame) -> dict[str, float]:
-    """Fractions of pentagons, hexagons, heptagons and others among the interior Voronoi cells [D, 4.2.4].
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    dict of str to float
-        Four fractions without unit, which add up to 1; NaN without interior cells.
-    """
+    """Fractions of pentagons, hexagons, heptagons and others among the interior Voronoi cells [D, 4.2.4]."""
     return polygon_fractions(voronoi_cells(frame.positions)).by_name
 
 
 @observable("1", "number of interior Voronoi cells", name="interior_cells")
 def interior_cell_count(frame: Frame) -> float:
-    """Count the Voronoi cells that lie wholly in the box of the outermost centres [D, 4.2.4].
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    float
-        Number of interior cells.
-    """
+    """Count the Voronoi cells that lie wholly in the box of the outermost centres [D, 4.2.4]."""
     return float(voronoi_cells(frame.positions).interior.sum())
 
 
 @observable("1", "regularity of the hexagons", name="regularity")
 def mean_hexagon_regularity(frame: Frame) -> dict[str, float]:
-    """Mean and standard deviation of the regularity of the interior hexagons [D, eq. 4.25].
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    dict of str to float
-        ``mean`` and ``deviation`` of `hexagon_regularity`, without unit; NaN without hexagons.
-    """
+    """Mean and standard deviation of the regularity of the interior hexagons [D, eq. 4.25]."""
     values = hexagon_regularity(voronoi_cells(frame.positions))
     values = values[np.isfinite(values)]
     if not len(values):
@@ -200,54 +102,19 @@ def mean_hexagon_regularity(frame: Frame) -> dict[str, float]:
 
 @observable("1", "number of defects", name="defects")
 def defect_counts(frame: Frame) -> dict[str, float]:
-    """Count disclinations, dislocations and unpaired disclinations of a frame.
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    dict of str to float
-        ``disclinations``, ``dislocations`` and ``unpaired``; see `count_defects`.
-    """
+    """Count disclinations, dislocations and unpaired disclinations of a frame."""
     return count_defects(voronoi_cells(frame.positions))
 
 
 @observable("J", "kinetic temperature of the bed", name="temperature")
 def granular_temperature(frame: Frame) -> float:
-    """Mean kinetic energy of the grains' fluctuations per degree of freedom; see `kinetic_temperature`.
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    float
-        Temperature [J] (Boltzmann's constant is 1); NaN without grains.
-    """
+    """Mean kinetic energy of the fluctuations per degree of freedom [J]; see `kinetic_temperature`."""
     return kinetic_temperature(frame.velocities, frame.masses)
 
 
 @observable("J", "kinetic temperature of the species", name="species_temperature")
 def granular_temperature_by_species(frame: Frame) -> dict[str, float]:
-    """Mean kinetic energy of the fluctuations per degree of freedom, for each species.
-
-    The velocities are taken against the centre of mass of all grains; see `fluctuation_energies`.
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    dict of str to float
-        Temperature [J] by the name of the species; NaN for a species without grains.
-    """
+    """Mean kinetic energy of the fluctuations per degree of freedom, for each species [J]."""
     energies = fluctuation_energies(frame.velocities, frame.masses)
     means = {}
     for k, name in enumerate(species_names(frame.scene)):
@@ -258,35 +125,13 @@ def granular_temperature_by_species(frame: Frame) -> dict[str, float]:
 
 @observable("N", "force of grains and walls on the grain", name="interaction_force")
 def grain_interaction_force(frame: Frame) -> np.ndarray:
-    """Force of grains and walls on each grain; see `interaction_forces`.
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    float64 (n, 2)
-        Force [N]; NaN for absent grains.
-    """
+    """Force of grains and walls on each grain; see `interaction_forces` [N]."""
     return interaction_forces(frame)
 
 
 @observable("1", "relative fluctuation of the force on the grain", name="force_fluctuation")
 def interior_force_fluctuation(frame: Frame) -> np.ndarray:
-    """Relative fluctuation of the force on the grains with an interior cell [D, eq. 4.35, Fig. 4.24].
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    float64 (n,)
-        |F - mean F|/mean F within the species, without unit; NaN without an interior Voronoi cell.
-    """
+    """Relative fluctuation of the force on the grains with an interior cell [D, eq. 4.35, Fig. 4.24]."""
     sizes = np.linalg.norm(interaction_forces(frame), axis=1)
     inner = voronoi_cells(frame.positions).interior
     return relative_force_fluctuation(np.where(inner, sizes, np.nan), frame.species)
@@ -294,67 +139,19 @@ def interior_force_fluctuation(frame: Frame) -> np.ndarray:
 
 @observable("N", "compressive force on the grain", name="compressive_force")
 def grain_compressive_force(frame: Frame) -> np.ndarray:
-    """Sum of the magnitudes of the forces of grains and walls on each grain; see `compressive_forces`.
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    float64 (n,)
-        Compressive force [N]; NaN for absent grains.
-
-    Raises
-    ------
-    InputError
-        If an effect acts between grains by a law other than dipole and contact.
-    """
+    """Sum of the magnitudes of the forces of grains and walls on each grain; see `compressive_forces` [N]."""
     return compressive_forces(frame.scene, frame.positions, frame.piston_height)
 
 
 @observable("N/m", "stress of the grain, positive for compression")
 def grain_stress(frame: Frame) -> np.ndarray:
-    """Virial stress tensor of each grain over its Voronoi cell; see `grain_stresses`.
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    float64 (n, 2, 2)
-        Stress [N/m], positive for compression; NaN without an interior Voronoi cell.
-
-    Raises
-    ------
-    InputError
-        If an effect acts between grains by a law other than dipole and contact.
-    """
+    """Virial stress tensor of each grain over its Voronoi cell; see `grain_stresses` [N/m]."""
     return grain_stresses(frame.scene, frame.positions, frame.piston_height)
 
 
 @observable("N/m", "pressure of the grain")
 def grain_pressure(frame: Frame) -> np.ndarray:
-    """Half the trace of the virial stress tensor of each grain; see `grain_pressures`.
-
-    Parameters
-    ----------
-    frame : Frame
-        Instant of a run.
-
-    Returns
-    -------
-    float64 (n,)
-        Pressure in two dimensions [N/m]; NaN without an interior Voronoi cell.
-
-    Raises
-    ------
-    InputError
-        If an effect acts between grains by a law other than dipole and contact.
-    """
+    """Half the trace of the virial stress tensor of each grain; see `grain_pressures` [N/m]."""
     return grain_pressures(frame.scene, frame.positions, frame.piston_height)
 
 
@@ -477,25 +274,7 @@ def _value_dimensions(values: Sequence[np.ndarray], name: str, count: int, label
 
 
 def observables_table(run: Trajectory, functions: Sequence[Callable[[Frame], Value]]) -> pandas.DataFrame:
-    """Tabulate observables over the frames of a run; each column's name holds its unit.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run, or one that was cut off.
-    functions : sequence of functions of a Frame
-        Observables with one value a frame, or a mapping of labels to such values.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row for each frame: ``time [s]``, and a column for each observable or label of it.
-
-    Raises
-    ------
-    InputError
-        If an observable cannot be computed, or has a value a grain.
-    """
+    """Tabulate observables over the frames of a run; each column's name holds its unit [s]."""
     import pandas
 
     columns = {"time [s]": run.dataset["frame_time"].values}
@@ -518,31 +297,7 @@ def observables_table(run: Trajectory, functions: Sequence[Callable[[Frame], Val
 def find_observable(
     name: str, own: Mapping[str, Callable[[Frame], Value]] | None = None
 ) -> Callable[[Frame], Value]:
-    """Find an observable by its name: the package's, a user's own, or an installed distribution's.
-
-    Parameters
-    ----------
-    name : str
-        Name, such as ``"mean_distance"``.
-    own : mapping of str to function, optional
-        The user's own by their names; see `granular.user_code.import_user_code`.
-
-    Returns
-    -------
-    function of Frame
-        Function whose value `per_frame` takes.
-
-    Raises
-    ------
-    InputError
-        If there is none, or the distribution's cannot be loaded.
-
-    Examples
-    --------
-    >>> from granular.observables.catalogue import find_observable
-    >>> find_observable("mean_distance").observable.unit
-    'm'
-    """
+    """Find an observable by its name: the package's, a user's own, or an installed distribution's."""
     every = {**OBSERVABLES, **(own or {})}
     if name in every:
         return every[name]

@@ -31,22 +31,9 @@ BINS = 100
 
 
 class PairDistanceFunction(NamedTuple):
-    """A function of the distance of two grains, in bins (lower edge, upper edge].
+    """A function of the distance of two grains, in bins (lower edge, upper edge]."""
 
-    Attributes
-    ----------
-    edges : float (k + 1,)
-        Edges of the bins [m], increasing.
-    values : float (k,)
-        NaN in bins without pairs, where it is a mean over pairs.
-    pairs : int (k,)
-        Pairs i < j in each bin.
-    weights : float (k,)
-        By which frames count in a mean over them: the pairs, or for g(r) the pairs that are
-        expected of as many grains, independent and uniform in the box.
-    """
-
-    edges: np.ndarray
+    edges: np.ndarray  # edges of the bins [m], increasing
     values: np.ndarray
     pairs: np.ndarray
     weights: np.ndarray
@@ -105,23 +92,7 @@ def per_distance(
 
 
 def check_bin_edges(edges: np.ndarray) -> np.ndarray:
-    """Check the edges of distance bins, and convert them.
-
-    Parameters
-    ----------
-    edges : float (k + 1,)
-        Edges [m].
-
-    Returns
-    -------
-    float64 (k + 1,)
-        The same edges [m].
-
-    Raises
-    ------
-    InputError
-        If they do not increase from at least 0.
-    """
+    """Check the edges of distance bins, and convert them [m]; edges [m]."""
     array = np.asarray(edges, dtype=np.float64)
     if array.ndim != 1 or len(array) < 2 or not (np.diff(array) > 0.0).all() or array[0] < 0.0:
         raise InputError("edges must be at least two distances that increase from 0 m up; sort them")
@@ -129,23 +100,7 @@ def check_bin_edges(edges: np.ndarray) -> np.ndarray:
 
 
 def default_bin_edges(positions: np.ndarray) -> np.ndarray:
-    """Choose `BINS` bins up to half the shorter side of the grains' box, or up to `FARTHEST` mean spacings.
-
-    Parameters
-    ----------
-    positions : float (n, 2)
-        Positions of the grains [m]; NaN for absent ones.
-
-    Returns
-    -------
-    float64 (BINS + 1,)
-        Edges [m], evenly spaced from 0.
-
-    Raises
-    ------
-    InputError
-        If the positions have another shape, or the grains span no box.
-    """
+    """Choose bins up to half the box's shorter side or `FARTHEST` spacings [m]; positions (n, 2) [m]."""
     low, high = bounding_box(positions)
     sides = high - low
     if not (sides > 0.0).all():
@@ -156,22 +111,9 @@ def default_bin_edges(positions: np.ndarray) -> np.ndarray:
 
 
 def box_spanning_frames(frames: np.ndarray) -> list[np.ndarray]:
-    """Select the frames whose grains span a box; the last frames of a cell that empties do not.
+    """Select the frames whose grains span a box; the last frames of a cell that empties do not [m].
 
-    Parameters
-    ----------
-    frames : float (f, n, 2)
-        Positions of the grains in each frame [m]; NaN for absent grains.
-
-    Returns
-    -------
-    list of float (n, 2)
-        Frames with two grains or more that differ in x and in y [m].
-
-    Raises
-    ------
-    InputError
-        If none does.
+    frames [m].
     """
     result = []
     for frame in frames:
@@ -184,20 +126,7 @@ def box_spanning_frames(frames: np.ndarray) -> list[np.ndarray]:
 
 
 def count_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Count the pairs i < j in each bin (lower edge, upper edge] of their distance.
-
-    Parameters
-    ----------
-    points : float (n, 2)
-        Positions, all finite [m].
-    edges : float (k + 1,)
-        Edges of the bins [m], increasing.
-
-    Returns
-    -------
-    int64 (k,)
-        Number of pairs in each bin.
-    """
+    """Count the pairs i < j in each bin (lower edge, upper edge] of their distance; points, edges [m]."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)
@@ -205,60 +134,20 @@ def count_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def mean_over_pairs(points: np.ndarray, products: np.ndarray, edges: np.ndarray) -> PairDistanceFunction:
-    """Divide sums over the pairs of each bin by the number of these pairs.
-
-    Parameters
-    ----------
-    points : float (n, 2)
-        Positions, all finite [m].
-    products : float (k,)
-        Sum over the pairs of each bin, in any unit; see `sum_pair_products`.
-    edges : float (k + 1,)
-        Edges of the bins [m].
-
-    Returns
-    -------
-    PairDistanceFunction
-        Mean of each bin in that unit, NaN without pairs, and the number of its pairs.
-    """
+    """Divide sums over the pairs of each bin by the number of these pairs; points, edges [m]."""
     pairs = count_pairs(points, edges)
     return PairDistanceFunction(edges, divide_by_pair_count(products, pairs), pairs, pairs)
 
 
 def divide_by_pair_count(total: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Divide sums by numbers of pairs, with NaN where there are no pairs.
-
-    Parameters
-    ----------
-    total : float (k,)
-        Sum over the pairs of each bin, in any unit.
-    pairs : int or float (k,)
-        Number or weight of the pairs of each bin.
-
-    Returns
-    -------
-    float64 (k,)
-        Mean of each bin, in the same unit.
-    """
+    """Divide sums by numbers of pairs, with NaN where there are no pairs."""
     return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0)
 
 
 def sum_pair_products(points: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Sum v_i v_j over the pairs i < j of each bin (lower edge, upper edge] of their distance.
 
-    Parameters
-    ----------
-    points : float (n, 2)
-        Positions, all finite [m].
-    values : float (n,)
-        Value v of each grain, in any unit.
-    edges : float (k + 1,)
-        Edges of the bins [m], increasing.
-
-    Returns
-    -------
-    float64 (k,)
-        Sum of each bin, in the unit of v squared.
+    points, edges [m].
     """
     from scipy.spatial import cKDTree
 

@@ -42,36 +42,16 @@ _CENTRINGS = 3
 
 
 class FrameDefects(NamedTuple):
-    """The defects of a frame.
-
-    Attributes
-    ----------
-    kinds : tuple of str (d,)
-        Kind of each defect, of `KINDS`.
-    positions : float (d, 2)
-        Position of each defect [m].
-    lattice : int (d, 2)
-        Burgers vector in the lattice; see `granular.observables.defects`.
-    burgers : float (d, 2)
-        The same in the plane [m].
-    charge : int (d,)
-        Sum of 6 minus the number of neighbours.
-    sizes : int (d,)
-        Grains that have not six neighbours.
-    angle : float
-        Direction of the lattice [rad].
-    spacing : float
-        Spacing of the lattice of the mean cell area [m].
-    """
+    """The defects of a frame."""
 
     kinds: tuple[str, ...]
-    positions: np.ndarray
+    positions: np.ndarray  # position of each defect [m]
     lattice: np.ndarray
-    burgers: np.ndarray
+    burgers: np.ndarray  # the same in the plane [m]
     charge: np.ndarray
     sizes: np.ndarray
-    angle: float
-    spacing: float
+    angle: float  # [rad]
+    spacing: float  # [m]
 
 
 class _DefectCluster(NamedTuple):

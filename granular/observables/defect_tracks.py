@@ -45,50 +45,21 @@ LEAST = 3
 
 
 class DefectTrack(NamedTuple):
-    """The path of a defect.
-
-    Attributes
-    ----------
-    kind : str
-        Kind of the defect, of `granular.observables.defect_clusters.KINDS`.
-    lattice : int (2,)
-        Burgers vector in the lattice.
-    frames : int (k,)
-        Frames in which it was seen.
-    positions : float (k, 2)
-        Position in each of these frames [m].
-    burgers : float (2,)
-        Burgers vector, as a mean over the frames [m].
-    """
+    """The path of a defect."""
 
     kind: str
     lattice: np.ndarray
     frames: np.ndarray
-    positions: np.ndarray
-    burgers: np.ndarray
+    positions: np.ndarray  # position in each of these frames [m]
+    burgers: np.ndarray  # burgers vector, as a mean over the frames [m]
 
 
 class DefectEvent(NamedTuple):
-    """Ends and beginnings of tracks at one position and time.
-
-    Attributes
-    ----------
-    kind : str
-        ``birth`` or ``annihilation`` (nothing before, or nothing after), ``reaction`` (one set of
-        defects becomes another one), ``entry`` or ``leaving`` (at the rim).
-    frame : int
-        The first frame after it.
-    position : float (2,)
-        Mean position of the ends and beginnings [m].
-    ended, started : tuple of int
-        Numbers of the tracks.
-    missing : int (2,)
-        Burgers vectors started minus ended: zero unless something came from, or went to, the rim.
-    """
+    """Ends and beginnings of tracks at one position and time."""
 
     kind: str
     frame: int
-    position: np.ndarray
+    position: np.ndarray  # mean position of the ends and beginnings [m]
     ended: tuple[int, ...]
     started: tuple[int, ...]
     missing: np.ndarray
@@ -97,31 +68,7 @@ class DefectEvent(NamedTuple):
 def link_defect_tracks(
     frames: Sequence[FrameDefects], reach: float = REACH, memory: int = MEMORY
 ) -> list[DefectTrack]:
-    """Link the defects of frame after frame into tracks.
-
-    From frame to frame the sum of the squared displacements is as small as it can be, among defects
-    of the same kind and Burgers vector: SciPy's linear assignment, as in Crocker and Grier, J. Colloid
-    Interface Sci. 179, 298 (1996). Bound pairs, which heat makes and takes back, have no tracks.
-
-    Parameters
-    ----------
-    frames : sequence of FrameDefects
-        With lattices of one direction: give each frame's `detect_defects` the same angle.
-    reach : float
-        Greatest displacement in a frame, in lattice spacings.
-    memory : int
-        Frames that a defect may be out of sight.
-
-    Returns
-    -------
-    list of DefectTrack
-        Tracks, in the order in which they begin; positions in metres.
-
-    Raises
-    ------
-    InputError
-        If ``reach`` is not above 0, or ``memory`` is below 0.
-    """
+    """Link the defects of frame after frame into tracks."""
     if not reach > 0.0 or memory < 0:
         raise InputError(f"reach {reach:g} and memory {memory}; take more than 0, and 0 or more")
     open_tracks: list[_OpenTrack] = []
@@ -201,44 +148,12 @@ def _same_burgers_vector(item: _OpenTrack, lattice: np.ndarray) -> bool:
 
 
 def drop_short_tracks(tracks: Iterable[DefectTrack], frames: int) -> list[DefectTrack]:
-    """Keep the tracks that were seen in a number of frames or more.
-
-    Parameters
-    ----------
-    tracks : iterable of DefectTrack
-        Tracks of `link_defect_tracks`.
-    frames : int
-        Least number of frames.
-
-    Returns
-    -------
-    list of DefectTrack
-        Those that are long enough, in the same order.
-    """
+    """Keep the tracks that were seen in a number of frames or more."""
     return [track for track in tracks if len(track.frames) >= frames]
 
 
 def find_defect_events(tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float) -> list[DefectEvent]:
-    """Find the births, annihilations and reactions by which tracks end and begin.
-
-    Ends and beginnings nearer than `MEETING` spacings and `SAME_TIME` frames to one another are one
-    event. One with a part near the rim may take a Burgers vector from it; in any other the vectors
-    before and after are the same if nothing was missed.
-
-    Parameters
-    ----------
-    tracks : sequence of DefectTrack
-        Tracks of `link_defect_tracks`.
-    boxes : float (f, 2, 2)
-        Lowest and highest x and y of the bed in each frame [m].
-    spacing : float
-        Lattice spacing [m].
-
-    Returns
-    -------
-    list of DefectEvent
-        Events in the order of time; positions in metres.
-    """
+    """Find the births, annihilations and reactions by which tracks end and begin; boxes, spacing [m]."""
     moments = [
         (int(end.frames[-1]) + 1, end.positions[-1], index, -1)
         for index, end in enumerate(tracks)
@@ -292,38 +207,18 @@ def _make_defect_event(
 
 
 class DefectMotion(NamedTuple):
-    """Velocity of a defect by a line of least squares through its path.
+    """Velocity of a defect by a line of least squares through its path."""
 
-    Attributes
-    ----------
-    velocity : float (2,)
-        Velocity along x and y [m/s].
-    speed : float
-        Its magnitude [m/s].
-    glide, climb : float
-        Along the Burgers vector, and along that turned by +90 degrees [m/s]; NaN without one.
-    """
-
-    velocity: np.ndarray
-    speed: float
-    glide: float
-    climb: float
+    velocity: np.ndarray  # velocity along x and y [m/s]
+    speed: float  # [m/s]
+    glide: float  # [m/s]
+    climb: float  # [m/s]
 
 
 def motion_of_track(track: DefectTrack, times: np.ndarray) -> DefectMotion:
-    """Fit the velocity of a defect by a line of least squares through its path.
+    """Fit the velocity of a defect by a line of least squares through its path [m/s].
 
-    Parameters
-    ----------
-    track : DefectTrack
-        Path of the defect [m], and its Burgers vector.
-    times : float (f,)
-        Times of all frames [s].
-
-    Returns
-    -------
-    DefectMotion
-        Velocity, speed, glide and climb [m/s]; NaN if it was seen in one frame.
+    track [m], times [s].
     """
     if len(track.frames) < 2:
         return DefectMotion(np.full(2, np.nan), math.nan, math.nan, math.nan)
@@ -339,25 +234,7 @@ def motion_of_track(track: DefectTrack, times: np.ndarray) -> DefectMotion:
 
 
 def detect_defects_in_frames(frames: np.ndarray) -> list[FrameDefects]:
-    """Detect the defects of every frame, with the direction of the lattice followed in time.
-
-    See `detect_defects`, by the Burgers circuit about clusters of grains that have not six neighbours.
-
-    Parameters
-    ----------
-    frames : float (f, n, 2)
-        Positions of the grains in each frame [m]; NaN for absent grains.
-
-    Returns
-    -------
-    list of FrameDefects
-        Defects of each frame.
-
-    Raises
-    ------
-    InputError
-        If the shape is another one, there is no frame, or a frame has no interior cells.
-    """
+    """Detect the defects of every frame, with the direction of the lattice followed in time; frames [m]."""
     array = check_frames(frames, least=1)
     defects: list[FrameDefects] = []
     for frame in array:

@@ -16,17 +16,7 @@ SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
 def nearest_lattice_bonds(arms: np.ndarray, angle: float) -> np.ndarray:
     """Lattice vector of a nearest neighbour whose direction is next to that of each bond.
 
-    Parameters
-    ----------
-    arms : float (k, 2)
-        Vectors from grain to grain [m]; only their directions count.
-    angle : float
-        Direction of the lattice's first vector against the x axis [rad].
-
-    Returns
-    -------
-    int64 (k, 2)
-        Coordinates in the lattice, one of the six of `SIX`; opposite bonds have opposite ones.
+    arms [m], angle [rad].
     """
     # An arm and its opposite get opposite vectors, to the last bit: one of them is looked at.
     back = (arms[:, 1] < 0.0) | ((arms[:, 1] == 0.0) & (arms[:, 0] < 0.0))
@@ -36,21 +26,9 @@ def nearest_lattice_bonds(arms: np.ndarray, angle: float) -> np.ndarray:
 
 
 def lattice_to_plane(vectors: np.ndarray, angle: float, spacing: float) -> np.ndarray:
-    """Convert vectors from coordinates of the hexagonal lattice to the plane.
+    """Convert vectors from coordinates of the hexagonal lattice to the plane [m].
 
-    Parameters
-    ----------
-    vectors : int or float (..., 2)
-        Coordinates m, n of m a1 + n a2, with a2 turned by 60 degrees against a1.
-    angle : float
-        Direction of a1 against the x axis [rad].
-    spacing : float
-        Lattice spacing [m].
-
-    Returns
-    -------
-    float64 (..., 2)
-        Vectors x, y, in the unit of the spacing [m].
+    angle [rad], spacing [m].
     """
     turned = angle + np.pi / 3.0
     basis = np.array([[np.cos(angle), np.sin(angle)], [np.cos(turned), np.sin(turned)]])
@@ -58,37 +36,13 @@ def lattice_to_plane(vectors: np.ndarray, angle: float, spacing: float) -> np.nd
 
 
 def lattice_norm_squared(vectors: np.ndarray) -> np.ndarray:
-    """Squared length m^2 + m n + n^2 of vectors of the hexagonal lattice.
-
-    Parameters
-    ----------
-    vectors : int (..., 2)
-        Coordinates m, n in the lattice.
-
-    Returns
-    -------
-    int64 (...)
-        Square of the length over the lattice spacing, without unit.
-    """
+    """Squared length m^2 + m n + n^2 of vectors of the hexagonal lattice."""
     m, n = np.moveaxis(np.asarray(vectors), -1, 0)
     return np.asarray(m * m + m * n + n * n)
 
 
 def orient_counter_clockwise(triangles: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """Order the corners of each triangle counter-clockwise.
-
-    Parameters
-    ----------
-    triangles : int (t, 3)
-        Grains at the corners.
-    positions : float (n, 2)
-        Positions of the grains [m].
-
-    Returns
-    -------
-    int64 (t, 3)
-        The same triangles, each in counter-clockwise order.
-    """
+    """Order the corners of each triangle counter-clockwise; positions [m]."""
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     left = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     turned = triangles.copy()
@@ -97,41 +51,14 @@ def orient_counter_clockwise(triangles: np.ndarray, positions: np.ndarray) -> np
 
 
 def edges_of_triangles(triangles: np.ndarray) -> np.ndarray:
-    """List the three edges of each triangle, from corner to corner.
-
-    Parameters
-    ----------
-    triangles : int (t, 3)
-        Grains at the corners.
-
-    Returns
-    -------
-    int64 (t, 3, 2)
-        Grains at the start and the end of each edge, around the triangle.
-    """
+    """List the three edges of each triangle, from corner to corner."""
     return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1)
 
 
 def burgers_vectors(triangles: np.ndarray, positions: np.ndarray, angle: float) -> np.ndarray:
     """Burgers vector in each counter-clockwise triangle, in coordinates of the lattice.
 
-    Minus the sum of the lattice vectors of its edges: the integral of du over the circuit, u being
-    the displacement from the perfect lattice (FS/RH, Hirth and Lothe 1982). Triangles of a strained
-    lattice have none, and that of a region is the sum over its triangles.
-
-    Parameters
-    ----------
-    triangles : int (t, 3)
-        Grains at the corners, counter-clockwise; see `orient_counter_clockwise`.
-    positions : float (n, 2)
-        Positions of the grains [m].
-    angle : float
-        Direction of the lattice's first vector against the x axis [rad].
-
-    Returns
-    -------
-    int64 (t, 2)
-        Burgers vectors in the lattice, in lattice spacings; see `lattice_to_plane`.
+    positions [m], angle [rad].
     """
     edges = edges_of_triangles(triangles).reshape(-1, 2)
     bonds = nearest_lattice_bonds(positions[edges[:, 1]] - positions[edges[:, 0]], angle)
@@ -141,23 +68,7 @@ def burgers_vectors(triangles: np.ndarray, positions: np.ndarray, angle: float) 
 def excess_grains(triangles: np.ndarray, positions: np.ndarray, angle: float) -> float:
     """Grains in a region less its lattice sites: -1 for a vacancy, 1 for an interstitial.
 
-    A region of t triangles with n grains inside and k at its rim has t = 2 n + k - 2, and one in
-    the lattice with the same rim an area of n + k/2 - 1 cells (Pick's theorem). The rim's lattice
-    vectors must close.
-
-    Parameters
-    ----------
-    triangles : int (t, 3)
-        Grains at the corners of the region's triangles, counter-clockwise.
-    positions : float (n, 2)
-        Positions of the grains [m].
-    angle : float
-        Direction of the lattice's first vector against the x axis [rad].
-
-    Returns
-    -------
-    float
-        Excess, a whole number where the rim closes.
+    positions [m], angle [rad].
     """
     edges = edges_of_triangles(triangles).reshape(-1, 2)
     have = {(int(i), int(j)) for i, j in edges}
@@ -177,21 +88,11 @@ def excess_grains(triangles: np.ndarray, positions: np.ndarray, angle: float) ->
 
 
 class Dislocations(NamedTuple):
-    """Pairs of a pentagon and a neighbouring heptagon.
-
-    Attributes
-    ----------
-    pairs : int (d, 2)
-        The grain with five neighbours, and the one with seven.
-    positions : float (d, 2)
-        The middle of both [m].
-    burgers : float (d, 2)
-        Burgers vectors [m].
-    """
+    """Pairs of a pentagon and a neighbouring heptagon."""
 
     pairs: np.ndarray
-    positions: np.ndarray
-    burgers: np.ndarray
+    positions: np.ndarray  # the middle of both [m]
+    burgers: np.ndarray  # burgers vectors [m]
 
 
 def disclination_charges(cells: VoronoiCells) -> np.ndarray:
@@ -271,19 +172,7 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
 
 
 def count_defects(cells: VoronoiCells) -> dict[str, float]:
-    """Count disclinations (interior cells that are no hexagons), dislocations, and those in no pair.
-
-    Parameters
-    ----------
-    cells : VoronoiCells
-        Voronoi cells of the grains.
-
-    Returns
-    -------
-    dict of str to float
-        ``disclinations``; ``dislocations``, the greatest number of disjoint pairs of a pentagon and a
-        neighbouring heptagon; ``unpaired``, the disclinations that are in none of these.
-    """
+    """Count disclinations (interior cells that are no hexagons), dislocations, and those in no pair."""
     number = int(np.count_nonzero(disclination_charges(cells)))
     pairs = len(_match_pentagons_to_heptagons(cells))
     return {"disclinations": number, "dislocations": pairs, "unpaired": number - 2 * pairs}

@@ -81,25 +81,7 @@ def per_lag(
 
 
 def check_lags(lags: np.ndarray | None, count: int) -> np.ndarray:
-    """Check lags between frames, or choose about 30 at even ratios.
-
-    Parameters
-    ----------
-    lags : int (k,) or None
-        Lags in numbers of frames; None to choose them.
-    count : int
-        Number of frames.
-
-    Returns
-    -------
-    int64 (k,)
-        Lags from 1 to ``count - 1`` frames.
-
-    Raises
-    ------
-    InputError
-        If one is no such number.
-    """
+    """Check lags between frames, or choose about 30 at even ratios."""
     if lags is None:
         return np.unique(np.geomspace(1, count - 1, 30).round().astype(int))
     array = np.asarray(lags)
@@ -111,23 +93,7 @@ def check_lags(lags: np.ndarray | None, count: int) -> np.ndarray:
 
 
 def check_periods(periods: tuple[float, float]) -> np.ndarray:
-    """Check the sides of a periodic cell, and convert them.
-
-    Parameters
-    ----------
-    periods : (float, float)
-        Width and height [m].
-
-    Returns
-    -------
-    float64 (2,)
-        The same sides [m].
-
-    Raises
-    ------
-    InputError
-        If they are not two lengths above 0 m.
-    """
+    """Check the sides of a periodic cell, and convert them [m]; periods [m]."""
     array = np.asarray(periods, dtype=np.float64)
     if array.shape != (2,) or not (array > 0.0).all():
         raise InputError(f"periods {periods}; give the width and height of the cell, above 0 m")
@@ -265,17 +231,9 @@ def lindemann_parameter(
 
 
 class NonAffineMotion(NamedTuple):
-    """Motion of the neighbours of each grain between two frames; NaN where it is not known.
+    """Motion of the neighbours of each grain between two frames; NaN where it is not known."""
 
-    Attributes
-    ----------
-    d2min : float (n,)
-        Mean square of what is left over by the best local strain [m^2].
-    strain : float (n, 2, 2)
-        The best local deformation gradient minus 1, without unit.
-    """
-
-    d2min: np.ndarray
+    d2min: np.ndarray  # mean square of what is left over by the best local strain [m^2]
     strain: np.ndarray
 
 

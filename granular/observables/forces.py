@@ -23,23 +23,7 @@ _WALLS = ("left", "right", "bottom", "piston")
 
 
 def piston_force(run: Trajectory) -> xarray.DataArray:
-    """Force of the grains on the piston, upwards, at every record of a run.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run, or one that was cut off.
-
-    Returns
-    -------
-    xarray.DataArray
-        Force [N] on ``time`` [s].
-
-    Raises
-    ------
-    InputError
-        If nothing acts on the piston.
-    """
+    """Force of the grains on the piston, upwards, at every record of a run [N, s]."""
     if "piston_force" not in run.dataset:
         raise InputError(
             f"scene {run.scene.name!r} records no piston force; give it a piston and effects.walls.top"

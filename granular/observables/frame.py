@@ -119,42 +119,13 @@ class Observable(NamedTuple):
 
 
 def observable_metadata(function: Any) -> Observable | None:
-    """Name, unit and meaning that `observable` gave a function.
-
-    Parameters
-    ----------
-    function : function
-        Any function of a frame.
-
-    Returns
-    -------
-    Observable or None
-        None if it is marked by none.
-    """
+    """Name, unit and meaning that `observable` gave a function."""
     result = getattr(function, "observable", None)
     return result if isinstance(result, Observable) else None
 
 
 def select_frames(run: Trajectory, start: float, stop: float) -> np.ndarray:
-    """Select the indices of the frames with start <= time <= stop.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run, or one that was cut off.
-    start, stop : float
-        Times of the range [s].
-
-    Returns
-    -------
-    int64 (f,)
-        Indices of the frames, increasing.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Select the indices of the frames with start <= time <= stop; start, stop [s]."""
     times = run.dataset["frame_time"].values
     chosen = np.flatnonzero((times >= start) & (times <= stop))
     if not len(chosen):
@@ -164,20 +135,7 @@ def select_frames(run: Trajectory, start: float, stop: float) -> np.ndarray:
 
 
 def frames(run: Trajectory, indices: Sequence[int] | np.ndarray | None = None) -> Iterator[Frame]:
-    """Yield frames of a run, by their indices.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run, or one that was cut off.
-    indices : int (f,), optional
-        Indices of the frames; all of them if not given.
-
-    Yields
-    ------
-    Frame
-        The frame, in SI; positions lie within the cell where it is periodic.
-    """
+    """Yield frames of a run, by their indices."""
     data = run.dataset if indices is None else run.dataset.isel(frame=np.asarray(indices))
     heights = None if run.scene.piston is None else data["frame_height"].values
     times, velocities, forces = (data[k].values for k in ("frame_time", "velocity", "force"))
@@ -215,57 +173,19 @@ def frame_at(run: Trajectory, index: int = -1) -> Frame:
 
 
 def require_piston(scene: Scene) -> None:
-    """Refuse a scene without a piston.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of a run.
-
-    Raises
-    ------
-    InputError
-        If it has none.
-    """
+    """Refuse a scene without a piston."""
     if scene.piston is None:
         raise InputError(f"scene {scene.name!r} has no piston; take a scene with [piston] for this")
 
 
 def species_names(scene: Scene) -> list[str]:
-    """Names of the species, with their index where two have the same.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of a run.
-
-    Returns
-    -------
-    list of str
-        A name for each species, all different.
-    """
+    """Names of the species, with their index where two have the same."""
     names = [specy.name for specy in scene.grains.species]
     return [name if names.count(name) == 1 else f"{name} {index}" for index, name in enumerate(names)]
 
 
 def check_positions(positions: np.ndarray) -> np.ndarray:
-    """Check the shape of positions, and convert them.
-
-    Parameters
-    ----------
-    positions : float (n, 2)
-        Positions of the grains [m]; NaN for absent ones.
-
-    Returns
-    -------
-    float64 (n, 2)
-        The same positions [m].
-
-    Raises
-    ------
-    InputError
-        If they have another shape.
-    """
+    """Check the shape of positions, and convert them [m]; positions [m]."""
     array = np.asarray(positions, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
         raise InputError(f"positions have the shape {array.shape}; (n, 2) is wanted")
@@ -273,25 +193,7 @@ def check_positions(positions: np.ndarray) -> np.ndarray:
 
 
 def check_frames(frames: np.ndarray, least: int = 0) -> np.ndarray:
-    """Check the shape and the number of frames, and convert them.
-
-    Parameters
-    ----------
-    frames : float (f, n, 2)
-        Positions of the grains in each frame [m]; NaN for absent grains.
-    least : int
-        Number of frames that are needed.
-
-    Returns
-    -------
-    float64 (f, n, 2)
-        The same positions [m].
-
-    Raises
-    ------
-    InputError
-        If they have another shape, or are fewer than ``least``.
-    """
+    """Check the shape and the number of frames, and convert them [m]; frames [m]."""
     array = np.asarray(frames, dtype=np.float64)
     if array.ndim != 3 or array.shape[2] != 2:
         raise InputError(f"positions of frames have the shape {array.shape}; (f, n, 2) is wanted")
@@ -301,67 +203,18 @@ def check_frames(frames: np.ndarray, least: int = 0) -> np.ndarray:
 
 
 def is_present(positions: np.ndarray) -> np.ndarray:
-    """Grains that are in the cell, by their positions.
-
-    Parameters
-    ----------
-    positions : float (..., n, 2)
-        Positions [m]; NaN for grains that have left the cell.
-
-    Returns
-    -------
-    bool (..., n)
-        True for grains whose position is finite.
-    """
+    """Grains that are in the cell, by their positions; positions [m]."""
     return np.asarray(np.isfinite(positions).all(axis=-1))
 
 
 def present_positions(positions: np.ndarray) -> np.ndarray:
-    """Positions of the grains that are in the cell.
-
-    Parameters
-    ----------
-    positions : float (n, 2)
-        Positions [m]; NaN for grains that have left the cell.
-
-    Returns
-    -------
-    float64 (k, 2)
-        Those that are finite [m], in the same order.
-
-    Raises
-    ------
-    InputError
-        If the positions have another shape than (n, 2).
-    """
+    """Positions of the grains that are in the cell [m]; positions [m]."""
     array = check_positions(positions)
     return array[is_present(array)]
 
 
 def check_grain_values(name: str, values: np.ndarray, count: int, width: int | None = None) -> np.ndarray:
-    """Check that there is one value or row for each grain, and convert them.
-
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for the message.
-    values : float (count,) or (count, width)
-        Values in any unit.
-    count : int
-        Number of grains.
-    width : int, optional
-        Values in a row; one value a grain if not given.
-
-    Returns
-    -------
-    float64 (count,) or (count, width)
-        The same values.
-
-    Raises
-    ------
-    InputError
-        If the shape is another one.
-    """
+    """Check that there is one value or row for each grain, and convert them."""
     array = np.asarray(values, dtype=np.float64)
     shape = (count,) if width is None else (count, width)
     if array.shape != shape:
@@ -370,23 +223,7 @@ def check_grain_values(name: str, values: np.ndarray, count: int, width: int | N
 
 
 def bounding_box(positions: np.ndarray) -> np.ndarray:
-    """Box that the outermost grains' centres span.
-
-    Parameters
-    ----------
-    positions : float (n, 2)
-        Positions [m]; NaN for absent grains.
-
-    Returns
-    -------
-    float64 (2, 2)
-        Lowest x and y, and highest x and y [m]; NaN without grains.
-
-    Raises
-    ------
-    InputError
-        If the positions have another shape than (n, 2).
-    """
+    """Box that the outermost grains' centres span [m]; positions [m]."""
     points = present_positions(positions)
     if not len(points):
         return np.full((2, 2), np.nan)
@@ -394,22 +231,7 @@ def bounding_box(positions: np.ndarray) -> np.ndarray:
 
 
 def sum_by_index(indices: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Sum the values that have the same index.
-
-    Parameters
-    ----------
-    indices : int (k,)
-        Index of each value, from 0 to ``count - 1``.
-    values : float or complex (k, ...)
-        Values in any unit.
-    count : int
-        Number of indices.
-
-    Returns
-    -------
-    array (count, ...)
-        Sum of each index, of the type and in the unit of the values; 0 without values.
-    """
+    """Sum the values that have the same index."""
     total = np.zeros((count, *values.shape[1:]), dtype=values.dtype)
     np.add.at(total, indices, values)
     return total

@@ -20,37 +20,14 @@ LEAST_PERIODS = 3
 
 
 class HarmonicResponse(NamedTuple):
-    """The steady response to a sinusoidal drive, for the harmonics k = 1 ... K.
+    """The steady response to a sinusoidal drive, for the harmonics k = 1 ... K."""
 
-    With the drive's fundamental U cos(p(t)) the response is
-
-        mean + sum_k ratio_k U cos(k p(t) + phase_k).
-
-    Attributes
-    ----------
-    frequency : float
-        Frequency of the drive [Hz].
-    harmonics : int (K,)
-        Multiples k of the drive's frequency, 1 to K.
-    ratio : float (K,)
-        Amplitude of the response's harmonic over U, in the unit of the response over that of the drive.
-    phase : float (K,)
-        From -pi to pi; negative where the response lags [rad].
-    ratio_error, phase_error : float (K,)
-        Standard errors, from the scatter of the single periods; of the phase [rad], infinite where the
-        ratio is 0.
-    drive_amplitude : float
-        U, in the unit of the drive.
-    periods : int
-        Whole periods that were used.
-    """
-
-    frequency: float
+    frequency: float  # [Hz]
     harmonics: np.ndarray
     ratio: np.ndarray
-    phase: np.ndarray
-    ratio_error: np.ndarray
-    phase_error: np.ndarray
+    phase: np.ndarray  # from -pi to pi; negative where the response lags [rad]
+    ratio_error: np.ndarray  # [rad]
+    phase_error: np.ndarray  # [rad]
     drive_amplitude: float
     periods: int
 
@@ -264,10 +241,7 @@ def _transfer_function(into: np.ndarray, out: np.ndarray) -> np.ndarray:
 def _transfer_of_each_period(
     time: np.ndarray, drive: np.ndarray, response: np.ndarray, frequency: float, harmonics: int, periods: int
 ) -> np.ndarray:
-    """`_transfer_function` of every single period (p, K), of signals without drift.
-
-    Within one period a drift and a sine are too much alike to be fitted together.
-    """
+    """`_transfer_function` of every single period (p, K), of signals without drift."""
     position = (time - time[-1]) * frequency + periods
     which = np.clip(np.ceil(position - 1e-9).astype(int) - 1, 0, periods - 1)
     rows = []

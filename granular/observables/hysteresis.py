@@ -73,28 +73,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
 
 
 def cycle_bounds(height: np.ndarray) -> list[CompressionCycle]:
-    """Cycles of a motion, from each highest point to the next.
-
-    Parameters
-    ----------
-    height : float (n,)
-        Height of the piston [m].
-
-    Returns
-    -------
-    list of CompressionCycle
-        A piston that starts upwards, or ends downwards, makes no cycle there. Reversals by less
-        than `LEAST_STROKE` of the whole range are passed over. Where the piston rests at a highest
-        place, the rest belongs to no cycle.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular.observables.hysteresis import cycle_bounds
-    >>> height = np.concatenate([np.linspace(2, 1, 50), np.linspace(1, 2, 50)])
-    >>> len(cycle_bounds(height))
-    1
-    """
+    """Cycles of a motion, from each highest point to the next; height [m]."""
     height = np.asarray(height, dtype=np.float64)
     turns = _turning_points(height, LEAST_STROKE * np.ptp(height) if len(height) else 0.0)
     return [

@@ -37,64 +37,20 @@ SILENT = (
 
 
 class BranchesAndForces(NamedTuple):
-    """Branches and forces of some grains with others.
-
-    Attributes
-    ----------
-    grains : int (k,)
-        The grains that the forces act on.
-    branches : float (k, m, 2)
-        From each of the m others to each of these grains [m].
-    forces : float (k, m, 2)
-        On these grains [N].
-    """
+    """Branches and forces of some grains with others."""
 
     grains: np.ndarray
-    branches: np.ndarray
-    forces: np.ndarray
+    branches: np.ndarray  # from each of the m others to each of these grains [m]
+    forces: np.ndarray  # on these grains [N]
 
 
 def effects_of_unknown_pair_force(scene: Scene) -> tuple[str, ...]:
-    """Effects of a scene that act between grains by a law which is not known here.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene with its effects.
-
-    Returns
-    -------
-    tuple of str
-        Keys of these effects; empty where all forces between grains can be taken apart.
-    """
+    """Effects of a scene that act between grains by a law which is not known here."""
     return tuple(effect.key for effect in scene.effects.acting if effect.key not in (*KNOWN, *SILENT))
 
 
 def iterate_pair_forces(scene: Scene, positions: np.ndarray) -> Iterator[BranchesAndForces]:
-    """Yield the forces of all other grains on each grain, some grains at a time.
-
-    Dipoles repel by their central force 3 C/r^4 (Jackson, Classical Electrodynamics, 1999, 5.7),
-    discs by `granular.pairs`, and grains in contact by the spring of `granular.effects.contact`,
-    without its dashpot.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that the grains belong to.
-    positions : float (n, 2)
-        Positions of the grains [m]; NaN for absent grains, which take no part.
-
-    Yields
-    ------
-    BranchesAndForces
-        Branches (k, m, 2) [m] and forces (k, m, 2) [N] of k grains with the m grains that are there; 0
-        for a grain with itself.
-
-    Raises
-    ------
-    InputError
-        If the shape is not that of the scene's grains, or an effect is none of those known here.
-    """
+    """Yield the forces of all other grains on each grain, some grains at a time [m, N]; positions [m]."""
     positions, here, system = _positions_and_natural_system(scene, positions)
     scales = system.scales
     points = positions[here] / scales.length
@@ -129,30 +85,7 @@ def _nearest_image_branches(branches: np.ndarray, scene: Scene, unit: float) -> 
 def iterate_wall_forces(
     scene: Scene, positions: np.ndarray, piston_height: float | None = None
 ) -> BranchesAndForces:
-    """Evaluate the forces of the walls on each grain: left, right, bottom and piston, as far as they act.
-
-    The branch is the displacement from the wall, at a right angle to it; the laws are those of
-    `granular.effects.walls`.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that the grains belong to.
-    positions : float (n, 2)
-        Positions of the grains [m]; NaN for absent grains, which take no part.
-    piston_height : float, optional
-        Height of the piston [m]; the scene's where not given.
-
-    Returns
-    -------
-    BranchesAndForces
-        Branches (k, m, 2) [m] and forces (k, m, 2) [N] of the k grains that are there, with m walls.
-
-    Raises
-    ------
-    InputError
-        If the shape is not that of the scene's grains, or an effect is none of those known here.
-    """
+    """Evaluate the forces of all four walls on each grain [N]; positions, piston_height [m]."""
     from granular.effects.wall_side import SIDES
 
     positions, here, system = _positions_and_natural_system(scene, positions)
@@ -204,18 +137,7 @@ def _law_in_natural_units(system: Any, key: str) -> Any:
 
 
 def relative_magnetic_moments(scene: Scene) -> np.ndarray:
-    """Magnetic moment of each grain over that of the first species.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene with its grains.
-
-    Returns
-    -------
-    float64 (n,)
-        Ratio without unit, with the spread of the grains.
-    """
+    """Magnetic moment of each grain over that of the first species."""
     grains = scene.grains
     return np.asarray(grains.moment_ratios()[grains.species_indices()] * grains.moment_spread_factors())
 

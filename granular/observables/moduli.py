@@ -24,20 +24,11 @@ SHEAR_OF_PRESSURE = 1.0 / 4.0
 
 
 class Moduli(NamedTuple):
-    """Pressure and moduli of a layer.
+    """Pressure and moduli of a layer."""
 
-    The bulk modulus is rho dp/drho, and the shear modulus that of a shear at constant area under
-    this pressure.
-
-    Attributes
-    ----------
-    pressure, bulk, shear : float
-        Pressure, bulk modulus and shear modulus in two dimensions [N/m].
-    """
-
-    pressure: float
-    bulk: float
-    shear: float
+    pressure: float  # [N/m]
+    bulk: float  # [N/m]
+    shear: float  # [N/m]
 
     @property
     def young_modulus(self) -> float:
@@ -46,21 +37,7 @@ class Moduli(NamedTuple):
 
 
 def hexagonal_lattice_sum(power: float = 3.0) -> float:
-    """Sum of r^-power over the hexagonal lattice of spacing 1; 11.0342 for r^-3.
-
-    A lattice sum of Dirichlet series, with s half the power 6 zeta(s) L(s), and L of the character
-    mod 3 (Borwein et al., Lattice Sums Then and Now, 2013, 1.4).
-
-    Parameters
-    ----------
-    power : float
-        Exponent above 2, without unit.
-
-    Returns
-    -------
-    float
-        Sum over all places but the origin, without unit.
-    """
+    """Sum of r^-power over the hexagonal lattice of spacing 1; 11.0342 for r^-3."""
     from scipy.special import zeta
 
     s = 0.5 * power
@@ -124,23 +101,7 @@ def crystal_moduli(density: float, strength: float) -> Moduli:
 
 
 def lattice_spacing(density: float) -> float:
-    """Spacing of the hexagonal lattice of a density, sqrt(2/(sqrt(3) rho)).
-
-    Parameters
-    ----------
-    density : float
-        Grains an area [1/m^2].
-
-    Returns
-    -------
-    float
-        Distance of nearest neighbours [m].
-
-    Raises
-    ------
-    InputError
-        If the density is not above 0.
-    """
+    """Spacing of the hexagonal lattice of a density, sqrt(2/(sqrt(3) rho)) [m]; density [1/m^2]."""
     _check_positive("density", density)
     return math.sqrt(2.0 / (math.sqrt(3.0) * density))
 
@@ -218,23 +179,11 @@ _POINTS = 64
 
 
 class BedModuli(NamedTuple):
-    """Moduli of the inner part of a bed.
-
-    Attributes
-    ----------
-    affine : Moduli
-        Every grain moves with the strain.
-    relaxed : Moduli
-        The inner grains move to rest again; those about them are held in the strained positions.
-    density : float
-        Inner grains over the area of their cells [1/m^2].
-    grains : int
-        Number of inner grains.
-    """
+    """Moduli of the inner part of a bed."""
 
     affine: Moduli
     relaxed: Moduli
-    density: float
+    density: float  # [1/m^2]
     grains: int
 
 
@@ -300,18 +249,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
 
 
 def first_species_moment(scene: Scene) -> float:
-    """Magnetic moment of a grain of the first species, by the natural units of the scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene with its grains.
-
-    Returns
-    -------
-    float
-        Magnetic moment [A m^2].
-    """
+    """Magnetic moment of a grain of the first species, by the natural units of the scene [A m^2]."""
     from granular.schema.natural_units import Scales
 
     scales = Scales.from_grains(scene.grains)

@@ -39,37 +39,16 @@ from granular.shared.errors import InputError
 
 
 class PlasticEvents(NamedTuple):
-    """Drops of a quantity, in the order of time.
-
-    Attributes
-    ----------
-    begin, end : int (k,)
-        Sample at the top and at the foot of each drop.
-    size : float (k,)
-        By how much the quantity fell, in its unit.
-    time : float (k,)
-        At the top [s].
-    """
+    """Drops of a quantity, in the order of time."""
 
     begin: np.ndarray
     end: np.ndarray
     size: np.ndarray
-    time: np.ndarray
+    time: np.ndarray  # at the top [s]
 
 
 class DropStatistics(NamedTuple):
-    """Sizes of drops.
-
-    Attributes
-    ----------
-    exponent, error : float
-        tau of a density ~ size^-tau above the least size, and its standard error, without unit; NaN for
-        fewer than two drops, and where all are as small as the smallest one that counts.
-    events : int
-        Number of drops.
-    mean : float
-        Mean size, in the unit of the drops; NaN without drops.
-    """
+    """Sizes of drops."""
 
     exponent: float
     error: float
@@ -158,24 +137,7 @@ def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
 
 
 class DislocationSlip(NamedTuple):
-    """Plastic distortion by dislocations since the first frame.
-
-    Attributes
-    ----------
-    moves : float (f, 2, 2)
-        By the displacements of all that were followed, against the grains around them.
-    events : float (f, 2, 2)
-        By births, annihilations and reactions whose Burgers vectors add up.
-    rim : float (f, 2, 2)
-        By the stretch between the edge of the inner part and where a defect that came in was first
-        seen, or one that left was last seen, along its glide line.
-    defects : tuple of FrameDefects
-        Defects of each frame.
-    tracks : tuple of DefectTrack
-        Paths of the defects.
-    conserved : float
-        Fraction of the events away from the rim whose Burgers vectors add up; NaN without events.
-    """
+    """Plastic distortion by dislocations since the first frame."""
 
     moves: np.ndarray
     events: np.ndarray
@@ -191,34 +153,12 @@ class DislocationSlip(NamedTuple):
 
 
 def axial_strain_difference(strain: np.ndarray) -> np.ndarray:
-    """Difference yy less xx of strain tensors: the strain that a piston drives at a constant width.
-
-    Parameters
-    ----------
-    strain : float (f, 2, 2)
-        Strain of each frame, without unit.
-
-    Returns
-    -------
-    float64 (f,)
-        strain_yy - strain_xx, without unit.
-    """
+    """Difference yy less xx of strain tensors: the strain that a piston drives at a constant width."""
     return np.asarray(strain[:, 1, 1] - strain[:, 0, 0])
 
 
 def areal_strain(strain: np.ndarray) -> np.ndarray:
-    """Trace of strain tensors; of plastic strain it is the part that climb makes, grains lost or gained.
-
-    Parameters
-    ----------
-    strain : float (f, 2, 2)
-        Strain of each frame, without unit.
-
-    Returns
-    -------
-    float64 (f,)
-        strain_xx + strain_yy, without unit.
-    """
+    """Trace of strain tensors; of plastic strain it is the part that climb makes, grains lost or gained."""
     return np.asarray(strain[:, 0, 0] + strain[:, 1, 1])
 
 
@@ -279,39 +219,17 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
 
 
 def slip_area_tensor(burgers: np.ndarray, displacement: np.ndarray) -> np.ndarray:
-    """Plastic distortion times area that a moving dislocation leaves, b_i (z x d)_j.
+    """Plastic distortion times area that a moving dislocation leaves, b_i (z x d)_j [m^2].
 
-    (Orowan, Proc. Phys. Soc. 52, 8, 1940; z is the normal of the plane.)
-
-    Parameters
-    ----------
-    burgers : float (2,)
-        Burgers vector b [m].
-    displacement : float (2,)
-        Displacement d of the dislocation [m].
-
-    Returns
-    -------
-    float64 (2, 2)
-        Tensor [m^2]; over the area of the bed it is the change of the mean distortion.
+    burgers, displacement [m].
     """
     return np.outer(burgers, [-displacement[1], displacement[0]])
 
 
 def glide_displacement_to_edge(position: np.ndarray, burgers: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Shortest displacement along the Burgers vector to an edge of the box.
+    """Shortest displacement along the Burgers vector to an edge of the box [m].
 
-    Parameters
-    ----------
-    position, burgers : float (2,)
-        Position of the dislocation and its Burgers vector [m].
-    box : float (2, 2)
-        Lowest x and y, and highest x and y of the box [m].
-
-    Returns
-    -------
-    float64 (2,)
-        Displacement [m]; 0 from a position outside of the box.
+    position, burgers, box [m].
     """
     if (position <= box[0]).any() or (position >= box[1]).any():
         return np.zeros(2)
@@ -379,18 +297,7 @@ def _log_texture(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
 
 
 def grains_with_interior_neighbours(cells: VoronoiCells) -> np.ndarray:
-    """Grains whose cell and whose neighbours' cells are interior: those where defects are known.
-
-    Parameters
-    ----------
-    cells : VoronoiCells
-        Voronoi cells of the grains.
-
-    Returns
-    -------
-    bool (n,)
-        True for such grains.
-    """
+    """Grains whose cell and whose neighbours' cells are interior: those where defects are known."""
     result = cells.interior.copy()
     result[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False
     return result

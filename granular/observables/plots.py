@@ -49,26 +49,7 @@ def draw_bed(
     piston_height: float | None,
     colours: np.ndarray | None = None,
 ) -> Any:
-    """Draw the grains to scale, the cell and the piston.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-        Axes to draw on; their unit becomes a millimetre.
-    scene : Scene
-        Scene that the grains belong to.
-    positions : float (n, 2)
-        Positions of the grains [m].
-    piston_height : float or None
-        Height of the piston [m]; none is drawn where it is None.
-    colours : float (n,), optional
-        A value a grain, in any unit, shown by colour; the species where not given.
-
-    Returns
-    -------
-    matplotlib collection
-        Grains, for a colour bar.
-    """
+    """Draw the grains to scale, the cell and the piston; positions, piston_height [m]."""
     from matplotlib.collections import EllipseCollection
 
     diameters = 1e3 * scene.grains.diameters()

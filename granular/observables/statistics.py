@@ -11,17 +11,7 @@ from granular.shared.errors import InputError
 
 
 class PearsonCorrelation(NamedTuple):
-    """Pearson's correlation.
-
-    Attributes
-    ----------
-    coefficient : float
-        From -1 to 1; NaN where one of the quantities does not vary.
-    p_value : float
-        Probability of a coefficient this far from 0 for independent, normally distributed samples.
-    samples : int
-        Number of samples.
-    """
+    """Pearson's correlation."""
 
     coefficient: float
     p_value: float
@@ -74,18 +64,7 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> PearsonCorrela
 
 
 class DirectionalOrder(NamedTuple):
-    """Order of the directions of vectors: 0 for none, 1 where all point alike.
-
-    Attributes
-    ----------
-    polar, axial : float
-        |mean of exp(i theta)|, and |mean of exp(2 i theta)|, which takes a vector and its opposite
-        for the same: chains of forces would make it large.
-    polar_p, axial_p : float
-        Probability of an order this great in vectors without any, by Rayleigh's test.
-    vectors : int
-        Number of vectors that count.
-    """
+    """Order of the directions of vectors: 0 for none, 1 where all point alike."""
 
     polar: float
     axial: float
@@ -151,16 +130,7 @@ LARGEST_DRAWN = 200
 
 
 class DipTest(NamedTuple):
-    """The outcome of the test.
-
-    Attributes
-    ----------
-    dip : float
-        Greatest distance of the values' distribution from the nearest one with one mode.
-    p : float
-        Probability of so great a dip in as many values of one mode: of the uniform distribution,
-        the hardest of these to tell apart.
-    """
+    """The outcome of the test."""
 
     dip: float
     p: float
@@ -207,22 +177,7 @@ def dip_test(values: np.ndarray) -> DipTest:
 
 
 def dip_statistic(values: np.ndarray) -> float:
-    """Dip of sorted values: the greatest distance of their distribution from the nearest with one mode.
-
-    Between a lower and an upper end, which close in on the mode, the greatest convex minorant of
-    the distribution and its least concave majorant are compared where either touches it (Hartigan,
-    Appl. Stat. 34, 320, 1985, algorithm AS 217).
-
-    Parameters
-    ----------
-    values : float (n,)
-        Values of any unit in order, two at least.
-
-    Returns
-    -------
-    float
-        Dip, from 1/(2 n) to 1/4, without unit.
-    """
+    """Dip of sorted values: the greatest distance of their distribution from the nearest with one mode."""
     x, heights = np.unique(values, return_counts=True)
     if len(x) == 1:
         return 0.5 / len(values)
@@ -277,17 +232,7 @@ MOST_BINS = 1000
 
 
 class Histogram(NamedTuple):
-    """A histogram of bins of one width.
-
-    Attributes
-    ----------
-    edges : float (k + 1,)
-        In the unit of the values.
-    counts : int (k,)
-        Number of values in each bin.
-    density : float (k,)
-        Probability density, in one over the unit of the values; its integral is 1.
-    """
+    """A histogram of bins of one width."""
 
     edges: np.ndarray
     counts: np.ndarray
@@ -295,38 +240,7 @@ class Histogram(NamedTuple):
 
 
 def knuth_bin_count(values: np.ndarray) -> int:
-    """Choose the number of bins of a histogram by Knuth's rule.
-
-    The number M that makes the logarithm of the posterior greatest, [D, eq. 4.33]:
-
-        n ln M + ln G(M/2) - M ln G(1/2) - ln G(n + M/2) + sum_k ln G(n_k + 1/2)
-
-    (K. H. Knuth, Digital Signal Processing 95, 102581, 2019). Every number up to that of the values
-    is tried (but no more than `MOST_BINS`), so that a local maximum cannot be taken for the
-    greatest.
-
-    Parameters
-    ----------
-    values : float (n,)
-        Values of any unit; NaN is ignored.
-
-    Returns
-    -------
-    int
-        Number of bins; 1 where all values are the same.
-
-    Raises
-    ------
-    InputError
-        If there is no value.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular.observables.statistics import knuth_bin_count
-    >>> knuth_bin_count(np.random.default_rng(1).normal(size=1000))
-    16
-    """
+    """Choose the number of bins of a histogram by Knuth's rule."""
     from scipy.special import gammaln
 
     values = _sorted_finite_values(values)

@@ -61,21 +61,9 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
 
 
 def fluctuation_energies(velocities: np.ndarray, masses: np.ndarray) -> np.ndarray:
-    """Kinetic energy (1/2) m |v - V|^2 of each grain against the centre of mass of all.
+    """Kinetic energy (1/2) m |v - V|^2 of each grain against the centre of mass of all [J].
 
-    (Goldhirsch, Annu. Rev. Fluid Mech. 35, 267, 2003, without the mass.)
-
-    Parameters
-    ----------
-    velocities : float64 (n, 2)
-        Velocities v [m/s]; NaN for absent grains.
-    masses : float64 (n,)
-        Masses m [kg].
-
-    Returns
-    -------
-    float64 (n,)
-        Energy [J]; NaN for absent grains.
+    velocities [m/s], masses [kg].
     """
     here = is_present(velocities)
     if not here.any():
@@ -158,30 +146,9 @@ def configurational_temperature(
 
 
 def potential_laplacian(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> float:
-    """Laplacian of the potential energy of dipoles and walls over all grains' coordinates.
+    """Laplacian of the potential energy of dipoles and walls over all grains' coordinates [N/m].
 
-    For the energy C/r^3 of two dipoles it is 9 C/r^5 for either grain; that of the walls is taken by
-    central differences. Weight, shaking and friction have none.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that the grains belong to.
-    positions : float64 (n, 2)
-        Positions of the grains [m]; NaN for absent ones.
-    piston_height : float, optional
-        Height of the piston [m]; the scene's where not given.
-
-    Returns
-    -------
-    float
-        Laplacian [N/m].
-
-    Raises
-    ------
-    InputError
-        If the shape is not that of the scene's grains, there are no dipoles, or there is an effect
-        other than `KNOWN` and `STRAIGHT`.
+    positions, piston_height [m].
     """
     _check_effects_known(scene, (*KNOWN, *STRAIGHT))
     return (

@@ -21,45 +21,19 @@ INSIDE = 1e-12
 
 
 class VoronoiCells(NamedTuple):
-    """The Voronoi diagram of n grains, as arrays.
-
-    Attributes
-    ----------
-    sides : int (n,)
-        Sides of each cell, which is the number of Voronoi neighbours; 0 for an absent grain.
-    area : float (n,)
-        Area of each interior cell [m^2], NaN for the others.
-    side_squares : float (n,)
-        Sum of the squares of the sides of each interior cell [m^2], NaN for the others.
-    interior : bool (n,)
-        Whether the cell lies wholly inside the box of the outermost centres.
-    neighbours : int (m, 2)
-        Every pair of Voronoi neighbours, once.
-    triangles : int (t, 3)
-        The Delaunay triangles.
-    corners : float (t, 2)
-        Their circumcentres, the corners of the cells [m].
-    """
+    """The Voronoi diagram of n grains, as arrays."""
 
     sides: np.ndarray
-    area: np.ndarray
-    side_squares: np.ndarray
+    area: np.ndarray  # area of each interior cell [m^2], NaN for the others
+    side_squares: np.ndarray  # [m^2]
     interior: np.ndarray
     neighbours: np.ndarray
     triangles: np.ndarray
-    corners: np.ndarray
+    corners: np.ndarray  # their circumcentres, the corners of the cells [m]
 
 
 class PolygonFractions(NamedTuple):
-    """Fractions of the interior cells by their number of sides; they add up to 1.
-
-    Attributes
-    ----------
-    pentagons, hexagons, heptagons, others : float
-        NaN where there is no interior cell.
-    cells : int
-        Number of interior cells.
-    """
+    """Fractions of the interior cells by their number of sides; they add up to 1."""
 
     pentagons: float
     hexagons: float
@@ -145,25 +119,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
 
 
 def check_cells(positions: np.ndarray, cells: VoronoiCells | None) -> VoronoiCells:
-    """Check that Voronoi cells are those of as many grains, or find them.
-
-    Parameters
-    ----------
-    positions : float (n, 2)
-        Positions of the grains [m]; NaN for absent grains.
-    cells : VoronoiCells or None
-        Voronoi cells of these positions; None to find them.
-
-    Returns
-    -------
-    VoronoiCells
-        Cells of the n grains.
-
-    Raises
-    ------
-    InputError
-        If the positions have another shape, or the cells are those of another number of grains.
-    """
+    """Check that Voronoi cells are those of as many grains, or find them; positions [m]."""
     if cells is None:
         return voronoi_cells(positions)
     if len(cells.sides) != len(positions):
@@ -265,20 +221,7 @@ def _delaunay_triangulation(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def circumcentres(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Centres of the circles through the three corners of each triangle.
-
-    Parameters
-    ----------
-    points : float64 (n, 2)
-        Positions [m].
-    triangles : int (t, 3)
-        Points at the corners.
-
-    Returns
-    -------
-    float64 (t, 2)
-        Circumcentres [m]; infinite or NaN for a triangle of no area.
-    """
+    """Centres of the circles through the three corners of each triangle [m]; points [m]."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     p, q = b - a, c - a
     twice = 2.0 * (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])

@@ -13,19 +13,7 @@ PLACES_A_GRAIN = 16
 
 
 class CellList(NamedTuple):
-    """Grains in the cells of a grid, and the partners of one grain: always long enough.
-
-    Attributes
-    ----------
-    partners : int64 (n,)
-        Partners of the grain of the last search.
-    cell, order : int64 (n,)
-        Cell of each grain, and the grains in the order of cells.
-    begins : int64 (c,)
-        Index in ``order`` at which each cell's grains begin.
-    shape : int64 (2,)
-        Columns and rows.
-    """
+    """Grains in the cells of a grid, and the partners of one grain: always long enough."""
 
     partners: np.ndarray
     cell: np.ndarray
@@ -35,15 +23,7 @@ class CellList(NamedTuple):
 
 
 class ClosePairs(NamedTuple):
-    """Close pairs, and the cells for their search.
-
-    Attributes
-    ----------
-    first, second : int (p,)
-    filled : int64 (1,)
-        Number of pairs; -1 where the arrays are too short, or a position is no number.
-    cells : CellList
-    """
+    """Close pairs, and the cells for their search."""
 
     first: np.ndarray
     second: np.ndarray
@@ -52,18 +32,7 @@ class ClosePairs(NamedTuple):
 
 
 def cell_list_workspace(count: int) -> CellList:
-    """Allocate a cell list for that many grains, with up to four cells a grain.
-
-    Parameters
-    ----------
-    count : int
-        Number of grains, n.
-
-    Returns
-    -------
-    CellList
-        Arrays of n grains and 4 n + 64 cells, all zero.
-    """
+    """Allocate a cell list for that many grains, with up to four cells a grain."""
     size = max(count, 1)
     return CellList(
         partners=np.zeros(size, dtype=np.int64),
@@ -75,22 +44,7 @@ def cell_list_workspace(count: int) -> CellList:
 
 
 def close_pairs_workspace(count: int, capacity: int, kind: type = np.int64) -> ClosePairs:
-    """Allocate arrays for close pairs, and the cell list that finds them.
-
-    Parameters
-    ----------
-    count : int
-        Number of grains, n.
-    capacity : int
-        Number of pairs that there is room for; fewer where all n (n - 1)/2 pairs are fewer.
-    kind : type
-        Integer type of the grains' indices.
-
-    Returns
-    -------
-    ClosePairs
-        Empty list of pairs, and a cell list for n grains.
-    """
+    """Allocate arrays for close pairs, and the cell list that finds them."""
     capacity = max(1, min(count * (count - 1) // 2, capacity))
     return ClosePairs(
         first=np.zeros(capacity, dtype=kind),
@@ -122,26 +76,7 @@ def _grid_that_covers(
 
 @compiled
 def sort_into_cells(cells: CellList, x: Array, y: Array, count: int, reach: float) -> bool:
-    """Sort grains into square cells at least ``reach`` wide, by counting.
-
-    Source: M. P. Allen and D. J. Tildesley, Computer Simulation of Liquids (1987), section 5.3.2.
-
-    Parameters
-    ----------
-    cells : CellList
-        Overwritten: cell of each grain, order of the grains and beginnings of the cells.
-    x, y : float64 (m,)
-        Positions [D], of which the first ``count`` are grains.
-    count : int
-        Number of grains.
-    reach : float
-        Least width of a cell [D].
-
-    Returns
-    -------
-    bool
-        False where a position is not a finite number.
-    """
+    """Sort grains into square cells at least ``reach`` wide, by counting; x, y, reach [D]."""
     if count == 0:
         return True
     left, low, size, columns, rows = _grid_that_covers(x, y, count, reach, cells.begins.size - 2)
@@ -185,23 +120,7 @@ def _find_partners_in_cell(
 def find_partners_of_grain(cells: CellList, x: Array, y: Array, i: int, reach: float) -> int:
     """Fill ``cells.partners`` with the grains closer to one grain than ``reach``, and count them.
 
-    Each pair is met once, with one of its two grains; the positions fix the order.
-
-    Parameters
-    ----------
-    cells : CellList
-        Grains sorted by `sort_into_cells` with the same positions and reach; ``partners`` is overwritten.
-    x, y : float64 (m,)
-        Positions [D].
-    i : int
-        Index of the grain.
-    reach : float
-        Distance below which two grains are partners [D].
-
-    Returns
-    -------
-    int
-        Number of partners.
+    x, y, reach [D].
     """
     columns, rows = cells.shape[0], cells.shape[1]
     column, row = cells.cell[i] % columns, cells.cell[i] // columns
@@ -220,20 +139,7 @@ def find_close_pairs(
 ) -> None:
     """Fill ``pairs`` with all pairs closer than ``reach``; the positions fix their order.
 
-    Where each grain has a ``radius`` [D], with those that overlap alone.
-
-    Parameters
-    ----------
-    pairs : ClosePairs
-        Overwritten; ``filled`` is -1 where there is no room for all, or a position is not a number.
-    x, y : float64 (m,)
-        Positions [D].
-    count : int
-        Number of grains.
-    reach : float
-        Distance below which two grains are a pair [D].
-    radius : float64 (m,) or None
-        Radius of each grain [D]: pairs that do not overlap are left out then.
+    x, y, reach, radius [D].
     """
     pairs.filled[0] = 0
     if not sort_into_cells(pairs.cells, x, y, count, reach):

@@ -41,53 +41,21 @@ _PARTNERS = 24
 
 
 class CloseDiscList(NamedTuple):
-    """The list of close pairs, and what makes it.
-
-    Attributes
-    ----------
-    first, second : uint32 (p,)
-        The pairs: the first grain is the lower one, and pairs are in order.
-    filled : int64 (1,)
-        How many there are.
-    built : float64 (2, m)
-        Positions at which the list was made [D].
-    grains : int64 (1,)
-        Number of grains then; -1 before.
-    cell, order : int64 (m,)
-    firsts : int64 (c,)
-        Cell of each grain, grains in the order of cells, and where each cell's begin.
-    periods : float64 (2,) or None
-        Sides of a periodic cell [D].
-    """
+    """The list of close pairs, and what makes it."""
 
     first: np.ndarray
     second: np.ndarray
     filled: np.ndarray
-    built: np.ndarray
+    built: np.ndarray  # positions at which the list was made [D]
     grains: np.ndarray
     cell: np.ndarray
     order: np.ndarray
     firsts: np.ndarray
-    periods: np.ndarray | None
+    periods: np.ndarray | None  # sides of a periodic cell [D]
 
 
 def close_disc_list_workspace(size: int, reach: float, periods: tuple[float, float] | None) -> CloseDiscList:
-    """Allocate the list of close pairs of discs.
-
-    Parameters
-    ----------
-    size : int
-        Padded number of grains, m.
-    reach : float
-        Distance at which the longest table of `granular.pairs.disc_law_tables` ends [D].
-    periods : (float, float) or None
-        Width and height of a periodic cell [D].
-
-    Returns
-    -------
-    CloseDiscList
-        Empty list, with room for 24 pairs a grain at a reach of 2 D.
-    """
+    """Allocate the list of close pairs of discs; reach, periods [D]."""
     capacity = size * math.ceil(_PARTNERS * max(1.0, (reach / 2.0) ** 2))
     capacity = min(capacity, max(1, size * (size - 1) // 2))
     return CloseDiscList(
@@ -239,10 +207,7 @@ def _force_table_entries_of_pair(
 def _find_spline_piece(
     tables: CloseDiscTables, start: float, per_piece: float, u: float
 ) -> tuple[np.uint64, float]:
-    """Piece of a table at r^2 = u, and the fraction of it that is passed.
-
-    Without a sign, an index takes no look at whether it counts from the end.
-    """
+    """Piece of a table at r^2 = u, and the fraction of it that is passed."""
     passed = min(max((u - start) * per_piece, 0.0), tables.pieces.shape[1] - 1.0)
     piece = np.uint64(passed)
     return piece, passed - np.floor(passed)
@@ -316,24 +281,9 @@ def _tabulated_energy(tables: CloseDiscTables, row: int, u: float) -> float:
 
 @compiled
 def head_on_disc_frequency_squared(discs: DiscLaw, speed: float, mass: float, moment: float) -> float:
-    """Square of the angular frequency at the closest approach of two discs that meet head-on.
+    """Square of the angular frequency at the closest approach of two discs that meet head-on [1/tau^2].
 
-    As `granular.pairs.dipole_law.head_on_frequency_squared`, from a table of speeds; the stiffest species
-    counts.
-
-    Parameters
-    ----------
-    discs : DiscLaw
-        Law and tables of the discs.
-    speed : float
-        Speed of each of both grains [D/tau].
-    mass, moment : float
-        Mass and magnetic moment of a grain, over those of the first species.
-
-    Returns
-    -------
-    float
-        Squared angular frequency [1/tau^2].
+    speed [D/tau].
     """
     strength = moment * (moment / mass)
     squares = discs.collision[SQUARES]
@@ -355,23 +305,7 @@ def _pair_displacement(periods: Array | None, x: Array, y: Array, i: int, j: int
 def closest_distance_over_contact(
     discs: DiscLaw, close: CloseDiscList, x: np.ndarray, y: np.ndarray
 ) -> tuple[float, int]:
-    """Find the least distance of two discs over that at which they touch.
-
-    Parameters
-    ----------
-    discs : DiscLaw
-        Law and tables of the discs.
-    close : CloseDiscList
-        List of close pairs at these positions.
-    x, y : float64 (m,)
-        Positions [D].
-
-    Returns
-    -------
-    tuple of float and int
-        Least ratio of distance and contact distance, and the index of the first grain of that pair; infinity
-        and -1 without a pair.
-    """
+    """Find the least distance of two discs over that at which they touch; x, y [D]."""
     i, j = close.first[: close.filled[0]], close.second[: close.filled[0]]
     if not len(i):
         return math.inf, -1
@@ -458,24 +392,7 @@ def _add_energy_load_stiffness_if_wanted(
 
 @compiled
 def add_close_disc_corrections(discs: DiscLaw, close: CloseDiscList, grains: int, arrays: GrainArrays) -> int:
-    """Add to all sums what close pairs of discs have beyond the law that serves all pairs.
-
-    Parameters
-    ----------
-    discs : DiscLaw
-        Law and tables of the discs.
-    close : CloseDiscList
-        List of close pairs, made anew where a grain has moved far enough.
-    grains : int
-        Number of grains.
-    arrays : GrainArrays
-        Positions [D], and the sums that are added to: forces [F*] and those that are not None.
-
-    Returns
-    -------
-    int
-        Number of pairs nearer than `CLOSEST` of the distance of contact; 1 where the list overflows.
-    """
+    """Add to all sums what close pairs of discs have beyond the law that serves all pairs; arrays [D, F*]."""
     if grains == 0:
         return 0
     if not _refresh_pair_list(close, arrays.x, arrays.y, grains, discs.reach):

@@ -47,10 +47,7 @@ class _RowSums(NamedTuple):
 
 
 def _add_eight_partners(code: VectorBuilder, row_sums: _RowSums, j: ir.Value, *, own: bool) -> None:
-    """Rows against the partners from j on.
-
-    ``own``: j is the second row itself. It is a partner of the first one alone.
-    """
+    """Rows against the partners from j on."""
     pointers = computed_sums(row_sums.arrays.sums)
     partners = load_eight_grains(code, row_sums.arrays, j)
     reactions = [code.load_vector(pointer, j) for pointer in pointers]
@@ -159,28 +156,7 @@ def sum_row_ranges(
 ) -> Any:
     """Sum the pairs of rows of grains with their listed ranges of partners (Numba intrinsic).
 
-    Rows are taken two at a time, and partners eight at a time, masked at the radius. The first row's partners
-    begin with the second row; seven more grains behind that one are met without being listed, and so are up
-    to seven entries behind a range.
-
-    Parameters
-    ----------
-    arrays : GrainArrays
-        Grains in stripes [D]; fx, fy, stiffness, extremes and load have a row for each part. All sums lack
-        the factors of `granular.pairs.grain_arrays.unscaled_sum_factor`.
-    partner_ranges : int64 (rows / 2, RANGES, 2)
-        Start and stop of each range of partners; `IMAGES` times as many ranges in a periodic cell.
-    part : int
-        Row of the sums that is added to.
-    first, stop : int
-        Range of the rows of grains.
-    radius : float
-        Cut-off radius [D].
-    smooth : bool or None
-        None where pairs just end at the radius, anything else where the far part of their law
-        (`granular.pairs.dipole_law`) is taken off.
-    shifts : float64 (rows / 2, RANGES * IMAGES, 2) or None
-        Displacement of the images of each range's partners in a periodic cell [D].
+    arrays, radius, shifts [D].
     """
     signature = types.void(
         arrays, partner_ranges, types.intp, types.intp, types.intp, types.float64, smooth, shifts

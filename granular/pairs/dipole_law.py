@@ -26,62 +26,19 @@ ENERGY = STRENGTH / 3.0
 
 @entry
 def pair_force(r: float) -> float:
-    """Repulsion of two dipoles of the first species whose axes are normal to their plane.
-
-    F = 3/(4 r^4) in natural units: dipole energy mu0 m^2/(4 pi r^3) for parallel moments (Jackson, Classical
-    Electrodynamics, 5.6).
-
-    Parameters
-    ----------
-    r : float
-        Distance [D].
-
-    Returns
-    -------
-    float
-        Force [F*], positive for repulsion.
-    """
+    """Repulsion of two dipoles of the first species whose axes are normal to their plane [F*]; r [D]."""
     return STRENGTH / (r * r * r * r)
 
 
 @entry
 def pair_energy(r: float) -> float:
-    """Energy of two dipoles of the first species whose axes are normal to their plane.
-
-    E = 1/(4 r^3) in natural units; see `pair_force`.
-
-    Parameters
-    ----------
-    r : float
-        Distance [D].
-
-    Returns
-    -------
-    float
-        Energy [F* D].
-    """
+    """Energy of two dipoles of the first species whose axes are normal to their plane [F* D]; r [D]."""
     return ENERGY / (r * r * r)
 
 
 @entry
 def head_on_frequency_squared(speed: float, mass: float, moment: float) -> float:
-    """Square of the angular frequency at the closest approach of two alike dipoles that meet head-on.
-
-    Both come at ``speed`` [D/tau]; mass m and moment q are over those of the first species. From
-    q^2/(4 r^3) = m v^2 and 6 q^2/(m r^5).
-
-    Parameters
-    ----------
-    speed : float
-        Speed of each of both grains [D/tau].
-    mass, moment : float
-        Mass and magnetic moment of a grain, over those of the first species.
-
-    Returns
-    -------
-    float
-        Squared angular frequency [1/tau^2]; 0 at speed 0.
-    """
+    """Squared angular frequency at the closest approach of two equal dipoles [1/tau^2]; speed [D/tau]."""
     # The quotient first: it is exactly 1 where all grains are of one material.
     strength = moment * (moment / mass)
     square = 4.0 * speed * speed
@@ -111,23 +68,9 @@ def _far_part_of_inverse_power(
 def far_part_of_inverse_cube(
     square: NDArray[np.float64], radius: float, fifth: float = 0.0
 ) -> NDArray[np.float64]:
-    """Far part of r^-3 + ``fifth`` r^-5, smooth within the split radius (see the head of this file).
+    """Far part of r^-3 + ``fifth`` r^-5, smooth within the split radius (see the head of this file) [1/D^3].
 
-    Source: Skeel, Tezcan and Hardy 2002, doi:10.1002/jcc.10072.
-
-    Parameters
-    ----------
-    square : float64 (...)
-        Squared distances r^2 [D^2].
-    radius : float
-        Split radius r_c [D].
-    fifth : float
-        Factor of r^-5 [D^2].
-
-    Returns
-    -------
-    float64 (...)
-        Far part [1/D^3], the law itself from r_c on.
+    square, fifth [D^2], radius [D].
     """
     u = np.asarray(square, dtype=np.float64) / radius**2
     result = _far_part_of_inverse_power(u, CUBE, -1.5) / radius**3
@@ -137,24 +80,7 @@ def far_part_of_inverse_cube(
 def far_part_of_inverse_fifth(
     square: NDArray[np.float64], radius: float, fifth: float = 0.0
 ) -> NDArray[np.float64]:
-    """Far part of r^-5 + (5/3) ``fifth`` r^-7: in the force what the far part of r^-3 is in the energy.
-
-    Source: Skeel, Tezcan and Hardy 2002, doi:10.1002/jcc.10072.
-
-    Parameters
-    ----------
-    square : float64 (...)
-        Squared distances r^2 [D^2].
-    radius : float
-        Split radius r_c [D].
-    fifth : float
-        Factor of r^-5 in the energy's law [D^2].
-
-    Returns
-    -------
-    float64 (...)
-        Far part [1/D^5], the law itself from r_c on.
-    """
+    """Far part of r^-5 + (5/3) ``fifth`` r^-7 [1/D^5], for forces; square, fifth [D^2], radius [D]."""
     u = np.asarray(square, dtype=np.float64) / radius**2
     result = _far_part_of_inverse_power(u, FIFTH, -2.5) / radius**5
     more = _far_part_of_inverse_power(u, SEVENTH, -3.5)

@@ -20,19 +20,7 @@ from granular.pairs.stripes import Stripes
 
 
 class DirectFarFieldWorkspace(NamedTuple):
-    """Workspace for the two sums.
-
-    Attributes
-    ----------
-    near : float64 (2, m)
-        Forces of the near part.
-    energy_and_closest : float64 (2, 2)
-        Extremes of all pairs, and of the near ones; see `granular.pairs.direct_sum.direct_sum`.
-    buffers : float64 (parts, 5, m) or None
-        See `granular.pairs.direct_sum.partial_sum_buffers`.
-    load : float64 (m,) or None
-        Near part of the sums behind the normal force of friction.
-    """
+    """Workspace for the two sums."""
 
     near: np.ndarray
     energy_and_closest: np.ndarray
@@ -41,20 +29,7 @@ class DirectFarFieldWorkspace(NamedTuple):
 
 
 def direct_far_field_workspace(size: int, *, with_loads: bool) -> DirectFarFieldWorkspace:
-    """Allocate the arrays of a far field that is the sum over all pairs less that over near pairs.
-
-    Parameters
-    ----------
-    size : int
-        Padded number of grains, m.
-    with_loads : bool
-        True where friction needs the far part of the normal loads.
-
-    Returns
-    -------
-    DirectFarFieldWorkspace
-        Arrays, all zero.
-    """
+    """Allocate the arrays of a far field that is the sum over all pairs less that over near pairs."""
     return DirectFarFieldWorkspace(
         near=np.zeros((2, size)),
         energy_and_closest=np.zeros((2, 2)),
@@ -82,22 +57,7 @@ def compute_direct_far_field(
 ) -> None:
     """Overwrite forces, energy and, where grains rub, loads by those of the far part.
 
-    Parameters
-    ----------
-    workspace : DirectFarFieldWorkspace
-        Arrays of both sums, overwritten.
-    stripes : Stripes
-        Stripes of the near part.
-    radius : float
-        Distance at which the near part ends [D].
-    threaded : bool or None
-        None runs on one thread, anything else on Numba's threads.
-    grains : int
-        Number of grains.
-    arrays : GrainArrays
-        Positions [D]; forces [F*] and load are overwritten. Without stiffness and extremes.
-    energy : float64 (1,)
-        Overwritten by the far part of the energy [F* D].
+    radius [D], arrays [D, F*], energy [F* D].
     """
     if not positions_are_finite(arrays.x, arrays.y, grains):
         set_forces_to_nan(arrays, grains)

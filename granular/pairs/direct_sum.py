@@ -37,19 +37,7 @@ PARTS = 8
 
 
 def pad_coordinates(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Split positions into padded arrays of x and y.
-
-    Parameters
-    ----------
-    positions : float64 (n, 2)
-        Positions [D].
-
-    Returns
-    -------
-    tuple of float64 (m,)
-        x and y [D], m being the next multiple of `WIDTH`; padding grains stand so far away that they exert no
-        force.
-    """
+    """Split positions into padded arrays of x and y [D]; positions [D]."""
     count, size = len(positions), pad_to_vectors(len(positions))
     x, y = PADDING * np.arange(1.0, size + 1.0), np.zeros(size)
     x[:count], y[:count] = positions[:, 0], positions[:, 1]
@@ -57,36 +45,14 @@ def pad_coordinates(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pad_values(values: np.ndarray) -> np.ndarray:
-    """Pad one value a grain with zeros.
-
-    Parameters
-    ----------
-    values : array (n,)
-        Values, in any unit.
-
-    Returns
-    -------
-    float64 (m,)
-        The values, and zeros up to the next multiple of `WIDTH`.
-    """
+    """Pad one value a grain with zeros."""
     out = np.zeros(pad_to_vectors(len(values)))
     out[: len(values)] = values
     return out
 
 
 def partial_sum_buffers(size: int) -> np.ndarray | None:
-    """Allocate sums of their own for the parts that the direct sum is split into.
-
-    Parameters
-    ----------
-    size : int
-        Padded number of grains, m.
-
-    Returns
-    -------
-    float64 (PARTS, 5, m) or None
-        Zeros; None below `PARTED_FROM` grains, which are summed in one part.
-    """
+    """Allocate sums of their own for the parts that the direct sum is split into."""
     return np.zeros((PARTS, 5, size)) if size >= PARTED_FROM else None
 
 

@@ -125,16 +125,7 @@ def sum_rows_with_partners(
 ) -> Any:
     """Sum the pairs of eight grains with the partners start .. stop - 1 (Numba intrinsic).
 
-    Parameters
-    ----------
-    arrays : GrainArrays
-        Positions [D], and the sums that are added to, without the factors of `granular.pairs.grain_arrays`.
-    first : int
-        Index of the first of the eight grains.
-    start, stop : int
-        Range of the partners, both multiples of `WIDTH`.
-    periodic_cut_off : float64 (3,) or None
-        Width, height and cut-off radius of a periodic cell [D].
+    arrays, periodic_cut_off [D].
     """
     signature = types.void(arrays, types.intp, types.intp, types.intp, periodic_cut_off)
 
@@ -157,14 +148,7 @@ def sum_rows_with_partners(
 def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, periodic_cut_off: Any) -> Any:
     """Sum the pairs of eight successive grains among themselves (Numba intrinsic).
 
-    Parameters
-    ----------
-    arrays : GrainArrays
-        Positions [D], and the sums that are added to, without the factors of `granular.pairs.grain_arrays`.
-    first : int
-        Index of the first of the eight grains.
-    periodic_cut_off : float64 (3,) or None
-        Width, height and cut-off radius of a periodic cell [D].
+    arrays, periodic_cut_off [D].
     """
     signature = types.void(arrays, types.intp, periodic_cut_off)
 
@@ -180,20 +164,7 @@ def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, periodic_cut_of
 
 @intrinsic
 def emit_sum_of_array(typing: Any, values: Any, stop: Any) -> Any:
-    """Sum the first ``stop`` entries of an array, lane by lane and then as a tree (Numba intrinsic).
-
-    Parameters
-    ----------
-    values : float64 (m,)
-        Array, in any unit.
-    stop : int
-        Number of entries, a multiple of `WIDTH`.
-
-    Returns
-    -------
-    float
-        Their sum, in the same unit; its bits depend on the values and on ``stop`` alone.
-    """
+    """Sum the first ``stop`` entries of an array, lane by lane and then as a tree (Numba intrinsic)."""
     signature = types.float64(values, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

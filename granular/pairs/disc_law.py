@@ -50,53 +50,18 @@ class Disc(NamedTuple):
 
 
 def squared_distance_shift(disc: Disc) -> float:
-    """Contribution of a disc to b = r^2 - rho^2, with level mid-planes: (3/4) (R^2 - h^2/3).
-
-    Parameters
-    ----------
-    disc : Disc
-        Radius R and height h, in one unit of length.
-
-    Returns
-    -------
-    float
-        Part of b, in the square of that unit.
-    """
+    """Contribution of a disc to b = r^2 - rho^2, with level mid-planes: (3/4) (R^2 - h^2/3)."""
     return 0.75 * (disc.radius**2 - disc.height**2 / 3.0)
 
 
 def pair_squared_distance_shift(first: Disc, second: Disc, *, mid_planes_level: bool = True) -> float:
-    """Shift b of the squared distance at which two dipoles repel as two discs do far away.
-
-    Parameters
-    ----------
-    first, second : Disc
-        The two discs, in one unit of length.
-    mid_planes_level : bool
-        True where the mid-planes are level; else both discs lie on the lower plate.
-
-    Returns
-    -------
-    float
-        b, in the square of that unit.
-    """
+    """Shift b of the squared distance at which two dipoles repel as two discs do far away."""
     apart = 0.0 if mid_planes_level else first.height - second.height
     return squared_distance_shift(first) + squared_distance_shift(second) - 0.75 * apart**2
 
 
 def contact_distance(first: Disc, second: Disc) -> float:
-    """Distance of the axes at which two discs touch: the sum of their radii.
-
-    Parameters
-    ----------
-    first, second : Disc
-        The two discs, in one unit of length.
-
-    Returns
-    -------
-    float
-        Distance, in that unit.
-    """
+    """Distance of the axes at which two discs touch: the sum of their radii."""
     return first.radius + second.radius
 
 
@@ -130,22 +95,7 @@ def disc_energy_and_force(
 def contact_force_singularity(
     first: Disc, second: Disc, *, mid_planes_level: bool = True
 ) -> tuple[float, float]:
-    """Singular part of the force at contact: factor and height z of factor Re (x + iz)^(3/2).
-
-    In the units of `disc_energy_and_force`. The nearest faces alone: others are smooth at contact.
-
-    Parameters
-    ----------
-    first, second : Disc
-        The two discs, in one unit of length.
-    mid_planes_level : bool
-        True where the mid-planes are level; else both discs lie on the lower plate.
-
-    Returns
-    -------
-    tuple of float
-        Factor, in the force unit of `disc_energy_and_force` over length^(3/2), and z, in the unit of length.
-    """
+    """Singular part of the force at contact: factor and height z of factor Re (x + iz)^(3/2)."""
     z = min(
         height for height, _ in _face_pair_heights_and_signs(first, second, mid_planes_level=mid_planes_level)
     )

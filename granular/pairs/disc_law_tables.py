@@ -72,21 +72,11 @@ pieces hold the singular part, and at which the table ends; b."""
 
 
 class CloseDiscTables(NamedTuple):
-    """Tables of the close pairs, for each pair of species.
-
-    Attributes
-    ----------
-    pairs : float64 (p, 9)
-        See `START` and the others.
-    pieces : float64 (p, n, 4)
-        Coefficients of F/r over the moments [F*/D], in the fraction of a piece that is passed.
-    energies : float64 (p, n + 1)
-        Energy at the start of each piece, without the singular part [F* D].
-    """
+    """Tables of the close pairs, for each pair of species."""
 
     pairs: np.ndarray
-    pieces: np.ndarray
-    energies: np.ndarray
+    pieces: np.ndarray  # [F*/D]
+    energies: np.ndarray  # energy at the start of each piece, without the singular part [F* D]
 
 
 TOUCH, SQUARES, STIFFNESSES = range(3)
@@ -96,30 +86,13 @@ both times the mass over the squared moment. The greatest over the species, and 
 
 
 class DiscLaw(NamedTuple):
-    """The grains as discs; see the head of this file.
-
-    Attributes
-    ----------
-    coefficients : float64 (6,)
-        See `COMMON` and the others.
-    shift : float64 (m,) or None
-        Part of each grain in b [D^2]; None where all are alike.
-    species : int64 (m,) or None
-        Species of each grain; None where all are alike.
-    kinds : int
-        Number of species.
-    reach : float
-        Distance at which the longest table ends [D].
-    close : CloseDiscTables
-    collision : float64 (3, n)
-        See `TOUCH` and the others.
-    """
+    """The grains as discs; see the head of this file."""
 
     coefficients: np.ndarray
-    shift: np.ndarray | None
+    shift: np.ndarray | None  # part of each grain in b [D^2]; None where all are alike
     species: np.ndarray | None
     kinds: int
-    reach: float
+    reach: float  # [D]
     close: CloseDiscTables
     collision: np.ndarray
 
@@ -155,27 +128,7 @@ def _all_pairs_law(r: Samples, shift: float, c: float) -> tuple[Samples, Samples
 
 
 def make_disc_law(discs: Sequence[Disc], species: np.ndarray, size: int) -> DiscLaw:
-    """Law and tables of some species of discs, in units of the first one's diameter.
-
-    Parameters
-    ----------
-    discs : sequence of Disc
-        Discs of each species, in units of the first one's diameter.
-    species : int (n,)
-        Species of each grain.
-    size : int
-        Padded number of grains, m.
-
-    Returns
-    -------
-    DiscLaw
-        Law of all pairs, and the tables of the close ones, in natural units.
-
-    Raises
-    ------
-    InputError
-        If discs are so high that their law differs from that of dipoles beyond the longest table.
-    """
+    """Law and tables of some species of discs, in units of the first one's diameter."""
     made, alike, own = (
         _make_disc_law_of_species(tuple(discs)),
         len(discs) == 1,
@@ -260,10 +213,7 @@ def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
 
 
 def _complete_the_square(c: float) -> tuple[float, float]:
-    """Return c, changed in its last digits, and g / `DISC_SCALE`, whose square is exact for that.
-
-    Then nothing is left at a distance where s is zero, as it is for padding.
-    """
+    """Return c, changed in its last digits, and g / `DISC_SCALE`, whose square is exact for that."""
     centre = float(np.float32(3.0 / (16.0 * c * DISC_SCALE)))
     return 3.0 / (16.0 * centre * DISC_SCALE), centre
 
@@ -342,40 +292,14 @@ def _force_over_distance_difference(u: Samples, discs: tuple[Disc, Disc], c: flo
 
 
 def disc_over_dipole_stiffness(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
-    """Stiffness of two discs over that of dipoles at the same distance.
-
-    Parameters
-    ----------
-    r : float64 (n,)
-        Distances [D].
-    discs : tuple of two Disc
-        The two discs, in units of D.
-
-    Returns
-    -------
-    float64 (n,)
-        Ratio of abs(dF/dr) of the discs and 12/r^5 of dipoles, without unit.
-    """
+    """Stiffness of two discs over that of dipoles at the same distance; r [D]."""
     grid = contact_distance(*discs) * np.geomspace(CLOSEST, _BEYOND, 300)
     slopes = np.gradient(disc_law_continued_below_contact(grid, discs)[1], grid)
     return np.asarray(np.interp(r, grid, np.abs(slopes) * grid**5 / 12.0))
 
 
 def disc_law_continued_below_contact(r: Samples, discs: tuple[Disc, Disc]) -> tuple[Samples, Samples]:
-    """Energy and force of two discs; below contact the force goes on as a straight line with its slope there.
-
-    Parameters
-    ----------
-    r : float64 (n,)
-        Distances of the axes, in the unit of the discs.
-    discs : tuple of two Disc
-        The two discs.
-
-    Returns
-    -------
-    tuple of float64 (n,)
-        Energy and repulsion in the units of `granular.pairs.disc_law.disc_energy_and_force`.
-    """
+    """Energy and force of two discs, the force continued below contact as its tangent; r [D]."""
     contact = contact_distance(*discs)
     energy, force = disc_energy_and_force(np.maximum(r, contact), *discs)
     below, slope = np.minimum(r - contact, 0.0), force_slope_at_contact(*discs)
@@ -383,18 +307,7 @@ def disc_law_continued_below_contact(r: Samples, discs: tuple[Disc, Disc]) -> tu
 
 
 def force_slope_at_contact(first: Disc, second: Disc) -> float:
-    """Slope dF/dr of the repulsion of two discs where they touch.
-
-    Parameters
-    ----------
-    first, second : Disc
-        The two discs, in one unit of length.
-
-    Returns
-    -------
-    float
-        Slope, in the force unit of `granular.pairs.disc_law.disc_energy_and_force` over length.
-    """
+    """Slope dF/dr of the repulsion of two discs where they touch."""
     contact = contact_distance(first, second)
     factor, z = contact_force_singularity(first, second)
     step = 1e-4 * contact

@@ -15,33 +15,12 @@ from granular.pairs.simd import DISC_SCALE, SCALE
 
 
 class GrainArrays(NamedTuple):
-    """Positions and properties of grains, and their sums over pairs; None for what is not wanted.
+    """Positions and properties of grains, and their sums over pairs; None for what is not wanted."""
 
-    Attributes
-    ----------
-    x, y : float64 (m,)
-        Positions [D], padded.
-    fx, fy : float64 (m,)
-        Overwritten by the forces [F*].
-    moments : float64 (m,) or None
-        Moment of each grain over the first species'; None where all are alike.
-    stiffness : float64 (m,) or None
-        Overwritten by sum_j q_j / r^5.
-    energy_and_closest : float64 (2,) or None
-        Overwritten by the sum over pairs of q_i q_j / r^3 and by the largest 1 / r^5. The sweeps of
-        the parts of a sum take a row for each part.
-    load, weight : float64 (m,) or None
-        ``load`` is overwritten by sum_j weight_j / r^3.
-    disc_law : float64 (6,) or None
-        Law of all pairs of discs, which stands for 1/r^3 and its slope; None for dipoles.
-    shift : float64 (m,) or None
-        Of unlike discs; see `granular.pairs.disc_law_tables.DiscLaw`.
-    """
-
-    x: np.ndarray
-    y: np.ndarray
-    fx: np.ndarray
-    fy: np.ndarray
+    x: np.ndarray  # [D]
+    y: np.ndarray  # [D]
+    fx: np.ndarray  # [F*]
+    fy: np.ndarray  # [F*]
     moments: np.ndarray | None = None
     stiffness: np.ndarray | None = None
     energy_and_closest: np.ndarray | None = None
@@ -53,20 +32,7 @@ class GrainArrays(NamedTuple):
 
 @compiled(inline=True)
 def replace_energy_and_closest(arrays: GrainArrays, energy_and_closest: Array) -> GrainArrays:
-    """Copy the arrays, with another array for the energy and the closest pair.
-
-    Parameters
-    ----------
-    arrays : GrainArrays
-        Arrays of a sum over pairs.
-    energy_and_closest : float64 (2,) or (parts, 2)
-        Array that stands for ``energy_and_closest``.
-
-    Returns
-    -------
-    GrainArrays
-        The same arrays otherwise, not copied.
-    """
+    """Copy the arrays, with another array for the energy and the closest pair."""
     return GrainArrays(
         arrays.x,
         arrays.y,
@@ -87,26 +53,14 @@ def replace_energy_and_closest(arrays: GrainArrays, energy_and_closest: Array) -
 
 @compiled(inline=True)
 def clear_array_if_given(values: Array | None) -> None:
-    """Set an array to zero, if there is one.
-
-    Parameters
-    ----------
-    values : float64 (m,) or None
-        Array that is overwritten.
-    """
+    """Set an array to zero, if there is one."""
     if values is not None:
         values[:] = 0.0
 
 
 @compiled(inline=True)
 def clear_sums(arrays: GrainArrays) -> None:
-    """Set all sums that are computed to zero.
-
-    Parameters
-    ----------
-    arrays : GrainArrays
-        Forces, stiffness, extremes and load are overwritten, where they are not None.
-    """
+    """Set all sums that are computed to zero."""
     clear_array_if_given(arrays.fx)
     clear_array_if_given(arrays.fy)
     clear_array_if_given(arrays.stiffness)
@@ -116,15 +70,7 @@ def clear_sums(arrays: GrainArrays) -> None:
 
 @compiled(inline=True)
 def scale_array_if_given(values: Array | None, factor: float) -> None:
-    """Multiply an array by a factor, if there is one.
-
-    Parameters
-    ----------
-    values : float64 (m,) or None
-        Array that is overwritten.
-    factor : float
-        Factor, without unit.
-    """
+    """Multiply an array by a factor, if there is one."""
     if values is not None:
         for i in range(values.size):
             values[i] *= factor
@@ -132,85 +78,32 @@ def scale_array_if_given(values: Array | None, factor: float) -> None:
 
 @compiled(inline=True)
 def value_or_one(values: Array | None, i: int) -> float:
-    """Value of one grain, or 1 where all grains are alike.
-
-    Parameters
-    ----------
-    values : float64 (m,) or None
-        A property of each grain over that of the first species.
-    i : int
-        Index of the grain.
-
-    Returns
-    -------
-    float
-        Its value, without unit.
-    """
+    """Value of one grain, or 1 where all grains are alike."""
     return 1.0 if values is None else values[i]
 
 
 @compiled(inline=True)
 def unscaled_sum_factor(disc_law: Array | None) -> float:
-    """Factor that vectorised sums of energies, stiffnesses and loads still lack.
-
-    Parameters
-    ----------
-    disc_law : float64 (6,) or None
-        Law of discs; None for dipoles.
-
-    Returns
-    -------
-    float
-        Factor, without unit: `SCALE` or `DISC_SCALE` of `granular.pairs.simd`.
-    """
+    """Factor that vectorised sums of energies, stiffnesses and loads still lack."""
     return SCALE if disc_law is None else DISC_SCALE
 
 
 @compiled(inline=True)
 def unscaled_force_factor(disc_law: Array | None) -> float:
-    """Factor that vectorised sums of forces still lack, besides `granular.pairs.dipole_law.STRENGTH`.
-
-    Parameters
-    ----------
-    disc_law : float64 (6,) or None
-        Law of discs; None for dipoles.
-
-    Returns
-    -------
-    float
-        Factor, without unit.
-    """
+    """Factor that vectorised sums of forces still lack, besides `granular.pairs.dipole_law.STRENGTH`."""
     return SCALE if disc_law is None else disc_law[FORCE_SCALE]
 
 
 @compiled(inline=True)
 def add_to_entry_if_given(values: Array | None, i: int, amount: float) -> None:
-    """Add an amount to one grain's entry, if there is such an array.
-
-    Parameters
-    ----------
-    values : float64 (m,) or None
-        Array that is added to.
-    i : int
-        Index of the grain.
-    amount : float
-        Amount, in the unit of the array.
-    """
+    """Add an amount to one grain's entry, if there is such an array."""
     if values is not None:
         values[i] += amount
 
 
 @compiled(inline=True)
 def set_forces_to_nan(arrays: GrainArrays, grains: int) -> None:
-    """Set the forces to NaN, for positions that are not finite or lists that overflow.
-
-    Parameters
-    ----------
-    arrays : GrainArrays
-        Forces of the first ``grains`` entries are overwritten.
-    grains : int
-        Number of grains.
-    """
+    """Set the forces to NaN, for positions that are not finite or lists that overflow."""
     arrays.fx[:grains] = np.nan
     arrays.fy[:grains] = np.nan
 

@@ -93,26 +93,7 @@ def spread_grains(
     order: Array,
     grains: int,
 ) -> None:
-    """Spread amounts of the grains by cubic B-splines on the finest level of a mesh.
-
-    ``order``, int64 (m,), names the grains one after another: it is quickest where neighbours
-    follow each other.
-
-    Parameters
-    ----------
-    mesh : MultilevelMesh
-        Mesh whose finest sources are overwritten.
-    threaded : bool or None
-        None runs on one thread, anything else on Numba's threads.
-    x, y : float64 (m,)
-        Positions [D].
-    amounts : float64 (m,) or None
-        Amount of each grain (moment or weight over the first species'); ones where None.
-    order : int64 (m,)
-        Grains in the order in which they are taken.
-    grains : int
-        Number of grains.
-    """
+    """Spread amounts of the grains by cubic B-splines on the finest level of a mesh; x, y [D]."""
     _spread_on_window(mesh.points_per_length, mesh, threaded, x, y, amounts, order, grains)
 
 
@@ -141,19 +122,9 @@ def _spread_on_window(
 
 @compiled(inline=True)
 def interpolate_potential(mesh: MultilevelMesh, x: float, y: float) -> tuple[float, float, float]:
-    """Interpolate the potential of the mesh and its derivatives at a point by cubic B-splines.
+    """Interpolate the potential of the mesh and its derivatives at a point by cubic B-splines [1/D^3, 1/D^4].
 
-    Parameters
-    ----------
-    mesh : MultilevelMesh
-        Mesh with the potential on its finest level.
-    x, y : float
-        Position [D].
-
-    Returns
-    -------
-    tuple of float
-        Potential [1/D^3], and its derivatives along x and y [1/D^4].
+    x, y [D].
     """
     return _interpolate_on_window(mesh.points_per_length, mesh, x, y)
 

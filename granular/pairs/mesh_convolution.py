@@ -82,11 +82,7 @@ def _add_distances_to_line_sums(
     distances: int,
     sums: list[Any],
 ) -> None:
-    """Add some distances, from ``apart`` on, to the sums of lines that follow each other.
-
-    ``begin`` is the index of a term of the first line. What two lines have in common is loaded
-    once: loads are what takes longest here.
-    """
+    """Add some distances, from ``apart`` on, to the sums of lines that follow each other."""
     b = code.builder
     block = TERMS * WIDTH
     down = b.sub(begin, b.mul(apart, ir.Constant(INDEX, block)))

@@ -55,29 +55,10 @@ MOST_POINTS = 1e8
 
 
 class FarFieldSettings(NamedTuple):
-    """The far field of a scene.
+    """The far field of a scene."""
 
-    Attributes
-    ----------
-    radius : float
-        Distance at which the near part ends [D].
-    size : (float, float) or None
-        Width and height of the mesh for the grains [D]; None where all pairs are summed, less
-        the near ones.
-    every : int or None
-        Steps from one evaluation to the next, whose force then acts as an impulse; None where the
-        far force is a part of every force.
-    rubbing : int or None
-        Where grains rub, it is computed again only where one has moved by more than `STILL`, and
-        while they slide every so many steps. None: for every force.
-    periodic : bool
-        True where the mesh goes round a periodic cell of that size.
-    inverse_fifth_factor : float
-        Factor of r^-5 beside r^-3 in the far part, of discs.
-    """
-
-    radius: float
-    size: tuple[float, float] | None
+    radius: float  # [D]
+    size: tuple[float, float] | None  # [D]
     every: int | None
     rubbing: int | None = None
     periodic: bool = False
@@ -85,37 +66,7 @@ class FarFieldSettings(NamedTuple):
 
 
 class FarFieldState(NamedTuple):
-    """Forces and energy of the last evaluation, and the arrays that compute them.
-
-    Attributes
-    ----------
-    mesh : MultilevelMesh or None
-    direct : DirectFarFieldWorkspace or None
-        Instead of the mesh where all pairs are summed.
-    radius : float
-    self_potential : float
-        Far part of the potential of a grain of moment 1 at its own position.
-    fx, fy : float64 (m,)
-    held_forces : float64 (2, m) or None
-        A force that stays as it is and acts all the time, where the far field acts in impulses:
-        they make up the difference. Without it, grains at rest would be pushed to and fro. None
-        where the far field is a part of every force.
-    load : float64 (m,) or None
-        Far part of the sums behind the normal force of friction.
-    evaluated_at : float64 (2, m) or None
-        Positions of the last evaluation; None where each force has one.
-    rates : float64 (3, m) or None
-        Rates of change of forces and loads [1/tau] while grains slide; None where not needed.
-    extrapolation_steps : int
-        Steps that they then go on for.
-    unchanged_distance : float
-        See `STILL`.
-    timing : float64 (3,)
-        See `TIME` and the others.
-    energy : float64 (1,)
-    part_totals : float64 (parts,)
-        Twice the energy of each part of the grains.
-    """
+    """Forces and energy of the last evaluation, and the arrays that compute them."""
 
     mesh: MultilevelMesh | None
     direct: DirectFarFieldWorkspace | None
@@ -126,7 +77,7 @@ class FarFieldState(NamedTuple):
     held_forces: np.ndarray | None
     load: np.ndarray | None
     evaluated_at: np.ndarray | None
-    rates: np.ndarray | None
+    rates: np.ndarray | None  # [1/tau]
     extrapolation_steps: int
     unchanged_distance: float
     timing: np.ndarray
@@ -135,22 +86,7 @@ class FarFieldState(NamedTuple):
 
 
 def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> FarFieldState:
-    """Allocate the far field of a scene, with the mesh or the direct sum that computes it.
-
-    Parameters
-    ----------
-    field : FarFieldSettings
-        Radius, size of the mesh and steps between evaluations.
-    size : int
-        Padded number of grains, m.
-    with_loads : bool
-        True where friction needs the far part of the normal loads.
-
-    Returns
-    -------
-    FarFieldState
-        Arrays of zero forces [F*].
-    """
+    """Allocate the far field of a scene, with the mesh or the direct sum that computes it [F*]."""
     mesh, spacing = None, field.radius / SPACINGS
     if field.size is not None and field.periodic:
         mesh = periodic_mesh_workspace(*field.size, field.radius, spacing, field.inverse_fifth_factor)
@@ -177,13 +113,7 @@ def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> 
 
 
 class MeshFarFieldArrays(NamedTuple):
-    """Grains for a far field, and the arrays for its results; see `compute_mesh_far_field`.
-
-    Attributes
-    ----------
-    self_potential : float
-        Potential of a grain of moment 1 at its own position.
-    """
+    """Grains for a far field, and the arrays for its results; see `compute_mesh_far_field`."""
 
     grains: int
     x: np.ndarray
@@ -301,25 +231,7 @@ def compute_mesh_far_field(
 ) -> int:
     """Compute force, energy and, where grains rub, load of the far part by the mesh.
 
-    Parameters
-    ----------
-    mesh : MultilevelMesh
-        Mesh, whose sources and potential are overwritten.
-    far : FarFieldState
-        Energy [F* D] and positions of the evaluation [D] are overwritten.
-    threaded : bool or None
-        None runs the parts one after another, anything else on Numba's threads.
-    grains : int
-        Number of grains.
-    arrays : GrainArrays
-        Positions [D]; forces [F*] and load are overwritten. Without stiffness and extremes.
-    order : int64 (m,)
-        Grains in the order in which they are taken; quickest where neighbours follow each other.
-
-    Returns
-    -------
-    int
-        1 where the mesh is too small for the grains, else 0.
+    far [F* D, D], arrays [D, F*].
     """
     if grains == 0:
         return 0
@@ -355,21 +267,7 @@ def compute_mesh_far_field(
 def any_grain_moved(evaluated_at: Array, x: Array, y: Array, grains: int, unchanged_distance: float) -> bool:
     """Test whether a grain has moved so far since the last evaluation that the far field has changed.
 
-    Parameters
-    ----------
-    evaluated_at : float64 (2, m)
-        Positions of the last evaluation [D].
-    x, y : float64 (m,)
-        Present positions [D].
-    grains : int
-        Number of grains.
-    unchanged_distance : float
-        Distance that counts as unmoved [D].
-
-    Returns
-    -------
-    bool
-        True where one has moved farther, or a position is not a number.
+    evaluated_at, x, y, unchanged_distance [D].
     """
     moved = 0
     for i in range(grains):
@@ -380,17 +278,7 @@ def any_grain_moved(evaluated_at: Array, x: Array, y: Array, grains: int, unchan
 
 @compiled(inline=True)
 def store_positions(evaluated_at: Array | None, x: Array, y: Array, grains: int) -> None:
-    """Store the positions of this evaluation, where they are kept.
-
-    Parameters
-    ----------
-    evaluated_at : float64 (2, m) or None
-        Overwritten by the positions [D].
-    x, y : float64 (m,)
-        Positions [D].
-    grains : int
-        Number of grains.
-    """
+    """Store the positions of this evaluation, where they are kept; evaluated_at, x, y [D]."""
     if evaluated_at is not None:
         for i in range(grains):
             evaluated_at[0, i] = x[i]

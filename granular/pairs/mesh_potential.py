@@ -96,10 +96,7 @@ def _prolong_potential(mesh: MultilevelMesh, level: int) -> None:
 
 @compiled
 def _convolve_columns_of_part(mesh: MultilevelMesh, part: int) -> None:
-    """Potential of each level's own sources on a part of all columns.
-
-    The bands', and on the last level the rest's. Parts take about equally long.
-    """
+    """Potential of each level's own sources on a part of all columns."""
     levels, total, done = len(mesh.windows), 0, 0
     for level in range(levels):
         total += _column_cost(mesh, level) * (_column_count(mesh, level) // WIDTH)
@@ -160,17 +157,7 @@ def _convolve_threaded(mesh: MultilevelMesh) -> None:
 
 @compiled
 def compute_mesh_potential(mesh: MultilevelMesh, threaded: bool | None) -> None:
-    """Compute the potential on the finest level of a mesh from the sources there.
-
-    Multilevel summation: Hardy et al. 2015, doi:10.1021/ct5009075; see `granular.pairs.multilevel_mesh`.
-
-    Parameters
-    ----------
-    mesh : MultilevelMesh
-        Sources and potentials [1/D^3] of all levels; those above the finest are overwritten.
-    threaded : bool or None
-        None runs on one thread, anything else on Numba's threads.
-    """
+    """Compute the potential on the finest level of a mesh from the sources there; mesh [1/D^3]."""
     _compute_potential(mesh.points_per_length, mesh, threaded)
 
 

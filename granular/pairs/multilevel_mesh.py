@@ -51,14 +51,7 @@ _MARGIN = 48
 
 
 class SeparableTable(NamedTuple):
-    """Kernel between points of the mesh, by their distances along both axes [1/D^3].
-
-    At the finest level; see `granular.pairs.mesh_convolution`.
-
-    Attributes
-    ----------
-    along, across : float64 (groups, reach, TERMS)
-    """
+    """Kernel between points of the mesh, by their distances along both axes [1/D^3]."""
 
     along: Samples
     across: Samples
@@ -85,19 +78,7 @@ def _pad_groups(table: Samples, groups: int) -> Samples:
 def mesh_level_count(extent: float, radius: float, spacing: float) -> int:
     """Count the levels until the table of the coarsest one covers the whole bed.
 
-    Parameters
-    ----------
-    extent : float
-        Greater side of the bed [D].
-    radius : float
-        Split radius [D].
-    spacing : float
-        Spacing of the finest level [D].
-
-    Returns
-    -------
-    int
-        Number of levels, at least 1.
+    extent, radius, spacing [D].
     """
     reach = _reach_in_points(radius, spacing)
     return 1 + max(0, math.ceil(math.log2(extent / (spacing * reach))))
@@ -149,28 +130,9 @@ def _factor_into_products(table: Samples) -> SeparableTable:
 
 @functools.cache
 def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor: float = 0.0) -> MeshTables:
-    """Tables of the multilevel summation: one band for each level, and the rest on the coarsest one.
+    """Tables of the multilevel summation: one band for each level, and the rest on the coarsest one [1/D^3].
 
-    ``inverse_fifth_factor`` is the factor of r^-5 in the far part.
-
-    Sources: Brandt and Lubrecht 1990, doi:10.1016/0021-9991(90)90002-I; Hardy et al. 2016,
-    doi:10.1063/1.4943868.
-
-    Parameters
-    ----------
-    radius : float
-        Split radius [D].
-    spacing : float
-        Spacing of the finest level [D].
-    levels : int
-        Number of levels.
-    inverse_fifth_factor : float
-        Factor of r^-5 beside r^-3 in the far part [D^2].
-
-    Returns
-    -------
-    MeshTables
-        Tables [1/D^3] at the scale of the finest level.
+    radius, spacing [D], inverse_fifth_factor [D^2].
     """
     reach = _reach_in_points(radius, spacing)
     most = reach + _EDGES
@@ -189,38 +151,12 @@ def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor
 
 
 def inverse_fifth_factor_by_level(inverse_fifth_factor: float, levels: int) -> list[float]:
-    """Factor of r^-5 at each level, in units of the level's spacing.
-
-    Parameters
-    ----------
-    inverse_fifth_factor : float
-        Factor at the finest level [D^2]; 0 for dipoles.
-    levels : int
-        Number of levels.
-
-    Returns
-    -------
-    list of float
-        One factor a level, each 1/4 of the one before [D^2]; a single 0 for dipoles, as all levels are alike.
-    """
+    """Factor of r^-5 at each level, in units of the level's spacing [D^2]; inverse_fifth_factor [D^2]."""
     return [0.25**level * inverse_fifth_factor for level in range(levels if inverse_fifth_factor else 1)]
 
 
 def repeat_for_levels(bands: list[SeparableTable], levels: int) -> list[SeparableTable]:
-    """Repeat a single table for all levels; a table for each level stays as it is.
-
-    Parameters
-    ----------
-    bands : list of SeparableTable
-        One table, or one for each level.
-    levels : int
-        Number of levels.
-
-    Returns
-    -------
-    list of SeparableTable
-        One table for each level.
-    """
+    """Repeat a single table for all levels; a table for each level stays as it is."""
     return bands if len(bands) == levels else bands * levels
 
 
@@ -235,38 +171,9 @@ _EDGE = 3
 
 
 class MultilevelMesh(NamedTuple):
-    """The levels of a mesh, one after another in the same arrays.
+    """The levels of a mesh, one after another in the same arrays."""
 
-    Attributes
-    ----------
-    spacing : float
-        Spacing of the finest level [D].
-    band_along, band_across : float64 (levels, groups, reach, TERMS)
-    rest_along, rest_across : float64 (groups, reach, TERMS)
-        See `granular.pairs.multilevel_mesh`. One by one, since Numba's threads take no nested tuples.
-    source, potential : float64 (p,)
-        Each level's lines, with zeros on both sides of every one; behind all of them a line of
-        zeros, which stands for those outside of a window.
-    begins : int64 (levels + 1,)
-        Index at which each level begins, and at which the last one ends.
-    strides : int64 (levels,)
-        From a level's line to its next one.
-    margin : int
-        Zeros before a line.
-    windows : int64 (levels, 4)
-        See `LEFT` and the others.
-    part_sources : float64 (parts, q)
-        Sources that each part of the grains puts on the finest level.
-    reached : int64 (parts, 2)
-        The lines that it does so on: the first one, and the one behind the last.
-    rows : float64 (PARTS, r)
-        Scratch of the convolution.
-    points_per_length : float64 (2,) or None
-        Points of the finest level a length of D, along both axes, where it goes round a periodic
-        cell; see `granular.pairs.periodic_mesh`.
-    """
-
-    spacing: float
+    spacing: float  # [D]
     band_along: np.ndarray
     band_across: np.ndarray
     rest_along: np.ndarray
@@ -288,23 +195,7 @@ def multilevel_mesh_workspace(
 ) -> MultilevelMesh:
     """Allocate a mesh of several levels for grains in a closed cell.
 
-    Parameters
-    ----------
-    width, height : float
-        Size of the cell [D].
-    radius : float
-        Split radius [D].
-    spacing : float
-        Spacing of the finest level [D].
-    grains : int
-        Padded number of grains; from `PARTED_FROM` on they are spread in parts.
-    inverse_fifth_factor : float
-        Factor of r^-5 beside r^-3 in the far part [D^2].
-
-    Returns
-    -------
-    MultilevelMesh
-        Tables, and arrays of zeros.
+    width, height, radius, spacing [D], inverse_fifth_factor [D^2].
     """
     levels = mesh_level_count(max(width, height), radius, spacing)
     tables = mesh_tables(radius, spacing, levels, inverse_fifth_factor)
@@ -341,22 +232,7 @@ def multilevel_mesh_workspace(
 
 @compiled
 def fit_windows_to_grains(mesh: MultilevelMesh, x: Array, y: Array, grains: int) -> bool:
-    """Fit the window of each level to the grains.
-
-    Parameters
-    ----------
-    mesh : MultilevelMesh
-        Mesh whose ``windows`` are overwritten.
-    x, y : float64 (m,)
-        Positions [D].
-    grains : int
-        Number of grains, at least 1.
-
-    Returns
-    -------
-    bool
-        False where the mesh is too small for them.
-    """
+    """Fit the window of each level to the grains; x, y [D]."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(grains):
         left, right = min(left, x[i]), max(right, x[i])

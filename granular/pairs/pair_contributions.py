@@ -59,10 +59,7 @@ def _load_disc_law(code: VectorBuilder, pointer: Any) -> DiscLawVectors | None:
 
 
 class GrainArrayPointers:
-    """Pointers of one call's `GrainArrays`. An absent array is None, and no code is made for it.
-
-    Of arrays with two dimensions, the row that is given.
-    """
+    """Pointers of one call's `GrainArrays`. An absent array is None, and no code is made for it."""
 
     def __init__(self, code: VectorBuilder, kinds: Any, arrays: Any, row: ir.Value | None = None) -> None:
         pointers = [
@@ -91,59 +88,18 @@ class GrainVectors(NamedTuple):
 
 
 def computed_sums(values: PairSums) -> list[Any]:
-    """List the sums that are computed, in the order of the fields, without those that are None.
-
-    Parameters
-    ----------
-    values : PairSums
-        A vector, a pointer or None for each sum.
-
-    Returns
-    -------
-    list
-        Those that are not None.
-    """
+    """List the sums that are computed, in the order of the fields, without those that are None."""
     return [value for value in values if value is not None]
 
 
 def load_eight_grains(code: VectorBuilder, arrays: GrainArrayPointers, j: ir.Value) -> GrainVectors:
-    """Emit the loading of eight successive grains, one in each lane.
-
-    Parameters
-    ----------
-    code : VectorBuilder
-        Builder of the instructions.
-    arrays : GrainArrayPointers
-        Pointers to the grains' arrays.
-    j : llvmlite Value
-        Index of the first grain.
-
-    Returns
-    -------
-    GrainVectors
-        Positions [D] and properties, <8 x double> each.
-    """
+    """Emit the loading of eight successive grains, one in each lane [D]."""
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
     return GrainVectors(*(None if pointer is None else code.load_vector(pointer, j) for pointer in pointers))
 
 
 def broadcast_grain(code: VectorBuilder, arrays: GrainArrayPointers, i: ir.Value) -> GrainVectors:
-    """Emit the loading of one grain into all eight lanes.
-
-    Parameters
-    ----------
-    code : VectorBuilder
-        Builder of the instructions.
-    arrays : GrainArrayPointers
-        Pointers to the grains' arrays.
-    i : llvmlite Value
-        Index of the grain.
-
-    Returns
-    -------
-    GrainVectors
-        Position [D] and properties, <8 x double> each.
-    """
+    """Emit the loading of one grain into all eight lanes [D]."""
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
     return GrainVectors(
         *(
@@ -161,11 +117,7 @@ class FarPartCoefficients(NamedTuple):
 
 
 class CutOffVectors(NamedTuple):
-    """Cut-off of the pairs, in every lane: its square, and r^-3 there over the scale.
-
-    With ``smooth`` the law ends there smoothly: its far part is taken off. Of discs, ``rest`` holds
-    coefficients in b of what is left of their energy there.
-    """
+    """Cut-off of the pairs, in every lane: its square, and r^-3 there over the scale."""
 
     square: Any
     cube: Any
@@ -180,28 +132,7 @@ def make_cut_off_vectors(
     smooth: FarPartCoefficients | None,
     far: ir.Value | None,
 ) -> CutOffVectors:
-    """Emit the cut-off of pairs as vectors of eight equal lanes.
-
-    ``far`` is the factor of r^-5 in the far part of discs; None for dipoles.
-
-    Parameters
-    ----------
-    code : VectorBuilder
-        Builder of the instructions.
-    square : llvmlite Value
-        Squared cut-off radius [D^2], a double.
-    rest : llvmlite Value
-        r^-3 at the cut-off over the scale of the sums [1/D^3], a double.
-    smooth : FarPartCoefficients or None
-        Far part that is taken off; None where pairs just end.
-    far : llvmlite Value or None
-        Factor of r^-5 in the far part of discs [D^2]; None for dipoles.
-
-    Returns
-    -------
-    CutOffVectors
-        Cut-off in every lane.
-    """
+    """Emit the cut-off of pairs as vectors of eight equal lanes; square, far [D^2], rest [1/D^3]."""
     b = code.builder
     cut = CutOffVectors(code.broadcast_scalar(square), code.broadcast_scalar(rest), smooth)
     if far is None:
@@ -226,21 +157,9 @@ class PeriodicCellVectors(NamedTuple):
     def nearest_image_displacement(
         self, code: VectorBuilder, dx: ir.Value, dy: ir.Value
     ) -> tuple[ir.Value, ir.Value]:
-        """Emit the displacement to the nearest image in a periodic cell (minimum image convention).
+        """Emit the displacement to the nearest image in a periodic cell (minimum image convention) [D].
 
-        Source: M. P. Allen and D. J. Tildesley, Computer Simulation of Liquids (1987), section 1.5.
-
-        Parameters
-        ----------
-        code : VectorBuilder
-            Builder of the instructions.
-        dx, dy : llvmlite Value
-            Displacements [D], <8 x double>.
-
-        Returns
-        -------
-        tuple of llvmlite Value
-            Displacements to the nearest images [D], <8 x double>; those of padding grains unchanged along x.
+        dx, dy [D].
         """
         b, result = code.builder, []
         for displacement, side, per in ((dx, self.width, self.per_width), (dy, self.height, self.per_height)):
@@ -262,12 +181,7 @@ class EnergyAndClosestPair:
     def include_pairs(self, s: ir.Value, energy: ir.Value) -> None:
         """Emit the addition of eight pairs to the energy, and their comparison with the closest pair.
 
-        Parameters
-        ----------
-        s : llvmlite Value
-            Inverse fifth power of the distances over the scale [1/D^5], <8 x double>.
-        energy : llvmlite Value
-            Energies over the scale [F* D], <8 x double>.
+        s [1/D^5], energy [F* D].
         """
         if self.pointer is not None:
             code, b = self.code, self.code.builder
@@ -350,32 +264,7 @@ def pair_contributions(
 ) -> tuple[PairSums, PairSums]:
     """Emit the contributions of eight pairs to the sums of both grains; see the head of this file.
 
-    Only in the lanes that are given, or in all.
-
-    Parameters
-    ----------
-    code : VectorBuilder
-        Builder of the instructions.
-    first, second : GrainVectors
-        Grains of the pairs, <8 x double> each [D].
-    wanted : PairSums
-        Sums that are computed: those that are not None.
-    energy_and_closest : EnergyAndClosestPair
-        Energy and closest pair so far, which are updated.
-    lanes : list of bool (8,), optional
-        Lanes whose pairs count; all if not given.
-    cut : CutOffVectors, optional
-        Cut-off of the pairs.
-    images : PeriodicCellVectors, optional
-        Periodic cell, for the nearest images.
-    disc_law : DiscLawVectors, optional
-        Law of discs; dipoles if not given.
-
-    Returns
-    -------
-    tuple of two PairSums
-        Contributions to the first grains and to the second ones, <8 x double> each, without the factors of
-        `granular.pairs.grain_arrays`.
+    first, second [D].
     """
     b = code.builder
     zero = broadcast_constant(0.0)
@@ -449,18 +338,5 @@ def _inverse_cube_in_energy(
 
 
 def add_vectors(code: VectorBuilder, totals: list[Any], values: list[Any]) -> list[Any]:
-    """Emit the sums of vectors, one by one.
-
-    Parameters
-    ----------
-    code : VectorBuilder
-        Builder of the instructions.
-    totals, values : list of llvmlite Value
-        Vectors of one length each, in any unit.
-
-    Returns
-    -------
-    list of llvmlite Value
-        Their sums.
-    """
+    """Emit the sums of vectors, one by one."""
     return [code.builder.fadd(total, more) for total, more in zip(totals, values, strict=True)]

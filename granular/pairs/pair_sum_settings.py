@@ -69,13 +69,7 @@ class PairSumSettings(Section):
     far_every: int | None = integer_field(least=1, default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that radius, skin and far_every belong to the method that is given.
-
-        Raises
-        ------
-        FieldError
-            If one is given and the method has none.
-        """
+        """Check that radius, skin and far_every belong to the method that is given."""
         with_radius = ("cut-off", "mesh", "verlet-list", "direct")
         if self.cut_off is not None and self.method not in with_radius:
             raise FieldError(
@@ -94,24 +88,7 @@ class PairSumSettings(Section):
             )
 
     def resolve_method(self, grains: int, *, closed: bool, shorter_side: float | None = None) -> str:
-        """Resolve "auto" to the method that runs.
-
-        ``shorter_side`` is the shorter side of a periodic cell over the first species' diameter.
-
-        Parameters
-        ----------
-        grains : int
-            Number of grains.
-        closed : bool
-            True where walls close the cell on all sides.
-        shorter_side : float, optional
-            Shorter side of a periodic cell over the first species' diameter; not periodic if not given.
-
-        Returns
-        -------
-        str
-            ``"direct"``, ``"mesh"``, ``"cut-off"`` or ``"verlet-list"``.
-        """
+        """Resolve "auto" to the method that runs."""
         if self.method != "auto":
             return self.method
         if shorter_side is not None:
@@ -125,24 +102,7 @@ class PairSumSettings(Section):
     def near_pair_radius(
         self, method: str | None, diameter: float, shorter_side: float | None = None
     ) -> float | None:
-        """Radius at which pairs end, or at which the far field takes over.
-
-        ``shorter_side`` as in `chosen`.
-
-        Parameters
-        ----------
-        method : str or None
-            Method that runs, as of `resolve_method`.
-        diameter : float
-            Diameter of the first species [m].
-        shorter_side : float, optional
-            Shorter side of a periodic cell over that diameter.
-
-        Returns
-        -------
-        float or None
-            Radius over the diameter; None where all pairs are summed.
-        """
+        """Radius at which pairs end, or at which the far field takes over; diameter [m]."""
         if method == "cut-off":
             return self._radius_or_default(diameter, RADIUS)
         if method == "mesh":
@@ -152,22 +112,7 @@ class PairSumSettings(Section):
         return None
 
     def check_periodic_cell(self, grains: int, shorter_side: float, diameter: float) -> None:
-        """Check that the method can sum the pairs of a periodic cell.
-
-        Parameters
-        ----------
-        grains : int
-            Number of grains.
-        shorter_side : float
-            Shorter side of the cell over the first species' diameter.
-        diameter : float
-            Diameter of the first species [m].
-
-        Raises
-        ------
-        FieldError
-            If the method knows no images, its radius is too long for the cell, or there are too few grains.
-        """
+        """Check that the method can sum the pairs of a periodic cell; diameter [m]."""
         if self.method == "verlet-list":
             raise FieldError("de Paula's list knows no images; take 'cut-off' in a periodic cell", "method")
         method = self.resolve_method(grains, closed=False, shorter_side=shorter_side)
@@ -195,15 +140,7 @@ class PairSumSettings(Section):
     def verlet_list_settings(self, diameter: float) -> VerletSettings:
         """Radius and skin of de Paula's list [D, 5.1] in units of the first species' diameter.
 
-        Parameters
-        ----------
-        diameter : float
-            Diameter of the first species [m].
-
-        Returns
-        -------
-        VerletSettings
-            Radius and skin, without unit.
+        diameter [m].
         """
         skin = SKIN if self.skin is None else self.skin / diameter
         return VerletSettings(self._radius_or_default(diameter, RADIUS), skin)

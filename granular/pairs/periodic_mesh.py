@@ -67,17 +67,7 @@ change forces by less than 1e-7, where 1e-6 is asked for. Digits as in
 def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tuple[int, int]]:
     """Count the mesh points along both sides of a periodic cell, level by level from the finest.
 
-    Parameters
-    ----------
-    width, height : float
-        Size of the cell [D].
-    spacing : float
-        Greatest distance of neighbouring points on the finest level [D].
-
-    Returns
-    -------
-    list of (int, int)
-        Points along the width and the height; half as many on each next level.
+    width, height, spacing [D].
     """
     wanted = [math.ceil(side / spacing) for side in (width, height)]
     levels = 1 + max(0, math.floor(math.log2(min(wanted) / FEWEST)))
@@ -88,25 +78,9 @@ def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tu
 def sum_far_part_over_images(
     dx: Samples, dy: Samples, width: float, height: float, radius: float, inverse_fifth_factor: float = 0.0
 ) -> Samples:
-    """Sum the far part of a point and all its periodic images by Ewald's method, for r^-3 and r^-5.
+    """Sum the far part of a point and all its periodic images by Ewald's method, for r^-3 and r^-5 [1/D^3].
 
-    Source: the head of this file; Ewald 1921, doi:10.1002/andp.19213690304.
-
-    Parameters
-    ----------
-    dx, dy : float64 (...)
-        Displacements from a point to another one [D]; they broadcast.
-    width, height : float
-        Size of the cell [D].
-    radius : float
-        Split radius [D].
-    inverse_fifth_factor : float
-        Factor of r^-5 [D^2].
-
-    Returns
-    -------
-    float64 (...)
-        Sum over the images [1/D^3].
+    dx, dy, width, height, radius [D], inverse_fifth_factor [D^2].
     """
     from scipy.special import erfc, gammainc, gammaincc
 
@@ -216,25 +190,9 @@ def _coarsest_level_table(
 def periodic_mesh_tables(
     width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MeshTables:
-    """Tables of the multilevel summation on a mesh that goes round a periodic cell.
+    """Tables of the multilevel summation on a mesh that goes round a periodic cell [1/D^3].
 
-    ``inverse_fifth_factor`` is the factor of r^-5 in the far part.
-
-    Parameters
-    ----------
-    width, height : float
-        Size of the cell [D].
-    radius : float
-        Split radius [D].
-    spacing : float
-        Greatest distance of neighbouring points on the finest level [D].
-    inverse_fifth_factor : float
-        Factor of r^-5 beside r^-3 in the far part [D^2].
-
-    Returns
-    -------
-    MeshTables
-        Tables [1/D^3]: a band for each level, and the rest summed over all images.
+    width, height, radius, spacing [D], inverse_fifth_factor [D^2].
     """
     points = periodic_mesh_points(width, height, spacing)
     fine, coarse = points[0], points[-1]
@@ -259,36 +217,13 @@ FRACTIONS = (0.75, 0.5, 0.125)
 
 @compiled(inline=True)
 def index_of_first_mesh_point(mesh: MultilevelMesh, level: int) -> int:
-    """Index of a level's first point in the arrays of a periodic mesh, behind the copied line and the margin.
-
-    Parameters
-    ----------
-    mesh : MultilevelMesh
-        Periodic mesh.
-    level : int
-        Level, 0 for the finest.
-
-    Returns
-    -------
-    int
-        Index in ``source`` and ``potential``.
-    """
+    """Index of a level's first point in the mesh arrays, behind the copied line and the margin."""
     return mesh.begins[level] + mesh.margin + BELOW * mesh.strides[level]
 
 
 @compiled
 def copy_periodic_margin(mesh: MultilevelMesh, values: Array, level: int) -> None:
-    """Copy the points on each side of a level to the margin beyond the opposite side.
-
-    Parameters
-    ----------
-    mesh : MultilevelMesh
-        Periodic mesh.
-    values : float64 (p,)
-        ``source`` or ``potential``, whose margins are overwritten.
-    level : int
-        Level, 0 for the finest.
-    """
+    """Copy the points on each side of a level to the margin beyond the opposite side."""
     across, up = mesh.windows[level, ACROSS], mesh.windows[level, UP]
     stride, margin, first = mesh.strides[level], mesh.margin, index_of_first_mesh_point(mesh, level)
     for line in range(up):
@@ -332,20 +267,7 @@ def spread_on_periodic_mesh(
 ) -> None:
     """Spread amounts of the grains by cubic B-splines on the finest level of a periodic mesh.
 
-    Parameters
-    ----------
-    mesh : MultilevelMesh
-        Periodic mesh whose finest sources are overwritten.
-    fineness : float64 (2,)
-        Points a length along both axes [1/D].
-    x, y : float64 (m,)
-        Positions [D].
-    amounts : float64 (m,) or None
-        Amount of each grain over that of the first species; ones where None.
-    order : int64 (m,)
-        Grains in the order in which they are taken.
-    grains : int
-        Number of grains.
+    fineness [1/D], x, y [D].
     """
     mesh.source[: mesh.begins[1]] = 0.0
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
@@ -365,22 +287,7 @@ def spread_on_periodic_mesh(
 def interpolate_on_periodic_mesh(
     mesh: MultilevelMesh, fineness: Array, x: float, y: float
 ) -> tuple[float, float, float]:
-    """Interpolate the potential of a periodic mesh and its derivatives at a point by cubic B-splines.
-
-    Parameters
-    ----------
-    mesh : MultilevelMesh
-        Periodic mesh with the potential on its finest level.
-    fineness : float64 (2,)
-        Points a length along both axes [1/D].
-    x, y : float
-        Position [D].
-
-    Returns
-    -------
-    tuple of float
-        Potential [1/D^3], and its derivatives along x and y [1/D^4].
-    """
+    """Potential and derivatives at a point by cubic B-splines [1/D^3, 1/D^4]; fineness [1/D], x, y [D]."""
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
     u, v = x * fineness[0], y * fineness[1]
     column, line = math.floor(u), math.floor(v)
@@ -391,15 +298,7 @@ def interpolate_on_periodic_mesh(
 
 @compiled
 def restrict_periodic_sources(mesh: MultilevelMesh, level: int) -> None:
-    """Restrict the sources of the next finer level to a level, by the refinement of cubic B-splines.
-
-    Parameters
-    ----------
-    mesh : MultilevelMesh
-        Periodic mesh whose sources of that level are overwritten.
-    level : int
-        Coarser level, at least 1.
-    """
+    """Restrict the sources of the next finer level to a level, by the refinement of cubic B-splines."""
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
     total, half, rest = FRACTIONS
     lines, start, stride = (
@@ -427,15 +326,7 @@ def restrict_periodic_sources(mesh: MultilevelMesh, level: int) -> None:
 
 @compiled
 def prolong_periodic_potential(mesh: MultilevelMesh, level: int) -> None:
-    """Prolong the potential of a level to the next finer one, where it is added.
-
-    Parameters
-    ----------
-    mesh : MultilevelMesh
-        Periodic mesh whose potential [1/D^3] of the finer level is added to.
-    level : int
-        Coarser level, at least 1.
-    """
+    """Prolong the potential of a level to the next finer one, where it is added; mesh [1/D^3]."""
     row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
     total, half, rest = FRACTIONS
     copy_periodic_margin(mesh, potential, level)
@@ -462,21 +353,7 @@ def periodic_mesh_workspace(
 ) -> MultilevelMesh:
     """Allocate a mesh that goes round a periodic cell.
 
-    Parameters
-    ----------
-    width, height : float
-        Size of the cell [D].
-    radius : float
-        Split radius [D].
-    spacing : float
-        Greatest distance of neighbouring points on the finest level [D].
-    inverse_fifth_factor : float
-        Factor of r^-5 beside r^-3 in the far part [D^2].
-
-    Returns
-    -------
-    MultilevelMesh
-        Tables, and arrays of zeros.
+    width, height, radius, spacing [D], inverse_fifth_factor [D^2].
     """
     tables = periodic_mesh_tables(width, height, radius, spacing, inverse_fifth_factor)
     bands = tables.stack_band_tables()

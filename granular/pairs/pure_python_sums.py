@@ -60,19 +60,7 @@ def _energy_at_cut_off(arrays: GrainArrays, i: int, j: int, radius: float) -> fl
 def pure_python_direct_sum(
     arrays: GrainArrays, buffers: Array | None, threaded: bool | None, periodic_cut_off: Array | None
 ) -> None:
-    """Pair forces and sums of all grains, one pair at a time.
-
-    Parameters
-    ----------
-    arrays : GrainArrays
-        Positions [D]; forces [F*] and the sums that are not None are overwritten.
-    buffers : float64 (PARTS, 5, m) or None
-        Not used; as of `granular.pairs.direct_sum.direct_sum`.
-    threaded : bool or None
-        Not used.
-    periodic_cut_off : float64 (3,) or None
-        Width, height and cut-off radius of a periodic cell [D].
-    """
+    """Pair forces and sums of all grains, one pair at a time; arrays [D, F*], periodic_cut_off [D]."""
     _clear_all_sums(arrays)
     # The distance to padding grains overflows, as it should, and that of grains at one place is 0.
     old = np.seterr(over="ignore", divide="ignore", invalid="ignore")
@@ -103,23 +91,7 @@ def pure_python_cut_off_sum(
 ) -> None:
     """Pair forces and sums within a radius, where the energy of a pair is zero.
 
-    With ``smooth``, of the near part of the law alone. Of ``stripes`` it takes the sides of a
-    periodic cell, where each grain meets the nearest image of every other one.
-
-    Parameters
-    ----------
-    stripes : object
-        Holds ``periods``, the sides of a periodic cell [D], or None.
-    radius : float
-        Cut-off radius [D].
-    smooth : bool or None
-        None where pairs just end; else the far part of their law is taken off.
-    threaded : bool or None
-        Not used.
-    grains : int
-        Number of grains.
-    arrays : GrainArrays
-        Positions [D]; forces [F*] and the sums that are not None are overwritten.
+    stripes, radius [D], arrays [D, F*].
     """
     _clear_all_sums(arrays)
     periods = getattr(stripes, "periods", None)

@@ -40,98 +40,32 @@ _UNDEFINED = ir.Constant(LANES, ir.Undefined)
 
 
 def pad_to_vectors(count: int) -> int:
-    """Round a number of grains up to a multiple of the vector width.
-
-    Parameters
-    ----------
-    count : int
-        Number of grains.
-
-    Returns
-    -------
-    int
-        Least multiple of `WIDTH` that is at least ``count``, and at least `WIDTH`.
-    """
+    """Round a number of grains up to a multiple of the vector width."""
     return max(WIDTH, -(-count // WIDTH) * WIDTH)
 
 
 def broadcast_constant(value: float) -> ir.Constant:
-    """Make a constant vector <8 x double> with one value in all lanes.
-
-    Parameters
-    ----------
-    value : float
-        Value, in any unit.
-
-    Returns
-    -------
-    llvmlite Constant
-        Vector.
-    """
+    """Make a constant vector <8 x double> with one value in all lanes."""
     return ir.Constant(LANES, [value] * WIDTH)
 
 
 def constant_vector(values: Sequence[float]) -> ir.Constant:
-    """Make a constant vector <8 x double> from eight values.
-
-    Parameters
-    ----------
-    values : sequence of float (8,)
-        Value of each lane, in any unit.
-
-    Returns
-    -------
-    llvmlite Constant
-        Vector.
-    """
+    """Make a constant vector <8 x double> from eight values."""
     return ir.Constant(LANES, list(values))
 
 
 def broadcast_integer_constant(value: int) -> ir.Constant:
-    """Make a constant vector <8 x i64> with one integer in all lanes.
-
-    Parameters
-    ----------
-    value : int
-        Integer.
-
-    Returns
-    -------
-    llvmlite Constant
-        Vector.
-    """
+    """Make a constant vector <8 x i64> with one integer in all lanes."""
     return ir.Constant(_BITS, [value] * WIDTH)
 
 
 def lane_mask(lanes: list[bool]) -> ir.Constant:
-    """Make a constant mask <8 x i1> for the selection of lanes.
-
-    Parameters
-    ----------
-    lanes : list of bool (8,)
-        True for the lanes that are selected.
-
-    Returns
-    -------
-    llvmlite Constant
-        Mask.
-    """
+    """Make a constant mask <8 x i1> for the selection of lanes."""
     return ir.Constant(_FLAGS, lanes)
 
 
 def has_avx512(context: Any) -> bool:
-    """Test whether the processor that Numba compiles for has 512-bit vectors.
-
-    Parameters
-    ----------
-    context : Numba's target context
-        Context of the code that is generated.
-
-    Returns
-    -------
-    bool
-        True where it has AVX-512.
-    """
+    """Test whether the processor that Numba compiles for has 512-bit vectors."""
     return "+avx512f" in context.codegen().magic_tuple()[2]
 
 
@@ -142,22 +76,7 @@ class VectorBuilder:
         self.context, self.builder = context, builder
 
     def array_pointer(self, kind: Any, array: Any, row: ir.Value | None = None) -> Any:
-        """Emit the pointer to an array's first element, or to that of a row.
-
-        Parameters
-        ----------
-        kind : Numba type
-            Type of the array, or none.
-        array : llvmlite Value
-            The array.
-        row : llvmlite Value, optional
-            Row of an array of two dimensions.
-
-        Returns
-        -------
-        llvmlite Value or None
-            Pointer; None for an absent array.
-        """
+        """Emit the pointer to an array's first element, or to that of a row."""
         if isinstance(kind, types.NoneType):
             return None
         made = self.context.make_array(kind)(self.context, self.builder, array)
@@ -167,20 +86,7 @@ class VectorBuilder:
         return self.builder.gep(made.data, [self.builder.mul(row, across)])
 
     def call_llvm_function(self, name: str, *operands: ir.Value) -> ir.Value:
-        """Emit the call of a function of LLVM on vectors of doubles.
-
-        Parameters
-        ----------
-        name : str
-            Name of the intrinsic, such as ``"llvm.rint.v8f64"``.
-        *operands : llvmlite Value
-            Vectors <8 x double>.
-
-        Returns
-        -------
-        llvmlite Value
-            Result <8 x double>.
-        """
+        """Emit the call of a function of LLVM on vectors of doubles."""
         module = self.builder.module
         function = module.globals.get(name)
         if function is None:
@@ -189,195 +95,61 @@ class VectorBuilder:
         return self.builder.call(function, operands)
 
     def fused_multiply_add(self, a: ir.Value, b: ir.Value, c: ir.Value) -> ir.Value:
-        """Emit a b + c in every lane, rounded once where the processor can.
-
-        Parameters
-        ----------
-        a, b, c : llvmlite Value
-            Vectors <8 x double>.
-
-        Returns
-        -------
-        llvmlite Value
-            Vector <8 x double>.
-        """
+        """Emit a b + c in every lane, rounded once where the processor can."""
         return self.call_llvm_function(f"llvm.fmuladd.v{WIDTH}f64", a, b, c)
 
     def round_to_integers(self, vector: ir.Value) -> ir.Value:
-        """Emit the rounding to integers, halves to even ones.
-
-        Parameters
-        ----------
-        vector : llvmlite Value
-            Vector <8 x double>.
-
-        Returns
-        -------
-        llvmlite Value
-            Vector <8 x double> of integers.
-        """
+        """Emit the rounding to integers, halves to even ones."""
         return self.call_llvm_function(f"llvm.rint.v{WIDTH}f64", vector)
 
     def reinterpret_as_integers(self, vector: ir.Value) -> ir.Value:
-        """Reinterpret the bits of eight doubles as integers.
-
-        Parameters
-        ----------
-        vector : llvmlite Value
-            Vector <8 x double>.
-
-        Returns
-        -------
-        llvmlite Value
-            The same bits as <8 x i64>.
-        """
+        """Reinterpret the bits of eight doubles as integers."""
         return self.builder.bitcast(vector, _BITS)
 
     def reinterpret_as_doubles(self, bits: ir.Value) -> ir.Value:
-        """Reinterpret the bits of eight integers as doubles.
-
-        Parameters
-        ----------
-        bits : llvmlite Value
-            Vector <8 x i64>.
-
-        Returns
-        -------
-        llvmlite Value
-            The same bits as <8 x double>.
-        """
+        """Reinterpret the bits of eight integers as doubles."""
         return self.builder.bitcast(bits, LANES)
 
     def broadcast_scalar(self, scalar: ir.Value) -> ir.Value:
-        """Emit a vector with one double in all eight lanes.
-
-        Parameters
-        ----------
-        scalar : llvmlite Value
-            A double.
-
-        Returns
-        -------
-        llvmlite Value
-            Vector <8 x double>.
-        """
+        """Emit a vector with one double in all eight lanes."""
         first = self.builder.insert_element(_UNDEFINED, scalar, ir.Constant(ir.IntType(32), 0))
         return self.shuffle(first, first, [0] * WIDTH)
 
     def shuffle(self, first: ir.Value, second: ir.Value, lanes: list[int]) -> ir.Value:
-        """Emit a vector of chosen lanes of two vectors.
-
-        Parameters
-        ----------
-        first, second : llvmlite Value
-            Vectors of one length.
-        lanes : list of int
-            Lanes that are taken; those of the second vector count from `WIDTH`.
-
-        Returns
-        -------
-        llvmlite Value
-            Vector with as many lanes as are taken.
-        """
+        """Emit a vector of chosen lanes of two vectors."""
         mask = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes)
         return self.builder.shuffle_vector(first, second, mask)
 
     def rotate_lanes(self, vector: ir.Value, by: int) -> ir.Value:
-        """Rotate the lanes: lane l takes the value of lane l + ``by``, round the end.
-
-        Parameters
-        ----------
-        vector : llvmlite Value
-            Vector <8 x double>.
-        by : int
-            Number of lanes.
-
-        Returns
-        -------
-        llvmlite Value
-            Vector <8 x double>.
-        """
+        """Rotate the lanes: lane l takes the value of lane l + ``by``, round the end."""
         return self.shuffle(vector, vector, [(lane + by) % WIDTH for lane in range(WIDTH)])
 
     def _vector_pointer(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
         return self.builder.bitcast(self.builder.gep(pointer, [index]), LANES.as_pointer())
 
     def load_vector(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
-        """Emit the loading of eight successive doubles.
-
-        Parameters
-        ----------
-        pointer, index : llvmlite Value
-            Pointer to a double, and the index of the first one behind it.
-
-        Returns
-        -------
-        llvmlite Value
-            Vector <8 x double>.
-        """
+        """Emit the loading of eight successive doubles."""
         return self.builder.load(self._vector_pointer(pointer, index), align=8)
 
     def store_vector(self, vector: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
-        """Emit the storing of eight successive doubles.
-
-        Parameters
-        ----------
-        vector, pointer, index : llvmlite Value
-            Vector <8 x double>, pointer to a double, and index of the first one behind it.
-        """
+        """Emit the storing of eight successive doubles."""
         self.builder.store(vector, self._vector_pointer(pointer, index), align=8)
 
     def load_scalar(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
-        """Emit the loading of one number.
-
-        Parameters
-        ----------
-        pointer, index : llvmlite Value
-            Pointer to a number, and the index behind it.
-
-        Returns
-        -------
-        llvmlite Value
-            The number.
-        """
+        """Emit the loading of one number."""
         return self.builder.load(self.builder.gep(pointer, [index]))
 
     def store_scalar(self, value: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
-        """Emit the storing of one number.
-
-        Parameters
-        ----------
-        value, pointer, index : llvmlite Value
-            Number, pointer to one, and the index behind it.
-        """
+        """Emit the storing of one number."""
         self.builder.store(value, self.builder.gep(pointer, [index]))
 
     def add_scalar_to_entry(self, value: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
-        """Emit the addition of a double to one that is stored.
-
-        Parameters
-        ----------
-        value, pointer, index : llvmlite Value
-            Double, pointer to one, and the index behind it.
-        """
+        """Emit the addition of a double to one that is stored."""
         total = self.builder.fadd(self.load_scalar(pointer, index), value)
         self.store_scalar(total, pointer, index)
 
     def extract_lane(self, vector: ir.Value, lane: int) -> ir.Value:
-        """Emit the value of one lane.
-
-        Parameters
-        ----------
-        vector : llvmlite Value
-            Vector.
-        lane : int
-            Index of the lane.
-
-        Returns
-        -------
-        llvmlite Value
-            A double.
-        """
+        """Emit the value of one lane."""
         return self.builder.extract_element(vector, ir.Constant(ir.IntType(32), lane))
 
     def _add_folded_lanes(self, first: ir.Value, second: ir.Value, half: int) -> ir.Value:
@@ -388,18 +160,7 @@ class VectorBuilder:
         return self.builder.fadd(self.shuffle(first, second, there), self.shuffle(first, second, other))
 
     def sum_lanes_of_vectors(self, vectors: list[ir.Value]) -> ir.Value:
-        """Emit the sums of the lanes of 1, 2, 4 or 8 vectors, each as a tree.
-
-        Parameters
-        ----------
-        vectors : list of llvmlite Value
-            Vectors <8 x double>.
-
-        Returns
-        -------
-        llvmlite Value
-            Vector of as many lanes as there are vectors: the sum of each.
-        """
+        """Emit the sums of the lanes of 1, 2, 4 or 8 vectors, each as a tree."""
         indices = [0]
         for half in (4, 2, 1):
             if len(vectors) > 1:
@@ -411,88 +172,32 @@ class VectorBuilder:
         return self.shuffle(vectors[0], vectors[0], indices)
 
     def sum_lanes(self, vector: ir.Value) -> ir.Value:
-        """Emit the sum of the lanes of one vector, as a tree.
-
-        Parameters
-        ----------
-        vector : llvmlite Value
-            Vector <8 x double>.
-
-        Returns
-        -------
-        llvmlite Value
-            A double.
-        """
+        """Emit the sum of the lanes of one vector, as a tree."""
         return self.extract_lane(self.sum_lanes_of_vectors([vector]), 0)
 
     def add_vector_to_entries(self, vector: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
-        """Emit the addition of a vector of any length to successive stored doubles.
-
-        Parameters
-        ----------
-        vector, pointer, index : llvmlite Value
-            Vector of doubles, pointer to a double, and index of the first one behind it.
-        """
+        """Emit the addition of a vector of any length to successive stored doubles."""
         position = self.builder.bitcast(self.builder.gep(pointer, [index]), vector.type.as_pointer())
         total = self.builder.fadd(self.builder.load(position, align=8), vector)
         self.builder.store(total, position, align=8)
 
     def largest_lane(self, vector: ir.Value) -> ir.Value:
-        """Emit the greatest lane of a vector.
-
-        Parameters
-        ----------
-        vector : llvmlite Value
-            Vector <8 x double>.
-
-        Returns
-        -------
-        llvmlite Value
-            A double.
-        """
+        """Emit the greatest lane of a vector."""
         for half in (4, 2, 1):
             other = self.shuffle(vector, vector, [lane ^ half for lane in range(WIDTH)])
             vector = self.elementwise_maximum(vector, other)
         return self.extract_lane(vector, 0)
 
     def elementwise_maximum(self, a: ir.Value, b: ir.Value) -> ir.Value:
-        """Emit the greater one of two vectors, lane by lane.
-
-        Parameters
-        ----------
-        a, b : llvmlite Value
-            Vectors <8 x double>; where a lane is not a number, that of ``b`` is taken.
-
-        Returns
-        -------
-        llvmlite Value
-            Vector <8 x double>.
-        """
+        """Emit the greater one of two vectors, lane by lane."""
         return self.builder.select(self.builder.fcmp_ordered(">", a, b), a, b)
 
     def new_variable(self, start: ir.Value) -> ir.Value:
-        """Emit a variable on the stack with a value to start with.
-
-        Parameters
-        ----------
-        start : llvmlite Value
-            Value at first.
-
-        Returns
-        -------
-        llvmlite Value
-            Pointer to the variable.
-        """
+        """Emit a variable on the stack with a value to start with."""
         return cgutils.alloca_once_value(self.builder, start)
 
     def add_to_variable(self, variable: ir.Value, value: ir.Value) -> None:
-        """Emit the addition of a value to a variable.
-
-        Parameters
-        ----------
-        variable, value : llvmlite Value
-            Pointer of `new_variable`, and a value of the variable's type.
-        """
+        """Emit the addition of a value to a variable."""
         self.builder.store(self.builder.fadd(self.builder.load(variable), value), variable)
 
 
@@ -541,21 +246,9 @@ def _inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
 
 
 def rough_inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
-    """Emit r^-5 / `DISC_SCALE` from r^2 with two products less, and a relative error below 2e-11.
+    """Emit r^-5 / `DISC_SCALE` from r^2 with two products less, and a relative error below 2e-11 [1/D^5].
 
-    1 + (5/2) e + (35/8) e^2 = (35/8) ((e + 2/7)^2 + 36/245).
-
-    Parameters
-    ----------
-    code : VectorBuilder
-        Builder of the instructions.
-    r2 : llvmlite Value
-        Squared distances [D^2], <8 x double>.
-
-    Returns
-    -------
-    llvmlite Value
-        Inverse fifth powers over `DISC_SCALE` [1/D^5], <8 x double>.
+    r2 [D^2].
     """
     b = code.builder
     y = _inverse_root_seed(code, r2)
@@ -566,20 +259,7 @@ def rough_inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
 
 
 def inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
-    """Emit r^-5 / `SCALE` from r^2, with a relative error of some 2e-15; not a number where r is zero.
-
-    Parameters
-    ----------
-    code : VectorBuilder
-        Builder of the instructions.
-    r2 : llvmlite Value
-        Squared distances [D^2], <8 x double>.
-
-    Returns
-    -------
-    llvmlite Value
-        Inverse fifth powers over `SCALE` [1/D^5], <8 x double>.
-    """
+    """Emit r^-5 / `SCALE` [1/D^5] from r2 [D^2], with a relative error of 2e-15; NaN at r = 0."""
     b = code.builder
     y = _inverse_root_seed(code, r2)
     y2 = b.fmul(y, y)

@@ -191,20 +191,7 @@ def _lists_are_outdated(stripes: Stripes, x: Array, y: Array, grains: int) -> bo
 
 @compiled
 def positions_are_finite(x: Array, y: Array, grains: int) -> bool:
-    """Test whether all positions are finite numbers.
-
-    Parameters
-    ----------
-    x, y : float64 (m,)
-        Positions [D].
-    grains : int
-        Number of grains.
-
-    Returns
-    -------
-    bool
-        False where one is infinite or NaN.
-    """
+    """Test whether all positions are finite numbers; x, y [D]."""
     odd = 0
     for i in range(grains):
         odd += 0.0 * x[i] + 0.0 * y[i] != 0.0
@@ -215,23 +202,7 @@ def positions_are_finite(x: Array, y: Array, grains: int) -> bool:
 def refresh_partner_lists(stripes: Stripes, arrays: GrainArrays, grains: int, radius: float) -> bool:
     """Make the lists hold every pair within the radius, anew where a grain has moved by half the skin.
 
-    Source: Verlet 1967, doi:10.1103/PhysRev.159.98, for lists with a skin.
-
-    Parameters
-    ----------
-    stripes : Stripes
-        Stripes and their lists, overwritten where they are made anew.
-    arrays : GrainArrays
-        Positions [D] and properties of the grains.
-    grains : int
-        Number of grains.
-    radius : float
-        Cut-off radius [D].
-
-    Returns
-    -------
-    bool
-        False where a position is not a finite number.
+    arrays, radius [D].
     """
     x, y = arrays.x, arrays.y
     if _lists_are_outdated(stripes, x, y, grains):
@@ -259,15 +230,7 @@ _HERE, _RIGHT, _LEFT = range(IMAGES)
 def list_periodic_partner_ranges(stripes: Stripes, number: int, reach: float) -> None:
     """List the ranges of partners of every two rows in a periodic cell, and the displacement of their images.
 
-    Parameters
-    ----------
-    stripes : Stripes
-        Grains sorted by `granular.pairs.stripes.sort_into_periodic_stripes`; ranges and shifts [D] are
-        overwritten.
-    number : int
-        Number of stripes.
-    reach : float
-        Cut-off radius and skin [D].
+    stripes, reach [D].
     """
     far = reach * (1.0 + 1e-12)
     for k in range(number):

@@ -26,61 +26,16 @@ many grains; the skin [D]; sums since; how often lists were made; in how many st
 
 
 class CutOffSettings(NamedTuple):
-    """Pairs end at a distance.
+    """Pairs end at a distance."""
 
-    Attributes
-    ----------
-    radius : float
-        [D]
-    moments : bool
-        True where the grains' moments differ.
-    smooth : bool or None
-        None where pairs just end; else the far part of their law is taken off, for a far field.
-    periods : (float, float) or None
-        Width and height of a periodic cell [D].
-    """
-
-    radius: float
+    radius: float  # [D]
     moments: bool
     smooth: bool | None
-    periods: tuple[float, float] | None = None
+    periods: tuple[float, float] | None = None  # width and height of a periodic cell [D]
 
 
 class Stripes(NamedTuple):
-    """Grains in stripes, and the runs of partners.
-
-    Attributes
-    ----------
-    x, y : float64 (s,)
-        In the order of stripes, with far points between them.
-    moments, weight, shift : float64 (s,) or None
-    fx, fy, stiffness, load : float64 (parts, s), the last one or None
-        Sums of each part, where it has any.
-    rows, firsts : int64 (parts + 1,)
-        First row of each part, and the index in ``order`` of its first grain.
-    lows, ends : int64 (parts,)
-        First entry that a part adds to, and the one behind the last.
-    order, slot : int64 (m,)
-        The grains in that order, and the index of each grain in it; before the
-        first listing, as they come.
-    stripe : int64 (m,)
-        Scratch.
-    begins : int64 (k,)
-        Index at which each stripe begins; a multiple of the vector width.
-    partner_ranges : int64 (s / 2, RANGES, 2)
-        Start and stop of each run; in a periodic cell `IMAGES` times as many.
-    shifts : float64 (s / 2, RANGES * IMAGES, 2) or None
-        Displacement of the images of each run's partners [D].
-    cell_offsets : float64 (2, m) or None
-        Displacement of each grain from its image within the periodic cell [D].
-    periods : float64 (2,) or None
-        Its sides [D].
-    built : float64 (2, m)
-        Places of the grains when the runs were listed. Part of a checkpoint, as ``memory`` is:
-        the order of the sums depends on it.
-    memory : float64 (6,)
-        See `LISTED` and the others.
-    """
+    """Grains in stripes, and the runs of partners."""
 
     x: np.ndarray
     y: np.ndarray
@@ -100,9 +55,9 @@ class Stripes(NamedTuple):
     stripe: np.ndarray
     begins: np.ndarray
     partner_ranges: np.ndarray
-    shifts: np.ndarray | None
-    cell_offsets: np.ndarray | None
-    periods: np.ndarray | None
+    shifts: np.ndarray | None  # displacement of the images of each run's partners [D]
+    cell_offsets: np.ndarray | None  # displacement of each grain from its image within the periodic cell [D]
+    periods: np.ndarray | None  # its sides [D]
     built: np.ndarray
     memory: np.ndarray
 
@@ -121,23 +76,7 @@ def stripes_workspace(
 ) -> Stripes:
     """Allocate stripes for the pairs within a cut-off radius; memory is linear in the number of grains.
 
-    Parameters
-    ----------
-    size : int
-        Padded number of grains, m.
-    moments : bool
-        True where the grains' moments differ.
-    with_loads : bool
-        True where friction needs normal loads.
-    shifted : bool
-        True where grains are unlike discs.
-    periods : (float, float), optional
-        Width and height of a periodic cell [D].
-
-    Returns
-    -------
-    Stripes
-        Arrays, all zero.
+    periods [D].
     """
     around = periods is not None
     runs = RANGES * IMAGES if around else RANGES
@@ -179,22 +118,7 @@ no distance."""
 
 @compiled
 def sort_into_stripes(stripes: Stripes, grains: int, reach: float) -> int:
-    """Sort the grains into horizontal stripes, and by x within each.
-
-    Parameters
-    ----------
-    stripes : Stripes
-        Positions in ``built`` [D]; order and places of the grains are overwritten.
-    grains : int
-        Number of grains, at least 1.
-    reach : float
-        Cut-off radius and skin [D]; two stripes are at least as high.
-
-    Returns
-    -------
-    int
-        Number of stripes.
-    """
+    """Sort the grains into horizontal stripes, and by x within each; stripes, reach [D]."""
     y = stripes.built[1]
     low, high = y[0], y[0]
     for i in range(grains):
@@ -239,19 +163,7 @@ def _sort_into_equal_stripes(
 def sort_into_periodic_stripes(stripes: Stripes, grains: int, reach: float) -> int:
     """Sort the grains' images within a periodic cell into stripes of one height, and by x within each.
 
-    Parameters
-    ----------
-    stripes : Stripes
-        Positions in ``built`` [D]; order, places and ``cell_offsets`` are overwritten.
-    grains : int
-        Number of grains.
-    reach : float
-        Cut-off radius and skin [D].
-
-    Returns
-    -------
-    int
-        Number of stripes.
+    stripes, reach [D].
     """
     periods, cell_offsets = stripes.periods, stripes.cell_offsets
     assert periods is not None

@@ -44,16 +44,7 @@ class VerletSettings(NamedTuple):
 
 
 class VerletList(NamedTuple):
-    """The listed pairs, and where they were listed.
-
-    Attributes
-    ----------
-    pairs : ClosePairs
-    built : float64 (2, m)
-        Places of the grains. Part of a checkpoint, as ``memory`` is.
-    memory : float64 (3,)
-        See `LISTED` and the others.
-    """
+    """The listed pairs, and where they were listed."""
 
     pairs: ClosePairs
     built: np.ndarray
@@ -61,20 +52,7 @@ class VerletList(NamedTuple):
 
 
 def verlet_list_workspace(size: int, radius: float) -> VerletList:
-    """Allocate de Paula's list of pairs.
-
-    Parameters
-    ----------
-    size : int
-        Padded number of grains, m.
-    radius : float
-        Radius of the list [D].
-
-    Returns
-    -------
-    VerletList
-        Empty list, with room for four pairs a grain and D^2 of the squared radius.
-    """
+    """Allocate de Paula's list of pairs; radius [D]."""
     capacity = size * int(min(size, _MOST_PARTNERS * max(radius, 2.0) ** 2))
     return VerletList(close_pairs_workspace(size, capacity, np.int32), np.zeros((2, size)), np.zeros(3))
 
@@ -104,20 +82,7 @@ def _refresh_verlet_list(
 def verlet_list_sum(pair_list: VerletList, listing: VerletSettings, grains: int, arrays: GrainArrays) -> None:
     """Compute forces and sums over the listed pairs; list them anew where a grain has moved by the skin.
 
-    Forces are no numbers where there are more pairs than the list holds.
-
-    Sources: [D, Algorithm 5.1]; Verlet 1967, doi:10.1103/PhysRev.159.98.
-
-    Parameters
-    ----------
-    pair_list : VerletList
-        List, overwritten where it is made anew.
-    listing : VerletSettings
-        Radius and skin [D].
-    grains : int
-        Number of grains.
-    arrays : GrainArrays
-        Positions [D]; forces [F*] and the sums that are not None are overwritten.
+    listing [D], arrays [D, F*].
     """
     _refresh_verlet_list(pair_list, listing, arrays.x, arrays.y, grains)
     clear_sums(arrays)

@@ -47,24 +47,9 @@ class CustomStage(CustomSection, SampledStage):
         return name
 
     def sample_values_and_slopes(self, times: np.ndarray, height: float) -> np.ndarray:
-        """Sample the user's function, and the slopes of the spline through it.
+        """Sample the user's function, and the slopes of the spline through it [m, N, m/s, N/s].
 
-        Parameters
-        ----------
-        times : float64 (k,)
-            Equidistant times since the stage's start [s].
-        height : float
-            Height of the piston at the stage's start [m].
-
-        Returns
-        -------
-        float64 (2, k)
-            Values [m] or [N], and slopes [m/s] or [N/s].
-
-        Raises
-        ------
-        InputError
-            If the function fails.
+        times [s], height [m].
         """
         from scipy.interpolate import CubicSpline
 
@@ -79,13 +64,7 @@ class CustomStage(CustomSection, SampledStage):
         return np.array([values, CubicSpline(times, values)(times, 1)])
 
     def to_plain(self) -> dict[str, Any]:
-        """Stage as plain data, with its kind.
-
-        Returns
-        -------
-        dict
-            Keys and plain values.
-        """
+        """Stage as plain data, with its kind."""
         return {"kind": self.definition.key, **super().to_plain()}  # also of a class that was edited
 
 

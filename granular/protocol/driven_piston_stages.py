@@ -25,20 +25,7 @@ class Hold(TimedStage):
         return False
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Piston at rest at its present height.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        Motion
-            In natural units.
-        """
+        """Piston at rest at its present height; height [m]."""
         return Motion(start=height / scales.length)
 
 
@@ -64,13 +51,7 @@ class Move(Stage):
     until_force: float | None = quantity("N", above=0.0, default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that one of speed and duration is given.
-
-        Raises
-        ------
-        FieldError
-            If both or none are.
-        """
+        """Check that one of speed and duration is given."""
         if (self.speed is None) == (self.duration is None):
             raise FieldError("give either speed or duration", "speed")
 
@@ -80,51 +61,21 @@ class Move(Stage):
         return self.until_force is not None
 
     def total_duration(self, height: float) -> float | None:
-        """Duration of the way at the constant speed.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-
-        Returns
-        -------
-        float
-            [s]
-        """
+        """Duration of the way at the constant speed [s]; height [m]."""
         if self.duration is not None:
             return self.duration
         assert self.speed is not None
         return abs(self.to - height) / self.speed
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Straight motion to ``to``.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        Motion
-            In natural units.
-        """
+        """Straight motion to ``to``; height [m]."""
         duration = self.total_duration(height)
         velocity = (self.to - height) / duration if duration else 0.0
         limit = math.inf if self.until_force is None else self.until_force / scales.force
         return Motion(start=height / scales.length, speed=velocity / scales.velocity, limit=limit)
 
     def prescribed_final_height(self) -> float | None:
-        """Height that the stage ends at.
-
-        Returns
-        -------
-        float
-            ``to`` [m].
-        """
+        """Height that the stage ends at [m]."""
         return self.to
 
 
@@ -152,35 +103,11 @@ class Descend(Stage):
     steepness: float = quantity("1", default=5.0, above=0.0)
 
     def total_duration(self, height: float) -> float | None:
-        """Duration of the descent.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-
-        Returns
-        -------
-        float
-            [s]
-        """
+        """Duration of the descent [s]; height [m]."""
         return self.duration
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Exponential descent to ``to``, [D, 2.3.2].
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        Motion
-            In natural units.
-        """
+        """Exponential descent to ``to``, [D, 2.3.2]; height [m]."""
         return Motion(
             kind=DESCENT,
             start=height / scales.length,
@@ -190,13 +117,7 @@ class Descend(Stage):
         )
 
     def prescribed_final_height(self) -> float | None:
-        """Height that the stage ends at.
-
-        Returns
-        -------
-        float
-            ``to`` [m].
-        """
+        """Height that the stage ends at [m]."""
         return self.to
 
 
@@ -215,13 +136,7 @@ class Follow(Stage):
     heights: tuple[float, ...] = quantity_list_field("m", above=0.0)
 
     def validate(self) -> None:
-        """Check that the times increase from 0, with a height each.
-
-        Raises
-        ------
-        FieldError
-            If they do not.
-        """
+        """Check that the times increase from 0, with a height each."""
         if len(self.times) != len(self.heights):
             raise FieldError(f"holds {len(self.heights)} values for {len(self.times)} times", "heights")
         if len(self.times) < 2 or self.times[0] != 0.0 or (np.diff(self.times) <= 0.0).any():
@@ -233,35 +148,11 @@ class Follow(Stage):
         return True
 
     def total_duration(self, height: float) -> float | None:
-        """Duration of the table.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-
-        Returns
-        -------
-        float
-            Its last time [s].
-        """
+        """Duration of the table [s]; height [m]."""
         return self.times[-1]
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Straight lines from row to row of the table.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        Motion
-            In natural units.
-        """
+        """Straight lines from row to row of the table; height [m]."""
         return Motion(
             kind=TABLE,
             start=self.heights[0] / scales.length,
@@ -270,28 +161,11 @@ class Follow(Stage):
         )
 
     def initial_jump(self, height: float) -> float:
-        """Jump of the piston to the first height of the table.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-
-        Returns
-        -------
-        float
-            [m], upwards.
-        """
+        """Jump of the piston to the first height of the table [m]; height [m]."""
         return self.heights[0] - height
 
     def prescribed_final_height(self) -> float | None:
-        """Height that the stage ends at.
-
-        Returns
-        -------
-        float
-            Last height of the table [m].
-        """
+        """Height that the stage ends at [m]."""
         return self.heights[-1]
 
 
@@ -313,13 +187,7 @@ class Oscillate(Stage):
     duration: float | None = quantity("s", above=0.0, default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that the duration is at least a quarter of a period.
-
-        Raises
-        ------
-        FieldError
-            If it is shorter.
-        """
+        """Check that the duration is at least a quarter of a period."""
         if self.duration is not None and self.duration * self.frequency < 0.25:
             raise FieldError(
                 f"{self.duration:g} s is less than a quarter of a period, {0.25 / self.frequency:g} s",
@@ -327,35 +195,11 @@ class Oscillate(Stage):
             )
 
     def total_duration(self, height: float) -> float | None:
-        """Duration of the oscillation.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-
-        Returns
-        -------
-        float or None
-            [s]; None is without end.
-        """
+        """Duration of the oscillation [s]; height [m]."""
         return self.duration
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Sine about the present height.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        Motion
-            In natural units.
-        """
+        """Sine about the present height; height [m]."""
         return Motion(
             kind=SINE,
             start=height / scales.length,
@@ -376,50 +220,15 @@ class Lift(Stage):
     by: float = quantity("m")
 
     def initial_jump(self, height: float) -> float:
-        """Jump of the piston.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-
-        Returns
-        -------
-        float
-            ``by`` [m], upwards.
-        """
+        """Jump of the piston [m]; height [m]."""
         return self.by
 
     def total_duration(self, height: float) -> float | None:
-        """Duration of the jump.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-
-        Returns
-        -------
-        float
-            0 s.
-        """
+        """Duration of the jump; height [m]."""
         return 0.0
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Piston at rest at the height that it jumped to.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        Motion
-            In natural units.
-        """
+        """Piston at rest at the height that it jumped to; height [m]."""
         return Motion(start=height / scales.length)
 
 

@@ -23,20 +23,7 @@ class Free(TimedStage):
         return True
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Free motion from the present height and velocity.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        Motion
-            In natural units.
-        """
+        """Free motion from the present height and velocity; height [m]."""
         return Motion(free=True, start=height / scales.length)
 
 
@@ -61,13 +48,7 @@ class Push(TimedStage):
         return True
 
     def validate(self) -> None:
-        """Check that a force with an amplitude has a frequency, and does not wait for rest.
-
-        Raises
-        ------
-        FieldError
-            If it has none, or waits.
-        """
+        """Check that a force with an amplitude has a frequency, and does not wait for rest."""
         super().validate()
         if self.amplitude > 0.0 and self.frequency == 0.0:
             raise FieldError("must be above 0 Hz where the force has an amplitude", "frequency")
@@ -75,20 +56,7 @@ class Push(TimedStage):
             raise FieldError("a piston that is pushed to and fro does not come to rest", "until")
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Free motion under a sinusoidal force.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        Motion
-            In natural units.
-        """
+        """Free motion under a sinusoidal force; height [m]."""
         return Motion(
             free=True,
             start=height / scales.length,

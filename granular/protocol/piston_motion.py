@@ -14,71 +14,26 @@ _NONE = np.zeros(2)
 
 
 class Motion(NamedTuple):
-    """Motion of the piston during a stage.
-
-    All kinds of a protocol are one type, so that they share one code; only without tables and
-    splines there is none for these.
-
-    Attributes
-    ----------
-    free : bool
-        Under its weight and the grains' force; otherwise along the path.
-    kind : int
-        Kind of the path: straight, exponential descent, sinusoidal, a table, or a spline; or of the
-        outer force: sinusoidal or a spline.
-    start : float
-        Height at the stage's start [D].
-    speed : float
-        Velocity of the straight path [D/tau].
-    reach : float
-        Height that is lost in the descent, or amplitude of the sine [D].
-    total_duration, steepness : float
-        Duration of the descent [tau], and its exponent.
-    omega : float
-        Angular frequency of the sine, or of the outer force [1/tau].
-    push, bias : float
-        Amplitude and mean of the outer force on a free piston [F*].
-    limit : float
-        Force on the piston that ends the stage [F*].
-    times : float64 (k,) or None
-        Times of the table, or equidistant knots of the spline [tau].
-    heights : float64 (k,) or (2 k,), or None
-        Heights of the table [D]; of a spline the values, then their slopes.
-    """
+    """Motion of the piston during a stage."""
 
     free: bool = False
     kind: int = STRAIGHT
-    start: float = 0.0
-    speed: float = 0.0
-    reach: float = 0.0
-    total_duration: float = 1.0
-    steepness: float = 1.0
-    omega: float = 0.0
-    push: float = 0.0
-    bias: float = 0.0
-    limit: float = math.inf
-    times: np.ndarray | None = None
-    heights: np.ndarray | None = None
+    start: float = 0.0  # [D]
+    speed: float = 0.0  # [D/tau]
+    reach: float = 0.0  # [D]
+    total_duration: float = 1.0  # [tau]
+    steepness: float = 1.0  # [tau]
+    omega: float = 0.0  # [1/tau]
+    push: float = 0.0  # [F*]
+    bias: float = 0.0  # [F*]
+    limit: float = math.inf  # [F*]
+    times: np.ndarray | None = None  # times of the table, or equidistant knots of the spline [tau]
+    heights: np.ndarray | None = None  # heights of the table [D]; of a spline the values, then their slopes
 
 
 @entry
 def driven_height_and_velocity(motion: Motion, time: float) -> tuple[float, float]:
-    """Height and velocity of a driven piston.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-    time : float
-        Time in the stage [tau].
-
-    Returns
-    -------
-    height : float
-        [D]
-    velocity : float
-        [D/tau]
-    """
+    """Height and velocity of a driven piston [D; D/tau]; time [tau]."""
     return _driven_height_and_velocity(motion.times, motion.heights, motion, time)
 
 
@@ -147,46 +102,14 @@ def _evaluate_spline(times: Array, heights: Array, time: float) -> tuple[float, 
 
 
 def with_table_arrays(motion: Motion) -> Motion:
-    """Give a motion without a table empty arrays, as motions by tables and splines have arrays.
-
-    All stages of a protocol with a table are then of one type to the compiler.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-
-    Returns
-    -------
-    Motion
-        The same motion.
-    """
+    """Give a motion without a table empty arrays, as motions by tables and splines have arrays."""
     return motion if motion.times is not None else motion._replace(times=_NONE, heights=_NONE)
 
 
 def greatest_piston_speed(motion: Motion, mass: float, gravity: float, height: float, speed: float) -> float:
-    """Greatest speed of the piston in the stage, or a bound of it where it falls freely.
+    """Greatest speed of the piston in the stage, or a bound of it where it falls freely [D/tau].
 
-    A free piston of the mass m gains at most the energy that a constant force, its weight and the greatest
-    outer one, gives over its height.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-    mass : float
-        m [m].
-    gravity : float
-        Downward acceleration [D/tau^2].
-    height : float
-        Height at the stage's start [D].
-    speed : float
-        Speed at the stage's start [D/tau].
-
-    Returns
-    -------
-    float
-        [D/tau]
+    mass [m], gravity [D/tau^2], height [D], speed [D/tau].
     """
     if motion.free:
         outer = abs(motion.bias) + abs(motion.push)
@@ -216,18 +139,7 @@ def _table_arrays(motion: Motion) -> tuple[Array, Array]:
 
 
 def drive_angular_frequency(motion: Motion) -> float:
-    """Angular frequency that the drive has, or the rate at which it changes.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-
-    Returns
-    -------
-    float
-        [1/tau]; 0 of a piston at rest.
-    """
+    """Angular frequency that the drive has, or the rate at which it changes [1/tau]."""
     if motion.kind == DESCENT:
         return motion.steepness / motion.total_duration
     if motion.kind == TABLE:
@@ -243,20 +155,7 @@ def drive_angular_frequency(motion: Motion) -> float:
 
 @compiled
 def outer_force_on_piston(motion: Motion, time: float) -> float:
-    """Force from outside on a free piston.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion of the piston in the stage, in natural units.
-    time : float
-        Time in the stage [tau].
-
-    Returns
-    -------
-    float
-        Upwards [F*].
-    """
+    """Force from outside on a free piston [F*]; time [tau]."""
     return _outer_force_value(motion.times, motion.heights, motion, time)
 
 

@@ -146,13 +146,7 @@ class TimedStage(Stage):
     window: float = quantity("s", default=1.0, above=0.0)
 
     def validate(self) -> None:
-        """Check that tolerance goes with ``until``, and the duration is longer than the window of rest.
-
-        Raises
-        ------
-        FieldError
-            If not.
-        """
+        """Check that tolerance goes with ``until``, and the duration is longer than the window of rest."""
         if self.until is None and self.tolerance is not None:
             raise FieldError("only counts with until = 'rest'", "tolerance")
         if self.until is not None and self.duration is not None and self.duration <= self.window:
@@ -161,47 +155,14 @@ class TimedStage(Stage):
             )
 
     def total_duration(self, height: float) -> float | None:
-        """Duration, or the longest wait for rest.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-
-        Returns
-        -------
-        float or None
-            [s]; None is without end.
-        """
+        """Duration, or the longest wait for rest [s]; height [m]."""
         if self.duration is None and self.until is not None:
             return REST_LIMIT
         return self.duration
 
 
 def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales: Scales) -> Motion:
-    """Motion of one stage, of the type that all stages of its protocol share.
-
-    Parameters
-    ----------
-    protocol : Sequence[Stage]
-        All stages.
-    stage : Stage
-        The stage.
-    height : float
-        Height of the piston at the stage's start [m].
-    scales : Scales
-        Natural units of the scene, in SI.
-
-    Returns
-    -------
-    Motion
-        In natural units.
-
-    Raises
-    ------
-    FieldError
-        If a height of the stage does not begin at the piston's, or is not finite or smooth.
-    """
+    """Motion of one stage, of the type that all stages of its protocol share; height [m]."""
     motion = stage.motion(height, scales)
     return with_table_arrays(motion) if any(stage.is_tabulated for stage in protocol) else motion
 
@@ -238,18 +199,7 @@ class SampledStage(Stage):
         return True
 
     def total_duration(self, height: float) -> float | None:
-        """Duration of the stage.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-
-        Returns
-        -------
-        float
-            [s]
-        """
+        """Duration of the stage [s]; height [m]."""
         return self.duration
 
     def sample_values_and_slopes(self, times: np.ndarray, height: float) -> np.ndarray:
@@ -275,25 +225,7 @@ class SampledStage(Stage):
         raise NotImplementedError
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Cubic spline through samples of the height or force, as dense as it needs.
-
-        Parameters
-        ----------
-        height : float
-            Height of the piston at the stage's start [m].
-        scales : Scales
-            Natural units of the scene, in SI.
-
-        Returns
-        -------
-        Motion
-            In natural units.
-
-        Raises
-        ------
-        FieldError
-            If a height does not begin at the piston's, or the function is not finite or smooth.
-        """
+        """Cubic spline through samples of the height or force, as dense as it needs; height [m]."""
         times, values = self._refine_spline_knots(height)
         if not self.needs_piston_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
             raise FieldError(
@@ -342,25 +274,7 @@ class FormulaStage(SectionWithFormula, SampledStage):
         return self.formula_key
 
     def sample_values_and_slopes(self, times: np.ndarray, height: float) -> np.ndarray:
-        """Sample the formula and its derivative.
-
-        Parameters
-        ----------
-        times : float64 (k,)
-            Equidistant times since the stage's start [s].
-        height : float
-            Height of the piston at the stage's start [m].
-
-        Returns
-        -------
-        float64 (2, k)
-            Values [m] or [N], and slopes [m/s] or [N/s].
-
-        Raises
-        ------
-        FieldError
-            If the formula jumps.
-        """
+        """Sample the formula and its derivative [m, N, m/s, N/s]; times [s], height [m]."""
         given = [self.parameter_value_and_dimension(name)[0] for name, _ in self.values]
         parameter_names = tuple(name for name, _ in self.values)
         functions = _value_and_slope_functions(self.formula, tuple(self.variables), parameter_names)

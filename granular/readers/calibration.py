@@ -37,50 +37,16 @@ _FEWEST_BEYOND = 2
 
 
 class Calibration(NamedTuple):
-    """A polynomial in a sensor's number, and how well it is known.
-
-    Attributes
-    ----------
-    coefficients : float64 (k,)
-        Of powers of the number, from the constant on, in SI over the unit of the column.
-    deviations : float64 (m, k)
-        Independent deviations of the coefficients, of one standard uncertainty each.
-    raw_unit : str or None
-        Unit of the column, such as ``V`` or ``counts``; None where none is named.
-    angle : bool
-        Whether it gives an angle [rad].
-    inside : (float, float)
-        Least and greatest number that it was made for.
-    """
+    """A polynomial in a sensor's number, and how well it is known."""
 
     coefficients: np.ndarray
     deviations: np.ndarray
     raw_unit: str | None
-    angle: bool
+    angle: bool  # whether it gives an angle [rad]
     inside: tuple[float, float] = (-math.inf, math.inf)
 
     def apply(self, raw: np.ndarray, unit: str | None) -> tuple[np.ndarray, np.ndarray]:
-        """Convert the numbers of a sensor's column to SI.
-
-        Parameters
-        ----------
-        raw : float64 (n,)
-            Numbers of the column.
-        unit : str or None
-            Unit of the column; None where none is named.
-
-        Returns
-        -------
-        values : float64 (n,)
-            Heights [m], angles [rad] or what the calibration gives, in SI.
-        deviations : float64 (m, n)
-            Their independent deviations of one standard uncertainty each, in the same unit.
-
-        Raises
-        ------
-        RecordError
-            If the unit of the column contradicts that of the calibration.
-        """
+        """Convert the numbers of a sensor's column to SI [m; rad]."""
         known = None in (unit, self.raw_unit)
         ratio = 1.0 if known else _unit_ratio(str(unit), str(self.raw_unit), "heading")
         powers = np.vander(raw * ratio, len(self.coefficients), increasing=True).T
@@ -88,28 +54,7 @@ class Calibration(NamedTuple):
 
 
 def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
-    """Make a calibration of what is said of a column.
-
-    Parameters
-    ----------
-    role : str
-        Role of the column, such as ``height``, or the name of an input.
-    given : mapping of str to any
-        ``scale`` and ``zero``; or ``coefficients``, texts with units from the constant on, such as
-        ``"0.1 mm"``, ``"2.49 mm/V"``, ``"0.01 mm/V^2"``; or ``points``, a mapping of ``raw``,
-        ``value`` and, where it is known, ``uncertainty`` to numbers, with ``units`` (of all three),
-        and the ``degree`` of the polynomial (1).
-
-    Returns
-    -------
-    Calibration
-        In SI.
-
-    Raises
-    ------
-    RecordError
-        If it is no such, or its unit is none of the role's.
-    """
+    """Make a calibration of what is said of a column."""
     for key in given:
         if key not in KEYS:
             raise RecordError(unknown_word_message(str(key), KEYS, "key of a calibration"))

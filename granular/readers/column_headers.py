@@ -130,59 +130,19 @@ _BEHIND = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
 
 
 def normalize_unit(unit: str) -> str:
-    """Spell a unit as `granular.schema.units` does, where it is known.
-
-    Parameters
-    ----------
-    unit : str
-        Unit as it stands in a file, also in brackets.
-
-    Returns
-    -------
-    str
-        The unit, such as ``"mm"`` for ``"[millimetres]"``; an unknown one without its brackets.
-    """
+    """Spell a unit as `granular.schema.units` does, where it is known [millimetres]."""
     bare = unit.strip().strip("[](){}").strip().rstrip(".").replace("²", "^2")
     bare = bare.lower() if bare in _CAPITALS else bare
     return UNITS.get(bare, UNITS.get(bare.lower(), bare))
 
 
 def is_unit(text: str) -> bool:
-    """Tell a cell that is a known unit and nothing else, also in brackets.
-
-    Parameters
-    ----------
-    text : str
-        Text of the cell.
-
-    Returns
-    -------
-    bool
-        True for a unit.
-    """
+    """Tell a cell that is a known unit and nothing else, also in brackets."""
     return normalize_unit(text) in KNOWN
 
 
 def parse_header(cell: str) -> tuple[str, str | None]:
-    """Split a column's header into its name and its unit.
-
-    ``height [mm]``, ``height (mm)``; and, where the name is one of `SYNONYMS` and the unit is
-    known, ``height/mm``, ``height_mm``, ``height mm`` and ``height, mm`` too; ``height in mm``; the
-    quotient of ISO 80000 and DIN 461, ``s / mm``, by any name. TeX, ``$t_{1}$``, is a name. A
-    header that is a unit of time alone, such as ``ms`` or ``in s``, is the time in it.
-
-    Parameters
-    ----------
-    cell : str
-        Text of the header.
-
-    Returns
-    -------
-    name : str
-        Name of the column; may be empty.
-    unit : str or None
-        Unit as it is written; None without one.
-    """
+    """Split a column's header into its name and its unit."""
     cell = cell.strip()
     if "$" in cell and len(cell) <= _LONGEST:
         cell = _TEX.sub("", cell).strip()
@@ -226,18 +186,7 @@ def _find_unit_brackets(cell: str) -> re.Match[str] | None:
 
 
 def normalize_column_name(name: str) -> str:
-    """Reduce a column's name to its words in lower case, without remarks in brackets and a run's number.
-
-    Parameters
-    ----------
-    name : str
-        Name as it stands in a file.
-
-    Returns
-    -------
-    str
-        Words with single spaces between them; of an input of CASSY Lab, such as ``sA1``, its quantity.
-    """
+    """Reduce a column's name to its words in lower case, without remarks in brackets and a run's number."""
     words = re.sub(r"[\W_]+", " ", _GROUP.sub(" ", name.lower())).split()
     phrase = _RUN.sub("", " ".join(words))
     match = _INPUT.fullmatch(phrase)
@@ -245,17 +194,6 @@ def normalize_column_name(name: str) -> str:
 
 
 def guess_column_role(name: str) -> str | None:
-    """Guess the role of a column by its name, from `SYNONYMS`.
-
-    Parameters
-    ----------
-    name : str
-        Name as it stands in a file.
-
-    Returns
-    -------
-    str or None
-        Role, such as ``"height"``; None where the name is no synonym of any.
-    """
+    """Guess the role of a column by its name, from `SYNONYMS`."""
     words = normalize_column_name(name)
     return next((role for role, known in SYNONYMS.items() if words in known), None)

@@ -48,30 +48,7 @@ _UNEVEN = 0.01
 def assign_roles(
     sheet: Sheet, options: ReadOptions, notes: list[str]
 ) -> tuple[dict[str, Column], dict[str, Calibration]]:
-    """Assign each role to a column: as the user says, by its name, or to the only one that fits.
-
-    Parameters
-    ----------
-    sheet : Sheet
-        Columns of a file.
-    options : ReadOptions
-        What the user says of them.
-    notes : list of str
-        Notes on what was guessed are appended to it.
-
-    Returns
-    -------
-    chosen : dict of str to Column
-        Column of each role: a time and a coordinate (or its derivative), and others that are there.
-    calibrations : dict of str to Calibration
-        Calibration of each role that has one.
-
-    Raises
-    ------
-    RecordError
-        If a column that is named is not there, no column can be the time or the coordinate, several may
-        be, or a calibration is none.
-    """
+    """Assign each role to a column: as the user says, by its name, or to the only one that fits."""
     chosen = {role: _find_named_column(sheet, column) for role, column in options.columns.items()}
     for alias in [name for name in (ANGLE, STROKE) if name in chosen]:
         if HEIGHT in chosen:
@@ -91,18 +68,7 @@ def assign_roles(
 
 
 def motion_role(chosen: Mapping[str, object]) -> str:
-    """Role of the column that tells the motion: the coordinate, or else its derivative.
-
-    Parameters
-    ----------
-    chosen : mapping of str to any
-        By roles, such as the columns of `assign_roles`.
-
-    Returns
-    -------
-    str
-        ``"height"``, ``"velocity"`` or ``"acceleration"``, the first that is there.
-    """
+    """Role of the column that tells the motion: the coordinate, or else its derivative."""
     return next(role for role in (HEIGHT, VELOCITY, ACCELERATION) if role in chosen)
 
 
@@ -154,23 +120,7 @@ def _choose_height_by_unit(sheet: Sheet, chosen: dict[str, Column], unit: str) -
 
 
 def find_time_column(sheet: Sheet) -> Column:
-    """Find the column of times of a sheet, by its name or its values.
-
-    Parameters
-    ----------
-    sheet : Sheet
-        Columns of a file.
-
-    Returns
-    -------
-    Column
-        Times, in the column's own unit.
-
-    Raises
-    ------
-    RecordError
-        If there is none.
-    """
+    """Find the column of times of a sheet, by its name or its values."""
     chosen: dict[str, Column] = {}
     _choose_columns_by_name(sheet, chosen, [])
     if TIME not in chosen:
@@ -325,20 +275,7 @@ def _is_acceleration_column(column: Column) -> bool:
 
 
 def has_same_dimension(unit: str, wanted: str) -> bool:
-    """Compare the physical dimensions of two units.
-
-    Parameters
-    ----------
-    unit : str
-        Unit in any spelling.
-    wanted : str
-        Unit in the spelling of `granular.schema.units`.
-
-    Returns
-    -------
-    bool
-        True if they have the same dimension; False also for an unknown unit.
-    """
+    """Compare the physical dimensions of two units."""
     try:
         return unit_size(normalize_unit(unit))[1] == unit_size(wanted)[1]
     except SceneError:
@@ -354,10 +291,7 @@ def _is_increasing(column: Column) -> bool:
 def _choose_height_column(
     sheet: Sheet, chosen: dict[str, Column], options: ReadOptions, notes: list[str]
 ) -> None:
-    """Only other column of numbers, or of those without names the next.
-
-    None where the user says which one is a velocity or an acceleration, and no other can be it.
-    """
+    """Only other column of numbers, or of those without names the next."""
     taken = list(map(id, chosen.values()))
     free = [
         column

@@ -40,29 +40,7 @@ _HEADER = 4
 
 
 def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least_columns: int = 2) -> Sheet:
-    """Read the table in a text: CSV and its kin, with preambles, unit rows and decimal commas.
-
-    Parameters
-    ----------
-    text : str
-        Text of a file.
-    decimal : str or None
-        Decimal sign; detected if not given.
-    skip : int
-        Lines at the head of the text that precede the table.
-    least_columns : int
-        Columns of numbers that a table has at least: 1 where the times are not in the file.
-
-    Returns
-    -------
-    Sheet
-        Columns of numbers with their names and units, NaN where a sample is lost.
-
-    Raises
-    ------
-    RecordError
-        If there is none; the message names the line.
-    """
+    """Read the table in a text: CSV and its kin, with preambles, unit rows and decimal commas."""
     lines = [
         NumberedLine(number, line)
         for number, line in enumerate(re.split(r"\r\n|\r|\n", text)[skip:], start=skip + 1)
@@ -235,12 +213,7 @@ def _read_header(
 
 
 def _best_header_row(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
-    """Return names and units: the lowest row that names a time, else the lowest row.
-
-    Units are taken from the row below that with the time. Loggers write what was done to a
-    column, such as averaging, below its name and unit. A lowest row that names columns itself is
-    the header, whatever a line above it is about.
-    """
+    """Return names and units: the lowest row that names a time, else the lowest row."""
     if any(_is_column_header(cell) for cell in rows[-1]):
         return list(rows[-1]), []
     for index in range(len(rows) - 1, -1, -1):

@@ -64,27 +64,7 @@ class FileFormat(NamedTuple):
 def interpret_record_file(
     path: Path, options: ReadOptions, form: FileFormat | None = None
 ) -> SheetInterpretation:
-    """Read the columns of a file, or of the file that a description names, with their meaning, in SI.
-
-    Parameters
-    ----------
-    path : Path
-        File of a record, or a description (see `granular.readers.read_options`).
-    options : ReadOptions
-        Instructions, which go before what a description says.
-    form : FileFormat, optional
-        Format; by the ending of the file's name if not given.
-
-    Returns
-    -------
-    SheetInterpretation
-        Columns in SI, and how they came about.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be read as such; the message names the file.
-    """
+    """Read the columns of a file, or of the file that a description names, with their meaning, in SI."""
     if not is_record_description(path):
         return _interpret_file(path, _load_calibration_points(path, options), form)
     file, described = read_record_description(path)
@@ -125,27 +105,7 @@ def _interpret_file(path: Path, options: ReadOptions, form: FileFormat | None) -
 
 
 def read_sheet(path: Path, options: ReadOptions, form: FileFormat | None = None) -> Sheet:
-    """Read the columns of a file; its name's ending tells a format that is no text.
-
-    Parameters
-    ----------
-    path : Path
-        File of a record.
-    options : ReadOptions
-        Instructions on reading it.
-    form : FileFormat, optional
-        Format; by the ending of the file's name if not given.
-
-    Returns
-    -------
-    Sheet
-        Columns as they are in the file, in their own units.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be read as such, or what reads it is not installed.
-    """
+    """Read the columns of a file; its name's ending tells a format that is no text."""
     read, max_bytes = form or BINARY.get(path.suffix.lower(), TEXT)
     content = _read_bytes(path, max_bytes)
     with _name_file_in_errors(path):
@@ -175,25 +135,7 @@ def _read_bytes(path: Path, max_bytes: int) -> bytes:
 
 
 def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the table of a text file, in any of the encodings that instruments write.
-
-    Parameters
-    ----------
-    content : bytes
-        Content of the file.
-    options : ReadOptions
-        Instructions on reading it.
-
-    Returns
-    -------
-    Sheet
-        Columns as they are in the file, in their own units.
-
-    Raises
-    ------
-    RecordError
-        If it is no text, or holds no table.
-    """
+    """Read the table of a text file, in any of the encodings that instruments write."""
     refuse_old_workbook(content)
     text, encoding = _decode_text(content)
     if is_labview(text):
@@ -256,27 +198,7 @@ BINARY = {
 
 
 def read_time_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
-    """Read times and numbers of a file in the form of a laboratory record.
-
-    Parameters
-    ----------
-    path : Path
-        File with a column of times and one other.
-    unit : str
-        Unit that the numbers are converted to, where the file says another one of its kind.
-
-    Returns
-    -------
-    times : float64 (n,)
-        Times [s].
-    numbers : float64 (n,)
-        Numbers, in that unit.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be read as such; the message names the file, and the line.
-    """
+    """Read times and numbers of a file in the form of a laboratory record [s]."""
     sheet = read_sheet(path, ReadOptions())
     with _name_file_in_errors(path):
         time = find_time_column(sheet)

@@ -19,44 +19,12 @@ _END = "***End_of_Header***"
 
 
 def is_labview(text: str) -> bool:
-    """Tell the text of a LabVIEW measurement file (.lvm) by its first words.
-
-    Parameters
-    ----------
-    text : str
-        Text of a file.
-
-    Returns
-    -------
-    bool
-        True for such a text.
-    """
+    """Tell the text of a LabVIEW measurement file (.lvm) by its first words."""
     return text.lstrip().startswith("LabVIEW Measurement")
 
 
 def read_labview(text: str, options: ReadOptions) -> Sheet:
-    """Read the first segment of a LabVIEW measurement file (.lvm).
-
-    Without a column of times (``X_Columns No``) these follow from ``X0`` and ``Delta_X``
-    (National Instruments, Specification for the LabVIEW Measurement File (.lvm), 2020).
-
-    Parameters
-    ----------
-    text : str
-        Text of the file.
-    options : ReadOptions
-        ``decimal`` is heeded.
-
-    Returns
-    -------
-    Sheet
-        Times [s] and channels, in their own units.
-
-    Raises
-    ------
-    RecordError
-        If it is no such file.
-    """
+    """Read the first segment of a LabVIEW measurement file (.lvm) [s]."""
     lines = re.split(r"\r\n|\r|\n", text)
     ends = [k for k, line in enumerate(lines) if line.strip().startswith(_END)]
     if not ends:
@@ -133,27 +101,7 @@ def _header_number(head: dict[str, list[str]], name: str, decimal: str) -> float
 
 
 def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
-    """Read a group of a TDMS file of LabVIEW: the first with samples, or that which ``sheet`` names.
-
-    Times are a channel of that name, or follow from the channels' ``wf_increment``.
-
-    Parameters
-    ----------
-    content : bytes
-        Content of the file.
-    options : ReadOptions
-        ``sheet`` names a group.
-
-    Returns
-    -------
-    Sheet
-        Times and channels, in their own units.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be read as such, there is no such group, or npTDMS is not installed.
-    """
+    """Read a group of a TDMS file of LabVIEW: the first with samples, or that which ``sheet`` names."""
     with report_parsing_errors("a TDMS file", "npTDMS", "labview"):
         from nptdms import TdmsFile
 
@@ -187,41 +135,12 @@ _HEAD = re.compile(r"X(,[^,\r\n]+)+,Start,Increment,?\s*[\r\n]+Sequence,")
 
 
 def is_rigol(text: str) -> bool:
-    """Tell the text of a waveform that a Rigol oscilloscope saved, by its first lines.
-
-    Parameters
-    ----------
-    text : str
-        Text of a file.
-
-    Returns
-    -------
-    bool
-        True for such a text.
-    """
+    """Tell the text of a waveform that a Rigol oscilloscope saved, by its first lines."""
     return _HEAD.match(text) is not None
 
 
 def read_rigol(text: str) -> Sheet:
-    """Read the channels of a Rigol oscilloscope's waveform; sample n is at ``Start`` + n ``Increment``.
-
-    The layout is that of files of the DS1000Z, DS2000 and DS4000.
-
-    Parameters
-    ----------
-    text : str
-        Text of the file.
-
-    Returns
-    -------
-    Sheet
-        Times [s] and channels, in their own units.
-
-    Raises
-    ------
-    RecordError
-        If start or increment is no number, or there are no samples.
-    """
+    """Read the channels of a Rigol waveform; sample n is at ``Start`` + n ``Increment`` [s]."""
     names, said = (line.rstrip(",").split(",") for line in text.splitlines()[:2])
     channels = names[1:-2]
     if len(said) != len(names):

@@ -24,29 +24,7 @@ _HEAD, _COMPRESSED, _MATRIX = 128, 15, 14
 
 
 def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the vectors of one length in a MATLAB file of version 4 to 7.
-
-    Times are a vector, or follow from the numbers ``Tstart`` and ``Tinterval`` of PicoScope.
-    Its channels, ``A``, ``B``, ..., are whatever was connected.
-
-    Parameters
-    ----------
-    content : bytes
-        Content of the file.
-    options : ReadOptions
-        ``sheet`` names a structure, or a matrix, whose columns are taken.
-
-    Returns
-    -------
-    Sheet
-        Columns, in the units of their names.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be read as such, holds no vectors of one length, or has an interval that is no
-        positive number.
-    """
+    """Read the vectors of one length in a MATLAB file of version 4 to 7."""
     import scipy.io
 
     with report_parsing_errors("a MATLAB file"):

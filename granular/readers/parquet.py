@@ -20,25 +20,7 @@ _MAX_NUMBERS = 50_000_000
 
 
 def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
-    """Read the columns of a Parquet file, with units in their names or in the fields' metadata.
-
-    Parameters
-    ----------
-    content : bytes
-        Content of the file.
-    _options : ReadOptions
-        Not used: all is said in the file.
-
-    Returns
-    -------
-    Sheet
-        Columns of numbers; those of another type hold none.
-
-    Raises
-    ------
-    RecordError
-        If the file cannot be read as such, or pyarrow is not there.
-    """
+    """Read the columns of a Parquet file, with units in their names or in the fields' metadata."""
     with report_parsing_errors("Parquet", "pyarrow", "parquet"):
         import pyarrow.parquet
 
@@ -78,24 +60,7 @@ def _check_table_size(rows: int, columns: int) -> None:
 
 
 def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> None:
-    """Write columns to a Parquet file, with units in the metadata of the fields.
-
-    Parameters
-    ----------
-    path : Path
-        File to write; one of that name is replaced.
-    columns : mapping of str to float64 (n,)
-        Columns by their names.
-    units : mapping of str to str
-        Unit of each column that has one.
-
-    Raises
-    ------
-    RecordError
-        If pyarrow is not there.
-    InputError
-        If it cannot be written; what was there before still stands.
-    """
+    """Write columns to a Parquet file, with units in the metadata of the fields."""
     with report_parsing_errors("Parquet", "pyarrow", "parquet"):
         import pyarrow.parquet
 

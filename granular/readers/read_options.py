@@ -44,46 +44,7 @@ ROLES = ("time", "height", "velocity", "force", "acceleration", "base_height", "
 
 @dataclasses.dataclass(frozen=True)
 class ReadOptions:
-    """Instructions on reading a file. What is not said is guessed.
-
-    Attributes
-    ----------
-    columns : mapping of str to str
-        Which column is the time, the height (or any other coordinate), the angle, the stroke (a
-        height that is prescribed, of a record whose force is measured), the velocity, the force,
-        the acceleration, and height or acceleration of the base: by its name in the file, or by its
-        number from 1. Any other name calls a column so, as an input of a law.
-    units : mapping of str to str
-        Units by those names, or by names in the file.
-    decimal : str or None
-        ``"."`` or ``","``.
-    skip : int
-        Lines at the head of the file that are no part of the table.
-    sheet : str or None
-        Of a workbook, or the variable of a MATLAB file.
-    flip : bool
-        Whether the coordinate grows downwards, as the distance from a sensor above does.
-    between : tuple of float or None
-        The samples from this time to that one [s].
-    scale, zero : str, mapping of str to str, or None
-        Calibration of the height's column, such as ``"2.4894 mm/V"`` and ``"2.513 V"``, or of
-        several by their roles or names; see `granular.readers.calibration`.
-    calibration : mapping of str to any
-        The same with its other forms, ``coefficients`` or ``points``, of the height or by columns;
-        as in a description, where ``points`` names a file.
-    release : int, str or None
-        Which of several releases is the record, from 1, or ``"all"`` for all of them; heeded where
-        the motion in a record is looked for (`reduced_models.records.free_motion`).
-    rate : str, float or None
-        Samples a second [Hz] of a file without times.
-    sort : bool
-        Whether rows are put in the order of their times.
-
-    Raises
-    ------
-    RecordError
-        If a key or a value is none of these.
-    """
+    """Instructions on reading a file. What is not said is guessed."""
 
     columns: Mapping[str, str | int] = dataclasses.field(default_factory=dict)
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)
@@ -91,12 +52,12 @@ class ReadOptions:
     skip: int = 0
     sheet: str | None = None
     flip: bool = False
-    between: tuple[float, float] | None = None
+    between: tuple[float, float] | None = None  # the samples from this time to that one [s]
     scale: str | Mapping[str, str] | None = None
     zero: str | Mapping[str, str] | None = None
     calibration: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     release: int | str | None = None
-    rate: str | float | None = None
+    rate: str | float | None = None  # samples a second [Hz] of a file without times
     sort: bool = False
 
     def __post_init__(self) -> None:
@@ -134,23 +95,7 @@ class ReadOptions:
             object.__setattr__(self, "between", _parse_time_range(self.between))
 
     def merge(self, more: ReadOptions) -> ReadOptions:
-        """Combine these options with others, which go before them.
-
-        Parameters
-        ----------
-        more : ReadOptions
-            Options that override these where they are given.
-
-        Returns
-        -------
-        ReadOptions
-            Both together.
-
-        Raises
-        ------
-        RecordError
-            If they do not fit each other.
-        """
+        """Combine these options with others, which go before them."""
         plain, over = self.to_plain(), more.to_plain()
         both = {key: {**plain.get(key, {}), **over.get(key, {})} for key in ("columns", "units")}
         calibrations = self.calibrations()
@@ -164,18 +109,7 @@ class ReadOptions:
         return options_from_plain({**plain, **over, **both, "calibration": calibrations})
 
     def calibrations(self) -> dict[str, dict[str, Any]]:
-        """Collect what is said of the calibration of each column, by its role or name.
-
-        Returns
-        -------
-        dict of str to dict
-            Keys such as ``scale`` and ``zero`` with their values, by the column.
-
-        Raises
-        ------
-        RecordError
-            If a value is no text or mapping.
-        """
+        """Collect what is said of the calibration of each column, by its role or name."""
         result: dict[str, dict[str, Any]] = {}
         for name in ("scale", "zero"):
             given = getattr(self, name)
@@ -200,25 +134,7 @@ class ReadOptions:
         return result
 
     def select_table(self, tables: Mapping[str, T], kind: str) -> Mapping[str, T]:
-        """Select the table of a file that ``sheet`` names; all where it names none.
-
-        Parameters
-        ----------
-        tables : mapping of str to any
-            Tables by their names.
-        kind : str
-            Word for such a table in the message, such as ``"sheet"``.
-
-        Returns
-        -------
-        mapping of str to any
-            The one that is named, or all.
-
-        Raises
-        ------
-        RecordError
-            If there is none of that name.
-        """
+        """Select the table of a file that ``sheet`` names; all where it names none."""
         if self.sheet is None:
             return tables
         if self.sheet not in tables:
@@ -227,13 +143,7 @@ class ReadOptions:
         return {self.sheet: tables[self.sheet]}
 
     def to_plain(self) -> dict[str, Any]:
-        """Convert the options to plain data, without those that are not given.
-
-        Returns
-        -------
-        dict of str to any
-            Numbers, texts, lists and dictionaries, which `options_from_plain` reads.
-        """
+        """Convert the options to plain data, without those that are not given."""
         calibrations = self.calibrations()
         of_height = calibrations.get("height", {})
         if list(calibrations) == ["height"] and set(of_height) <= {"scale", "zero"}:
@@ -258,23 +168,7 @@ class ReadOptions:
 
 
 def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
-    """Make options of the plain data of `ReadOptions.to_plain`.
-
-    Parameters
-    ----------
-    plain : mapping of str to any
-        Plain data, as of a description without its ``file``.
-
-    Returns
-    -------
-    ReadOptions
-        Options.
-
-    Raises
-    ------
-    RecordError
-        If a key is unknown, or a value does not fit.
-    """
+    """Make options of the plain data of `ReadOptions.to_plain`."""
     known = tuple(field.name for field in dataclasses.fields(ReadOptions))
     for key in plain:
         if key not in known:
@@ -320,48 +214,14 @@ def _parse_time_range(times: Any) -> tuple[float, float]:
 
 
 def is_record_description(path: Path) -> bool:
-    """Tell a TOML file that describes a record; a scene has no key ``file``.
-
-    Parameters
-    ----------
-    path : Path
-        File of any kind, or no file.
-
-    Returns
-    -------
-    bool
-        True for a description.
-
-    Raises
-    ------
-    InputError
-        If it ends in .toml and is no TOML.
-    """
+    """Tell a TOML file that describes a record; a scene has no key ``file``."""
     if path.suffix != ".toml" or not path.is_file() or path.stat().st_size > _MAX_BYTES:
         return False
     return FILE in read_toml(path)
 
 
 def read_record_description(path: Path) -> tuple[Path, ReadOptions]:
-    """Read the description of a record: the file that it names, and the options to read it with.
-
-    Parameters
-    ----------
-    path : Path
-        Description, a TOML file.
-
-    Returns
-    -------
-    file : Path
-        File of the record.
-    options : ReadOptions
-        Options to read it with.
-
-    Raises
-    ------
-    RecordError
-        If it names none, or a key or a value is none of a `ReadOptions`.
-    """
+    """Read the description of a record: the file that it names, and the options to read it with."""
     plain = dict(read_toml(path))
     name = plain.pop(FILE, None)
     if not isinstance(name, str):
@@ -386,28 +246,7 @@ def _map_point_files(options: ReadOptions, change: Callable[[str], str]) -> Read
 
 @contextlib.contextmanager
 def name_description_in_errors(path: Path, file: Path) -> Iterator[None]:
-    """Give the context in which the file that a description names is read.
-
-    Of a file that does not lie below its description, errors do not show what is in it; see the module's
-    text.
-
-    Parameters
-    ----------
-    path : Path
-        Description.
-    file : Path
-        File that it names.
-
-    Yields
-    ------
-    None
-        The file is read meanwhile.
-
-    Raises
-    ------
-    RecordError
-        If reading raised one.
-    """
+    """Give the context in which the file that a description names is read."""
     try:
         yield
     except RecordError:
@@ -427,22 +266,7 @@ def _is_in_other_folder(path: Path, file: Path) -> bool:
 
 
 def write_record_description(path: Path, file: Path, options: ReadOptions) -> None:
-    """Write a description of a record, with the path from it to the file.
-
-    Parameters
-    ----------
-    path : Path
-        Description to write; one of that name is replaced.
-    file : Path
-        File of the record.
-    options : ReadOptions
-        Options to read it with.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written.
-    """
+    """Write a description of a record, with the path from it to the file."""
     import tomli_w
 
     where = path.resolve().parent

@@ -44,43 +44,12 @@ _SPECIAL = {
 
 
 def si_unit_of_role(role: str, *, angle: bool = False) -> str:
-    """SI unit that a role's column is converted to.
-
-    Parameters
-    ----------
-    role : str
-        Role, such as ``"height"``, or the name of an input.
-    angle : bool
-        Whether the coordinate is an angle.
-
-    Returns
-    -------
-    str
-        Unit, such as ``"m/s"`` or ``"rad/s"``; empty for an input, which may have any.
-    """
+    """SI unit that a role's column is converted to."""
     return _ANGULAR.get(role, SI.get(role, "")) if angle else SI.get(role, "")
 
 
 def role_unit_size(role: str, unit: str) -> tuple[float, Dimension]:
-    """SI size and dimension of a unit in a role's column.
-
-    Parameters
-    ----------
-    role : str
-        Such as ``acceleration``, in which g is that of gravity.
-    unit : str
-        Such as ``"mm/s^2"``, in the spelling of `granular.schema.units`.
-
-    Returns
-    -------
-    tuple of float and Dimension
-        Size in SI, and exponents of the base units.
-
-    Raises
-    ------
-    SceneError
-        If the unit is unknown.
-    """
+    """SI size and dimension of a unit in a role's column."""
     special = _SPECIAL.get((role, unit))
     if special is None:
         return unit_size(unit)

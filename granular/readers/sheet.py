@@ -17,23 +17,7 @@ from granular.shared.message_text import quote, sanitize
 
 @dataclasses.dataclass(eq=False)
 class Column:
-    """A column of a sheet.
-
-    Attributes
-    ----------
-    name : str
-        As in the file; empty where it has none.
-    unit : str or None
-        As in the file.
-    values : float64 (n,) or None
-        NaN where a sample is lost; None where it holds something else than numbers.
-    wrong : tuple of int and str, or None
-        The first row, from 0, that holds something else, and what; for the message.
-    clock : str
-        What was read as seconds: ``"date"`` or ``"clock"``; empty for numbers.
-    channel : bool
-        Whether its name is that of an instrument's input and says nothing of what was measured.
-    """
+    """A column of a sheet."""
 
     name: str
     unit: str | None
@@ -45,21 +29,7 @@ class Column:
 
 @dataclasses.dataclass(eq=False)
 class Sheet:
-    """A table of a file.
-
-    Attributes
-    ----------
-    columns : list of Column
-        Columns, in the order of the file.
-    lines : int64 (n,) or None
-        Line of the file that each row stands in; None where a file has no lines.
-    header : bool
-        Whether the file names its columns.
-    form : str
-        What the file is, in words.
-    notes : list of str
-        What was done to it.
-    """
+    """A table of a file."""
 
     columns: list[Column]
     lines: np.ndarray | None
@@ -68,18 +38,7 @@ class Sheet:
     notes: list[str] = dataclasses.field(default_factory=list)
 
     def describe_row(self, row: int) -> str:
-        """Name a row in words, with its line in the file.
-
-        Parameters
-        ----------
-        row : int
-            Index of the row, from 0.
-
-        Returns
-        -------
-        str
-            Words such as ``"sample 3 (line 12)"``.
-        """
+        """Name a row in words, with its line in the file."""
         if self.lines is None:
             return f"sample {row}"
         return f"sample {row} (line {int(self.lines[row])})"
@@ -87,25 +46,7 @@ class Sheet:
 
 @contextlib.contextmanager
 def report_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
-    """Turn errors of any kind, from a library that reads a file, into one line.
-
-    Parameters
-    ----------
-    kind : str
-        What the file should be.
-    package, extra : str
-        The library, where an installation may lack it, and the extra that brings it.
-
-    Yields
-    ------
-    None
-        The library reads the file meanwhile.
-
-    Raises
-    ------
-    RecordError
-        If the library fails or is not installed.
-    """
+    """Turn errors of any kind, from a library that reads a file, into one line."""
     try:
         yield
     except RecordError:
@@ -121,26 +62,7 @@ def report_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iter
 
 
 def sheet_from_table(table: Any) -> Sheet:
-    """Make a sheet of a DataFrame or Series, an xarray object, or a mapping of names to arrays.
-
-    The index of a DataFrame that has a name, and coordinates, are columns too; units stand in the
-    names, or in an xarray variable's attributes.
-
-    Parameters
-    ----------
-    table : DataFrame, Series, DataArray, Dataset or mapping of str to array (n,)
-        Table in memory.
-
-    Returns
-    -------
-    Sheet
-        Columns of numbers with their names and units.
-
-    Raises
-    ------
-    RecordError
-        If it is no such table, or its columns differ in length.
-    """
+    """Make a sheet of a DataFrame or Series, an xarray object, or a mapping of names to arrays."""
     if hasattr(table, "to_frame") and not hasattr(table, "columns") and hasattr(table, "iloc"):
         table = table.to_frame(table.name or "height")  # a Series
     if hasattr(table, "to_dataset") and hasattr(table, "dims"):  # a DataArray

@@ -48,35 +48,12 @@ _AGREEMENT = 0.3
 
 @dataclasses.dataclass(frozen=True)
 class SheetInterpretation:
-    """Columns in SI, and how they came about.
-
-    Attributes
-    ----------
-    columns : dict of str to float64 (n,)
-        ``time`` and ``height`` (or, without a position, ``velocity`` or ``acceleration``),
-        ``velocity`` and ``force`` where they are there, and the others.
-    source : dict of str to str
-        The name in the file of each column that has a meaning.
-    units : dict of str to str
-        The unit that each of them was read in.
-    angle : bool
-        Whether the coordinate is an angle [rad].
-    form : str
-        What the file is.
-    notes : tuple of str
-        What was guessed or done, and how to say it otherwise.
-    left_out : tuple of str
-        Columns that do not hold numbers everywhere.
-    deviations : dict of str to float64 (m, n)
-        Of the columns by the uncertainty of their calibration, one standard uncertainty each.
-    prescribed : bool
-        Whether the coordinate is a prescribed stroke, along which a force was measured.
-    """
+    """Columns in SI, and how they came about."""
 
     columns: dict[str, np.ndarray]
     source: dict[str, str]
     units: dict[str, str]
-    angle: bool
+    angle: bool  # whether the coordinate is an angle [rad]
     form: str
     notes: tuple[str, ...]
     left_out: tuple[str, ...]
@@ -85,25 +62,7 @@ class SheetInterpretation:
 
 
 def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
-    """Interpret the columns of a sheet: their roles, their units, and their values in SI.
-
-    Parameters
-    ----------
-    sheet : Sheet
-        Columns as they are in a file.
-    options : ReadOptions
-        What the user says of them; what is not said follows from names and units.
-
-    Returns
-    -------
-    SheetInterpretation
-        Columns in SI, and how they came about.
-
-    Raises
-    ------
-    RecordError
-        If there is no time or no coordinate, a unit does not fit, or a value is no number.
-    """
+    """Interpret the columns of a sheet: their roles, their units, and their values in SI."""
     notes = list(sheet.notes)
     chosen, calibrations = assign_roles(sheet, options, notes)
     _check_duplicate_names(sheet, chosen, options)
@@ -343,27 +302,7 @@ def _unit_size_in_role(role: str, unit: str | None, angle: bool) -> float:
 
 
 def require_numeric_values(sheet: Sheet, role: str, column: Column) -> np.ndarray:
-    """Return the numbers of a column, and refuse one that holds anything else.
-
-    Parameters
-    ----------
-    sheet : Sheet
-        Sheet of the column, for the message.
-    role : str
-        Role or name of the column, for the message.
-    column : Column
-        Column of a file.
-
-    Returns
-    -------
-    float64 (n,)
-        Numbers in the column's unit, NaN where a sample is lost.
-
-    Raises
-    ------
-    RecordError
-        If something else stands in it, or a number that is infinite.
-    """
+    """Return the numbers of a column, and refuse one that holds anything else."""
     if column.values is None:
         if column.wrong is None:
             raise RecordError(f"{role} holds no numbers; write it as numbers")
@@ -435,22 +374,7 @@ def _ticks_are_regular(steps: np.ndarray, counts: np.ndarray) -> bool:
 
 
 def spread_rounded_times(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
-    """Spread times that a clock has rounded to its tick evenly between its ticks.
-
-    Equal neighbours are samples of one tick: each run of them is spread up to the next tick.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times [s].
-    notes : list of str
-        A note is appended where times were spread.
-
-    Returns
-    -------
-    float64 (n,)
-        Times [s]; the same where they are not rounded so.
-    """
+    """Spread times that a clock has rounded to its tick evenly between its ticks [s]; time [s]."""
     steps = np.diff(time)
     same = steps == 0.0
     if not same.any() or (steps < 0.0).any() or same.mean() < TICK:

@@ -14,26 +14,7 @@ _PADDING = 0.5  # periods of the slowest that stays, laid on each end
 
 
 def integrate_without_drift(time: np.ndarray, values: np.ndarray, repeats: int) -> np.ndarray:
-    """Integrate a measured signal in time, once or twice, with its slow drift taken out.
-
-    The trapezoidal rule, and after each integration a Butterworth high-pass of second order that runs in
-    both directions (Oppenheim and Schafer, Discrete-Time Signal Processing, 1989); its corner lies at
-    0.2 of the signal's strongest frequency.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times [s], increasing.
-    values : float64 (n,)
-        Signal, in any unit u.
-    repeats : int
-        Number of integrations.
-
-    Returns
-    -------
-    float64 (n,)
-        Integral about zero, in u s or u s^2.
-    """
+    """Integrate a measured signal in time, once or twice, with its slow drift taken out; time [s]."""
     from scipy.integrate import cumulative_trapezoid
     from scipy.signal import butter, sosfiltfilt
 

@@ -40,36 +40,12 @@ _DAY = 86400.0
 
 
 def is_timestamp(cell: str) -> bool:
-    """Tell a date with a time (ISO 8601), or a time of day.
-
-    Parameters
-    ----------
-    cell : str
-        Text of a cell.
-
-    Returns
-    -------
-    bool
-        True for such a text.
-    """
+    """Tell a date with a time (ISO 8601), or a time of day."""
     return ":" in cell and (_DATE.fullmatch(cell) or _CLOCK.fullmatch(cell)) is not None
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Tell a number, a date or a time of day.
-
-    Parameters
-    ----------
-    cell : str
-        Text of a cell.
-    decimal : str
-        Decimal sign, ``"."`` or ``","``.
-
-    Returns
-    -------
-    bool
-        True for such a text.
-    """
+    """Tell a number, a date or a time of day."""
     if decimal == ",":
         if "." in cell:
             return _GROUPED.fullmatch(cell) is not None or is_timestamp(cell)
@@ -78,41 +54,12 @@ def is_number(cell: str, decimal: str) -> bool:
 
 
 def parse_number(cell: str, decimal: str) -> float:
-    """Convert a cell that holds a number to its value.
-
-    Parameters
-    ----------
-    cell : str
-        Text for which `is_number` is true, and which is no date.
-    decimal : str
-        Decimal sign, ``"."`` or ``","``.
-
-    Returns
-    -------
-    float
-        Value, in the unit of the column.
-    """
+    """Convert a cell that holds a number to its value."""
     return float(cell.replace(".", "").replace(",", ".") if decimal == "," else cell)
 
 
 def parse_timestamps(cells: Sequence[str], lost: Collection[str]) -> tuple[np.ndarray, str] | None:
-    """Convert dates or times of day to seconds since the first one.
-
-    A time of day that falls back by more than half a day has passed midnight.
-
-    Parameters
-    ----------
-    cells : sequence of str, n long
-        Texts of a column.
-    lost : collection of str
-        Texts of a sample that is not there.
-
-    Returns
-    -------
-    (float64 (n,), str) or None
-        Seconds since the first [s], NaN for lost ones, and ``"date"`` or ``"clock"``; None where some
-        cell is no timestamp.
-    """
+    """Convert dates or times of day to seconds since the first one [s]."""
     known = [cell for cell in cells if cell not in lost]
     if not known:
         return None

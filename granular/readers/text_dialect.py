@@ -25,17 +25,7 @@ class NumberedLine(NamedTuple):
 
 
 class Dialect(NamedTuple):
-    """Dialect in which the lines of a table are written.
-
-    Attributes
-    ----------
-    separator, decimal : str
-        Separator of fields, and decimal sign.
-    width : int
-        Fields of a line.
-    numeric : tuple of int
-        Fields that hold numbers, or times of day.
-    """
+    """Dialect in which the lines of a table are written."""
 
     separator: str
     decimal: str
@@ -46,22 +36,7 @@ class Dialect(NamedTuple):
 def detect_dialect(
     lines: Sequence[NumberedLine], decimal: str | None, least_numbers: int = 2
 ) -> Dialect | None:
-    """Detect the dialect in which most lines are rows of numbers.
-
-    Parameters
-    ----------
-    lines : sequence of NumberedLine
-        Lines of a file, without comments.
-    decimal : str or None
-        Decimal sign; both are tried if not given.
-    least_numbers : int
-        Least count of numbers in a row.
-
-    Returns
-    -------
-    Dialect or None
-        Separator, decimal sign and columns; None where no line is such a row.
-    """
+    """Detect the dialect in which most lines are rows of numbers."""
     sample = [lines[k].text for k in _indices_to_inspect(lines)]
     best: tuple[tuple[int, float, int], Dialect] | None = None
     for separator in SEPARATORS:
@@ -119,25 +94,7 @@ _COMMA = re.compile(r"(\d),(\d+)", re.ASCII)
 
 
 def has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal: str | None) -> bool | None:
-    """Tell rows in which every second comma is a decimal one.
-
-    No integer begins with a zero, as decimals may; and decimals are as many in each line, or
-    end with none.
-
-    Parameters
-    ----------
-    lines : sequence of NumberedLine
-        Rows of the table.
-    dialect : Dialect
-        Dialect in which commas separate.
-    decimal : str or None
-        Decimal sign, if it is known.
-
-    Returns
-    -------
-    bool or None
-        None if that is uncertain.
-    """
+    """Tell rows in which every second comma is a decimal one."""
     rows = [lines[k].text.strip().split(",") for k in _indices_to_inspect(lines)]
     pairs = [_WITH_COMMA.fullmatch(",".join(row[k : k + 2])) for row in rows for k in range(0, len(row), 2)]
     if decimal == "." or dialect.width < 4 or not all(pairs):
@@ -158,18 +115,7 @@ def _is_zero_padded(digits: str) -> bool:
 
 
 def replace_decimal_commas(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
-    """Replace the first comma of each line, and every second one after it, by a point.
-
-    Parameters
-    ----------
-    lines : sequence of NumberedLine
-        Rows of a table with decimal commas.
-
-    Returns
-    -------
-    list of NumberedLine
-        The rows with decimal points.
-    """
+    """Replace the first comma of each line, and every second one after it, by a point."""
     return [NumberedLine(line.number, _COMMA.sub(r"\1.\2", line.text)) for line in lines]
 
 
@@ -178,20 +124,7 @@ def _is_number_with_point(cell: str) -> bool:
 
 
 def split_fields(line: str, separator: str) -> list[str]:
-    """Split a line into its fields, without the spaces around them.
-
-    Parameters
-    ----------
-    line : str
-        Text of a line; quotes may enclose a field.
-    separator : str
-        Separator; between spaces any white space separates.
-
-    Returns
-    -------
-    list of str
-        Fields.
-    """
+    """Split a line into its fields, without the spaces around them."""
     if separator == " ":
         return line.split()
     return [cell.strip() for cell in _split_quoted(line, separator) or line.split(separator)]
@@ -211,58 +144,19 @@ _WORD = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]")
 
 
 def split_header(line: str, separator: str) -> list[str]:
-    """Split a header into its fields; between spaces, a unit in brackets belongs to its name.
-
-    Parameters
-    ----------
-    line : str
-        Text of the header.
-    separator : str
-        Separator.
-
-    Returns
-    -------
-    list of str
-        Names with their units.
-    """
+    """Split a header into its fields; between spaces, a unit in brackets belongs to its name."""
     return _WORD.findall(line) if separator == " " else split_fields(line, separator)
 
 
 def is_table_row(fields: Sequence[str], dialect: Dialect) -> bool:
-    """Tell a line of the table: as many fields, of which some are numbers.
-
-    Parameters
-    ----------
-    fields : sequence of str
-        Fields of a line.
-    dialect : Dialect
-        Dialect of the table.
-
-    Returns
-    -------
-    bool
-        True for a row.
-    """
+    """Tell a line of the table: as many fields, of which some are numbers."""
     if not dialect.width <= len(trim_fields(fields, dialect.width)) <= dialect.width:
         return False
     return any(is_number(fields[k], dialect.decimal) for k in dialect.numeric)
 
 
 def trim_fields(fields: Sequence[str], width: int) -> Sequence[str]:
-    """Drop the empty fields beyond the width of a table.
-
-    Parameters
-    ----------
-    fields : sequence of str
-        Fields of a line.
-    width : int
-        Number of columns.
-
-    Returns
-    -------
-    sequence of str
-        Fields up to the last that is not empty, or up to the width.
-    """
+    """Drop the empty fields beyond the width of a table."""
     end = len(fields)
     while end > width and not fields[end - 1]:
         end -= 1

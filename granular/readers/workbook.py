@@ -55,18 +55,7 @@ _PARTS = {
 
 
 def refuse_old_workbook(content: bytes) -> None:
-    """Refuse a workbook in the form of Excel 97 to 2003.
-
-    Parameters
-    ----------
-    content : bytes
-        Content of a file.
-
-    Raises
-    ------
-    RecordError
-        If it is one.
-    """
+    """Refuse a workbook in the form of Excel 97 to 2003."""
     if content.startswith(_OLD):
         raise RecordError(
             "is a workbook of Excel 97 to 2003 (.xls), which is not read; save it as .xlsx or CSV"
@@ -74,25 +63,7 @@ def refuse_old_workbook(content: bytes) -> None:
 
 
 def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
-    """Read a sheet of a workbook: the first that holds a table, or that which is named.
-
-    Parameters
-    ----------
-    content : bytes
-        Content of a file of Excel or LibreOffice.
-    options : ReadOptions
-        ``sheet``, ``skip`` and ``rate`` are heeded.
-
-    Returns
-    -------
-    Sheet
-        Columns as they are in the file, in their own units.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be read as such, there is no such sheet, or what reads it is not installed.
-    """
+    """Read a sheet of a workbook: the first that holds a table, or that which is named."""
     tables = options.select_table(_sheet_tables(content), "sheet")
     first_error: RecordError | None = None
     for name, table in tables.items():
@@ -154,18 +125,7 @@ def _too_large_error(what: str) -> RecordError:
 
 
 def check_archive_sizes(archive: ZipFile) -> None:
-    """Refuse an archive whose parts of XML hold too much, before any of them is read.
-
-    Parameters
-    ----------
-    archive : ZipFile
-        Workbook.
-
-    Raises
-    ------
-    RecordError
-        The message says what is too much, and the limit.
-    """
+    """Refuse an archive whose parts of XML hold too much, before any of them is read."""
     parts: dict[str, list[ZipInfo]] = {start: [] for start in _PARTS}
     for info in archive.infolist():
         if info.filename.endswith((".xml", ".rels")):
@@ -202,25 +162,7 @@ def _check_element_count(name: str, part: IO[bytes], elements: Iterator[int], ma
 
 
 def expand_rows(rows: Rows, max_cells: int = MAX_CELLS) -> list[Sequence[Any]]:
-    """List the rows up to the last that holds something, with repeated ones repeated.
-
-    Parameters
-    ----------
-    rows : iterable of (int, sequence)
-        Number of repeats, and the cells of each row.
-    max_cells : int
-        Greatest number of cells of the rectangle that holds all.
-
-    Returns
-    -------
-    list of sequence
-        Cells of each row, without empty ones at its end.
-
-    Raises
-    ------
-    RecordError
-        If they have more than `MAX_ROWS`, or than so many cells as a rectangle.
-    """
+    """List the rows up to the last that holds something, with repeated ones repeated."""
     table: list[Sequence[Any]] = []
     number = widest = 0
     for repeat, cells in rows:
@@ -243,20 +185,7 @@ def expand_rows(rows: Rows, max_cells: int = MAX_CELLS) -> list[Sequence[Any]]:
 
 
 def iterate_excel_sheets(file: IO[bytes]) -> Iterator[tuple[str, Rows]]:
-    """Yield the sheets of a workbook in Office Open XML (.xlsx).
-
-    Parameters
-    ----------
-    file : binary file
-        Workbook.
-
-    Yields
-    ------
-    name : str
-        Name of the sheet.
-    rows : iterable of (int, tuple)
-        Number of repeats (1), and the cells of each row.
-    """
+    """Yield the sheets of a workbook in Office Open XML (.xlsx)."""
     import openpyxl
 
     with warnings.catch_warnings():
@@ -278,20 +207,7 @@ _DURATION = re.compile(r"PT(\d+)H(\d+)M(\d+(?:[.,]\d+)?)S", re.ASCII)
 
 
 def iterate_libre_office_sheets(archive: ZipFile) -> Iterator[tuple[str, Rows]]:
-    """Yield the sheets of an OpenDocument spreadsheet (.ods).
-
-    Parameters
-    ----------
-    archive : ZipFile
-        Workbook.
-
-    Yields
-    ------
-    name : str
-        Name of the sheet.
-    rows : iterable of (int, sequence)
-        Number of repeats, and the cells of each row.
-    """
+    """Yield the sheets of an OpenDocument spreadsheet (.ods)."""
     with archive.open("content.xml") as part:
         events = iterparse(part, ("start", "end"))
         for event, element in events:

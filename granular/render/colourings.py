@@ -24,19 +24,7 @@ SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f
 
 
 class ColouringInput(NamedTuple):
-    """State of the bed from which a colouring computes its values.
-
-    Attributes
-    ----------
-    frame : BedFrame
-        The k grains that are in the cell, in SI.
-    scene : Scene
-        Scene of the run.
-    species : int (k,)
-        Index of each grain's species.
-    cells : VoronoiCells or None
-        Voronoi cells of the frame, where the colouring uses them.
-    """
+    """State of the bed from which a colouring computes its values."""
 
     frame: BedFrame
     scene: Scene
@@ -45,24 +33,7 @@ class ColouringInput(NamedTuple):
 
 
 class Colouring(NamedTuple):
-    """Quantity that the colours show.
-
-    Attributes
-    ----------
-    label : str
-        With the unit; the title of the colour bar or the legend.
-    values : function of ColouringInput
-        One value a grain (k,), in the label's unit; NaN where there is none. For classes the index
-        of the class.
-    map : str
-        A matplotlib colour map; empty where the colours are classes.
-    needs_cells : bool
-        Whether the values follow from the Voronoi cells.
-    on_cells : bool
-        Whether the cells are coloured, and the grains lie on them as dark discs.
-    lower, upper : float or None
-        Ends of the colours; None for the first and the 99th percentile of what is shown.
-    """
+    """Quantity that the colours show."""
 
     label: str
     values: Callable[[ColouringInput], np.ndarray]
@@ -152,43 +123,14 @@ interior if it lies in the box of the outermost centres [D, 4.2.4].
 
 
 def colouring_by_name(name: str) -> Colouring:
-    """Find a colouring by its name.
-
-    Parameters
-    ----------
-    name : str
-        One of `COLOURINGS`, such as ``"species"``.
-
-    Returns
-    -------
-    Colouring
-        Label, values and colours.
-
-    Raises
-    ------
-    InputError
-        If there is none of that name.
-    """
+    """Find a colouring by its name."""
     if name not in COLOURINGS:
         raise InputError(unknown_word_message(name, tuple(COLOURINGS), "colour"))
     return COLOURINGS[name]
 
 
 def colour_classes(name: str, scene: Scene) -> dict[str, str]:
-    """Names and colours of the classes of a colouring.
-
-    Parameters
-    ----------
-    name : str
-        One of `COLOURINGS`.
-    scene : Scene
-        Scene whose species are shown.
-
-    Returns
-    -------
-    dict of str to str
-        Colour of each class (hexadecimal), by its name; empty for a continuous colouring.
-    """
+    """Names and colours of the classes of a colouring."""
     if name == "sides":
         return SIDES
     if name != "species":

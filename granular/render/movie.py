@@ -119,27 +119,7 @@ def movie(
 
 
 def stage_frame_indices(run: Trajectory, stage: str | None) -> list[int]:
-    """Select the indices of the frames of a stage, or of the whole run.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run, or one that was cut off.
-    stage : str or None
-        Name of the stage; None for the whole run.
-
-    Returns
-    -------
-    list of int
-        Indices, increasing.
-
-    Raises
-    ------
-    RecordError
-        If the run has no such stage.
-    InputError
-        If no frame lies in it.
-    """
+    """Select the indices of the frames of a stage, or of the whole run."""
     times = run.dataset["frame_time"].values
     if stage is None:
         return list(range(len(times)))
@@ -226,22 +206,7 @@ FARTHEST = 0.25
 
 
 def movie_picture_times(times: np.ndarray, speed: float, fps: float) -> np.ndarray:
-    """Space the times of a movie's pictures evenly over the run.
-
-    Parameters
-    ----------
-    times : float64 (m,)
-        Times of the frames [s], increasing.
-    speed : float
-        Seconds of the run in a second of the movie.
-    fps : float
-        Pictures a second [1/s].
-
-    Returns
-    -------
-    float64 (n,)
-        Times [s], from the first frame's on and up to the last one's.
-    """
+    """Space the times of a movie's pictures evenly over the run [s]; times [s], fps [1/s]."""
     start, length = float(times[0]), float(times[-1] - times[0])
     return start + speed / fps * np.arange(int(length * fps / speed * (1.0 + 1e-12)) + 1)
 
@@ -249,33 +214,7 @@ def movie_picture_times(times: np.ndarray, speed: float, fps: float) -> np.ndarr
 def interpolate_bed(
     run: Trajectory, numbers: Sequence[int], times: np.ndarray, bar: str | None = None
 ) -> Iterator[BedFrame]:
-    """Yield the bed at given times between the frames of a run.
-
-    Grains go between two frames on the cubic (Hermite) paths that have their positions and velocities
-    there; forces and velocities change evenly; a grain that is not in both frames is left out. The piston
-    is where it was recorded.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run, or one that was cut off.
-    numbers : sequence of int
-        Indices of the frames, increasing.
-    times : float64 (n,)
-        Times [s], increasing, within those frames.
-    bar : str, optional
-        Title of a progress bar, which is shown if this is given.
-
-    Yields
-    ------
-    BedFrame
-        The bed at each time, in SI.
-
-    Warns
-    -----
-    UserWarning
-        If frames lie so far apart that the paths between them are guesses.
-    """
+    """Yield the bed at given times between the frames of a run; times [s]."""
     frames = iterate_frames(run, numbers, bar)
     before = after = next(frames)
     heights = _RecordedPistonHeight(run)

@@ -31,18 +31,7 @@ LEFT, RIGHT, BOTTOM, TOP = 0.65, 1.75, 0.55, 0.4
 
 
 def wall_thickness_mm(scene: Scene) -> float:
-    """Thickness of the drawn walls and piston, a fraction of the cell's width.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of the picture.
-
-    Returns
-    -------
-    float
-        Thickness [mm].
-    """
+    """Thickness of the drawn walls and piston, a fraction of the cell's width [mm]."""
     return 0.018 * 1e3 * scene.cell.width
 
 
@@ -53,27 +42,9 @@ CURVE = 1.5
 def new_figure_to_scale(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
-    """Make a figure with axes in mm, to scale, that hold the bed, and axes next to them.
+    """Make a figure with axes in mm, to scale, that hold the bed, and axes next to them [mm].
 
-    The figure's width and height are even numbers of pixels at 120 an inch, as movies want them.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of the picture.
-    top : float
-        Height that the axes hold [m].
-    below : float
-        Space that is left free under the bed [inch].
-    widest : float
-        Greatest width of the bed [inch].
-
-    Returns
-    -------
-    figure : Figure
-        New figure.
-    bed, side : Axes
-        Axes of the bed [mm], and axes to its right for a legend or a colour bar.
+    top [m], below, widest [inch].
     """
     from matplotlib.figure import Figure
 
@@ -100,20 +71,7 @@ def new_figure_to_scale(
 
 
 def axes_below_bed(figure: Figure, bed: Axes) -> Axes:
-    """Add axes in the space that a figure has left free below the bed.
-
-    Parameters
-    ----------
-    figure : Figure
-        Figure of `new_figure_to_scale`.
-    bed : Axes
-        Axes of the bed.
-
-    Returns
-    -------
-    Axes
-        New axes, as wide as the bed.
-    """
+    """Add axes in the space that a figure has left free below the bed."""
     position = bed.get_position()
     tall = figure.get_figheight()
     return figure.add_axes((position.x0, BOTTOM / tall, position.width, (CURVE - 0.55) / tall))
@@ -122,14 +80,7 @@ def axes_below_bed(figure: Figure, bed: Axes) -> Axes:
 def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
     """Draw walls as solid slabs outside of the cell, and a side without a wall as a dotted line.
 
-    Parameters
-    ----------
-    axes : Axes
-        Axes of the bed [mm].
-    scene : Scene
-        Scene of the picture.
-    top : float
-        Height up to which the sides are drawn [m].
+    axes [mm], top [m].
     """
     from matplotlib.patches import Rectangle
 
@@ -184,13 +135,7 @@ class PistonHeightCurve:
         axes.tick_params(length=2.5, width=0.6, color=INK)
 
     def show_until(self, time: float) -> None:
-        """Mark the part of the curve up to a time, and the piston's height there.
-
-        Parameters
-        ----------
-        time : float
-            Time in the run [s].
-        """
+        """Mark the part of the curve up to a time, and the piston's height there; time [s]."""
         past = self._time <= time
         self._past.set_data(self._time[past], self._height[past])
         if past.any():
@@ -206,16 +151,7 @@ ENDS = (1.0, 99.0)
 
 
 class BedPicture:
-    """A figure of the bed, for one frame after the other.
-
-    With a time range [s] it has the piston's height over it below the bed, which is at most
-    ``widest`` wide [inch].
-
-    Attributes
-    ----------
-    figure : matplotlib Figure
-        Figure that is drawn on.
-    """
+    """A figure of the bed, for one frame after the other."""
 
     def __init__(
         self,
@@ -322,13 +258,7 @@ class BedPicture:
         bar.outline.set_linewidth(0.6)
 
     def show_frame(self, frame: BedFrame) -> None:
-        """Bring the picture up to date with a frame: grains, cells, piston and title.
-
-        Parameters
-        ----------
-        frame : BedFrame
-            The bed at one instant, in SI.
-        """
+        """Bring the picture up to date with a frame: grains, cells, piston and title."""
         from matplotlib.colors import to_rgba
 
         self._grains.set_offsets(1e3 * frame.position)
@@ -356,13 +286,7 @@ class BedPicture:
             self._curve.show_until(frame.time)
 
     def pixels(self) -> np.ndarray:
-        """Draw the picture to pixels.
-
-        Returns
-        -------
-        uint8 (height, width, 3)
-            Red, green and blue of each pixel, from 0 to 255.
-        """
+        """Draw the picture to pixels."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         canvas: Any = FigureCanvasAgg(self.figure)
@@ -399,48 +323,13 @@ class BedPicture:
 
 
 def colouring_input(run: Trajectory, with_cells: bool, frame: BedFrame) -> ColouringInput:
-    """Collect what colourings compute their values from.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run of the frame.
-    with_cells : bool
-        Whether Voronoi cells are made.
-    frame : BedFrame
-        The bed at one instant, in SI.
-
-    Returns
-    -------
-    ColouringInput
-        Frame, scene, species (k,) and Voronoi cells.
-    """
+    """Collect what colourings compute their values from."""
     cells = voronoi_cells(frame.position) if with_cells else None
     return ColouringInput(frame, run.scene, run.scene.grains.species_indices()[frame.grains], cells)
 
 
 def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> tuple[float, float]:
-    """Choose the ends of a continuous colour scale: fixed ones, or percentiles of the values in frames.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run of the frames.
-    colour : str
-        Name of the colouring.
-    frames : iterable of BedFrame
-        Frames that are shown.
-
-    Returns
-    -------
-    lowest, highest : float
-        Ends in the colouring's unit; 0 and 1 where nothing has a value, or the colours are classes.
-
-    Raises
-    ------
-    InputError
-        If there is no such colouring.
-    """
+    """Choose the ends of a continuous colour scale: fixed ones, or percentiles of the values in frames."""
     used = colouring_by_name(colour)
     if not used.map:
         return 0.0, 1.0
@@ -454,20 +343,7 @@ def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> t
 
 
 def highest_point_of_bed(run: Trajectory, frames: Iterable[BedFrame]) -> float:
-    """Height that holds the piston and the grains in all frames; that of a periodic cell.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run of the frames.
-    frames : iterable of BedFrame
-        Frames that are shown.
-
-    Returns
-    -------
-    float
-        Height [m].
-    """
+    """Height that holds the piston and the grains in all frames; that of a periodic cell [m]."""
     if run.scene.cell.height is not None:
         return run.scene.cell.height
     radius = run.scene.grains.diameters().max(initial=0.0) / 2.0

@@ -63,27 +63,7 @@ def still(
 
 
 def frame_index(run: Trajectory, frame: int = -1, time: float | None = None) -> int:
-    """Find the index of a frame by its number, or by the time next to it.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run, or one that was cut off.
-    frame : int
-        Number of the frame; negative ones count from the end.
-    time : float, optional
-        Time [s]; the frame nearest to it is taken, whatever ``frame`` is.
-
-    Returns
-    -------
-    int
-        Index from 0.
-
-    Raises
-    ------
-    InputError
-        If the run has no such frame, or does not reach the time.
-    """
+    """Find the index of a frame by its number, or by the time next to it; time [s]."""
     times = run.dataset["frame_time"].values
     if time is not None:
         if not (math.isfinite(time) and times[0] <= time <= times[-1]):

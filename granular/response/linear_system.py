@@ -23,23 +23,7 @@ from granular.scene.scene import Scene
 
 
 def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float]:
-    """Spring and dashpot of Den Hartog's tuned mass on the host's last body.
-
-    They leave an undamped host under a sine its least peak (Den Hartog, Mechanical Vibrations, 1956,
-    3.3); see the module's text.
-
-    Parameters
-    ----------
-    host : Host
-        With a last body on a spring.
-    mass : float
-        Tuned mass [kg].
-
-    Returns
-    -------
-    spring, dashpot : float
-        Stiffness [N/m], and damping [kg/s].
-    """
+    """Spring and dashpot of Den Hartog's tuned mass on the host's last body [N/m, kg/s]; mass [kg]."""
     body = host.bodies[-1]
     ratio = mass / body.mass
     omega = math.sqrt(body.stiffness / body.mass) / (1.0 + ratio)
@@ -50,26 +34,9 @@ def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float
 def dynamic_stiffness_of_hanging_mass(
     frequencies: Any, mass: float, spring: float, dashpot: float
 ) -> np.ndarray:
-    """Dynamic stiffness of a mass that hangs on a spring and a dashpot side by side.
+    """Dynamic stiffness of a mass that hangs on a spring and a dashpot side by side [N/m].
 
-    D = -omega^2 m (s + i omega d)/(s - omega^2 m + i omega d) (Den Hartog, Mechanical Vibrations, 1956,
-    3.3).
-
-    Parameters
-    ----------
-    frequencies : float (f,)
-        Frequencies omega/(2 pi) [Hz].
-    mass : float
-        Mass m [kg].
-    spring : float
-        Stiffness s [N/m].
-    dashpot : float
-        Damping d [kg/s].
-
-    Returns
-    -------
-    complex128 (f,)
-        Force over displacement of the point it hangs on [N/m].
+    frequencies [Hz], mass [kg], spring [N/m], dashpot [kg/s].
     """
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     if mass == 0.0:
@@ -79,25 +46,9 @@ def dynamic_stiffness_of_hanging_mass(
 
 
 def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> np.ndarray:
-    """Steady displacement of each body of a linear host over its base, for the host's sine.
+    """Steady displacement of each body of a linear host over its base, for the host's sine [m].
 
-    The equations of motion of the chain of bodies are solved for each frequency (Den Hartog, Mechanical
-    Vibrations, 1956, chapter 4). The phase is that of the force, or of the base's acceleration.
-
-    Parameters
-    ----------
-    host : Host
-        With an excitation, whose amplitude is taken and whose frequency is not.
-    frequencies : float64 (f,)
-        Frequencies [Hz].
-    attached : float64 or complex128 (f,)
-        Dynamic stiffness of what is fixed to the last body [N/m]; -omega^2 m of a mass m. Where the
-        base is shaken its inertia is taken for that of such a mass.
-
-    Returns
-    -------
-    complex128 (f, n)
-        Complex amplitude of each of the n bodies [m].
+    frequencies [Hz], attached [N/m].
     """
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     count, attached = len(host.bodies), np.broadcast_to(attached, omega.shape)
@@ -122,20 +73,7 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> np.nda
 
 
 def slowest_decay_rate(host: Host) -> float:
-    """Decay rate of the host's mode that rings longest; c/(2 M) of one weakly damped body.
-
-    It is minus the greatest real part of the eigenvalues of the equations of motion.
-
-    Parameters
-    ----------
-    host : Host
-        With bodies on springs and dashpots.
-
-    Returns
-    -------
-    float
-        Decay rate [1/s].
-    """
+    """Decay rate of the host's mode that rings longest; c/(2 M) of one weakly damped body [1/s]."""
     count = len(host.bodies)
     springs = _chain_stiffness_matrix([body.stiffness for body in host.bodies])
     dashpots = _chain_stiffness_matrix([body.damping for body in host.bodies])
@@ -159,18 +97,7 @@ def _chain_stiffness_matrix(held: Sequence[complex]) -> np.ndarray:
 
 
 def damper_mass(scene: Scene) -> float:
-    """Mass of the damper: grains, piston, and the free cell.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of the damper, with a host or without.
-
-    Returns
-    -------
-    float
-        Mass [kg]; without the piston where the host is fixed to it.
-    """
+    """Mass of the damper: grains, piston, and the free cell [kg]."""
     host, piston = scene.effects.host, scene.piston
     mass = float(scene.grains.masses().sum())
     if piston is not None and piston.mass is not None and (host is None or host.mount != "piston"):
@@ -179,22 +106,7 @@ def damper_mass(scene: Scene) -> float:
 
 
 def host_with_amplitude(host: Host, quantity: str, amplitude: float) -> Host:
-    """Copy a host with another amplitude of its excitation.
-
-    Parameters
-    ----------
-    host : Host
-        With an excitation.
-    quantity : str
-        ``"force"``, ``"acceleration"`` or ``"displacement"``.
-    amplitude : float
-        Amplitude [N], [m/s^2] or [m].
-
-    Returns
-    -------
-    Host
-        The same host under that amplitude.
-    """
+    """Copy a host with another amplitude of its excitation; amplitude [N, m/s^2, m]."""
     plain = host.to_plain()
     return Host.from_plain(plain | {"excitation": plain["excitation"] | {quantity: amplitude}})
 
@@ -207,33 +119,7 @@ def linear_host_comparison(
     frequencies: Sequence[float],
     swing: np.ndarray,
 ) -> dict[str, tuple[str, str, np.ndarray]]:
-    """Amplitudes of the host without damper and with the tuned mass, and the damper's equivalent values.
-
-    The equivalent values of the damper are those of the dynamic stiffness that would leave the host
-    the displacement that was measured; only a host of one body under a force has them.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of the damper.
-    host : Host
-        Its host, with an excitation.
-    quantity : str
-        ``"force"``, ``"acceleration"`` or ``"displacement"``.
-    amplitudes : sequence of float, s long
-        Amplitudes of the excitation [N], [m/s^2] or [m].
-    frequencies : sequence of float, f long
-        Frequencies [Hz].
-    swing : complex128 (s, f)
-        Complex amplitude of the last body with the damper [m], in the phase of the drive.
-
-    Returns
-    -------
-    dict of str to (str, str, float64 (s, f))
-        Unit, meaning and values of ``alone`` and ``ideal`` [m]; and where they are known of
-        ``effective_mass`` [kg], ``added_stiffness`` [N/m], ``added_damping`` [kg/s], ``taken_power``
-        [W] and ``loss_factor``.
-    """
+    """Amplitudes without damper and with tuned mass [m], and its values [kg, N/m, kg/s, W]."""
     omega, mass = math.tau * np.array(frequencies), damper_mass(scene)
     spring, dashpot = tuned_mass_spring_and_dashpot(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
     tuned = dynamic_stiffness_of_hanging_mass(frequencies, mass, spring, dashpot)

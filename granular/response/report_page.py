@@ -30,52 +30,21 @@ _DENSE = 60
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PageComparison:
-    """Prediction that is compared with a response, such as that of a law.
-
-    Attributes
-    ----------
-    title, words : str
-        Title and text of its section.
-    header : sequence of str
-        Heads of the columns of its table.
-    rows : sequence of sequence of str
-        Its table.
-    frequencies : float64 (f,)
-        Frequencies of the curves [Hz].
-    curves : mapping of str to mapping of float to float64 (f,)
-        Displacements [m] by the name of the curve and the amplitude; at most three names.
-    notes : sequence of str
-        Important notes.
-    """
+    """Prediction that is compared with a response, such as that of a law."""
 
     title: str
     words: str
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
-    frequencies: np.ndarray
-    curves: Mapping[str, Mapping[float, np.ndarray]]
+    frequencies: np.ndarray  # frequencies of the curves [Hz]
+    curves: Mapping[str, Mapping[float, np.ndarray]]  # [m]
     notes: Sequence[str] = ()
 
 
 def response_page(
     response: FrequencyResponse, comparison: PageComparison | None = None, missing: str = ""
 ) -> HtmlPage:
-    """Report of a response as an HTML page: the curves, the peaks, the damper's part and the settings.
-
-    Parameters
-    ----------
-    response : FrequencyResponse
-        Measured response.
-    comparison : PageComparison, optional
-        Prediction that is drawn and tabulated with it.
-    missing : str
-        Note that says why there is nothing to compare with, where there could be.
-
-    Returns
-    -------
-    HtmlPage
-        Page, which is not yet written.
-    """
+    """Report of a response as an HTML page: the curves, the peaks, the damper's part and the settings."""
     page = HtmlPage(f"The response of scene {response.scene.name!r}", peak_summary_sentence(response))
     _add_curves(page, response, comparison)
     _add_peak_table(page, response)
@@ -98,18 +67,7 @@ def response_page(
 
 
 def peak_summary_sentence(response: FrequencyResponse) -> str:
-    """Say the peak at the greatest amplitude, with the damper and without, in one sentence.
-
-    Parameters
-    ----------
-    response : FrequencyResponse
-        Measured response.
-
-    Returns
-    -------
-    str
-        Sentence, with displacements in millimetres and the frequency in hertz.
-    """
+    """Say the peak at the greatest amplitude, with the damper and without, in one sentence."""
     row = max(response.peaks(), key=lambda peak: peak["amplitude"])
     words = (
         f"{amplitude_phrase(response, row['amplitude'])}: {_format_in_mm(row['peak'])} mm at most, at "
@@ -206,15 +164,7 @@ def _add_peak_table(page: HtmlPage, response: FrequencyResponse) -> None:
 
 
 def add_steadiness_notes(page: HtmlPage, response: FrequencyResponse) -> None:
-    """Add notes on swings that are not steady, and on a sweep that was too fast, to a page.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Page that the notes are added to.
-    response : FrequencyResponse
-        Measured response.
-    """
+    """Add notes on swings that are not steady, and on a sweep that was too fast, to a page."""
     data = response.dataset
     rate = sweep_rate_at_peak(response)
     if rate is not None and rate > MAX_SWEEP_RATE:
@@ -271,15 +221,7 @@ LOSSES = {
 
 
 def add_damper_section(page: HtmlPage, response: FrequencyResponse) -> None:
-    """Add tables and pictures of what the damper is to the machine, over frequency and displacement.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Page that the section is added to.
-    response : FrequencyResponse
-        Measured response.
-    """
+    """Add tables and pictures of what the damper is to the machine, over frequency and displacement."""
     page.add_section("The swings, and what the damper is to the machine")
     data = response.dataset
     if "added_damping" in data:
@@ -347,15 +289,7 @@ def _format_table_number(value: float, digits: int) -> str:
 
 
 def add_energy_section(page: HtmlPage, response: FrequencyResponse) -> None:
-    """Add tables of the energies that are taken in a period, at each amplitude, to a page.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Page that the section is added to.
-    response : FrequencyResponse
-        Measured response; nothing is added where it has no energies.
-    """
+    """Add tables of the energies that are taken in a period, at each amplitude, to a page."""
     if "work_a_period" not in response.dataset:
         return
     page.add_section("Where the energy of a period goes")
@@ -382,19 +316,7 @@ def add_energy_section(page: HtmlPage, response: FrequencyResponse) -> None:
 
 
 def energy_losses_per_period(part: xarray.Dataset) -> dict[str, np.ndarray]:
-    """Energies that each cause takes in a period of the drive.
-
-    Parameters
-    ----------
-    part : xarray.Dataset
-        Response at one amplitude, on ``frequency`` [Hz].
-
-    Returns
-    -------
-    dict of str to float64 (f,)
-        Energy at each frequency [J], by the cause's name in words; causes that take nothing are left
-        out.
-    """
+    """Energies that each cause takes in a period of the drive [J]; part [Hz]."""
     values = {str(name): column.values for name, column in part.data_vars.items()}
     if "affine_loss_a_period" in values and "drag_loss_a_period" in values:
         values["rearranging"] = values["drag_loss_a_period"] - values["affine_loss_a_period"]
@@ -415,20 +337,7 @@ _NAMES = {
 
 
 def amplitude_header_and_scale(response: FrequencyResponse) -> tuple[str, float]:
-    """Head of the tables' column of amplitudes, and the factor of its numbers.
-
-    Parameters
-    ----------
-    response : FrequencyResponse
-        Measured response, under a force or on a moving base.
-
-    Returns
-    -------
-    header : str
-        Name of the excitation with its unit, such as ``"base [mm]"``.
-    scale : float
-        Factor from SI to that unit.
-    """
+    """Head of the tables' column of amplitudes, and the factor of its numbers [mm]."""
     head, _, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
     return head, scale
 
@@ -436,52 +345,21 @@ def amplitude_header_and_scale(response: FrequencyResponse) -> tuple[str, float]
 def amplitude_phrase(response: FrequencyResponse, amplitude: float) -> str:
     """Phrase that tells an amplitude at the head of a sentence, such as "Under 5 N".
 
-    Parameters
-    ----------
-    response : FrequencyResponse
-        Measured response, under a force or on a moving base.
-    amplitude : float
-        Amplitude [N], [m/s^2] or [m].
-
-    Returns
-    -------
-    str
-        Phrase with a capital, without a stop.
+    amplitude [N, m/s^2, m].
     """
     _, words, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
     return words.format(size=scale * amplitude)
 
 
 def table_frequency_count(response: FrequencyResponse) -> int:
-    """Count the frequencies that the page's tables show, `MOST_ROWS` at most.
-
-    Parameters
-    ----------
-    response : FrequencyResponse
-        Measured response.
-
-    Returns
-    -------
-    int
-        Rows of a table.
-    """
+    """Count the frequencies that the page's tables show, `MOST_ROWS` at most."""
     return min(response.dataset.sizes["frequency"], MOST_ROWS)
 
 
 def response_at_table_frequencies(response: FrequencyResponse, amplitude: float) -> xarray.Dataset:
-    """Response at one amplitude, at the frequencies that tables show; its peak is one of them.
+    """Response at one amplitude, at the frequencies that tables show; its peak is one of them [Hz].
 
-    Parameters
-    ----------
-    response : FrequencyResponse
-        Measured response.
-    amplitude : float
-        Amplitude [N], [m/s^2] or [m], one of the response's.
-
-    Returns
-    -------
-    xarray.Dataset
-        Fields of the response on ``frequency`` [Hz].
+    amplitude [N, m/s^2, m].
     """
     part = response.dataset.sel(amplitude=amplitude)
     count = part.sizes["frequency"]

@@ -41,27 +41,11 @@ AMPLITUDES = ("force", "acceleration", "displacement")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """A host's response to sines.
-
-    Attributes
-    ----------
-    scene : Scene
-        Scene of the damper and its host.
-    dataset : xarray.Dataset
-        On ``amplitude`` (of the force or the base) and ``frequency`` [Hz], in SI: ``displacement``
-        of the last body (of the load, where the cell stands on the base), ``alone`` without damper
-        and ``ideal`` with Den Hartog's tuned mass of the damper's weight; ``stroke`` of the piston
-        over the cell; ``effective_mass``, ``added_damping``, ``added_stiffness`` and
-        ``loss_factor`` of the damper; ``transmissibility``; energies taken in a period;
-        ``unsteady``.
-    settings : dict
-        Settings of the simulation: ``dt``, ``duration`` [s], and ``sweep``, the first and last
-        frequency [Hz], where one sweep gave it.
-    """
+    """A host's response to sines."""
 
     scene: Scene
-    dataset: xarray.Dataset
-    settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    dataset: xarray.Dataset  # [Hz]
+    settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # [s, Hz]
 
     @property
     def peak(self) -> float:
@@ -69,15 +53,7 @@ class FrequencyResponse:
         return float(self.dataset.displacement.max())
 
     def peaks(self) -> list[dict[str, float]]:
-        """List the peak of each amplitude, with the damper, without it, and with the tuned mass.
-
-        Returns
-        -------
-        list of dict of str to float
-            ``amplitude`` [N], [m/s^2] or [m], ``frequency`` [Hz] and ``peak`` [m]; and where they are known
-            ``alone`` and ``ideal`` [m], ``reduction`` (alone over peak) and ``over_ideal`` (peak over
-            ideal).
-        """
+        """List the peaks [m] and their frequencies [Hz] with the damper, without it, with the tuned mass."""
         result = []
         for value in self.dataset.amplitude.values:
             part = self.dataset.sel(amplitude=value)
@@ -93,18 +69,7 @@ class FrequencyResponse:
         return result
 
     def linear_curves(self, amplitude: float) -> dict[str, np.ndarray]:
-        """Exact amplitudes of the host alone and with Den Hartog's tuned mass, at `DENSE` frequencies.
-
-        Parameters
-        ----------
-        amplitude : float
-            Amplitude of the excitation [N], [m/s^2] or [m].
-
-        Returns
-        -------
-        dict of str to float64 (DENSE,)
-            ``frequency`` [Hz] within the measured ones, ``alone`` and ``ideal`` [m].
-        """
+        """Exact amplitudes [m] of the host alone and with the tuned mass, at `DENSE` frequencies [Hz]."""
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
         host = host_with_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), amplitude)
@@ -125,18 +90,7 @@ class FrequencyResponse:
         return align_columns([head, *(tuple(f"{row[key]:.4g}" for key in head) for row in rows)])
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacement [mm] over the frequency [Hz], with and without the damper.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Axes to draw on; new ones if not given.
-
-        Returns
-        -------
-        Axes
-            Axes that hold the drawing.
-        """
+        """Draw the displacement [mm] over the frequency [Hz], with and without the damper."""
         from granular.shared.plotting import axes_or_new, line_style
 
         ax = axes_or_new(ax)
@@ -306,21 +260,7 @@ def response_dataset(
 ) -> xarray.Dataset:
     """Put fields of a response into one dataset, with units and meanings.
 
-    Parameters
-    ----------
-    quantity : str
-        ``"force"``, ``"acceleration"`` or ``"displacement"``: what the amplitudes are of.
-    amplitudes : sequence of float, s long
-        Amplitudes [N], [m/s^2] or [m].
-    frequencies : sequence of float, f long
-        Frequencies [Hz].
-    fields : mapping of str to (str, str, float64 (s, f))
-        Unit, meaning and values of each field.
-
-    Returns
-    -------
-    xarray.Dataset
-        Fields on (``amplitude``, ``frequency``).
+    amplitudes [N, m/s^2, m], frequencies [Hz].
     """
     import xarray
 

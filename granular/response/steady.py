@@ -24,21 +24,7 @@ LEAST_PERIODS = 4
 def complex_amplitude(time: np.ndarray, values: np.ndarray, frequency: float) -> complex:
     """Complex amplitude A of a signal Im(A exp(i omega t)) + constant + slope t, by least squares.
 
-    With the frequency known the fit is linear, as the three-parameter sine fit of IEEE Std 1057.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times t [s].
-    values : float64 (n,)
-        Signal, in any unit.
-    frequency : float
-        omega/(2 pi) [Hz].
-
-    Returns
-    -------
-    complex
-        Amplitude in the unit of the signal; its angle is the phase of the sine.
+    time [s], frequency [Hz].
     """
     omega = math.tau * frequency
     moment = time - time.mean()
@@ -48,19 +34,9 @@ def complex_amplitude(time: np.ndarray, values: np.ndarray, frequency: float) ->
 
 
 def last_whole_periods(start: float, end: float, frequency: float) -> tuple[float, float]:
-    """Range of the last whole periods within the last `FRACTION` of a drive.
+    """Range of the last whole periods within the last `FRACTION` of a drive [s].
 
-    Parameters
-    ----------
-    start, end : float
-        Times at which the drive begins and ends [s].
-    frequency : float
-        Frequency of the drive [Hz].
-
-    Returns
-    -------
-    first, last : float
-        Times of the range [s], of at least `LEAST_PERIODS` periods where the drive is as long.
+    start, end [s], frequency [Hz].
     """
     count = max(math.floor(FRACTION * (end - start) * frequency), LEAST_PERIODS)
     return max(start, end - count / frequency), end
@@ -68,25 +44,7 @@ def last_whole_periods(start: float, end: float, frequency: float) -> tuple[floa
 
 @keep_measure_name("granular.response.steady:steady_figures#88116dfe")
 def steady_figures(run: Trajectory) -> Mapping[str, Any]:
-    """Amplitudes, energies and steadiness at the end of a run whose host is shaken by a sine.
-
-    The amplitudes are fitted by least squares over the last whole periods; see `complex_amplitude`.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run of a host under a sine.
-
-    Returns
-    -------
-    dict of str to float
-        In SI. ``real`` and ``imaginary`` part of the displacement [m] of the last body (of the load on
-        the piston where the cell stands on the base), and ``stroke_real`` and ``stroke_imaginary`` of
-        the piston over the cell [m], with the phase of the drive; ``greatest``, half the range of the
-        displacement [m]; ``unsteady``, by how much the amplitudes of both halves of the time differ,
-        over their mean; energies taken in a period [J], with names that end in ``_a_period``;
-        ``last``, the time from which on these are taken [s].
-    """
+    """Amplitudes, energies and steadiness at the end of a run whose host is shaken by a sine [m, J, s]."""
     host, data = run.scene.effects.host, run.dataset
     assert host is not None
     assert host.excitation is not None
@@ -186,31 +144,7 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
 def swept_amplitudes(
     time: np.ndarray, values: list[np.ndarray], sweep: tuple[float, float, float], points: int
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Complex amplitudes of signals while an exponential sweep passes, by least squares about each moment.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Time since the beginning of the sweep [s].
-    values : list of float64 (n,)
-        Signals, each in any unit.
-    sweep : (float, float, float)
-        First and last frequency [Hz], and duration [s].
-    points : int
-        Number of moments p.
-
-    Returns
-    -------
-    frequencies : float64 (p,)
-        Frequency of the drive at each moment [Hz].
-    amplitudes : list of complex128 (p,)
-        Amplitude of each signal, in its unit and in the phase of the drive.
-
-    Raises
-    ------
-    InputError
-        If ``points`` is below 2, or the run holds less than `PERIODS` periods of the sweep.
-    """
+    """Complex amplitudes in an exponential sweep by local least squares; time [s], sweep [Hz, Hz, s]."""
     low, high, length = sweep
     if points < 2:
         raise InputError(f"points = {points}; give at least 2")

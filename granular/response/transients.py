@@ -104,25 +104,7 @@ def run_frequency_sweep(
 
 
 def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyResponse:
-    """Response of a host, read off a run under a frequency sweep; see `swept_response`.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run whose host is shaken by a sweep.
-    points : int
-        Number of frequencies of the result.
-
-    Returns
-    -------
-    FrequencyResponse
-        Amplitudes [m] and phases [rad] over the frequency [Hz].
-
-    Raises
-    ------
-    InputError
-        If the host is not shaken by a sweep, or the run is too short for one point.
-    """
+    """Response of a host, read off a run under a frequency sweep; see `swept_response` [m, rad, Hz]."""
     data = swept_response(run, points)
     host = run.scene.effects.host
     assert host is not None
@@ -144,22 +126,7 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyRespons
 
 
 def sweep_rate_at_peak(response: FrequencyResponse) -> float | None:
-    """Rate f' at which a sweep passed its peak, over delta^2/(2 pi), which should be far below 1.
-
-    delta is the decay rate of the host with the mass and the damping that the damper had for it at
-    the peak.
-
-    Parameters
-    ----------
-    response : FrequencyResponse
-        Response of `run_frequency_sweep`.
-
-    Returns
-    -------
-    float or None
-        Rate without unit; None where mass and damping are not known (a shaken base, several bodies), do
-        not damp, or no sweep was run.
-    """
+    """Rate f' at which a sweep passed its peak, over delta^2/(2 pi), which should be far below 1."""
     host, data = response.scene.effects.host, response.dataset
     if host is None or "sweep" not in response.settings or "added_damping" not in data:
         return None
@@ -175,34 +142,17 @@ def sweep_rate_at_peak(response: FrequencyResponse) -> float | None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ImpulseResponse:
-    """Swing of a host after an impulse, and its settling time.
-
-    Attributes
-    ----------
-    scene : Scene
-        Scene of the damper and its host, with the impulse.
-    time : float64 (n,)
-        Since the end of the impulse [s].
-    displacement : float64 (n,)
-        Displacement of the last body from rest [m].
-    fraction : float
-        Fraction of its peak below which it stays from ``settling_time`` on.
-    settling_time : float
-        Time from the impulse's end until the displacement stays within that fraction [s].
-    """
+    """Swing of a host after an impulse, and its settling time."""
 
     scene: Scene
-    time: np.ndarray
-    displacement: np.ndarray
+    time: np.ndarray  # since the end of the impulse [s]
+    displacement: np.ndarray  # displacement of the last body from rest [m]
     fraction: float
-    settling_time: float
+    settling_time: float  # [s]
 
     @property
     def settling_time_without_damper(self) -> float:
-        """Time that the host would take without the damper, ln(1/fraction)/delta, float [s].
-
-        delta is the decay rate of its slowest mode; infinite where nothing damps the host.
-        """
+        """Time that the host would take without the damper, ln(1/fraction)/delta, float [s]."""
         host = self.scene.effects.host
         assert host is not None
         delta = slowest_decay_rate(host)
@@ -232,18 +182,7 @@ class ImpulseResponse:
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacement [mm] over the time [s], and the fraction of its peak that settling means.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Axes to draw on; new ones if not given.
-
-        Returns
-        -------
-        Axes
-            Axes that hold the drawing.
-        """
+        """Draw the displacement [mm] over the time [s], and the fraction of its peak that settling means."""
         from granular.shared.plotting import COLOURS, GREY, axes_or_new
 
         ax = axes_or_new(ax)
@@ -415,31 +354,9 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
 def settling_time_of_samples(
     time: np.ndarray, displacement: np.ndarray, impulse_end: float, fraction: float
 ) -> float:
-    """Time from the end of an impulse until a displacement stays within a fraction of its peak.
+    """Time from the end of an impulse until a displacement stays within a fraction of its peak [s].
 
-    See `settling_time`.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times [s], increasing.
-    displacement : float64 (n,)
-        Displacement from rest [m].
-    impulse_end : float
-        Time at which the impulse ends [s].
-    fraction : float
-        Fraction of the peak, above 0 and below 1.
-
-    Returns
-    -------
-    float
-        Settling time [s].
-
-    Raises
-    ------
-    InputError
-        If the fraction is no fraction, the samples end before the impulse, or the displacement is still
-        wider at their end.
+    time, impulse_end [s], displacement [m].
     """
     check_peak_fraction(fraction)
     behind = time >= impulse_end
@@ -457,17 +374,6 @@ def settling_time_of_samples(
 
 
 def check_peak_fraction(fraction: float) -> None:
-    """Refuse a number that is no fraction of the peak.
-
-    Parameters
-    ----------
-    fraction : float
-        Fraction, without unit.
-
-    Raises
-    ------
-    InputError
-        If it is not above 0 and below 1.
-    """
+    """Refuse a number that is no fraction of the peak."""
     if not 0.0 < fraction < 1.0:
         raise InputError(f"fraction = {fraction:g} must be above 0 and below 1; give 0.1 for a tenth")

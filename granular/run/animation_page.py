@@ -27,27 +27,7 @@ HEIGHT = 640
 def run_animation_page(
     scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, float]]
 ) -> InteractivePage:
-    """Make an interactive page that shows a run in motion: bed, piston curve and phase plane.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that was run.
-    data : xarray.Dataset
-        Data of the run in SI; of many frames some are shown.
-    stages : sequence of (str, float)
-        Name and start [s] of each stage.
-
-    Returns
-    -------
-    InteractivePage
-        Page that needs nothing else.
-
-    Raises
-    ------
-    InputError
-        If the run has no frames.
-    """
+    """Make an interactive page that shows a run in motion: bed, piston curve and phase plane; stages [s]."""
     frames, grains = data.sizes["frame"], data.sizes["grain"]
     if not frames:
         raise InputError("the run has no frames; run it for longer, or lower output.frames")

@@ -36,17 +36,7 @@ _SEAL = 64  # characters of a SHA-256 in hexadecimal
 
 @dataclasses.dataclass(frozen=True)
 class Manifest:
-    """Digests of a run directory: which file, and which chunk of which array, stands where.
-
-    Attributes
-    ----------
-    files : dict of str to str
-        Digest of each file that stays as it was first written, but for the length of an array.
-    lengths : dict of str to int
-        Records and frames that are complete, by dimension.
-    chunks : dict of str to list of str
-        Digest of the values in each chunk of an array, as far as they are complete.
-    """
+    """Digests of a run directory: which file, and which chunk of which array, stands where."""
 
     files: dict[str, str]
     lengths: dict[str, int]
@@ -54,17 +44,7 @@ class Manifest:
 
 
 def write_checkpoint(path: Path, mapping: Mapping[str, Any], manifest: Manifest) -> None:
-    """Replace the checkpoint of a run directory atomically.
-
-    Parameters
-    ----------
-    path : Path
-        Run directory.
-    mapping : mapping of str to array
-        Arrays of the checkpoint, in natural units.
-    manifest : Manifest
-        Digests of the directory's files and chunks.
-    """
+    """Replace the checkpoint of a run directory atomically."""
     plain = json.dumps(dataclasses.asdict(manifest)).encode()
     archive = io.BytesIO()
     np.savez(archive, **{**mapping, MANIFEST: np.array(plain)})
@@ -75,23 +55,7 @@ def write_checkpoint(path: Path, mapping: Mapping[str, Any], manifest: Manifest)
 
 
 def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
-    """Read the checkpoint of a run directory, and the manifest in it.
-
-    Parameters
-    ----------
-    path : Path
-        Run directory.
-
-    Returns
-    -------
-    tuple of dict and Manifest
-        Arrays by name, in natural units, and the digests of files and chunks.
-
-    Raises
-    ------
-    StoreError
-        If there is none, it cannot be read, or it is not what the run wrote.
-    """
+    """Read the checkpoint of a run directory, and the manifest in it."""
     file = path / CHECKPOINT
     if not is_run_directory(path):
         raise StoreError(f"{path} holds no run; give the directory that a run wrote")
@@ -113,42 +77,13 @@ def _seal_digest(content: bytes) -> bytes:
 
 
 def digest_files(path: Path) -> dict[str, str]:
-    """Compute the digests of all files of a run directory that holds no records yet.
-
-    Parameters
-    ----------
-    path : Path
-        Run directory.
-
-    Returns
-    -------
-    dict of str to str
-        SHA-256 of each file, in hexadecimal digits, by its path in the directory.
-    """
+    """Compute the digests of all files of a run directory that holds no records yet."""
     files = {file.relative_to(path).as_posix(): file for file in path.rglob("*") if file.is_file()}
     return {name: _digest_without_length(name, file.read_bytes()) for name, file in files.items()}
 
 
 def read_verified_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
-    """Read the files that stay as they were first written, and compare their digests.
-
-    Parameters
-    ----------
-    path : Path
-        Run directory.
-    manifest : Manifest
-        Digests of its files.
-
-    Returns
-    -------
-    dict of str to bytes
-        Content of each file, by its path in the directory.
-
-    Raises
-    ------
-    StoreError
-        If one is missing, cannot be read, or is not what the run wrote.
-    """
+    """Read the files that stay as they were first written, and compare their digests."""
     contents = {name: read_run_file(path / name) for name in manifest.files}
     for name, content in contents.items():
         if _digest_without_length(name, content) != manifest.files[name]:
@@ -157,23 +92,7 @@ def read_verified_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
 
 
 def read_run_file(file: Path) -> bytes:
-    """Read a file of a run directory.
-
-    Parameters
-    ----------
-    file : Path
-        Path of the file.
-
-    Returns
-    -------
-    bytes
-        Its content.
-
-    Raises
-    ------
-    StoreError
-        If it is missing or cannot be read.
-    """
+    """Read a file of a run directory."""
     try:
         if not stat.S_ISREG(file.stat().st_mode):  # a pipe may never end
             raise StoreError(f"{file} is no file; {REMEDY}")

@@ -17,16 +17,7 @@ from granular.schema.natural_units import Scales
 
 @dataclasses.dataclass(frozen=True)
 class DatasetVariable:
-    """One variable of the dataset.
-
-    Attributes
-    ----------
-    column : str
-        Column of the records it comes from, or several with " + " between them; empty for grain
-        fields.
-    scale : str
-        The natural unit it is multiplied by (an attribute of `Scales`); empty for none.
-    """
+    """One variable of the dataset."""
 
     name: str
     unit: str
@@ -79,18 +70,7 @@ FRAME_HEIGHT = DatasetVariable(
 
 
 def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """Scalar variables of a scene's records: those of the effects and parts that it has.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to run.
-
-    Returns
-    -------
-    tuple of DatasetVariable
-        Variables on time, in the order in which they are recorded.
-    """
+    """Scalar variables of a scene's records: those of the effects and parts that it has."""
     effects = scene.effects
     laws = list(enumerate(effects.in_loop_order))
     chosen: list[DatasetVariable] = []
@@ -138,52 +118,19 @@ def _record_variable(
 
 
 def grain_field_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """Variables of each grain in the frames of a scene's runs.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to run.
-
-    Returns
-    -------
-    tuple of DatasetVariable
-        Positions, velocities, forces, and what the effects add.
-    """
+    """Variables of each grain in the frames of a scene's runs."""
     brought = (record for effect in scene.effects.in_loop_order for record in effect.grain_records)
     return (*GRAIN_FIELDS, *(_record_variable(column, "", ("frame", "grain")) for column in brought))
 
 
 def all_run_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """Variables of a scene's runs, in the order in which they are recorded.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to run.
-
-    Returns
-    -------
-    tuple of DatasetVariable
-        Variables on time, then variables on frames.
-    """
+    """Variables of a scene's runs, in the order in which they are recorded."""
     scalars = (TIME, *scalar_variables(scene), STAGE)
     return (*scalars, FRAME_TIME, FRAME_HEIGHT, *grain_field_variables(scene))
 
 
 def record_column_names(scene: Scene) -> tuple[str, ...]:
-    """Names of the columns of a scene's records, as the compiled loop fills them.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to run.
-
-    Returns
-    -------
-    tuple of str
-        Name of each column.
-    """
+    """Names of the columns of a scene's records, as the compiled loop fills them."""
     laws = scene.effects.in_loop_order
     return column_names_for_laws(len(laws), sum(len(law.extra_records) for law in laws))
 
@@ -191,24 +138,7 @@ def record_column_names(scene: Scene) -> tuple[str, ...]:
 def column_in_si(
     variable: DatasetVariable, rows: np.ndarray, columns: tuple[str, ...], scales: Scales
 ) -> np.ndarray:
-    """Convert a variable from the columns of the records to SI.
-
-    Parameters
-    ----------
-    variable : DatasetVariable
-        Scalar variable; the sum of several columns, where it names them.
-    rows : float64 (r, columns)
-        Records in natural units.
-    columns : tuple of str
-        Names of the columns.
-    scales : Scales
-        Natural units in SI.
-
-    Returns
-    -------
-    float64 (r,)
-        Values in the variable's SI unit.
-    """
+    """Convert a variable from the columns of the records to SI."""
     first, *others = (rows[:, columns.index(word)] for word in variable.column.split(" + "))
     values = sum(others, start=first)
     return values * getattr(scales, variable.scale) if variable.scale else values

@@ -15,27 +15,7 @@ from granular.run.zarr_arrays import ZarrArray, ZarrMetadata
 
 
 def open_lazy_dataset(path: Path, metadata: ZarrMetadata, manifest: Manifest) -> xarray.Dataset:
-    """Open the complete part of a run's arrays, whose chunks are read on access.
-
-    Parameters
-    ----------
-    path : Path
-        Run directory.
-    metadata : ZarrMetadata
-        Descriptions of the arrays.
-    manifest : Manifest
-        Numbers of complete records and frames, and the digests of the chunks.
-
-    Returns
-    -------
-    xarray.Dataset
-        Variables in SI on ``time`` (r,) or ``frame`` (f, ...).
-
-    Raises
-    ------
-    StoreError
-        If a chunk is missing or not what the run wrote: now, or when its values are read.
-    """
+    """Open the complete part of a run's arrays, whose chunks are read on access."""
     arrays = [ZarrArray(path, name, plain) for name, plain in sorted(metadata.arrays.items())]
     return xarray.Dataset(
         {

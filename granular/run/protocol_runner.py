@@ -114,13 +114,7 @@ class ProtocolRunner(RunState):
     # Advancing ---------------------------------------------------------------------------------
 
     def advance(self) -> None:
-        """One call of the compiled loop, and the bookkeeping after it.
-
-        Raises
-        ------
-        RunError
-            If the run cannot be trusted any more.
-        """
+        """One call of the compiled loop, and the bookkeeping after it."""
         progress = self.progress
         if not progress.started:
             self.begin_stage()
@@ -222,20 +216,7 @@ class ProtocolRunner(RunState):
         self._record_rows(rows)
 
     def finish_last_partial_tick(self) -> float:
-        """Run the part of a tick before ``t_end``, and take a last frame.
-
-        A snapshot to resume from is taken before this.
-
-        Returns
-        -------
-        float
-            Time that was reached [tau].
-
-        Raises
-        ------
-        RunError
-            If the run cannot be trusted any more.
-        """
+        """Run the part of a tick before ``t_end``, and take a last frame [tau]."""
         if self.is_protocol_finished or not self.progress.started:
             return self.progress.start
         left = self.t_end - self.present_time
@@ -291,18 +272,7 @@ class ProtocolRunner(RunState):
         }
 
     def stage_results(self, until: float) -> list[dict[str, Any]]:
-        """Results of the finished stages, and of the present one, cut at a time.
-
-        Parameters
-        ----------
-        until : float
-            Time at which the present stage is cut [tau].
-
-        Returns
-        -------
-        list of dict
-            Fields of a `granular.run.trajectory.StageResult` for each stage, in SI.
-        """
+        """Results of the finished stages, and of the present one, cut at a time; until [tau]."""
         if not self.progress.started:
             return list(self.progress.results)
         cut = self._stage_result("cut", until, float(self.state.piston[HEIGHT]), 0.0)

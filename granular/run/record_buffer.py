@@ -29,10 +29,7 @@ from granular.schema.natural_units import Scales
 
 @dataclasses.dataclass
 class RecordBuffer:
-    """Records and frames in natural units, in the order of time.
-
-    A grain that has left the cell has no position: its fields are NaN.
-    """
+    """Records and frames in natural units, in the order of time."""
 
     count: int
     effects: tuple[Effect, ...] = ()
@@ -41,30 +38,12 @@ class RecordBuffer:
     frames: list[dict[str, np.ndarray]] = dataclasses.field(default_factory=list)
 
     def add_records(self, rows: np.ndarray, stage: int) -> None:
-        """Append records of one stage.
-
-        Parameters
-        ----------
-        rows : float64 (r, columns)
-            Records in natural units, which are copied.
-        stage : int
-            Index of the stage in the protocol.
-        """
+        """Append records of one stage."""
         self.rows.append(rows.copy())
         self.stages.append(np.full(len(rows), stage, dtype=np.int64))
 
     def add_frame(self, time: float, state: State, constants: Constants) -> None:
-        """Append a frame: positions, velocities, forces and the effects' values of all grains.
-
-        Parameters
-        ----------
-        time : float
-            Time of the frame [tau].
-        state : State
-            State of the run, in natural units.
-        constants : Constants
-            Constants of the run, with the number of grains that are in the cell.
-        """
+        """Append a frame: positions, velocities, forces and the effects' values of all grains; time [tau]."""
         frame = {
             "frame_time": np.array(time),
             "frame_height": state.piston[HEIGHT].copy(),
@@ -92,20 +71,7 @@ class RecordBuffer:
             buffer.clear()
 
     def variables_in_si(self, scene: Scene, scales: Scales) -> Iterator[tuple[DatasetVariable, np.ndarray]]:
-        """Iterate over the scene's variables, with all values that are held converted to SI.
-
-        Parameters
-        ----------
-        scene : Scene
-            Scene that is run.
-        scales : Scales
-            Natural units in SI.
-
-        Yields
-        ------
-        tuple of DatasetVariable and array
-            Variable and its values, (r,) on time or (f, ...) on frames.
-        """
+        """Iterate over the scene's variables, with all values that are held converted to SI."""
         rows, stages = self.all_records()
         columns = record_column_names(scene)
         for variable in (TIME, *scalar_variables(scene)):
@@ -127,20 +93,7 @@ class RecordBuffer:
         )
 
     def stack_frames(self, name: str, dims: tuple[str, ...]) -> np.ndarray:
-        """Join one field of all frames.
-
-        Parameters
-        ----------
-        name : str
-            Name of the field.
-        dims : tuple of str
-            Its dimensions, ``"frame"`` first.
-
-        Returns
-        -------
-        float64 (f, ...)
-            Values in natural units: (f,), (f, n) or (f, n, 2).
-        """
+        """Join one field of all frames."""
         shape = {"grain": self.count, "axis": 2}
         rest = tuple(shape[dim] for dim in dims[1:])
         return np.array([frame[name] for frame in self.frames]).reshape(len(self.frames), *rest)

@@ -22,26 +22,7 @@ KNOWN = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT + PART}
 
 
 def lock_directory(path: Path) -> int | None:
-    """Lock a directory, so that no other process writes to it.
-
-    The lock is the directory's, whatever its name becomes, and ends with the process. None where
-    the file system has no locks.
-
-    Parameters
-    ----------
-    path : Path
-        Directory, which exists.
-
-    Returns
-    -------
-    int or None
-        File descriptor for `unlock_directory`; None where the file system has no locks.
-
-    Raises
-    ------
-    StoreError
-        If another process writes there.
-    """
+    """Lock a directory, so that no other process writes to it."""
     if not HAS_LOCKS:
         return None
     lock_descriptor = os.open(path, os.O_RDONLY)
@@ -57,35 +38,13 @@ def lock_directory(path: Path) -> int | None:
 
 
 def unlock_directory(lock_descriptor: int | None) -> None:
-    """Unlock a directory, so that others may write to it.
-
-    Parameters
-    ----------
-    lock_descriptor : int or None
-        File descriptor of `lock_directory`; nothing is done for None.
-    """
+    """Unlock a directory, so that others may write to it."""
     if lock_descriptor is not None:
         os.close(lock_descriptor)
 
 
 def create_partial_directory(path: Path) -> tuple[Path, int | None]:
-    """Make an empty, locked directory next to a run's path, to be moved there by `move_to_final_path`.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the run directory, which is empty or does not exist.
-
-    Returns
-    -------
-    tuple of Path and int or None
-        The directory, and the descriptor that holds its lock.
-
-    Raises
-    ------
-    StoreError
-        If the path is not empty, or nothing can be made there.
-    """
+    """Make an empty, locked directory next to a run's path, to be moved there by `move_to_final_path`."""
     try:
         target = _resolve_links(path)
         if target.is_symlink() or (target.exists() and not target.is_dir()):
@@ -111,20 +70,7 @@ def create_partial_directory(path: Path) -> tuple[Path, int | None]:
 
 
 def move_to_final_path(part: Path, path: Path) -> None:
-    """Move a complete run directory to its path, in one step.
-
-    Parameters
-    ----------
-    part : Path
-        Directory of `create_partial_directory`.
-    path : Path
-        Path of the run directory.
-
-    Raises
-    ------
-    StoreError
-        If something has come to stand there meanwhile.
-    """
+    """Move a complete run directory to its path, in one step."""
     target = _resolve_links(path)
     try:
         os.replace(part, target)
@@ -158,38 +104,14 @@ def _remove_abandoned_parts(target: Path) -> None:
 
 
 def replace_run_file(file: Path, content: bytes) -> None:
-    """Replace a file of a run directory in one step.
-
-    Parameters
-    ----------
-    file : Path
-        Path of the file.
-    content : bytes
-        New content.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
+    """Replace a file of a run directory in one step."""
     part = file.with_name(file.name + PART)
     part.write_bytes(content)
     os.replace(part, file)
 
 
 def is_run_directory(path: Path) -> bool:
-    """Test whether a directory holds a run, whole or damaged.
-
-    Parameters
-    ----------
-    path : Path
-        Directory.
-
-    Returns
-    -------
-    bool
-        True where it has a checkpoint or a trajectory.
-    """
+    """Test whether a directory holds a run, whole or damaged."""
     try:
         return (path / CHECKPOINT).is_file() or (path / TRAJECTORY).is_dir()
     except OSError:

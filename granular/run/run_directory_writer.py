@@ -40,14 +40,7 @@ from granular.shared.errors import StoreError
 
 
 class RunDirectoryWriter:
-    """A run directory that is being written.
-
-    Attributes
-    ----------
-    path : Path
-    rows, frames : int
-        Records and frames that it holds.
-    """
+    """A run directory that is being written."""
 
     def __init__(self, path: Path, scene: Scene, system: SceneInNaturalUnits) -> None:
         self.path, self.scene, self.system = path, scene, system
@@ -66,31 +59,7 @@ class RunDirectoryWriter:
         settings: dict[str, Any],
         checkpoint: Mapping[str, Any],
     ) -> RunDirectoryWriter:
-        """Make a run directory with its first checkpoint, in one step, and lock it.
-
-        Parameters
-        ----------
-        path : Path
-            Path of the directory, which is empty or does not exist.
-        scene : Scene
-            Scene that is run.
-        system : SceneInNaturalUnits
-            The same in natural units.
-        settings : dict
-            Settings and versions of the run, as plain data.
-        checkpoint : mapping of str to array
-            Arrays of the first checkpoint, in natural units.
-
-        Returns
-        -------
-        RunDirectoryWriter
-            Writer of the new directory.
-
-        Raises
-        ------
-        StoreError
-            If the directory holds something already, or cannot be made.
-        """
+        """Make a run directory with its first checkpoint, in one step, and lock it."""
         part, held = create_partial_directory(path)
         store = cls(part, scene, system)
         try:
@@ -121,13 +90,7 @@ class RunDirectoryWriter:
         return {"time": self.rows, "frame": self.frames}
 
     def lock(self) -> None:
-        """Lock the directory until `unlock`, or the end of this process.
-
-        Raises
-        ------
-        StoreError
-            If another one writes here.
-        """
+        """Lock the directory until `unlock`, or the end of this process."""
         self._held = lock_directory(self.path)
 
     def unlock(self) -> None:
@@ -136,20 +99,7 @@ class RunDirectoryWriter:
         self._held = None
 
     def read_checkpoint_and_arrays(self) -> dict[str, np.ndarray]:
-        """Read the last checkpoint, and open the arrays to go on from it.
-
-        What was written behind the checkpoint will be written again.
-
-        Returns
-        -------
-        dict of str to array
-            Arrays of the checkpoint, in natural units.
-
-        Raises
-        ------
-        StoreError
-            If something that the run goes on from is missing or damaged.
-        """
+        """Read the last checkpoint, and open the arrays to go on from it."""
         checkpoint, manifest = read_checkpoint(self.path)
         self.rows, self.frames = int(checkpoint["rows"]), int(checkpoint["frames"])
         self._files = manifest.files
@@ -158,18 +108,7 @@ class RunDirectoryWriter:
         return checkpoint
 
     def append_records(self, recorder: RecordBuffer) -> None:
-        """Append what a buffer holds to the arrays, and clear the buffer.
-
-        Parameters
-        ----------
-        recorder : RecordBuffer
-            Records and frames in natural units.
-
-        Raises
-        ------
-        OSError
-            If they cannot be written.
-        """
+        """Append what a buffer holds to the arrays, and clear the buffer."""
         for variable, values in recorder.variables_in_si(self.scene, self.system.scales):
             self._arrays[variable.name].append(values)
         rows, frames = recorder.record_and_frame_counts()
@@ -179,17 +118,6 @@ class RunDirectoryWriter:
         recorder.clear()
 
     def replace_checkpoint(self, mapping: Mapping[str, Any]) -> None:
-        """Replace the checkpoint: all that was written counts as complete.
-
-        Parameters
-        ----------
-        mapping : mapping of str to array
-            Arrays of the checkpoint, in natural units.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
+        """Replace the checkpoint: all that was written counts as complete."""
         chunks = {name: array.digests() for name, array in self._arrays.items()}
         write_checkpoint(self.path, mapping, Manifest(self._files, self._record_and_frame_counts(), chunks))

@@ -61,13 +61,7 @@ class RunProgressBar:
         self._compiling.set_postfix_str(f"kernel {kernels}")
 
     def show(self, run: ProtocolRunner) -> None:
-        """Show the stage, its time and the piston, as they are now.
-
-        Parameters
-        ----------
-        run : ProtocolRunner
-            The run.
-        """
+        """Show the stage, its time and the piston, as they are now."""
         if not self.wanted:
             return
         if self._compiling is not None:
@@ -121,17 +115,7 @@ class RunProgressBar:
 
 
 class RestApproach:
-    """Motion over the last window of rest, compared with what counts as rest.
-
-    Attributes
-    ----------
-    amplitude : float
-        Range of the piston's heights [D], or the greatest speed [D/tau] where that is more.
-    limit : float
-        Amplitude that counts as rest.
-    fraction : float
-        Progress towards the limit, in orders of magnitude: 0 to 1.
-    """
+    """Motion over the last window of rest, compared with what counts as rest."""
 
     def __init__(self, run: ProtocolRunner) -> None:
         stage = run.stage
@@ -143,13 +127,7 @@ class RestApproach:
         self._greatest = 0.0
 
     def update(self, run: ProtocolRunner) -> None:
-        """Take in the present heights and speeds.
-
-        Parameters
-        ----------
-        run : ProtocolRunner
-            The run, in a stage that ends at rest.
-        """
+        """Take in the present heights and speeds."""
         state = run.state
         fastest = float(np.hypot(state.vx, state.vy).max(initial=abs(float(state.piston[SPEED]))))
         self._seen.append((run.present_time, float(state.piston[HEIGHT]), fastest))
@@ -170,18 +148,7 @@ class RestApproach:
 
 
 def stage_duration(run: ProtocolRunner) -> float | None:
-    """Duration of the present stage, as far as it is known.
-
-    Parameters
-    ----------
-    run : ProtocolRunner
-        The run.
-
-    Returns
-    -------
-    float or None
-        Duration [s]; None where the stage ends at rest, or has no end that is known.
-    """
+    """Duration of the present stage, as far as it is known [s]."""
     stage = run.scene.protocol[run.progress.stage]
     if isinstance(stage, TimedStage) and stage.until == "rest":
         return None
@@ -190,21 +157,7 @@ def stage_duration(run: ProtocolRunner) -> float | None:
 
 
 def remaining_steps(run: ProtocolRunner) -> float:
-    """Count the steps from here to the end of a run, at the present step.
-
-    A stage that ends at rest or at a force counts whole, and a later one from the height that the
-    piston has now.
-
-    Parameters
-    ----------
-    run : ProtocolRunner
-        The run.
-
-    Returns
-    -------
-    float
-        Number of steps; infinite without an end that is known.
-    """
+    """Count the steps from here to the end of a run, at the present step."""
     progress, last = run.progress, run.scene.protocol[-1]
     if run.is_protocol_finished or not progress.started:
         return 0.0
@@ -217,20 +170,7 @@ def remaining_steps(run: ProtocolRunner) -> float:
 
 
 def remaining_time_text(steps: float, rate: float) -> str | None:
-    """Say the duration of some steps in words.
-
-    Parameters
-    ----------
-    steps : float
-        Number of steps.
-    rate : float
-        Steps a second [1/s].
-
-    Returns
-    -------
-    str or None
-        Steps, duration and rate; None below a minute.
-    """
+    """Say the duration of some steps in words; rate [1/s]."""
     seconds = steps / rate
     if seconds < LONG:
         return None

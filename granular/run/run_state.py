@@ -54,37 +54,17 @@ _RESOLVED = 0.5
 
 @dataclasses.dataclass
 class RunProgress:
-    """Progress of a run: what a checkpoint needs besides the arrays of the state.
-
-    Attributes
-    ----------
-    stage, ticks : int
-        Present stage (its index), and ticks made in it.
-    started : bool
-        Whether the present stage has been set up.
-    start, last : float
-        Start of the stage, and time of the last record [tau].
-    height : float
-        Piston height at the stage's start [m].
-    schedule : list or None
-        Fields of its `StepSchedule`.
-    stiffest : float
-        Greatest product of step and highest angular frequency so far.
-    closest : float
-        Least distance of two grains so far [D].
-    results : list of dict
-        Fields of the `StageResult` of each finished stage.
-    """
+    """Progress of a run: what a checkpoint needs besides the arrays of the state."""
 
     stage: int = 0
     ticks: int = 0
     started: bool = False
-    start: float = 0.0
-    last: float = 0.0
-    height: float = 0.0
+    start: float = 0.0  # [tau]
+    last: float = 0.0  # [tau]
+    height: float = 0.0  # [m]
     schedule: list[Any] | None = None
     stiffest: float = 0.0
-    closest: float = math.inf
+    closest: float = math.inf  # [D]
     results: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
 
@@ -173,42 +153,16 @@ class RunState:
         return before_end and self.whole_ticks_until_end() <= 0
 
     def whole_ticks_until(self, time: float) -> float:
-        """Count the whole ticks from here to a time in the stage.
-
-        Parameters
-        ----------
-        time : float
-            Time since the start of the stage [tau].
-
-        Returns
-        -------
-        float
-            Number of ticks, negative where the time has passed.
-        """
+        """Count the whole ticks from here to a time in the stage; time [tau]."""
         return completed_ticks(self.schedule, time) - self.progress.ticks
 
     def whole_ticks_until_end(self) -> float:
-        """Whole ticks that are left to ``t_end``.
-
-        A variable step may end behind its tick, and one that is cut at ``t_end`` is no state to go
-        on from: the last two ticks are left to the tail.
-        """
+        """Whole ticks that are left to ``t_end``."""
         spared = 0.0 if self.plan.fraction is None else 2.0
         return self.whole_ticks_until(self.t_end - self.progress.start) - spared
 
     def remaining_stage_time(self, least: float = 1e-6) -> float:
-        """Time left of the stage behind its last whole tick.
-
-        Parameters
-        ----------
-        least : float
-            Number of steps below which nothing is left.
-
-        Returns
-        -------
-        float
-            Time [tau]; 0 where the stage has no end, or less than ``least`` steps are left.
-        """
+        """Time left of the stage behind its last whole tick [tau]."""
         total = self.stage_length
         if math.isinf(total):
             return 0.0
@@ -218,18 +172,7 @@ class RunState:
         return 0.0
 
     def rounding_time(self, fraction: float = 1e-6) -> float:
-        """Time below which rounding leaves something to an end that was reached.
-
-        Parameters
-        ----------
-        fraction : float
-            Time over the present step.
-
-        Returns
-        -------
-        float
-            Time [tau]; 0 before the first tick of the stage.
-        """
+        """Time below which rounding leaves something to an end that was reached [tau]."""
         return fraction * self.schedule.h if self.progress.ticks else 0.0
 
     def ticks_of_next_call(self) -> int:
@@ -251,11 +194,7 @@ class RunState:
 
     @property
     def remedy_for_non_finite(self) -> str:
-        """Advice in words against numbers that are not finite any more.
-
-        A user's formula or function may be no number at some point or time; no step cures that, and
-        one that resolves all swings has not led the grains astray.
-        """
+        """Advice in words against numbers that are not finite any more."""
         acting = self.scene.effects.acting
         own = [
             effect.key
@@ -281,23 +220,7 @@ class RunState:
         return f"dt = {self.step.seconds:g} s is {swings:.2g} periods of the stiffest swing: "
 
     def present_record(self, remedy: str) -> np.ndarray:
-        """Compute the forces, and a record of the present moment.
-
-        Parameters
-        ----------
-        remedy : str
-            Advice for the error's message.
-
-        Returns
-        -------
-        float64 (columns,)
-            Record in natural units, which the next call overwrites.
-
-        Raises
-        ------
-        RunError
-            If a grain is outside of the walls, or a number is not finite.
-        """
+        """Compute the forces, and a record of the present moment."""
         moved = self.progress.start, self.plan, self.state, self.constants, self.motion
         outside = record_present_state(*moved, self.measurement, self._row)
         self._row[columns.TURNED] = self.seen[TURNED]
@@ -306,38 +229,11 @@ class RunState:
         return self._row
 
     def total_energy(self, remedy: str) -> float:
-        """Total energy of the present moment, in the ledger's sense.
-
-        Parameters
-        ----------
-        remedy : str
-            Advice for the error's message.
-
-        Returns
-        -------
-        float
-            Energy [F* D].
-
-        Raises
-        ------
-        RunError
-            If a grain is outside of the walls, or a number is not finite.
-        """
+        """Total energy of the present moment, in the ledger's sense [F* D]."""
         return columns.total_energy(self.present_record(remedy)[: self._entered])
 
     def misplaced_grain_error(self, remedy: str) -> RunError:
-        """Error for a grain that stands where none can be, with the present step and time.
-
-        Parameters
-        ----------
-        remedy : str
-            Advice for the error's message.
-
-        Returns
-        -------
-        RunError
-            Error to raise.
-        """
+        """Error for a grain that stands where none can be, with the present step and time."""
         moment = self.steps_made, self.present_time * self.system.scales.time
         error = misplaced_grain_error(self.state, self.constants, self.system.scales, *moment, remedy)
         if isinstance(error, NotFiniteError) and remedy == self.remedy_for_long_steps:
@@ -353,18 +249,7 @@ class RunState:
     # The step schedule ---------------------------------------------------------------------------
 
     def set_step_schedule(self, row: np.ndarray) -> None:
-        """Cut the stage into ticks and steps, by the speeds that the bed can reach from its first record.
-
-        Parameters
-        ----------
-        row : float64 (columns,)
-            First record of the stage, in natural units.
-
-        Raises
-        ------
-        StepCountError
-            If there are more steps than can be made, or counted.
-        """
+        """Cut the stage into ticks and steps, by the speeds that the bed can reach from its first record."""
         output, scales, gravity = self.scene.output, self.system.scales, self.system.downward_acceleration
         # A grain may still gain what it loses in height.
         top = float(self.state.y[: self.constants.grains].max(initial=0.0))
@@ -396,15 +281,7 @@ class RunState:
     def set_steps_per_tick(self, frequency: float) -> None:
         """Cut the ticks into steps for another frequency; a variable step does so itself.
 
-        Parameters
-        ----------
-        frequency : float
-            Highest angular frequency [1/tau].
-
-        Raises
-        ------
-        StepCountError
-            If there are more steps from record to record than can be made.
+        frequency [1/tau].
         """
         if self.plan.fraction is None:
             steps = self.step.steps_per_tick(self.schedule.length, self._frequency_to_resolve(frequency))

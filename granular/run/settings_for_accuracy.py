@@ -50,16 +50,7 @@ _ASKED = re.compile(r"\s*(?P<value>[0-9.eE+-]+)\s*(?P<percent>%?)\s+(?P<quantity
 
 
 class ChosenSettings(NamedTuple):
-    """Settings that a scene is to be run with.
-
-    Attributes
-    ----------
-    scene : Scene
-        With the sum over pairs that was chosen.
-    dt, method : str
-    words : str
-        Choice and its reason, in words.
-    """
+    """Settings that a scene is to be run with."""
 
     scene: Scene
     dt: str
@@ -68,23 +59,7 @@ class ChosenSettings(NamedTuple):
 
 
 def parse_accuracy(text: str) -> tuple[float, str]:
-    """Parse an accuracy such as "1e-4 rest height" or "1 % piston force".
-
-    Parameters
-    ----------
-    text : str
-        Error, relative or in percent, and the quantity it is of.
-
-    Returns
-    -------
-    tuple of float and str
-        Greatest relative error, and the name of the quantity.
-
-    Raises
-    ------
-    InputError
-        If it is none, or the table has no such quantity.
-    """
+    """Parse an accuracy such as "1e-4 rest height" or "1 % piston force"."""
     names = sorted({name for entry in load_work_precision_scenes() for name in entry.floors})
     match = _ASKED.fullmatch(text) if isinstance(text, str) else None
     try:
@@ -102,25 +77,7 @@ def parse_accuracy(text: str) -> tuple[float, str]:
 
 
 def choose_settings_for_accuracy(scene: Scene, text: str) -> ChosenSettings:
-    """Choose the cheapest method and step for an accuracy, by the stored work-precision table.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is to be run.
-    text : str
-        Accuracy, such as "1e-4 rest height"; see `parse_accuracy`.
-
-    Returns
-    -------
-    ChosenSettings
-        Scene with its pair sum, time step, method, and the reason in words.
-
-    Raises
-    ------
-    InputError
-        If the text is none, or neither the table nor the scatter of starts allows the promise.
-    """
+    """Choose the cheapest method and step for an accuracy, by the stored work-precision table."""
     tolerance, quantity = parse_accuracy(text)
     costs = most_similar_measured_scene(scene, quantity)
     if costs is None:
@@ -177,11 +134,7 @@ def _accurate_methods(
 def _longest_step_fraction(
     entries: list[WorkPrecisionEntry], quantity: str, tolerance: float
 ) -> float | None:
-    """Longest step times highest frequency that keeps a tolerance; None where none does.
-
-    Between two steps of the table, and below its shortest, by the method's order; beyond its
-    longest never.
-    """
+    """Longest step times highest frequency that keeps a tolerance; None where none does."""
     held = [entry for entry in entries if entry.bounds[quantity] <= tolerance]
     order = method_named(entries[0].method).order
     if not held:
@@ -199,22 +152,7 @@ def _longest_step_fraction(
 
 
 def pair_sum_hidden_by_scatter(scene: Scene, method: str) -> Scene:
-    """Scene with the fastest sum over pairs whose errors are hidden by the scatter over random starts.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is to be run, several times.
-    method : str
-        Integration method.
-
-    Returns
-    -------
-    Scene
-        Scene with the mesh where that is faster and errs in the forces by less than three standard
-        deviations over random starts; else the same one, as where it names its sum itself, the table
-        of work and precision has no scene like it, or the method takes no long steps of the far field.
-    """
+    """Scene with the fastest sum over pairs whose errors are hidden by the scatter over random starts."""
     count = scene.grains.count
     if scene.pairs != PairSumSettings() or scene.grains.magnets != "dipoles" or count < MESH_IS_FASTER_FROM:
         return scene
@@ -240,22 +178,7 @@ def _scatter_of(costs: SceneWorkPrecision, quantity: str, count: int) -> float:
 
 
 def step_from_frequency_product(scene: Scene, fraction: float) -> str:
-    """Time step with a given product of step and highest frequency, as a multiple of the automatic one.
-
-    It is rounded down to hundredths.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is to be run.
-    fraction : float
-        Step times highest angular frequency, without unit.
-
-    Returns
-    -------
-    str
-        Step such as ``"auto/2"`` or ``"auto*1.5"``, rounded down to hundredths.
-    """
+    """Time step with a given product of step and highest frequency, as a multiple of the automatic one."""
     step: StepRequest = parse_time_step("auto", scene)
     factor = min(fraction / step.step_times_frequency, step.greatest_factor)
     if factor < 1.0:
@@ -277,23 +200,7 @@ def _choose_pair_sum(scene: Scene, quantity: str, tolerance: float, text: str) -
 
 
 def longest_step_hidden_by_scatter(scene: Scene, method: str) -> str:
-    """Longest automatic step whose errors are hidden by the scatter over random starts.
-
-    By the scene of the table that is most like another one: neither the rest height nor the period
-    nor the damping ratio stands out from their scatter there, and the method shows its order.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is to be run.
-    method : str
-        Integration method.
-
-    Returns
-    -------
-    str
-        Step such as ``"auto*2"``; ``"auto"`` where no longer one is known.
-    """
+    """Longest automatic step whose errors are hidden by the scatter over random starts."""
     costs = most_similar_measured_scene(scene, MOTION[0])
     fraction = 0.0
     for entry in sorted(costs.entries if costs else (), key=lambda entry: entry.fraction):

@@ -281,18 +281,7 @@ def _run_settings(
 
 
 def custom_code_digests(scene: Scene) -> list[str]:
-    """Digests of a user's own functions in a scene, and of what is derived from formulas.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene with its effects and stages.
-
-    Returns
-    -------
-    list of str
-        Digests in hexadecimal digits, sorted.
-    """
+    """Digests of a user's own functions in a scene, and of what is derived from formulas."""
     own = [part.user_code_digests for part in scene.effects.in_loop_order] + [
         stage.user_code_digests for stage in scene.protocol
     ]
@@ -360,24 +349,7 @@ def _warn_of_inaccurate_run(trajectory: Trajectory) -> None:
 
 
 def compile_and_cache_kernels(scenes: Sequence[Scene]) -> dict[str, float]:
-    """Compile what runs and evaluations of scenes need, and keep it on disk, so that later starts need not.
-
-    Parameters
-    ----------
-    scenes : sequence of Scene
-        What is compiled depends on which effects act, on how pairs are summed and on the method, not on
-        numbers: a bed of another size, or another mass of the piston, needs nothing more.
-
-    Returns
-    -------
-    dict of str to float
-        Wall time of each scene [s], by its name; below a second where all was there.
-
-    Raises
-    ------
-    InputError
-        If a scene cannot be run.
-    """
+    """Compile all that runs and evaluations of scenes need, and keep it on disk; return the duration [s]."""
     from granular.protocol.piston_motion import Motion, driven_height_and_velocity, with_table_arrays
     from granular.run.evaluation import evaluate
 

@@ -20,18 +20,7 @@ from granular.shared.errors import StoreError
 
 
 def take_snapshot(run: RunState) -> dict[str, Any]:
-    """Copy all that a run needs to go on from here.
-
-    Parameters
-    ----------
-    run : RunState
-        The run.
-
-    Returns
-    -------
-    dict of str to array
-        Arrays of the state in natural units, and the progress as JSON text.
-    """
+    """Copy all that a run needs to go on from here."""
     saved = copy_persistent_arrays(run.state) | {"band": run.band.copy(), "seen": run.seen.copy()}
     memory = {
         "progress": dataclasses.asdict(run.progress),
@@ -42,20 +31,7 @@ def take_snapshot(run: RunState) -> dict[str, Any]:
 
 
 def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
-    """Set a run back to a snapshot.
-
-    Parameters
-    ----------
-    run : RunState
-        The run, which is overwritten.
-    saved : dict of str to array
-        Arrays of `take_snapshot`, in natural units.
-
-    Raises
-    ------
-    StoreError
-        If the run has gone farther than its end is now to be, or the checkpoint lacks an array.
-    """
+    """Set a run back to a snapshot."""
     state = run.state
     missing = set(copy_persistent_arrays(state)) - set(saved)
     if missing:
@@ -119,65 +95,27 @@ def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
 
 
 def copy_persistent_arrays(state: State) -> dict[str, Any]:
-    """Copy the arrays that a state cannot be made again from.
-
-    Parameters
-    ----------
-    state : State
-        State of a run.
-
-    Returns
-    -------
-    dict of str to array
-        Copies in natural units, by their names in a checkpoint.
-    """
+    """Copy the arrays that a state cannot be made again from."""
     saved = {name: array.copy() for name, array in _persistent_arrays_by_name(state).items()}
     return saved | copy_neighbour_list_arrays(state.stripes or state.verlet_list)
 
 
 def restore_persistent_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
-    """Put kept arrays back into a state.
-
-    Parameters
-    ----------
-    state : State
-        State of a run, which is overwritten.
-    saved : dict of str to array
-        Arrays of `copy_persistent_arrays`, in natural units.
-    """
+    """Put kept arrays back into a state."""
     for name, array in _persistent_arrays_by_name(state).items():
         array[:] = saved[name]
     restore_neighbour_lists(state.stripes or state.verlet_list, saved)
 
 
 def copy_neighbour_list_arrays(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
-    """Copy the positions that the neighbour lists were made at, and the lists' memory.
-
-    Parameters
-    ----------
-    lists : Stripes, VerletList or None
-        Lists of partners.
-
-    Returns
-    -------
-    dict of str to array
-        Positions float64 (2, m) [D] and memory, by their names in a checkpoint; empty for None.
-    """
+    """Copy the positions that the neighbour lists were made at, and the lists' memory [D]."""
     if lists is None:
         return {}
     return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}
 
 
 def restore_neighbour_lists(lists: Stripes | VerletList | None, saved: dict[str, np.ndarray]) -> None:
-    """Make the neighbour lists be listed again at the positions of a checkpoint.
-
-    Parameters
-    ----------
-    lists : Stripes, VerletList or None
-        Lists of partners, which are overwritten.
-    saved : dict of str to array
-        Arrays of `copy_neighbour_list_arrays`.
-    """
+    """Make the neighbour lists be listed again at the positions of a checkpoint."""
     if lists is not None and "near_built" in saved:
         lists.built[:], lists.memory[:] = saved["near_built"], saved["near_memory"]
         lists.memory[LISTED] = 0.0

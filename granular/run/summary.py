@@ -36,19 +36,7 @@ def packing_fraction(scene: Scene, height: float) -> float:
 
 
 def derived_scene_values(scene: Scene) -> dict[str, Any]:
-    """Natural units, numbers of grains and packing fraction of a scene, in SI.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to describe.
-
-    Returns
-    -------
-    dict
-        ``grain_diameter`` [m], ``grain_mass`` [kg], ``force_unit`` [N], ``time_unit`` [s], ``counts`` by
-        species, and ``packing_fraction`` where the cell has a height.
-    """
+    """Natural units, numbers of grains and packing fraction of a scene, in SI [m, kg, N, s]."""
     scales = Scales.from_grains(scene.grains)
     figures: dict[str, Any] = {
         "grain_diameter": scales.length,
@@ -66,18 +54,7 @@ def derived_scene_values(scene: Scene) -> dict[str, Any]:
 
 
 def active_effect_names(scene: Scene) -> tuple[str, ...]:
-    """Names of the effects that act in a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to describe.
-
-    Returns
-    -------
-    tuple of str
-        Keys of its ``[effects]``.
-    """
+    """Names of the effects that act in a scene [effects]."""
     return tuple(key for key in scene.effects.key_names() if getattr(scene.effects, key))
 
 
@@ -138,18 +115,7 @@ def scene_text(scene: Scene) -> str:
 
 
 def run_statistics(run: Trajectory) -> dict[str, Any]:
-    """Last values, stages, step counts, residual and timings of a run, in SI.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run, or one that was cut off.
-
-    Returns
-    -------
-    dict
-        Plain data by name: forces in N, heights in m, times in s, energies in J.
-    """
+    """Last values, stages, step counts, residual and timings of a run, in SI."""
     data, last = run.dataset, {}
     for name in ("piston_height", "piston_force", "kinetic_energy"):
         if name in data and data.sizes["time"]:

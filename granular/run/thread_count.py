@@ -23,16 +23,7 @@ of which doubles them."""
 
 
 class ThreadCountTuner:
-    """One thread, or as many as there can be: what was quicker when it was tried last.
-
-    Attributes
-    ----------
-    most : int
-    count : int
-        The present number.
-    trying : bool
-        Whether the next call is to be a short one: it may take long.
-    """
+    """One thread, or as many as there can be: what was quicker when it was tried last."""
 
     def __init__(self, most: int) -> None:
         self.most = self.count = most
@@ -43,12 +34,7 @@ class ThreadCountTuner:
     def record_step_time(self, steps: int, seconds: float) -> None:
         """Record how long steps took with the present number of threads, and set the next number.
 
-        Parameters
-        ----------
-        steps : int
-            Number of steps.
-        seconds : float
-            Wall time of all of them [s].
+        seconds [s].
         """
         if self.most == 1 or steps == 0:
             return
@@ -70,25 +56,7 @@ class ThreadCountTuner:
 
 
 def choose_thread_count(scene: Scene, requested: int | None) -> int:
-    """Choose the number of threads: the requested one, or the greatest that can pay off.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is to be run.
-    requested : int or None
-        Number of threads; None for a choice by the scene.
-
-    Returns
-    -------
-    int
-        Number of threads, at least 1.
-
-    Raises
-    ------
-    InputError
-        If the requested number is no integer from 1 to the number that there are.
-    """
+    """Choose the number of threads: the requested one, or the greatest that can pay off."""
     available = int(numba.config.NUMBA_NUM_THREADS)
     if requested is None:
         parted = scene.pair_method != "verlet-list" and scene.grains.count > PARTED_FROM
@@ -99,11 +67,7 @@ def choose_thread_count(scene: Scene, requested: int | None) -> int:
 
 
 def _threads_start_quickly(scene: Scene) -> bool:
-    """Return True where threads start within a small fraction of a step.
-
-    Numba's own take some 50 microseconds for it, several times a step of near pairs and mesh; those
-    of OpenMP and of TBB one or two.
-    """
+    """Return True where threads start within a small fraction of a step."""
     if scene.pair_method == "direct" and scene.pairs.far_every is None:
         return True
     if numba.config.THREADING_LAYER == "workqueue":
@@ -120,18 +84,7 @@ def _has_module(name: str) -> bool:
 
 
 def set_thread_count(count: int) -> None:
-    """Set the number of threads that compiled kernels use.
-
-    Parameters
-    ----------
-    count : int
-        Number of threads, which is cut to the number that there are.
-
-    Raises
-    ------
-    InputError
-        If the layer of threads that the environment names cannot be used.
-    """
+    """Set the number of threads that compiled kernels use."""
     try:
         numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
     except ValueError as error:

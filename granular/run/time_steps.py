@@ -26,25 +26,7 @@ _AUTOMATIC = re.compile(r"auto(?:([*/])(\d+\.?\d*|\.\d+))?")
 
 
 def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
-    """Parse a time step: seconds, or a multiple of the automatic one.
-
-    Parameters
-    ----------
-    dt : float or str
-        Step [s], or "auto", "auto/2", "auto*1.5".
-    scene : Scene, optional
-        Scene that is to be run; it decides how long a multiple may be.
-
-    Returns
-    -------
-    Step
-        Step in seconds, or its factor over the automatic one.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    """
+    """Parse a time step: seconds, or a multiple of the automatic one; dt [s]."""
     step = (
         StepRequest()
         if scene is None
@@ -74,44 +56,12 @@ def _allows_longer_steps(scene: Scene) -> bool:
 
 
 def halve_time_step(dt: float | str) -> float | str:
-    """Halve a time step.
-
-    Parameters
-    ----------
-    dt : float or str
-        Step [s], or a multiple of the automatic one.
-
-    Returns
-    -------
-    float or str
-        Half of it, in the same form.
-
-    Raises
-    ------
-    InputError
-        If it is no time step.
-    """
+    """Halve a time step; dt [s]."""
     return _multiply_time_step(dt, 0.5)
 
 
 def double_time_step(dt: float | str) -> float | str:
-    """Double a time step.
-
-    Parameters
-    ----------
-    dt : float or str
-        Step [s], or a multiple of the automatic one.
-
-    Returns
-    -------
-    float or str
-        Twice as much, in the same form.
-
-    Raises
-    ------
-    InputError
-        If it is no time step.
-    """
+    """Double a time step; dt [s]."""
     return _multiply_time_step(dt, 2.0)
 
 
@@ -130,22 +80,7 @@ def _format_decimal(value: float) -> str:
 
 
 def can_run_with_step(scene: Scene, dt: float | str, method: str | Method) -> bool:
-    """Test whether a scene can be run with a time step and a method.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is to be run.
-    dt : float or str
-        Step [s], or a multiple of the automatic one.
-    method : str or Method
-        Integration method.
-
-    Returns
-    -------
-    bool
-        True where it can.
-    """
+    """Test whether a scene can be run with a time step and a method; dt [s]."""
     try:
         step = parse_time_step(dt, scene)
         check_method_fits_scene(resolve_method(method), step, scene)
@@ -156,22 +91,7 @@ def can_run_with_step(scene: Scene, dt: float | str, method: str | Method) -> bo
 
 
 def check_method_fits_scene(method: Method, step: StepRequest, scene: Scene) -> None:
-    """Refuse a method that a scene, or a time step, cannot be run with.
-
-    Parameters
-    ----------
-    method : Method
-        Integration method.
-    step : Step
-        Time step.
-    scene : Scene
-        Scene that is to be run.
-
-    Raises
-    ------
-    InputError
-        If the method cannot run the scene, or cannot take the step; the message names another one.
-    """
+    """Refuse a method that a scene, or a time step, cannot be run with."""
     dry = dry_friction_parts(scene)
     if dry and method.compensated:
         raise InputError(
@@ -216,22 +136,7 @@ def check_method_fits_scene(method: Method, step: StepRequest, scene: Scene) -> 
 
 
 def check_time_step_fits_scene(step: StepRequest, scene: Scene, t_end: float | None = None) -> None:
-    """Refuse a given time step that is longer than what it is to resolve, or far too short.
-
-    Parameters
-    ----------
-    step : Step
-        Time step.
-    scene : Scene
-        Scene that is to be run.
-    t_end : float, optional
-        End of the run [s].
-
-    Raises
-    ------
-    InputError
-        If the step is longer than records, a stage or the run, or far too short; the message names which.
-    """
+    """Refuse a given time step that is longer than what it is to resolve, or far too short; t_end [s]."""
     dt = step.seconds
     if dt is None:
         return
@@ -270,20 +175,7 @@ def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[
 
 
 def check_end_time(scene: Scene, t_end: float | None) -> None:
-    """Refuse an end of the run that is not a time, and a protocol without an end.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is to be run.
-    t_end : float or None
-        End of the run [s]; None for the end of the protocol.
-
-    Raises
-    ------
-    InputError
-        If the end is no time above 0 s, the protocol is empty, or a stage has no end.
-    """
+    """Refuse an end of the run that is not a time, and a protocol without an end; t_end [s]."""
     number = isinstance(t_end, int | float) and not isinstance(t_end, bool)
     if t_end is not None and not (number and 0.0 < t_end <= LATEST):
         raise InputError(f"t_end = {quote(t_end)}; give a time above 0 s and up to {LATEST:g} s")

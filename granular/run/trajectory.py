@@ -32,27 +32,14 @@ LEAST = 1e-18
 
 @dataclasses.dataclass(frozen=True)
 class StageResult:
-    """A stage that was run.
-
-    Attributes
-    ----------
-    name : str
-    start, end : float
-        [s]
-    reason : str
-        Why it ended: ``"duration"``, ``"rest"``, ``"force"``, or ``"cut"`` where the run was.
-    height : float
-        Piston height at the end [m]; over the window of rest, its middle.
-    spread : float
-        Range of the height in the window of rest [m]; 0 otherwise.
-    """
+    """A stage that was run."""
 
     name: str
-    start: float
-    end: float
+    start: float  # [s]
+    end: float  # [s]
     reason: str
-    height: float
-    spread: float
+    height: float  # [m]
+    spread: float  # [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -304,26 +291,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
 def make_trajectory(
     scene: Scene, data: xarray.Dataset, settings: dict[str, Any], outcome: dict[str, Any], path: Path | None
 ) -> Trajectory:
-    """Make a trajectory of a run's data, with coordinates and attributes.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that was run.
-    data : xarray.Dataset
-        Variables in SI on ``time`` and ``frame``.
-    settings : dict
-        Settings and versions of the run.
-    outcome : dict
-        ``stages``, ``complete`` and ``figures`` of the run, as plain data in SI.
-    path : Path or None
-        Run directory, where there is one.
-
-    Returns
-    -------
-    Trajectory
-        The run.
-    """
+    """Make a trajectory of a run's data, with coordinates and attributes."""
     species = scene.grains.species_indices()
     data = data.assign_coords(
         time=("time", separate_equal_times(data["time"].values), data["time"].attrs),
@@ -347,22 +315,7 @@ def make_trajectory(
 
 
 def separate_equal_times(times: np.ndarray) -> np.ndarray:
-    """Shift the later one of two equal times, so that the times of the records increase.
-
-    Where the piston jumps upwards, one time has two records. Labelled data need times that
-    grow: there the record behind the jump stands at the next number of double precision, some
-    1e-15 s later.
-
-    Parameters
-    ----------
-    times : float64 (r,)
-        Times as recorded [s]; the piston's jumps have two records each.
-
-    Returns
-    -------
-    float64 (r,)
-        Strictly increasing times [s].
-    """
+    """Shift the later one of two equal times, so that the times of the records increase [s]; times [s]."""
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 0.0):
         result[k + 1] = result[k] + _least_time_difference(result[k])
@@ -370,18 +323,7 @@ def separate_equal_times(times: np.ndarray) -> np.ndarray:
 
 
 def merge_equal_times(times: np.ndarray) -> np.ndarray:
-    """Undo `separate_equal_times`: give both records of a jump the same time again.
-
-    Parameters
-    ----------
-    times : float64 (r,)
-        Strictly increasing times [s].
-
-    Returns
-    -------
-    float64 (r,)
-        Times as recorded [s].
-    """
+    """Undo `separate_equal_times`: give both records of a jump the same time again [s]; times [s]."""
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 2.0 * _least_time_difference(result[:-1])):
         result[k + 1] = result[k]
@@ -393,22 +335,7 @@ def _least_time_difference(times: np.ndarray) -> np.ndarray:
 
 
 def shaken_base_motion(shaking: Shaking, time: np.ndarray) -> dict[str, np.ndarray]:
-    """Vertical motion of a shaken cell.
-
-    Heights of the piston are those above the moving cell, so that a law of the height has the
-    inertial force of the base on its right: ``z'' + ... = g0 - base_acceleration``.
-
-    Parameters
-    ----------
-    shaking : Shaking
-    time : float64 (n,)
-        Since the start of the run [s].
-
-    Returns
-    -------
-    dict of str to float64 (n,)
-        ``base_height`` [m], ``base_velocity`` [m/s], ``base_acceleration`` [m/s^2].
-    """
+    """Vertical motion of a shaken cell [m, m/s, m/s^2]; time [s]."""
     omega = 2.0 * math.pi * shaking.frequency
     reach = shaking.amplitude * math.sin(shaking.angle)
     height = reach * np.sin(omega * time)
@@ -422,23 +349,9 @@ def shaken_base_motion(shaking: Shaking, time: np.ndarray) -> dict[str, np.ndarr
 def outer_force(
     protocol: Sequence[Stage], starts: Sequence[float], stage: np.ndarray, time: np.ndarray
 ) -> np.ndarray:
-    """Force from outside on the free piston in pushed stages, upwards; 0 in stages without one.
+    """Force from outside on the free piston in pushed stages, upwards; 0 in stages without one [N].
 
-    Parameters
-    ----------
-    protocol : sequence of Stage
-        Stages of the scene.
-    starts : sequence of float
-        Start of each stage that was begun [s].
-    stage : int (n,)
-        Index of each sample's stage in the protocol.
-    time : float64 (n,)
-        Time of each sample since the start of the run [s].
-
-    Returns
-    -------
-    float64 (n,)
-        Force [N].
+    starts, time [s].
     """
     force = np.zeros(len(time))
     for index, (segment, start) in enumerate(zip(protocol, starts, strict=False)):

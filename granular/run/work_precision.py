@@ -28,22 +28,7 @@ ALIKE = 8.0
 
 
 class WorkPrecisionEntry(NamedTuple):
-    """A method at a step, in a scene of the table.
-
-    Attributes
-    ----------
-    method, dt : str
-    fraction : float
-        Automatic step times the highest frequency that it is chosen for.
-    frequency : float
-        The same product as it was seen in the run.
-    seconds : float
-        Computing time of a run.
-    bounds : mapping of str to float
-        Greatest error of each quantity.
-    clear : list of str
-        Quantities whose error stands out from the scatter.
-    """
+    """A method at a step, in a scene of the table."""
 
     method: str
     dt: str
@@ -55,18 +40,7 @@ class WorkPrecisionEntry(NamedTuple):
 
 
 class SceneWorkPrecision(NamedTuple):
-    """A scene of the table.
-
-    Attributes
-    ----------
-    name, kind : str
-    grains, starts : int
-    floors : mapping of str to float
-        Scatter of each quantity over random starts.
-    entries : tuple of WorkPrecisionEntry
-    date : str
-        Date of the measurement.
-    """
+    """A scene of the table."""
 
     name: str
     kind: str
@@ -77,39 +51,12 @@ class SceneWorkPrecision(NamedTuple):
     date: str
 
     def scatter_for_grain_count(self, quantity: str, grains: int) -> float:
-        """Scatter of a quantity over random starts, for a number of grains.
-
-        It goes with the inverse square root of the number of grains, and is never taken for less than
-        measured.
-
-        Parameters
-        ----------
-        quantity : str
-            Name of the quantity.
-        grains : int
-            Number of grains.
-
-        Returns
-        -------
-        float
-            Relative standard deviation.
-        """
+        """Scatter of a quantity over random starts, for a number of grains."""
         return self.floors[quantity] * max(1.0, math.sqrt(self.grains / max(grains, 1)))
 
 
 def damping_kind(scene: Scene) -> str:
-    """Kind of damping in a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to describe.
-
-    Returns
-    -------
-    str
-        ``"friction"``, ``"regularised friction"``, ``"drag"`` or ``"nothing"``.
-    """
+    """Kind of damping in a scene."""
     friction = scene.effects.friction
     if friction is not None:
         return "friction" if friction.scheme == "velocity" else "regularised friction"
@@ -133,21 +80,7 @@ def _parse_scene_work_precision(plain: Mapping[str, Any], date: str) -> SceneWor
 
 
 def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecision | None:
-    """Find the scene of the work-precision table that is most like another one.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is looked up.
-    quantity : str
-        Quantity that the table must hold for it.
-
-    Returns
-    -------
-    SceneWorkPrecision or None
-        Table of the scene; None where it has other effects or damping, or more than eight times as many or as
-        few grains.
-    """
+    """Find the scene of the work-precision table that is most like another one."""
     if not KNOWN.issuperset(active_effect_names(scene)):
         return None
 
@@ -169,21 +102,7 @@ def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecisi
 
 
 def work_precision_text(run: Trajectory) -> str:
-    """Say in a line how long a run took, its error by the step, and both for half the step.
-
-    The error of a quantity is that of the table's scene most like it, scaled from the step used
-    there to the one used here by the method's order; without such a scene, the energy's.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run.
-
-    Returns
-    -------
-    str
-        Time [s] and relative errors, in words.
-    """
+    """Say in a line how long a run took, its error by the step, and both for half the step [s]."""
     settings = run.settings()
     seconds, order = settings["seconds"], run.method.order
     finer = f"twice as fine: {2.0 * seconds:.3g} s"

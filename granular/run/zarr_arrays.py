@@ -33,13 +33,7 @@ _CHECKSUM = 4  # bytes of a CRC-32C, behind those that it is of
 
 
 class ZarrMetadata:
-    """Descriptions of the arrays of a run directory, as Zarr keeps them.
-
-    Attributes
-    ----------
-    arrays : dict of str to dict
-        By name. Their lengths are for other programs: the manifest says what is complete.
-    """
+    """Descriptions of the arrays of a run directory, as Zarr keeps them."""
 
     def __init__(self, content: bytes) -> None:
         self._group = json.loads(content)
@@ -47,18 +41,7 @@ class ZarrMetadata:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> ZarrMetadata:
-        """Describe the arrays of a scene's runs, without records and frames.
-
-        Parameters
-        ----------
-        scene : Scene
-            Scene that is to be run.
-
-        Returns
-        -------
-        ZarrMetadata
-            Descriptions in Zarr's format 3.
-        """
+        """Describe the arrays of a scene's runs, without records and frames."""
         count = scene.grains.count
         depth = max(1, FRAME_CHUNK // max(1, 2 * count))
         arrays = {}
@@ -71,20 +54,7 @@ class ZarrMetadata:
         return cls(json.dumps(_FORMAT | group).encode())
 
     def write(self, path: Path, lengths: Mapping[str, int]) -> None:
-        """Write the descriptions, with the present lengths of all arrays, for other programs.
-
-        Parameters
-        ----------
-        path : Path
-            Run directory.
-        lengths : mapping of str to int
-            Number of records and frames, by dimension.
-
-        Raises
-        ------
-        OSError
-            If they cannot be written.
-        """
+        """Write the descriptions, with the present lengths of all arrays, for other programs."""
         for name, plain in self.arrays.items():
             plain["shape"][0] = lengths[plain["dimension_names"][0]]
             _write_json(path / TRAJECTORY / name / METADATA, plain)
@@ -120,19 +90,7 @@ def _write_json(file: Path, plain: object) -> None:
 
 
 class ZarrArray:
-    """An array in its chunks, each of so many entries of the first dimension.
-
-    Attributes
-    ----------
-    name : str
-    dims : tuple of str
-    attributes : dict
-    depth : int
-        Entries of the first dimension in a chunk.
-    rest : tuple of int
-        Shape of an entry.
-    dtype : numpy dtype
-    """
+    """An array in its chunks, each of so many entries of the first dimension."""
 
     def __init__(self, path: Path, name: str, plain: Mapping[str, Any]) -> None:
         self.path, self.name = path, name
@@ -148,20 +106,7 @@ class ZarrArray:
         return np.full((self.depth, *self.rest), fill, dtype=self.dtype)
 
     def write(self, index: int, values: np.ndarray) -> None:
-        """Replace a chunk in one step.
-
-        Parameters
-        ----------
-        index : int
-            Index of the chunk.
-        values : array (depth, ...)
-            Its values, in SI.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
+        """Replace a chunk in one step."""
         import google_crc32c
         from numcodecs.zstd import Zstd
 
@@ -171,25 +116,7 @@ class ZarrArray:
         replace_run_file(file, packed + google_crc32c.value(packed).to_bytes(_CHECKSUM, "little"))
 
     def read_chunk(self, index: int, manifest: Manifest) -> np.ndarray:
-        """Read a chunk, right as far as the manifest calls it complete.
-
-        Parameters
-        ----------
-        index : int
-            Index of the chunk.
-        manifest : Manifest
-            Lengths of the arrays, and digests of their chunks.
-
-        Returns
-        -------
-        array (depth, ...)
-            Values, in SI.
-
-        Raises
-        ------
-        StoreError
-            If it is missing, cannot be read, or is not what the run wrote there.
-        """
+        """Read a chunk, right as far as the manifest calls it complete."""
         from numcodecs.zstd import Zstd
 
         values, file = self.unwritten_chunk(), self._chunk_file(index)
@@ -217,21 +144,10 @@ class ZarrArray:
 
 
 class AppendableZarrArray:
-    """An array that is appended to, with the values of its last chunk and the digests of all.
-
-    Attributes
-    ----------
-    array : ZarrArray
-    """
+    """An array that is appended to, with the values of its last chunk and the digests of all."""
 
     def __init__(self, array: ZarrArray, length: int = 0, manifest: Manifest | None = None) -> None:
-        """Open the first ``length`` entries of an array that a run has written.
-
-        Raises
-        ------
-        StoreError
-            If its last chunk is missing or not what the run wrote.
-        """
+        """Open the first ``length`` entries of an array that a run has written."""
         self.array = array
         total, self._filled = divmod(length, array.depth)
         self._chunk = array.unwritten_chunk()
@@ -242,18 +158,7 @@ class AppendableZarrArray:
                 self._chunk[: self._filled] = array.read_chunk(total, manifest)[: self._filled]
 
     def append(self, values: np.ndarray) -> None:
-        """Append values, chunk by chunk.
-
-        Parameters
-        ----------
-        values : array (k, ...)
-            Values in SI, in entries of the first dimension.
-
-        Raises
-        ------
-        OSError
-            If they cannot be written.
-        """
+        """Append values, chunk by chunk."""
         while values.size:
             part = values[: self.array.depth - self._filled]
             self._chunk[self._filled : self._filled + len(part)] = part

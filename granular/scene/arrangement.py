@@ -47,13 +47,7 @@ class Arrangement(Section):
     velocities: tuple[tuple[float, float], ...] | None = points_field("m/s", default=None)
 
     def validate(self) -> None:
-        """Check that velocities go with positions, and positions without keys of the grid.
-
-        Raises
-        ------
-        FieldError
-            If not.
-        """
+        """Check that velocities go with positions, and positions without keys of the grid."""
         if self.velocities is not None:
             if self.positions is None:
                 raise FieldError("can only be given together with positions", "velocities")
@@ -68,45 +62,13 @@ class Arrangement(Section):
 
 
 def grid_shape(count: int, width: float, height: float) -> tuple[int, int]:
-    """Columns and rows of a grid of nearly square meshes that holds all grains.
-
-    The outermost grains stand one mesh from the walls, which repel about as strongly as grains.
-
-    Parameters
-    ----------
-    count : int
-        Number of grains.
-    width : float
-        Width of the grid.
-    height : float
-        Height of the grid, in the same unit.
-
-    Returns
-    -------
-    columns, rows : int
-        Numbers of columns and rows.
-    """
+    """Columns and rows of a grid of nearly square meshes that holds all grains."""
     columns = max(1, round(math.sqrt(count * width / height)))
     return columns, -(-count // columns)
 
 
 def periodic_grid_shape(count: int, width: float, height: float) -> tuple[int, int]:
-    """Columns and rows of a grid that is nearly a triangular lattice of all grains.
-
-    Parameters
-    ----------
-    count : int
-        Number of grains.
-    width : float
-        Width of the grid.
-    height : float
-        Height of the grid, in the same unit.
-
-    Returns
-    -------
-    columns, rows : int
-        Numbers of columns and rows.
-    """
+    """Columns and rows of a grid that is nearly a triangular lattice of all grains."""
     columns = max(1, round(math.sqrt(count * width / height * math.sqrt(0.75))))
     return columns, -(-count // columns)
 
@@ -114,33 +76,7 @@ def periodic_grid_shape(count: int, width: float, height: float) -> tuple[int, i
 def initial_positions_and_velocities(
     plan: Arrangement, grains: Grains, cell: Cell, piston: Piston | None, *, overlapping: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities of the grains at the start.
-
-    Parameters
-    ----------
-    plan : Arrangement
-        Initial arrangement of the scene.
-    grains : Grains
-        Grains of the scene.
-    cell : Cell
-        Cell of the scene.
-    piston : Piston or None
-        Piston of the scene; None where there is none.
-    overlapping : bool
-        Whether grains may overlap each other, as they do where contact acts.
-
-    Returns
-    -------
-    positions : float64 (n, 2)
-        [m]
-    velocities : float64 (n, 2)
-        [m/s]
-
-    Raises
-    ------
-    SceneError
-        If grains overlap each other or a wall, or stand outside the cell.
-    """
+    """Positions and velocities of the grains at the start [m; m/s]."""
     count = grains.count
     if plan.positions is not None:
         positions = np.array(plan.positions, dtype=float).reshape(count, 2)
@@ -195,26 +131,7 @@ def _grid_positions(
 def check_positions(
     positions: np.ndarray, grains: Grains, cell: Cell, piston: Piston | None, *, overlapping: bool
 ) -> None:
-    """Check that all grains stand clear of the walls, the piston and each other.
-
-    Parameters
-    ----------
-    positions : float64 (n, 2)
-        [m]
-    grains : Grains
-        Grains of the scene.
-    cell : Cell
-        Cell of the scene.
-    piston : Piston or None
-        Piston of the scene; None where there is none.
-    overlapping : bool
-        Whether grains may overlap each other, as they do where contact acts.
-
-    Raises
-    ------
-    SceneError
-        If one does not.
-    """
+    """Check that all grains stand clear of the walls, the piston and each other; positions [m]."""
     radius = grains.diameters() / 2.0
     x, y = positions[:, 0], positions[:, 1]
     top = math.inf if piston is None else piston.height

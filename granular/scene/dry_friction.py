@@ -10,18 +10,7 @@ degraded; the second where `has_coarse_friction` holds (`granular.engine.energy_
 
 
 def dry_friction_parts(scene: Scene) -> tuple[str, ...]:
-    """Names of the dry parts that act: of the bed, and of a piston that is free to move.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-
-    Returns
-    -------
-    tuple of str
-        Keys of effects, and ``piston.friction``.
-    """
+    """Names of the dry parts that act: of the bed, and of a piston that is free to move."""
     names = [effect.key for effect in scene.effects.in_loop_order if effect.dry]
     piston = scene.piston
     if piston is not None and piston.mass is not None and piston.friction > 0.0:
@@ -30,33 +19,11 @@ def dry_friction_parts(scene: Scene) -> tuple[str, ...]:
 
 
 def has_coarse_friction(scene: Scene) -> bool:
-    """Return whether grains rub by de Paula's regularised friction, or with its list of pairs.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-
-    Returns
-    -------
-    bool
-        True for either.
-    """
+    """Return whether grains rub by de Paula's regularised friction, or with its list of pairs."""
     friction = scene.effects.friction
     return friction is not None and (friction.scheme == "regularised" or scene.pair_method == "verlet-list")
 
 
 def degraded_residual_limit(scene: Scene) -> float:
-    """Residual of the energy ledger beyond which a run of the scene is called degraded.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-
-    Returns
-    -------
-    float
-        Over the energy turned over, without unit.
-    """
+    """Residual of the energy ledger beyond which a run of the scene is called degraded."""
     return COARSE_DOUBTFUL if has_coarse_friction(scene) else DOUBTFUL

@@ -41,24 +41,12 @@ _TEXT = {"type": "string", "minLength": 1, "maxLength": 200}
 
 
 def scene_schema() -> Schema:
-    """Return the schema of scene files, with the effects that are known here.
-
-    Returns
-    -------
-    dict
-        JSON schema, draft 2020-12.
-    """
+    """Return the schema of scene files, with the effects that are known here."""
     return {"$schema": DIALECT, "title": "scene of granular-damper", **_section_schema(Scene)}
 
 
 def study_schema() -> Schema:
-    """Return the schema of study files.
-
-    Returns
-    -------
-    dict
-        JSON schema, draft 2020-12.
-    """
+    """Return the schema of study files."""
     step = {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, _TEXT]}
     changes = {"type": "object", "description": "keys of the scene, and their values"}
     own = {

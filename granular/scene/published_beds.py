@@ -36,22 +36,9 @@ Table A.1 does not follow. For grains of 8 mm the final height is 22.4 D = 0.179
 
 
 def piston_height_of_mixture(reference: float, species: Sequence[Species]) -> float:
-    """Piston height at which a mixture is packed like its first species alone at ``reference``.
+    """Piston height at which a mixture is packed like its first species alone at ``reference`` [m].
 
-    H_f = H_r sum_k R_k (D_k/D_1)^2 over the species with fractions R_k; for two species this is
-    [1 + R (p - 1)] H_r [D, eq. 4.23].
-
-    Parameters
-    ----------
-    reference : float
-        H_r, of the first species alone [m].
-    species : Sequence[Species]
-        Species with their diameters and fractions.
-
-    Returns
-    -------
-    float
-        H_f [m].
+    reference [m].
     """
     first = species[0].diameter
     return reference * math.fsum(specy.share * (specy.diameter / first) ** 2 for specy in species)
@@ -92,10 +79,7 @@ def _compressed_bed(
     seed: int,
     **more: object,
 ) -> Scene:
-    """Return packaged bed, compressed from one height to another [m]; ``more`` of it is changed.
-
-    With about two thousand records and a hundred frames for the compression.
-    """
+    """Return packaged bed, compressed from one height to another [m]; ``more`` of it is changed."""
     start, end = heights
     protocol = _compression_stages(start, end, speed, relaxation)
     scalars = (start - end) / speed / 2000.0

@@ -33,11 +33,7 @@ if TYPE_CHECKING:
 
 
 class Effects(Section):
-    """The effects that act, each as an attribute of its name. What is left out costs nothing.
-
-    An effect that does not act is None. `granular.effects.registry` has all that can be named: each
-    file of `granular.effects` brings one, and a user's own script may bring more.
-    """
+    """The effects that act, each as an attribute of its name. What is left out costs nothing."""
 
     _given: Mapping[str, Effect]
 
@@ -80,36 +76,12 @@ class Effects(Section):
 
     @classmethod
     def key_names(cls) -> tuple[str, ...]:
-        """Names of all effects that a scene can name.
-
-        Returns
-        -------
-        tuple of str
-            Sorted names.
-        """
+        """Names of all effects that a scene can name."""
         return effect_names()
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """Read the effects that act from a table of their keys.
-
-        Parameters
-        ----------
-        plain : object
-            Plain data, as a TOML file holds them.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        Effects
-            The effects.
-
-        Raises
-        ------
-        FieldError
-            If an effect is unknown, or a key of it does not fit.
-        """
+        """Read the effects that act from a table of their keys; diameter [m]."""
         if plain is True:
             plain = {}
         if not isinstance(plain, Mapping):
@@ -119,13 +91,7 @@ class Effects(Section):
         return self
 
     def to_plain(self) -> dict[str, Any]:
-        """Effects that act as a table; `from_plain` makes equal ones of it.
-
-        Returns
-        -------
-        dict
-            Plain data by the effects' names.
-        """
+        """Effects that act as a table; `from_plain` makes equal ones of it."""
         return {name: effect.to_plain() for name, effect in self._given.items()}
 
 

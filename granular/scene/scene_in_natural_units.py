@@ -39,18 +39,7 @@ EXIT = -5.0
 
 @dataclasses.dataclass(frozen=True)
 class SceneInNaturalUnits:
-    """A compiled scene.
-
-    Attributes
-    ----------
-    scales : Scales
-        The natural units.
-    constants : Constants
-    species : int (n,)
-        Species of each grain.
-    effects : tuple of Effect
-        Those that act, dipole aside, in the order of their laws.
-    """
+    """A compiled scene."""
 
     scales: Scales
     constants: Constants
@@ -70,27 +59,7 @@ class SceneInNaturalUnits:
 def scene_in_natural_units(
     scene: Scene, *, threads: int = 1, method: Method | None = None
 ) -> SceneInNaturalUnits:
-    """Make all that the compiled loop takes of a scene, in natural units.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    threads : int
-        Number of threads; 1 is without threads.
-    method : Method or None
-        Integration method; None where nothing is integrated.
-
-    Returns
-    -------
-    SceneInNaturalUnits
-        Scales, constants, species and effects.
-
-    Raises
-    ------
-    InputError
-        If the far field cannot act at longer steps with that method.
-    """
+    """Make all that the compiled loop takes of a scene, in natural units."""
     scales = Scales.from_grains(scene.grains)
     species = scene.grains.species_indices()
     masses = scene.grains.mass_ratios()[species]
@@ -198,23 +167,7 @@ def _effect_context(scene: Scene, scales: Scales, species: np.ndarray) -> Effect
 
 @contextlib.contextmanager
 def explain_compile_errors(scene: Scene) -> Iterator[None]:
-    """Turn the compiler's error of a user's function into one line, within the block.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-
-    Returns
-    -------
-    context manager
-        Block in which kernels are compiled.
-
-    Raises
-    ------
-    InputError
-        If one does not compile.
-    """
+    """Turn the compiler's error of a user's function into one line, within the block."""
     try:
         yield
     except NumbaError:

@@ -86,13 +86,7 @@ class Grains(Section):
     magnets: str = choice_field("dipoles", "cylinders", default="dipoles")
 
     def validate(self) -> None:
-        """Check that the shares add up to 1, and that the mixing fits the number of species.
-
-        Raises
-        ------
-        FieldError
-            If not.
-        """
+        """Check that the shares add up to 1, and that the mixing fits the number of species."""
         total = sum(specy.share for specy in self.species)
         if abs(total - 1.0) > 1e-9:
             raise FieldError(f"the shares add up to {total:g}; they must add up to 1", "species")
@@ -104,13 +98,7 @@ class Grains(Section):
             )
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`; spread and discs are written where there are any.
-
-        Returns
-        -------
-        dict
-            Keys and plain values.
-        """
+        """Plain data as of `Section.to_plain`; spread and discs are written where there are any."""
         plain = super().to_plain()
         if self.magnets == "dipoles":
             del plain["magnets"]
@@ -119,33 +107,15 @@ class Grains(Section):
         return plain
 
     def species_counts(self) -> tuple[int, ...]:
-        """Return the number of grains of each species.
-
-        Returns
-        -------
-        tuple of int
-            (s,), in the order of the species.
-        """
+        """Return the number of grains of each species."""
         return tuple(np.bincount(self.species_indices(), minlength=len(self.species)).tolist())
 
     def species_fractions(self) -> tuple[float, ...]:
-        """Fraction of the grains of each species, as the mixing rule really makes it.
-
-        Returns
-        -------
-        tuple of float
-            (s,), without unit.
-        """
+        """Fraction of the grains of each species, as the mixing rule really makes it."""
         return tuple(number / max(self.count, 1) for number in self.species_counts())
 
     def species_indices(self) -> np.ndarray:
-        """Index of the species of each grain, by the mixing rule [D, 4.2.2].
-
-        Returns
-        -------
-        int64 (n,)
-            Indices of `species`.
-        """
+        """Index of the species of each grain, by the mixing rule [D, 4.2.2]."""
         if self.mixing == "every-kth":
             return _species_by_every_kth_rule(self.count, self.species[1].share)
         counts = self._largest_remainder_counts()
@@ -163,72 +133,31 @@ class Grains(Section):
         return tuple(counts)
 
     def diameters(self) -> np.ndarray:
-        """Diameter of each grain.
-
-        Returns
-        -------
-        float64 (n,)
-            [m]
-        """
+        """Diameter of each grain [m]."""
         return np.array([specy.diameter for specy in self.species])[self.species_indices()]
 
     def species_values(self, name: str) -> np.ndarray:
-        """Thickness, density or remanence of each species.
-
-        Parameters
-        ----------
-        name : str
-            ``"thickness"``, ``"density"`` or ``"remanence"``.
-
-        Returns
-        -------
-        float64 (s,)
-            In SI.
-        """
+        """Thickness, density or remanence of each species."""
         own = [getattr(specy, name) for specy in self.species]
         return np.array([getattr(self, name) if value is None else value for value in own])
 
     def masses(self) -> np.ndarray:
-        """Mass of each grain, a flat cylinder.
-
-        Returns
-        -------
-        float64 (n,)
-            [kg]
-        """
+        """Mass of each grain, a flat cylinder [kg]."""
         sheet = np.pi / 4.0 * self.species_values("density") * self.species_values("thickness")
         value = self.species_indices()
         return np.asarray(sheet[value] * self.diameters() ** 2)
 
     def mass_ratios(self) -> np.ndarray:
-        """Mass of a grain of each species over that of the first.
-
-        Returns
-        -------
-        float64 (s,)
-            Without unit.
-        """
+        """Mass of a grain of each species over that of the first."""
         return self._ratios_to_first_species("density")
 
     def face_area_ratios(self) -> np.ndarray:
-        """Area of a face of a grain of each species over that of the first.
-
-        Returns
-        -------
-        float64 (s,)
-            Without unit.
-        """
+        """Area of a face of a grain of each species over that of the first."""
         diameter = np.array([specy.diameter for specy in self.species])
         return np.asarray((diameter / diameter[0]) ** 2)
 
     def moment_ratios(self) -> np.ndarray:
-        """Magnetic moment of a grain of each species, without spread, over that of the first.
-
-        Returns
-        -------
-        float64 (s,)
-            Without unit.
-        """
+        """Magnetic moment of a grain of each species, without spread, over that of the first."""
         return self._ratios_to_first_species("remanence")
 
     def _ratios_to_first_species(self, name: str) -> np.ndarray:
@@ -236,13 +165,7 @@ class Grains(Section):
         return self.face_area_ratios() * (thickness / thickness[0]) * (strength / strength[0])
 
     def moment_spread_factors(self) -> np.ndarray:
-        """Factor of each grain's moment over its species'.
-
-        Returns
-        -------
-        float64 (n,)
-            Without unit; 1 without spread.
-        """
+        """Factor of each grain's moment over its species'."""
         if self.spread == 0.0:
             return np.ones(self.count)
         drawn = np.random.default_rng(self.seed).normal(size=self.count)
@@ -290,18 +213,7 @@ class Cell(Section):
         return None if self.height is None else (self.width, self.height)
 
     def wrap_positions(self, positions: np.ndarray) -> np.ndarray:
-        """Positions of the images within a periodic cell; as given of a closed one.
-
-        Parameters
-        ----------
-        positions : float64 (..., 2)
-            [m]
-
-        Returns
-        -------
-        float64 (..., 2)
-            [m]
-        """
+        """Positions of the images within a periodic cell; as given of a closed one [m]; positions [m]."""
         if self.periods is None:
             return positions
         inside = np.mod(positions, self.periods)
@@ -309,32 +221,13 @@ class Cell(Section):
         return np.asarray(np.where(inside < self.periods, inside, 0.0 * inside))
 
     def nearest_image_displacements(self, displacements: np.ndarray) -> np.ndarray:
-        """Displacements of the nearest images; as given in a closed cell.
-
-        The minimum-image convention (Allen and Tildesley, Computer Simulation of Liquids, 1987).
-
-        Parameters
-        ----------
-        displacements : float64 (..., 2)
-            [m]
-
-        Returns
-        -------
-        float64 (..., 2)
-            [m]
-        """
+        """Displacements of the nearest images; as given in a closed cell [m]; displacements [m]."""
         if self.periods is None:
             return displacements
         return np.asarray(displacements - self.periods * np.round(displacements / self.periods))
 
     def validate(self) -> None:
-        """Check that a periodic cell has a height, and a closed one has none.
-
-        Raises
-        ------
-        FieldError
-            If not.
-        """
+        """Check that a periodic cell has a height, and a closed one has none."""
         if self.sides == "periodic" and self.height is None:
             raise FieldError("must be given where the sides are periodic", "height")
         if self.sides == "closed" and self.height is not None:
@@ -343,13 +236,7 @@ class Cell(Section):
             )
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`; periodic sides are written where there are any.
-
-        Returns
-        -------
-        dict
-            Keys and plain values.
-        """
+        """Plain data as of `Section.to_plain`; periodic sides are written where there are any."""
         plain = super().to_plain()
         if self.height is None:
             del plain["sides"]
@@ -400,13 +287,7 @@ class Output(Section):
         return round(self.frames / self.scalars)
 
     def validate(self) -> None:
-        """Check that frames come at whole multiples of the records' interval.
-
-        Raises
-        ------
-        FieldError
-            If not.
-        """
+        """Check that frames come at whole multiples of the records' interval."""
         ratio = self.frames / self.scalars
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
             near = max(1, round(ratio)) * self.scalars

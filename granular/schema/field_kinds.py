@@ -29,38 +29,12 @@ class FieldError(SceneError):
         super().__init__(f"{'.'.join(map(sanitize, path))}: {reason}" if path else reason)
 
     def with_outer_path(self, *outer: str) -> FieldError:
-        """Make the same error, with the keys that lead to the section before its path.
-
-        Parameters
-        ----------
-        *outer
-            Keys from the scene on.
-
-        Returns
-        -------
-        FieldError
-            The new error.
-        """
+        """Make the same error, with the keys that lead to the section before its path."""
         return FieldError(self.reason, *outer, *self.path)
 
 
 def unknown_word_message(word: str, known: Sequence[str], what: str) -> str:
-    """Message for an unknown word, with the nearest known one.
-
-    Parameters
-    ----------
-    word : str
-        Word as it was written.
-    known : Sequence[str]
-        Words that there are.
-    what : str
-        Kind of word, as in ``"key"``.
-
-    Returns
-    -------
-    str
-        Message.
-    """
+    """Message for an unknown word, with the nearest known one."""
     near = difflib.get_close_matches(str(word)[:_LONGEST], known, 1, cutoff=0.5)
     shown = ", ".join(map(sanitize, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
     advice = f"did you mean {quote(near[0])}?" if near else f"known are {shown}"
@@ -161,25 +135,7 @@ class QuantityKind(FieldKind):
     most: float | None = None
 
     def parse(self, value: Any, diameter: float | None) -> float:
-        """Read a number in the field's SI unit, or a text with a unit of its dimension.
-
-        Parameters
-        ----------
-        value : object
-            Value as plain data.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        float
-            In SI.
-
-        Raises
-        ------
-        FieldError
-            If it is something else, or beyond the field's limits.
-        """
+        """Read a number in the field's SI unit, or a text with a unit of its dimension; diameter [m]."""
         if isinstance(value, str):
             try:
                 number = si_value(value, self.unit, diameter)
@@ -212,25 +168,7 @@ class IntegerKind(FieldKind):
     most: int = 2**63 - 1
 
     def parse(self, value: Any, diameter: float | None) -> int:
-        """Read an integer, also as text or a whole float.
-
-        Parameters
-        ----------
-        value : object
-            Value as plain data.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        int
-            The integer.
-
-        Raises
-        ------
-        FieldError
-            If it is something else, or beyond the field's limits.
-        """
+        """Read an integer, also as text or a whole float; diameter [m]."""
         number = _parse_integer(value)
         if number is None:
             raise FieldError(f"{quote(value)} must be an integer")
@@ -258,25 +196,7 @@ class FlagKind(FieldKind):
     """A truth value."""
 
     def parse(self, value: Any, diameter: float | None) -> bool:
-        """Read a truth value, also as text.
-
-        Parameters
-        ----------
-        value : object
-            Value as plain data.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        bool
-            The value.
-
-        Raises
-        ------
-        FieldError
-            If it is something else, or beyond the field's limits.
-        """
+        """Read a truth value, also as text; diameter [m]."""
         known = {"true": True, "false": False}
         if isinstance(value, str) and value in known:
             return known[value]
@@ -292,25 +212,7 @@ class ChoiceKind(FieldKind):
     names: tuple[str, ...] = ()
 
     def parse(self, value: Any, diameter: float | None) -> str:
-        """Read one of the field's words.
-
-        Parameters
-        ----------
-        value : object
-            Value as plain data.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        str
-            The word.
-
-        Raises
-        ------
-        FieldError
-            If it is something else, or beyond the field's limits.
-        """
+        """Read one of the field's words; diameter [m]."""
         if not isinstance(value, str) or value not in self.names:
             raise FieldError(unknown_word_message(str(value), self.names, "choice"))
         return value
@@ -321,25 +223,7 @@ class TextKind(FieldKind):
     """One line of text."""
 
     def parse(self, value: Any, diameter: float | None) -> str:
-        """Read one line of text.
-
-        Parameters
-        ----------
-        value : object
-            Value as plain data.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        str
-            The text.
-
-        Raises
-        ------
-        FieldError
-            If it is something else, or beyond the field's limits.
-        """
+        """Read one line of text; diameter [m]."""
         if not isinstance(value, str) or not value.strip():
             raise FieldError(f"{quote(value)} must be a text that is not empty")
         if len(value) > _LONGEST or not value.isprintable():
@@ -354,25 +238,7 @@ class PointListKind(FieldKind):
     unit: str = "m"
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[float, float], ...]:
-        """Read a list of pairs of quantities.
-
-        Parameters
-        ----------
-        value : object
-            Value as plain data.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        tuple of (float, float)
-            In SI.
-
-        Raises
-        ------
-        FieldError
-            If it is something else, or beyond the field's limits.
-        """
+        """Read a list of pairs of quantities; diameter [m]."""
         quantity = QuantityKind(unit=self.unit)
         try:
             rows = [tuple(row) for row in value]
@@ -384,18 +250,7 @@ class PointListKind(FieldKind):
         return tuple((quantity.parse(x, diameter), quantity.parse(y, diameter)) for x, y in rows)
 
     def to_plain(self, value: Any) -> Any:
-        """Pairs as lists.
-
-        Parameters
-        ----------
-        value : object
-            Value of the field.
-
-        Returns
-        -------
-        list
-            Plain data.
-        """
+        """Pairs as lists."""
         return [list(row) for row in value]
 
 
@@ -406,25 +261,7 @@ class QuantityListKind(FieldKind):
     element: QuantityKind = QuantityKind()
 
     def parse(self, value: Any, diameter: float | None) -> tuple[float, ...]:
-        """Read a list of quantities.
-
-        Parameters
-        ----------
-        value : object
-            Value as plain data.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        tuple of float
-            In SI.
-
-        Raises
-        ------
-        FieldError
-            If it is something else, or beyond the field's limits.
-        """
+        """Read a list of quantities; diameter [m]."""
         if isinstance(value, str) or not isinstance(value, Sequence):
             raise FieldError("must be a list of numbers")
         result = []
@@ -436,18 +273,7 @@ class QuantityListKind(FieldKind):
         return tuple(result)
 
     def to_plain(self, value: Any) -> Any:
-        """Numbers as a list.
-
-        Parameters
-        ----------
-        value : object
-            Value of the field.
-
-        Returns
-        -------
-        list
-            Plain data.
-        """
+        """Numbers as a list."""
         return list(value)
 
 
@@ -458,41 +284,12 @@ class NestedSectionKind(FieldKind):
     section: type[Any] | None = None
 
     def parse(self, value: Any, diameter: float | None) -> Any:
-        """Read a section from its table.
-
-        Parameters
-        ----------
-        value : object
-            Value as plain data.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        Section
-            The section.
-
-        Raises
-        ------
-        FieldError
-            If it is something else, or beyond the field's limits.
-        """
+        """Read a section from its table; diameter [m]."""
         assert self.section is not None
         return value if isinstance(value, self.section) else self.section.from_plain(value, diameter)
 
     def to_plain(self, value: Any) -> Any:
-        """Section as a table.
-
-        Parameters
-        ----------
-        value : object
-            Value of the field.
-
-        Returns
-        -------
-        dict
-            Plain data.
-        """
+        """Section as a table."""
         return value.to_plain()
 
 
@@ -505,25 +302,7 @@ class SectionListKind(FieldKind):
     least: int = 0
 
     def parse(self, value: Any, diameter: float | None) -> tuple[Any, ...]:
-        """Read a list of sections, whose names must differ.
-
-        Parameters
-        ----------
-        value : object
-            Value as plain data.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        tuple of Section
-            The sections.
-
-        Raises
-        ------
-        FieldError
-            If it is something else, or beyond the field's limits.
-        """
+        """Read a list of sections, whose names must differ; diameter [m]."""
         if isinstance(value, str | Mapping) or not isinstance(value, Sequence):
             raise FieldError("must be a list of tables")
         if len(value) < self.least:
@@ -556,18 +335,7 @@ class SectionListKind(FieldKind):
         return self.kinds[item["kind"]].from_plain(rest, diameter)
 
     def to_plain(self, value: Any) -> Any:
-        """Sections as tables, with their kinds where there are several.
-
-        Parameters
-        ----------
-        value : object
-            Value of the field.
-
-        Returns
-        -------
-        list
-            Plain data.
-        """
+        """Sections as tables, with their kinds where there are several."""
         if self.kinds is None:
             return [item.to_plain() for item in value]
         names = {cls: name for name, cls in self.kinds.items()}

@@ -24,25 +24,7 @@ class ParameterValuesKind(FieldKind):
     """Parameters by their names, each as a number and its SI unit: ``10.0 kg s^-2``."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, str], ...]:
-        """Read parameters, each a number with a unit.
-
-        Parameters
-        ----------
-        value : object
-            Value as plain data.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        tuple of (str, str)
-            Names, sorted, each with its number and SI unit.
-
-        Raises
-        ------
-        FieldError
-            If one is no quantity.
-        """
+        """Read parameters, each a number with a unit; diameter [m]."""
         result = {}
         for name, given in dict(value).items():
             try:
@@ -89,69 +71,26 @@ class SectionWithFormula(Section):
         return formula
 
     def parameter_value_and_dimension(self, name: str) -> tuple[float, Dimension]:
-        """Value and dimension of a parameter.
-
-        Parameters
-        ----------
-        name : str
-            Name of the parameter.
-
-        Returns
-        -------
-        value : float
-            In SI.
-        dimension : tuple of Fraction
-            Powers of metre, kilogram, second and ampere.
-        """
+        """Value and dimension of a parameter."""
         number, unit = dict(self.values)[name].split(" ", 1)
         return float(number), tuple(map(Fraction, unit_size(unit)[1]))
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """Read a table whose further keys are parameters of the formula.
-
-        Parameters
-        ----------
-        plain : object
-            Plain data, as a TOML file holds them.
-        diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
-
-        Returns
-        -------
-        Section
-            The section.
-
-        Raises
-        ------
-        FieldError
-            If a key is missing, or a value does not fit.
-        """
+        """Read a table whose further keys are parameters of the formula; diameter [m]."""
         if isinstance(plain, Mapping) and "values" not in plain:
             known = {name: plain[name] for name in plain if name in cls.key_names()}
             plain = known | {"values": {name: plain[name] for name in plain if name not in known}}
         return super().from_plain(plain, diameter)
 
     def to_plain(self) -> dict[str, Any]:
-        """Section as a table with its parameters; `from_plain` makes an equal section of it.
-
-        Returns
-        -------
-        dict
-            Keys and plain values.
-        """
+        """Section as a table with its parameters; `from_plain` makes an equal section of it."""
         plain = super().to_plain()
         del plain["values"]
         return plain | dict(self.values)
 
     def validate(self) -> None:
-        """Check that the formula can be read, has its parameters, and makes the unit.
-
-        Raises
-        ------
-        FieldError
-            If not.
-        """
+        """Check that the formula can be read, has its parameters, and makes the unit."""
         try:
             self._check_formula()
         except FieldError:

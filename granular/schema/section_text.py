@@ -10,20 +10,7 @@ from granular.schema.sections import Section
 
 
 def describe_fields(section: Section, *, without: tuple[str, ...] = ()) -> str:
-    """Values of a section's fields as text, with units; empty where none is given.
-
-    Parameters
-    ----------
-    section : Section
-        The section.
-    without : tuple[str, ...]
-        Names of fields to leave out.
-
-    Returns
-    -------
-    str
-        As ``drag 0.1 kg/s, friction 2 N``.
-    """
+    """Values of a section's fields as text, with units; empty where none is given."""
     said = []
     for field in dataclasses.fields(section):
         value = getattr(section, field.name)

@@ -28,20 +28,7 @@ from granular.shared.message_text import quote
 
 
 def section_field(kind: FieldKind, default: Any = dataclasses.MISSING) -> Any:
-    """Declare a field of a section.
-
-    Parameters
-    ----------
-    kind : FieldKind
-        Kind of the field: it reads, checks and writes its value.
-    default : object
-        Value where a scene gives none; without it the key is needed.
-
-    Returns
-    -------
-    field
-        Field of a section, with its checks.
-    """
+    """Declare a field of a section."""
     return dataclasses.field(default=default, metadata={"kind": kind})
 
 
@@ -97,162 +84,46 @@ def quantity(
 def integer_field(
     *, default: Any = dataclasses.MISSING, least: int = 0, most: int = 2**63 - 1, optional: bool = False
 ) -> Any:
-    """Declare an integer of a section.
-
-    Parameters
-    ----------
-    default : object
-        Value where a scene gives none; without it the key is needed.
-    least : int
-        Least value.
-    most : int
-        Greatest value.
-    optional : bool
-        Allow None.
-
-    Returns
-    -------
-    field
-        Field of a section, with its checks.
-    """
+    """Declare an integer of a section."""
     return section_field(IntegerKind(optional, least=least, most=most), default)
 
 
 def flag_field(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    """Declare a truth value of a section.
-
-    Parameters
-    ----------
-    default : object
-        Value where a scene gives none; without it the key is needed.
-    optional : bool
-        Allow None.
-
-    Returns
-    -------
-    field
-        Field of a section, with its checks.
-    """
+    """Declare a truth value of a section."""
     return section_field(FlagKind(optional), default)
 
 
 def choice_field(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    """Declare a word of a section, one of several.
-
-    Parameters
-    ----------
-    default : object
-        Value where a scene gives none; without it the key is needed.
-    optional : bool
-        Allow None.
-    *names
-        The words.
-
-    Returns
-    -------
-    field
-        Field of a section, with its checks.
-    """
+    """Declare a word of a section, one of several."""
     return section_field(ChoiceKind(optional, names=names), default)
 
 
 def text_field(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    """Declare one line of text of a section.
-
-    Parameters
-    ----------
-    default : object
-        Value where a scene gives none; without it the key is needed.
-    optional : bool
-        Allow None.
-
-    Returns
-    -------
-    field
-        Field of a section, with its checks.
-    """
+    """Declare one line of text of a section."""
     return section_field(TextKind(optional), default)
 
 
 def points_field(unit: str = "m", *, default: Any = dataclasses.MISSING) -> Any:
-    """Declare a list of pairs of quantities of a section.
-
-    Parameters
-    ----------
-    unit : str
-        SI unit of the numbers.
-    default : object
-        Value where a scene gives none; without it the key is needed.
-
-    Returns
-    -------
-    field
-        Field of a section, with its checks.
-    """
+    """Declare a list of pairs of quantities of a section."""
     return section_field(PointListKind(True, unit=unit), default)
 
 
 def quantity_list_field(
     unit: str, *, default: Any = dataclasses.MISSING, above: float | None = None, least: float | None = None
 ) -> Any:
-    """Declare a list of quantities of a section.
-
-    Parameters
-    ----------
-    unit : str
-        SI unit of the numbers.
-    default : object
-        Value where a scene gives none; without it the key is needed.
-    above : float or None
-        Bound in that unit, left out of the range.
-    least : float or None
-        Bound in that unit.
-
-    Returns
-    -------
-    field
-        Field of a section, with its checks.
-    """
+    """Declare a list of quantities of a section."""
     return section_field(QuantityListKind(element=QuantityKind(unit=unit, above=above, least=least)), default)
 
 
 def nested_section_field(
     section: type[Section], *, default: Any = dataclasses.MISSING, optional: bool = False
 ) -> Any:
-    """Declare a section within a section.
-
-    Parameters
-    ----------
-    section : type[Section]
-        Class of the inner section.
-    default : object
-        Value where a scene gives none; without it the key is needed.
-    optional : bool
-        Allow None.
-
-    Returns
-    -------
-    field
-        Field of a section, with its checks.
-    """
+    """Declare a section within a section."""
     return section_field(NestedSectionKind(optional, section=section), default)
 
 
 def section_list_field(section: type[Section], *, least: int = 0) -> Any:
-    """Declare a list of sections within a section.
-
-    Parameters
-    ----------
-    section : type[Section]
-        Class of the inner sections.
-    least : int
-        Least number of them.
-
-    Returns
-    -------
-    field
-        Field of a section, with its checks.
-    """
+    """Declare a list of sections within a section."""
     return section_field(SectionListKind(section=section, least=least))
 
 
@@ -362,22 +233,7 @@ class Section:
 
 
 def find_field(section: Any, key: str) -> tuple[Any, FieldKind] | None:
-    """Find the field that a dotted key leads to.
-
-    An item of a list is named by its index or its ``name``.
-
-    Parameters
-    ----------
-    section : object
-        Section to begin with.
-    key : str
-        Dotted key, as ``protocol.lift.by``.
-
-    Returns
-    -------
-    tuple of (object, FieldKind) or None
-        Value and kind of the field; None where the key leads to none.
-    """
+    """Find the field that a dotted key leads to."""
     *path, name = key.split(".")
     for part in path:
         section = _find_inner_section(section, part)

@@ -16,17 +16,7 @@ from pathlib import Path
 
 
 def toolkit_cache_folder() -> Path | None:
-    """Folder of the toolkit among the user's caches.
-
-    It is in ``XDG_CACHE_HOME``, or in ``.cache`` in the home directory. An empty or relative
-    ``XDG_CACHE_HOME`` is ignored, as its specification says: it would be another folder in every
-    working directory.
-
-    Returns
-    -------
-    Path or None
-        ``granular-damper`` in the cache folder; None where the user has no home directory.
-    """
+    """Folder of the toolkit among the user's caches."""
     home = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if not home.is_absolute():
         try:
@@ -37,20 +27,7 @@ def toolkit_cache_folder() -> Path | None:
 
 
 def trusted_cache_folder(folder: Path | None, variable: str) -> Path | None:
-    """Folder for compiled code, made where there is none, if it can be trusted and written to.
-
-    Parameters
-    ----------
-    folder : Path or None
-        None stands for no home directory.
-    variable : str
-        Environment variable by which the user can choose another one.
-
-    Returns
-    -------
-    Path or None
-        The folder, absolute; None where it must not or cannot be used. A warning says why.
-    """
+    """Folder for compiled code, made where there is none, if it can be trusted and written to."""
     try:
         if folder is None:
             raise OSError("there is no home directory")
@@ -78,22 +55,7 @@ def _belongs_to_user_alone(status: os.stat_result) -> bool:
 
 
 def read_sealed_file(path: Path, label: str) -> bytes | None:
-    """Read the content that `write_sealed_file` wrote under the same label.
-
-    None where there is no such file, where it is not the user's own, and where it was damaged.
-
-    Parameters
-    ----------
-    path : Path
-        File to read.
-    label : str
-        Label of the content, which is part of the digest.
-
-    Returns
-    -------
-    bytes or None
-        Content; None where there is no such file, it is not the user's own, or it is damaged.
-    """
+    """Read the content that `write_sealed_file` wrote under the same label."""
     try:
         with path.open("rb") as file:
             content = file.read() if _belongs_to_user_alone(os.fstat(file.fileno())) else b""
@@ -104,22 +66,7 @@ def read_sealed_file(path: Path, label: str) -> bytes | None:
 
 
 def write_sealed_file(path: Path, label: str, body: bytes) -> None:
-    """Write a file with a digest before its content, in one step.
-
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    label : str
-        Label of the content, which is part of the digest.
-    body : bytes
-        Content.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; nothing is left behind then.
-    """
+    """Write a file with a digest before its content, in one step."""
     handle, part = tempfile.mkstemp(suffix=".part", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:

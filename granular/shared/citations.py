@@ -62,18 +62,7 @@ def cite(*things: Any) -> str:
 
 
 def find_dois(text: str) -> list[str]:
-    """Find the DOIs that a text names; a bracket that the text opened before one is not part of it.
-
-    Parameters
-    ----------
-    text : str
-        Text with DOIs such as ``doi:10.1063/1.463137``.
-
-    Returns
-    -------
-    list of str
-        DOIs, without ``doi:``.
-    """
+    """Find the DOIs that a text names; a bracket that the text opened before one is not part of it."""
     return [_strip_sentence_end(doi) for doi in DOI.findall(text)]
 
 
@@ -103,16 +92,5 @@ def citation_keys_by_doi() -> dict[str, str]:
 
 
 def module_docstring_of(cls: type) -> str:
-    """Docstring of the module that a class is from, where its law and its source stand.
-
-    Parameters
-    ----------
-    cls : type
-        The class.
-
-    Returns
-    -------
-    str
-        Docstring; empty where the module has none.
-    """
+    """Docstring of the module that a class is from, where its law and its source stand."""
     return sys.modules[cls.__module__].__doc__ or ""

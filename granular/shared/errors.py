@@ -189,18 +189,7 @@ NEEDED_BY = {
 
 
 def missing_package_error(error: ModuleNotFoundError) -> MissingPackageError | None:
-    """Turn the error of a missing module into one that says what to install.
-
-    Parameters
-    ----------
-    error : ModuleNotFoundError
-        Error of an import.
-
-    Returns
-    -------
-    MissingPackageError or None
-        Error with advice; None where the module is none that the toolkit needs.
-    """
+    """Turn the error of a missing module into one that says what to install."""
     module = (error.name or "").partition(".")[0]
     if module not in NEEDED_BY:
         return None
@@ -211,18 +200,7 @@ def missing_package_error(error: ModuleNotFoundError) -> MissingPackageError | N
 
 
 def with_missing_package_advice(attribute: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Wrap a package's ``__getattr__``, so that a missing module is reported with what to install.
-
-    Parameters
-    ----------
-    attribute : function of str
-        ``__getattr__`` of the package.
-
-    Returns
-    -------
-    function of str
-        The same, which raises `MissingPackageError` where a needed module is missing.
-    """
+    """Wrap a package's ``__getattr__``, so that a missing module is reported with what to install."""
 
     def get(name: str) -> Any:
         try:

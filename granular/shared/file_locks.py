@@ -17,25 +17,7 @@ WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
 @contextlib.contextmanager
 def lock_file(path: Path, wait: bool) -> Iterator[bool]:
-    """Lock a file while the block runs, against other processes.
-
-    Parameters
-    ----------
-    path : Path
-        The file is made, and removed in the end.
-    wait : bool
-        Wait until others release it.
-
-    Yields
-    ------
-    bool
-        False where another process holds it.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be made.
-    """
+    """Lock a file while the block runs, against other processes."""
     if not HAS_LOCKS:
         yield True
         return
@@ -51,22 +33,7 @@ def lock_file(path: Path, wait: bool) -> Iterator[bool]:
 
 
 def lock_open_file(opened: int, wait: bool) -> None:
-    """Lock an open file or directory until it is closed; only where `HAS_LOCKS` is True.
-
-    Parameters
-    ----------
-    opened : int
-        File descriptor.
-    wait : bool
-        Wait until others release it.
-
-    Raises
-    ------
-    BlockingIOError
-        If another process holds it, and this one is not to wait.
-    OSError
-        If the file system has no locks.
-    """
+    """Lock an open file or directory until it is closed; only where `HAS_LOCKS` is True."""
     import fcntl
 
     fcntl.flock(opened, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -28,30 +28,7 @@ _DOTTED = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")
 
 @contextlib.contextmanager
 def write_atomically(path: Path, overwrite: bool) -> Iterator[Path]:
-    """Give a temporary path to write to, which takes the file's name when all went well.
-
-    A link stays and what it leads to is replaced; a device or a pipe is written to as it is.
-
-    Parameters
-    ----------
-    path : Path
-        File to write. A link stays, and the file that it leads to is replaced.
-    overwrite : bool
-        True where a file of that name may be replaced.
-
-    Yields
-    ------
-    Path
-        Path to write to: a temporary file, or the device or pipe itself.
-
-    Raises
-    ------
-    InputError
-        If there is something of that name and it may not be overwritten, if it is a directory, or
-        if its directory does not exist.
-    StoreError
-        If it cannot be written.
-    """
+    """Give a temporary path to write to, which takes the file's name when all went well."""
     check_output_file(path, overwrite)
     if path.exists() and not path.is_file():
         try:
@@ -83,32 +60,7 @@ def write_atomically(path: Path, overwrite: bool) -> Iterator[Path]:
 def write_files_atomically(
     directory: Path, names: Sequence[str], overwrite: bool
 ) -> Iterator[Callable[[str], Path]]:
-    """Give temporary paths to write several files of a directory to, which take their names together.
-
-    The directory is made if there is none. The files take their real names together, when all went
-    well; names that cannot be written or may not be are refused before anything is.
-
-    Parameters
-    ----------
-    directory : Path
-        Directory, which is made if there is none.
-    names : sequence of str
-        Names of the files.
-    overwrite : bool
-        True where files of these names may be replaced.
-
-    Yields
-    ------
-    function of str
-        Returns the path to write a file to, by its name.
-
-    Raises
-    ------
-    InputError
-        If a name is that of a directory, or of a file that may not be overwritten.
-    StoreError
-        If the directory cannot be made, or a file cannot be written.
-    """
+    """Give temporary paths to write several files of a directory to, which take their names together."""
     make_directory(directory)
     for name in names:
         check_output_file(directory / name, overwrite)
@@ -117,27 +69,7 @@ def write_files_atomically(
 
 
 def read_text(path: Path, most_bytes: int, error_type: type[InputError] = InputError) -> str:
-    """Read a text file in UTF-8, with or without a byte-order mark.
-
-    Parameters
-    ----------
-    path : Path
-        File to read.
-    most_bytes : int
-        Greatest number of bytes.
-    error_type : type of InputError
-        Class of the error that is raised.
-
-    Returns
-    -------
-    str
-        Text of the file.
-
-    Raises
-    ------
-    InputError
-        Of that kind, if there is no such file, or it cannot be read or is too long.
-    """
+    """Read a text file in UTF-8, with or without a byte-order mark."""
     with report_read_errors(path, most_bytes, error_type):
         with path.open("rb") as file:
             content = file.read(most_bytes + 1)
@@ -153,29 +85,7 @@ def read_text(path: Path, most_bytes: int, error_type: type[InputError] = InputE
 def report_read_errors(
     path: Path, most_bytes: int, error_type: type[InputError] = InputError
 ) -> Iterator[None]:
-    """Report errors within the block, which reads a file, in one line.
-
-    A pipe, which may never begin or never end, and a device are no files.
-
-    Parameters
-    ----------
-    path : Path
-        File that is read.
-    most_bytes : int
-        Greatest number of bytes.
-    error_type : type of InputError
-        Class of the error that is raised.
-
-    Yields
-    ------
-    None
-        The block runs where the path is that of a file that is not too long.
-
-    Raises
-    ------
-    InputError
-        Of that kind, if there is no such file, or it cannot be read or is too long.
-    """
+    """Report errors within the block, which reads a file, in one line."""
     name = sanitize(path)
     try:
         status = path.stat()
@@ -208,23 +118,7 @@ def _too_long_error(path: Path, most_bytes: int, error_type: type[InputError]) -
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Parse a TOML text.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-
-    Returns
-    -------
-    dict
-        Plain data.
-
-    Raises
-    ------
-    ValueError
-        If it is none, or too much of one.
-    """
+    """Parse a TOML text."""
     if _DOTTED.search(text):
         raise ValueError(f"a key of more than {MOST_KEY_PARTS} parts; write fewer dots")
     try:
@@ -234,25 +128,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def read_toml(path: Path, error_type: type[InputError] = InputError) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Parameters
-    ----------
-    path : Path
-        File to read.
-    error_type : type of InputError
-        Class of the error that is raised.
-
-    Returns
-    -------
-    dict
-        Plain data.
-
-    Raises
-    ------
-    InputError
-        Of the given kind, if it cannot be read.
-    """
+    """Read a TOML file."""
     text = read_text(path, MOST_TOML_BYTES, error_type)
     try:
         return parse_toml(text)
@@ -261,59 +137,18 @@ def read_toml(path: Path, error_type: type[InputError] = InputError) -> dict[str
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8 in one step; one of that name is replaced.
-
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    text : str
-        Its content.
-
-    Raises
-    ------
-    InputError
-        If it is a directory or in none.
-    StoreError
-        If it cannot be written; what was there before still stands.
-    """
+    """Write a text file in UTF-8 in one step; one of that name is replaced."""
     with write_atomically(path, overwrite=True) as part:
         part.write_text(text, encoding="utf-8")
 
 
 def write_json(path: Path, plain: object) -> None:
-    """Write plain data as a JSON file; numbers that are not finite become null.
-
-    Parameters
-    ----------
-    path : Path
-        File to write; one of that name is replaced.
-    plain : object
-        Dicts, lists, texts, numbers, truth values and None.
-
-    Raises
-    ------
-    InputError
-        If it is a directory or in none.
-    StoreError
-        If it cannot be written; the former file still stands.
-    """
+    """Write plain data as a JSON file; numbers that are not finite become null."""
     write_text(path, json.dumps(replace_non_finite_by_none(plain), indent=2, allow_nan=False) + "\n")
 
 
 def replace_non_finite_by_none(plain: Any) -> Any:
-    """Copy plain data, with None in place of every number that is infinite or NaN.
-
-    Parameters
-    ----------
-    plain : object
-        Dicts, lists, texts, numbers, truth values and None.
-
-    Returns
-    -------
-    object
-        The copy.
-    """
+    """Copy plain data, with None in place of every number that is infinite or NaN."""
     if isinstance(plain, dict):
         return {key: replace_non_finite_by_none(value) for key, value in plain.items()}
     if isinstance(plain, list | tuple):
@@ -324,22 +159,7 @@ def replace_non_finite_by_none(plain: Any) -> Any:
 
 
 def check_output_file(path: Path, overwrite: bool) -> None:
-    """Refuse a path that cannot be written to, or a file that may not be replaced.
-
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    overwrite : bool
-        True where a file of that name may be replaced.
-
-    Raises
-    ------
-    InputError
-        If the path names no file, is a directory, exists and may not be replaced, or is in no directory.
-    StoreError
-        If the path cannot be looked at.
-    """
+    """Refuse a path that cannot be written to, or a file that may not be replaced."""
     if not path.name:
         raise InputError(f"{str(path)!r} names no file; give one, such as out/bed.gsd")
     try:
@@ -360,18 +180,7 @@ def _unwritable_error(path: Path, error: OSError) -> StoreError:
 
 
 def make_directory(path: Path) -> None:
-    """Make a directory, and those above it, where there is none.
-
-    Parameters
-    ----------
-    path : Path
-        Directory.
-
-    Raises
-    ------
-    StoreError
-        If it cannot be made.
-    """
+    """Make a directory, and those above it, where there is none."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -65,52 +65,17 @@ def _escape(words: object) -> str:
 
 
 def preformatted_html(words: object) -> str:
-    """Format a text of many lines as an HTML element ``pre``.
-
-    Parameters
-    ----------
-    words : object
-        Text, which is escaped.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Format a text of many lines as an HTML element ``pre``."""
     return f"<pre>{_escape(words)}</pre>"
 
 
 def paragraph_html(words: object) -> str:
-    """Format a text as an HTML paragraph.
-
-    Parameters
-    ----------
-    words : object
-        Text, which is escaped.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Format a text as an HTML paragraph."""
     return f"<p>{_escape(words)}</p>"
 
 
 def table_html(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Format a table as HTML.
-
-    Parameters
-    ----------
-    header : sequence of str (c,)
-        Heads of the columns.
-    rows : sequence of sequence (r, c)
-        Cells, which are escaped.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Format a table as HTML."""
     head = "".join(f"<th>{_escape(cell)}</th>" for cell in header)
     body = "".join("<tr>" + "".join(f"<td>{_escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
@@ -135,103 +100,40 @@ class HtmlPage:
             self._parts.append(f'<p class="lead">{_escape(lead)}</p>')
 
     def add_section(self, title: str) -> None:
-        """Add the heading of a section.
-
-        Parameters
-        ----------
-        title : str
-            Heading.
-        """
+        """Add the heading of a section."""
         self._parts.append(f"<h2>{_escape(title)}</h2>")
 
     def add_paragraph(self, words: str) -> None:
-        """Add a paragraph.
-
-        Parameters
-        ----------
-        words : str
-            Its text.
-        """
+        """Add a paragraph."""
         self._parts.append(paragraph_html(words))
 
     def add_warning(self, words: str) -> None:
-        """Add a paragraph that must not be overlooked.
-
-        Parameters
-        ----------
-        words : str
-            Its text.
-        """
+        """Add a paragraph that must not be overlooked."""
         self._parts.append(f'<p class="note">{_escape(words)}</p>')
 
     def add_link(self, words: str, to: str) -> None:
-        """Add a line that links to another file next to the page.
-
-        Parameters
-        ----------
-        words : str
-            Text of the link.
-        to : str
-            Path of the file from the page.
-        """
+        """Add a line that links to another file next to the page."""
         self._parts.append(f'<p><a href="{_escape(to)}">{_escape(words)}</a></p>')
 
     def add_list(self, items: Sequence[str]) -> None:
-        """Add a list of short texts.
-
-        Parameters
-        ----------
-        items : sequence of str
-            Texts.
-        """
+        """Add a list of short texts."""
         rows = "".join(f"<li>{_escape(words)}</li>" for words in items)
         self._parts.append(f"<ul>{rows}</ul>")
 
     def add_preformatted(self, words: str) -> None:
-        """Add a text of many lines, in letters of one width.
-
-        Parameters
-        ----------
-        words : str
-            The text.
-        """
+        """Add a text of many lines, in letters of one width."""
         self._parts.append(preformatted_html(words))
 
     def add_equation(self, mathml: str) -> None:
-        """Add a formula.
-
-        Parameters
-        ----------
-        mathml : str
-            MathML, which browsers set without help.
-        """
+        """Add a formula."""
         self._parts.append(f'<div class="equation">{mathml}</div>')
 
     def add_table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-        """Add a table, which scrolls where it is wider than the page.
-
-        Parameters
-        ----------
-        header : sequence of str (c,)
-            Heads of the columns.
-        rows : sequence of sequence (r, c)
-            Cells.
-        """
+        """Add a table, which scrolls where it is wider than the page."""
         self._parts.append(f'<div class="scroll">{table_html(header, rows)}</div>')
 
     def add_figure(self, drawing: Figure, caption: str) -> None:
-        """Add a figure of Matplotlib as SVG, whose lines stay sharp at any size.
-
-        On a phone it is so wide that its letters can be read, and scrolls where that is wider than
-        the page.
-
-        Parameters
-        ----------
-        drawing : Figure
-            Figure of Matplotlib.
-        caption : str
-            Text below it, which is also read aloud in its place.
-        """
+        """Add a figure of Matplotlib as SVG, whose lines stay sharp at any size."""
         buffer = io.StringIO()
         drawing.savefig(buffer, format="svg", metadata={"Date": None})
         svg = buffer.getvalue()
@@ -242,13 +144,7 @@ class HtmlPage:
         self._parts.append(f"<figure>{svg}<figcaption>{_escape(caption)}</figcaption></figure>")
 
     def add_footer(self, words: str) -> None:
-        """Add small letters at the end of the page.
-
-        Parameters
-        ----------
-        words : str
-            Their text.
-        """
+        """Add small letters at the end of the page."""
         self._parts.append(f"<footer>{_escape(words)}</footer>")
 
     def to_html(self) -> str:
@@ -262,37 +158,17 @@ class HtmlPage:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the page to an HTML file.
-
-        Parameters
-        ----------
-        path : str or Path
-            File to write; one of that name is replaced.
-
-        Raises
-        ------
-        InputError
-            If it cannot be written; what was there before still stands.
-        """
+        """Write the page to an HTML file."""
         write_text(Path(path), self.to_html())
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class InteractivePage:
-    """A page that a notebook shows, and that `save` writes for any browser.
-
-    Attributes
-    ----------
-    title : str
-    page : str
-        HTML that needs nothing else.
-    height : int
-        In a notebook [pixels].
-    """
+    """A page that a notebook shows, and that `save` writes for any browser."""
 
     title: str
     page: str
-    height: int
+    height: int  # in a notebook [pixels]
 
     @classmethod
     def from_template(
@@ -300,21 +176,7 @@ class InteractivePage:
     ) -> InteractivePage:
         """Fill an HTML template that has slots for the title and for the data of its script.
 
-        Parameters
-        ----------
-        template : Path
-            HTML file with ``{{title}}`` and ``{{data}}``.
-        title : str
-            Title of the page.
-        data : mapping
-            Plain data for the script, as JSON; finite numbers only.
-        height : int
-            Height in a notebook [pixels].
-
-        Returns
-        -------
-        InteractivePage
-            The page.
+        height [pixels].
         """
         # A text in the data must not end the script.
         plain = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
@@ -332,34 +194,10 @@ class InteractivePage:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the page to an HTML file.
-
-        Parameters
-        ----------
-        path : str or Path
-            File to write; one of that name is replaced.
-
-        Raises
-        ------
-        InputError
-            If it cannot be written; what was there before still stands.
-        """
+        """Write the page to an HTML file."""
         write_text(Path(path), self.page)
 
 
 def format_number(value: float, digits: int = 4) -> str:
-    """Format a number for a table.
-
-    Parameters
-    ----------
-    value : float
-        Number, in any unit.
-    digits : int
-        Number of significant digits.
-
-    Returns
-    -------
-    str
-        Text of the number.
-    """
+    """Format a number for a table."""
     return f"{value:.{digits}g}"

@@ -18,18 +18,7 @@ _SHORT.maxlevel = 3
 
 
 def quote(value: object) -> str:
-    """Quote a value as Python would write it, on one line of at most `LONGEST` characters.
-
-    Parameters
-    ----------
-    value : object
-        Value that a user gave.
-
-    Returns
-    -------
-    str
-        Text for a message.
-    """
+    """Quote a value as Python would write it, on one line of at most `LONGEST` characters."""
     if isinstance(value, str):
         text = repr(str(value[: LONGEST + 1]))
     elif isinstance(value, int) and value.bit_length() > 1000:
@@ -40,40 +29,12 @@ def quote(value: object) -> str:
 
 
 def sanitize(text: object, most: int = LONGEST) -> str:
-    """Cut a text to one line of so many characters, with control characters as escapes.
-
-    Parameters
-    ----------
-    text : object
-        Text that a user gave.
-    most : int
-        Greatest number of characters.
-
-    Returns
-    -------
-    str
-        Text for a message.
-    """
+    """Cut a text to one line of so many characters, with control characters as escapes."""
     return _shorten("".join(map(_escape, str(text)[: most + 1])), most)
 
 
 def one_line(message: object) -> str:
-    """Put a message on one line, with control characters as escapes.
-
-    Its end stays: it says what to do.
-
-    The middle of a very long one is left out.
-
-    Parameters
-    ----------
-    message : object
-        The message.
-
-    Returns
-    -------
-    str
-        At most some `MOST` characters, before escapes.
-    """
+    """Put a message on one line, with control characters as escapes."""
     words = " ".join(str(message).split())
     if len(words) > MOST:
         words = f"{words[: MOST - 400]} ... {words[-400:]}"
@@ -81,36 +42,12 @@ def one_line(message: object) -> str:
 
 
 def printable(text: object) -> str:
-    """Replace control characters by escapes, except for line breaks and tabs.
-
-    Parameters
-    ----------
-    text : object
-        Text of many lines.
-
-    Returns
-    -------
-    str
-        Text that cannot steer a terminal.
-    """
+    """Replace control characters by escapes, except for line breaks and tabs."""
     return "".join(sign if sign in "\n\t" else _escape(sign) for sign in str(text))
 
 
 def format_factor(value: float, digits: int = 2) -> str:
-    """Format a factor without a power of ten; "more than a million" from there on.
-
-    Parameters
-    ----------
-    value : float
-        Factor, without unit.
-    digits : int
-        Number of significant digits.
-
-    Returns
-    -------
-    str
-        Text of the factor.
-    """
+    """Format a factor without a power of ten; "more than a million" from there on."""
     if not value < _MOST_TIMES:
         return "more than a million"
     figure = f"{value:.{digits}g}"

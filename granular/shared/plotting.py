@@ -26,46 +26,18 @@ _LONGEST_LABEL = 60
 
 
 def line_style(index: int) -> dict[str, Any]:
-    """Choose colour and style of one of up to 32 lines, of which no two are alike.
-
-    Parameters
-    ----------
-    index : int
-        Index of the line.
-
-    Returns
-    -------
-    dict
-        ``color`` and ``linestyle`` for Matplotlib.
-    """
+    """Choose colour and style of one of up to 32 lines, of which no two are alike."""
     turn, colour = divmod(index, len(COLOURS))
     return {"color": COLOURS[colour], "linestyle": STYLES[(index + turn) % len(STYLES)]}
 
 
 def figure_label(words: object) -> str:
-    """Shorten a user's words for a figure, so that they are no formula to be set.
-
-    Parameters
-    ----------
-    words : object
-        Words of the user.
-
-    Returns
-    -------
-    str
-        At most 60 characters; dollar signs are escaped.
-    """
+    """Shorten a user's words for a figure, so that they are no formula to be set."""
     return sanitize(words, _LONGEST_LABEL).replace("$", r"\$")
 
 
 def label_log_axis_plainly(axis: Axis) -> None:
-    """Label a logarithmic axis 0.1, 1, 10: exponents of powers are too small on a phone.
-
-    Parameters
-    ----------
-    axis : Axis
-        Axis of Matplotlib.
-    """
+    """Label a logarithmic axis 0.1, 1, 10: exponents of powers are too small on a phone."""
     from matplotlib.ticker import LogFormatterSciNotation
 
     class Plain(LogFormatterSciNotation):
@@ -87,28 +59,7 @@ def figure(
     make: Callable[..., Figure] | None = None,
     **options: Any,
 ) -> Iterator[tuple[Figure, Any]]:
-    """Make a figure and its axes in the common look.
-
-    ``size`` is that of its letters [pt].
-
-    Parameters
-    ----------
-    rows, columns : int
-        Number of axes below and next to each other.
-    width, height : float
-        Size of the figure [inches].
-    size : float
-        Size of its letters [pt].
-    make : function, optional
-        Maker of the figure, such as that of pyplot; without it the figure has no window.
-    **options
-        Options of ``Figure.subplots``.
-
-    Yields
-    ------
-    tuple of Figure and Axes
-        Figure, and its axes: one, or an array (rows, columns).
-    """
+    """Make a figure and its axes in the common look; width, height [inches], size [pt]."""
     import matplotlib as mpl
     from cycler import cycler
     from matplotlib.figure import Figure as Plain
@@ -131,20 +82,7 @@ def figure(
 
 
 def axes_or_new(ax: Axes | None, width: float = 7.2, height: float = 3.4) -> Axes:
-    """Return the axes, or those of a new figure.
-
-    Parameters
-    ----------
-    ax : Axes or None
-        Axes of Matplotlib.
-    width, height : float
-        Size of a new figure [inches].
-
-    Returns
-    -------
-    Axes
-        Axes to draw on.
-    """
+    """Return the axes, or those of a new figure; width, height [inches]."""
     if ax is not None:
         return ax
     new: Axes = new_axes(width=width, height=height)
@@ -152,22 +90,7 @@ def axes_or_new(ax: Axes | None, width: float = 7.2, height: float = 3.4) -> Axe
 
 
 def new_axes(rows: int = 1, **options: Any) -> Any:
-    """Make a figure in the common look, and return its axes.
-
-    A notebook, or a program that uses pyplot, shows the figure; elsewhere it has no window.
-
-    Parameters
-    ----------
-    rows : int
-        Number of axes below each other.
-    **options
-        Options of `figure`.
-
-    Returns
-    -------
-    Axes
-        One axes, or an array (rows,).
-    """
+    """Make a figure in the common look, and return its axes."""
     make = None
     if "matplotlib.pyplot" in sys.modules or "ipykernel" in sys.modules:
         from matplotlib import pyplot

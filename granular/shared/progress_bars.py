@@ -13,23 +13,7 @@ LINES_EVERY = 60.0
 
 
 def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
-    """Make a progress bar of tqdm: a widget in a notebook, else a line of a terminal.
-
-    Where standard error is neither, as in a log file, every state is a line of its own, at least
-    a minute after the one before.
-
-    Parameters
-    ----------
-    wanted : bool
-        False for a bar that shows nothing.
-    **options
-        Options of tqdm.
-
-    Returns
-    -------
-    tqdm
-        The bar.
-    """
+    """Make a progress bar of tqdm: a widget in a notebook, else a line of a terminal."""
     tqdm = _import_tqdm()
     if wanted and not _is_terminal():
         form = options.get("bar_format", "{desc}: {n_fmt} of {total_fmt}{postfix} [{elapsed}]")
@@ -40,32 +24,13 @@ def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
 
 @contextmanager
 def stage_reporter(name: str, *, wanted: bool) -> Iterator[Callable[[str], None]]:
-    """Show the present stage of some work in a line.
-
-    Parameters
-    ----------
-    name : str
-        Name of the work.
-    wanted : bool
-        False for a line that is not shown.
-
-    Yields
-    ------
-    function of str
-        Shows the words for a stage.
-    """
+    """Show the present stage of some work in a line."""
     with progress_bar(wanted=wanted, desc=name, bar_format="{desc} [{elapsed}]") as bar:
         yield lambda words: bar.set_description_str(f"{name}: {words}")
 
 
 def print_above_bar(words: str) -> None:
-    """Print a line on standard error, above a bar that may stand there.
-
-    Parameters
-    ----------
-    words : str
-        The line.
-    """
+    """Print a line on standard error, above a bar that may stand there."""
     _import_tqdm().write(words, file=sys.stderr)
 
 

@@ -29,27 +29,7 @@ class Registry(dict[str, Named]):
 
 
 def load_entry_point(group: str, name: str, what: str) -> Any | None:
-    """Load the object that an installed distribution offers under a name.
-
-    Parameters
-    ----------
-    group : str
-        Group of the entry points.
-    name : str
-        Name of the entry point.
-    what : str
-        Kind of the object, for messages.
-
-    Returns
-    -------
-    object or None
-        The object; None where no distribution offers it.
-
-    Raises
-    ------
-    InputError
-        If it cannot be loaded.
-    """
+    """Load the object that an installed distribution offers under a name."""
     for point in importlib.metadata.entry_points(group=group, name=name):
         try:
             return point.load()
@@ -62,16 +42,5 @@ def load_entry_point(group: str, name: str, what: str) -> Any | None:
 
 
 def entry_point_names(group: str) -> tuple[str, ...]:
-    """Names of the entry points that installed distributions offer.
-
-    Parameters
-    ----------
-    group : str
-        Group of the entry points.
-
-    Returns
-    -------
-    tuple of str
-        Names.
-    """
+    """Names of the entry points that installed distributions offer."""
     return tuple(point.name for point in importlib.metadata.entry_points(group=group))

@@ -19,77 +19,23 @@ from granular.shared.files import make_directory, write_text
 
 
 def digest(content: object, length: int) -> str:
-    """Digest plain data: equal data have the same one, other data another one.
-
-    Parameters
-    ----------
-    content : object
-        Plain data; what is not JSON counts by its text.
-    length : int
-        Number of digits.
-
-    Returns
-    -------
-    str
-        First hexadecimal digits of a SHA-256.
-    """
+    """Digest plain data: equal data have the same one, other data another one."""
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:length]
 
 
 @dataclasses.dataclass(frozen=True)
 class ResultCache:
-    """A directory of results.
-
-    Attributes
-    ----------
-    directory : Path
-        Made with the first result.
-    """
+    """A directory of results."""
 
     directory: Path
 
     def path(self, key: str) -> Path:
-        """Path of the file that keeps a result.
-
-        Parameters
-        ----------
-        key : str
-            Key of the result.
-
-        Returns
-        -------
-        Path
-            JSON file.
-        """
+        """Path of the file that keeps a result."""
         return self.directory / f"{key}.json"
 
     def read(self, key: str) -> Any:
-        """Read the result under a key.
-
-        What is there but is no JSON, as a disk that failed may leave it, counts as nothing, so
-        that it is made anew.
-
-        Parameters
-        ----------
-        key : str
-            Key of the result.
-
-        Returns
-        -------
-        object
-            Plain data; None where there are none.
-
-        Raises
-        ------
-        StoreError
-            If the file is there and cannot be read.
-
-        Warns
-        -----
-        UserWarning
-            For a file that is no JSON.
-        """
+        """Read the result under a key."""
         path = self.path(key)
         try:
             return json.loads(path.read_text(encoding="utf-8"))
@@ -102,19 +48,6 @@ class ResultCache:
             return None
 
     def keep(self, key: str, plain: object) -> None:
-        """Keep a result under a key, in one step; its numbers keep every bit, NaN included.
-
-        Parameters
-        ----------
-        key : str
-            Key of the result.
-        plain : object
-            Plain data.
-
-        Raises
-        ------
-        StoreError
-            If it cannot be written.
-        """
+        """Keep a result under a key, in one step; its numbers keep every bit, NaN included."""
         make_directory(self.directory)
         write_text(self.path(key), json.dumps(plain))

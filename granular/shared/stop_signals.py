@@ -25,15 +25,7 @@ AGAIN = 0.05
 
 
 class StopRequest:
-    """A stop that waits to be looked at.
-
-    Attributes
-    ----------
-    number : int or None
-        Number of the signal; None while there was none.
-    trajectory : Trajectory or None
-        The run that is kept when the stop is raised.
-    """
+    """A stop that waits to be looked at."""
 
     def __init__(self) -> None:
         self.number: int | None = None
@@ -45,13 +37,7 @@ class StopRequest:
         return self.number is not None
 
     def stop_exception(self) -> KeyboardInterrupt:
-        """Make the error that the signal would have raised, with the run that is kept.
-
-        Returns
-        -------
-        KeyboardInterrupt
-            `Interrupted` with a run, `Terminated` for SIGTERM without one.
-        """
+        """Make the error that the signal would have raised, with the run that is kept."""
         terminated = self.number == signal.SIGTERM
         if self.trajectory is not None:
             return Interrupted(self.trajectory, terminated)
@@ -66,22 +52,7 @@ class StopRequest:
 
 @contextlib.contextmanager
 def defer_stop_signals() -> Iterator[StopRequest]:
-    """Defer stop signals to the end of the block, instead of breaking off in the middle of something.
-
-    It is raised at the end of the block, also in place of an error that ends it: whoever goes on
-    after that error would lose it. On the command line a compilation, which may take a minute, is
-    broken off. Outside the main thread, which alone has signals, none comes.
-
-    Yields
-    ------
-    StopRequest
-        Tells whether a stop was asked for.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        At the end, if a stop was asked for, or from the midst of a compilation.
-    """
+    """Defer stop signals to the end of the block, instead of breaking off in the middle of something."""
     stop = StopRequest()
     if threading.current_thread() is not threading.main_thread():
         yield stop
@@ -117,23 +88,7 @@ def _is_compiling() -> bool:
 
 @contextlib.contextmanager
 def handle_sigterm() -> Iterator[None]:
-    """Raise `Terminated` for SIGTERM while the block runs, and let no stop be lost.
-
-    Python drops what is raised in a destructor, or in a callback of the garbage collector: such a
-    stop comes again, at the latest when the block ends.
-
-    Yields
-    ------
-    None
-        The block runs.
-
-    Raises
-    ------
-    Terminated
-        For SIGTERM.
-    KeyboardInterrupt
-        For a stop that Python dropped, at the latest at the end of the block.
-    """
+    """Raise `Terminated` for SIGTERM while the block runs, and let no stop be lost."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

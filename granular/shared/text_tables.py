@@ -21,54 +21,19 @@ _SIGNS = {
 
 
 def align_columns(rows: Sequence[Sequence[str]]) -> str:
-    """Align rows of texts in columns that are as wide as their widest text.
-
-    Parameters
-    ----------
-    rows : sequence of sequence of str (r, c)
-        Cells.
-
-    Returns
-    -------
-    str
-        One line a row.
-    """
+    """Align rows of texts in columns that are as wide as their widest text."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
     return "\n".join(line.rstrip() for line in lines)
 
 
 def latex_inline_text(text: object) -> str:
-    """Format a text for use inside of a formula.
-
-    Parameters
-    ----------
-    text : object
-        Text, whose special characters are escaped.
-
-    Returns
-    -------
-    str
-        LaTeX.
-    """
+    """Format a text for use inside of a formula."""
     return r"\text{" + "".join(_SIGNS.get(sign, sign) for sign in printable(text)) + "}"
 
 
 def latex_array(rows: Sequence[Sequence[object]], header: Sequence[object] = ()) -> str:
-    """Format rows of texts as a displayed LaTeX array, flush left.
-
-    Parameters
-    ----------
-    rows : sequence of sequence (r, c)
-        Cells, which are escaped.
-    header : sequence (c,)
-        Heads of the columns, above a line.
-
-    Returns
-    -------
-    str
-        LaTeX between double dollar signs.
-    """
+    """Format rows of texts as a displayed LaTeX array, flush left."""
     lines = [" & ".join(map(latex_inline_text, row)) + r" \\" for row in rows]
     if header:
         lines = [" & ".join(map(latex_inline_text, header)) + r" \\ \hline", *lines]
@@ -78,16 +43,5 @@ def latex_array(rows: Sequence[Sequence[object]], header: Sequence[object] = ())
 
 
 def latex_lines(lines: str) -> str:
-    """Format a text of a few lines as a displayed LaTeX array.
-
-    Parameters
-    ----------
-    lines : str
-        The text.
-
-    Returns
-    -------
-    str
-        LaTeX between double dollar signs.
-    """
+    """Format a text of a few lines as a displayed LaTeX array."""
     return latex_array([[line] for line in lines.splitlines()])

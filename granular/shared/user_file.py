@@ -17,14 +17,7 @@ LONGEST_FILE = 2**20
 
 
 class UserFile(NamedTuple):
-    """A file and its text, so that any other process can have the same.
-
-    Attributes
-    ----------
-    path : str
-        Path of the file with the text.
-    text : str
-    """
+    """A file and its text, so that any other process can have the same."""
 
     path: str
     text: str
@@ -36,23 +29,7 @@ class UserFile(NamedTuple):
 
 
 def run_user_file(path: str | Path) -> UserFile:
-    """Read a Python file of the user's own, and run it once.
-
-    Parameters
-    ----------
-    path : str or Path
-        Path of a file that the user names, and so trusts.
-
-    Returns
-    -------
-    UserFile
-        The file and its text.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or fails.
-    """
+    """Read a Python file of the user's own, and run it once."""
     file = UserFile(str(path), read_text(Path(path), LONGEST_FILE))
     try:
         user_definitions(file)
@@ -65,23 +42,7 @@ def run_user_file(path: str | Path) -> UserFile:
 
 @functools.lru_cache
 def user_definitions(file: UserFile) -> dict[str, Any]:
-    """Definitions in a user's file, which is run once in a process.
-
-    Parameters
-    ----------
-    file : UserFile
-        File and its text.
-
-    Returns
-    -------
-    dict of str to object
-        Functions, classes and other values by their names.
-
-    Raises
-    ------
-    Exception
-        If the file fails: its own error.
-    """
+    """Definitions in a user's file, which is run once in a process."""
     module = ModuleType(file.module_name)
     module.__file__ = file.path
     sys.modules[module.__name__] = module  # data classes in the file look it up there

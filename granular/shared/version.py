@@ -8,20 +8,7 @@ __version__ = "0.1.0"
 
 
 def versions(more: Sequence[str] = ()) -> dict[str, str]:
-    """Versions of the toolkit and of what it computes with, and the kind of machine.
-
-    ``more`` are further distributions, of which those are named that are there.
-
-    Parameters
-    ----------
-    more : sequence of str
-        Further distributions, of which those are named that are installed.
-
-    Returns
-    -------
-    dict of str to str
-        Version by name.
-    """
+    """Versions of the toolkit and of what it computes with, and the kind of machine."""
     import importlib.metadata
     import platform
 

@@ -23,16 +23,7 @@ class BackgroundCase(NamedTuple):
 
 
 class BackgroundCaseRunner:
-    """Cases that are computed while the caller works; what nobody waits for is ended.
-
-    Parameters
-    ----------
-    measure : function of Trajectory
-        Results of a run to store, by name, as numbers; a function that other processes can have.
-    executor : Executor, optional
-        Where they are computed; processes on this machine, one fewer than it has processors, if not
-        given.
-    """
+    """Cases that are computed while the caller works; what nobody waits for is ended."""
 
     def __init__(self, measure: Measure, executor: Executor | None) -> None:
         self._measure, self._given = measure, executor
@@ -60,29 +51,7 @@ class BackgroundCaseRunner:
     def submit_cases(
         self, scene: Scene, changes: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]
     ) -> list[BackgroundCase]:
-        """Hand cases to the executor, without waiting for them.
-
-        Parameters
-        ----------
-        scene : Scene
-            Scene that is changed.
-        changes : sequence of mapping
-            Dotted keys of the scene and their new values, for each case.
-        settings : mapping
-            ``dt``, ``t_end`` and ``method`` of cases without their own.
-
-        Returns
-        -------
-        list of BackgroundCase
-            Cases with their futures.
-
-        Raises
-        ------
-        InputError
-            If two cases are the same, or a time step or method does not exist.
-        SceneError
-            If a change does not fit the scene.
-        """
+        """Hand cases to the executor, without waiting for them."""
         started = []
         for case in make_cases(scene, {}, changes, settings, self._measure) if changes else ():
             try:
@@ -97,22 +66,7 @@ class BackgroundCaseRunner:
     def wait_for_outcomes(
         self, started: Sequence[BackgroundCase], title: str, progress: bool
     ) -> list[Outcome]:
-        """Wait for cases, and return their outcomes; those whose process died are tried again.
-
-        Parameters
-        ----------
-        started : sequence of BackgroundCase
-            Cases of `start`.
-        title : str
-            Title of the progress bar.
-        progress : bool
-            Show a progress bar on standard error.
-
-        Returns
-        -------
-        list of dict
-            Outcome of each case: ``figures`` and ``error``.
-        """
+        """Wait for cases, and return their outcomes; those whose process died are tried again."""
         waiting = {entry.future for entry in started}
         done = {future for future in waiting if future.done()}
         with progress_bar(

@@ -25,18 +25,7 @@ KEY_LENGTH = 20
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """One case of a study.
-
-    Attributes
-    ----------
-    changes : dict
-        Dotted keys and settings with their values, what tells it from the others.
-    scene : Scene
-    settings : dict
-        Keywords of `simulate`.
-    key : str
-        Digest of all that determines the result: scene, settings and measure.
-    """
+    """One case of a study."""
 
     changes: dict[str, Any]
     scene: Scene
@@ -45,20 +34,7 @@ class Case:
 
 
 def keep_measure_name(name: str) -> Callable[[M], M]:
-    """Give a measure a fixed name, by which cases that were computed before are found.
-
-    Take it away with any change of what the measure finds.
-
-    Parameters
-    ----------
-    name : str
-        Name that `measure_identity` returns.
-
-    Returns
-    -------
-    function
-        Decorator of the measure.
-    """
+    """Give a measure a fixed name, by which cases that were computed before are found."""
 
     def named(measure: M) -> M:
         measure.keep_measure_name = name  # type: ignore[attr-defined]  # functions may have any
@@ -68,18 +44,7 @@ def keep_measure_name(name: str) -> Callable[[M], M]:
 
 
 def measure_identity(measure: Measure) -> str:
-    """Name of a measure for the key of a case: module, name and a digest of its code.
-
-    Parameters
-    ----------
-    measure : function of Trajectory
-        The measure.
-
-    Returns
-    -------
-    str
-        Name; that of `keep_measure_name` where it has one.
-    """
+    """Name of a measure for the key of a case: module, name and a digest of its code."""
     if hasattr(measure, "keep_measure_name"):
         return str(measure.keep_measure_name)
     name = f"{measure.__module__}:{getattr(measure, '__qualname__', repr(measure))}"
@@ -97,35 +62,7 @@ def make_cases(
     settings: Mapping[str, Any],
     measure: Measure,
 ) -> list[Case]:
-    """Make all combinations of the grid's values, followed by the cases given one by one.
-
-    A case's changes are those of the scene, by dotted keys, and of the settings, by their names.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is changed.
-    grid : mapping of str to values
-        Dotted keys or settings, and the values that each takes.
-    cases : sequence of mapping
-        Further changes, one by one.
-    settings : mapping
-        ``dt``, ``t_end`` and ``method`` of cases without their own.
-    measure : function of Trajectory
-        Results of a run that are stored.
-
-    Returns
-    -------
-    list of Case
-        Cases with their scenes, settings and keys.
-
-    Raises
-    ------
-    InputError
-        If there is no case, two are the same, or a time step or method does not exist.
-    SceneError
-        If a change does not fit the scene.
-    """
+    """Make all combinations of the grid's values, followed by the cases given one by one."""
     values = {name: _values_list(name, some) for name, some in grid.items()}
     combined = [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
     every = [*(combined if values else []), *map(dict, cases)]

@@ -32,39 +32,14 @@ class ExecutorLostError(GranularError):
 
 
 class ProcessPool(Executor):
-    """Processes that start with the first task and stay: each loads the compiled code once.
-
-    The tasks of a process that dies end in `BrokenExecutor`, and so do all others that were waiting
-    then; the next one that is submitted starts new processes. They end with the process that
-    started them, also where that one is killed.
-
-    Parameters
-    ----------
-    count : int, optional
-        Number of processes; as many as there are processors if not given.
-    """
+    """Processes that start with the first task and stay: each loads the compiled code once."""
 
     def __init__(self, count: int | None = None) -> None:
         self.count = count or os.cpu_count() or 1
         self._pool: Any = None
 
     def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
-        """Submit a task to the processes, which start with the first one.
-
-        Parameters
-        ----------
-        function : function
-            Task.
-        *arguments
-            Arguments of the task.
-        **keywords
-            Keyword arguments of the task.
-
-        Returns
-        -------
-        Future
-            Its result, or the error that it raised.
-        """
+        """Submit a task to the processes, which start with the first one."""
         if self._pool is not None:
             with contextlib.suppress(BrokenExecutor):
                 future: Future[T] = self._pool.submit(function, *arguments, **keywords)
@@ -78,30 +53,14 @@ class ProcessPool(Executor):
         return first
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes.
-
-        Parameters
-        ----------
-        wait : bool
-            Wait until they have ended.
-        cancel_futures : bool
-            End them immediately, whatever they do.
-        """
+        """End the processes."""
         if self._pool is not None:
             self._pool.shutdown(wait=wait, kill_workers=cancel_futures)
             self._pool = None
 
 
 def exit_with_parent(parent: int) -> None:
-    """Start a thread that ends this process within a second after its parent.
-
-    Who loses its parent belongs to another one from then on. Windows does not tell.
-
-    Parameters
-    ----------
-    parent : int
-        Number of the parent process.
-    """
+    """Start a thread that ends this process within a second after its parent."""
 
     def look() -> None:
         while os.getppid() == parent:
@@ -113,22 +72,7 @@ def exit_with_parent(parent: int) -> None:
 
 @contextlib.contextmanager
 def case_executor(executor: Executor | None, count: int | None = None) -> Iterator[Executor]:
-    """Give an executor for cases: one that is given, or processes that end with the block.
-
-    On Ctrl-C and errors they end immediately. An executor that is given is left open for its owner.
-
-    Parameters
-    ----------
-    executor : Executor or None
-        Executor, which is left open.
-    count : int, optional
-        Number of processes; as many as there are processors if not given.
-
-    Yields
-    ------
-    Executor
-        Executor for the cases.
-    """
+    """Give an executor for cases: one that is given, or processes that end with the block."""
     if executor is not None:
         yield executor
         return
@@ -160,47 +104,14 @@ OF_THE_MACHINE = (OSError, StoreError, MemoryError)
 
 
 def outcome_cache(directory: Path) -> ResultCache:
-    """Cache of the outcomes in a study's directory, by the keys of their cases.
-
-    Parameters
-    ----------
-    directory : Path
-        Directory of the study.
-
-    Returns
-    -------
-    ResultCache
-        Cache in its folder ``cases``.
-    """
+    """Cache of the outcomes in a study's directory, by the keys of their cases."""
     return ResultCache(directory / "cases")
 
 
 def compute_case(
     case: Case, measure: Measure, directory: Path | None, keep_runs: bool, wait: bool = True
 ) -> Outcome:
-    """Compute the outcome of a case, or read the one that was computed before.
-
-    A worker writes what it has done itself: it is not lost when the command that waits for it is.
-    A case that another process computes is waited for, or reported.
-
-    Parameters
-    ----------
-    case : Case
-        Case of a study.
-    measure : function of Trajectory
-        Results of the run that are stored.
-    directory : Path or None
-        Directory of the study; None keeps nothing.
-    keep_runs : bool
-        Keep the run in the directory.
-    wait : bool
-        Wait for another process that computes the case.
-
-    Returns
-    -------
-    dict
-        ``figures`` and ``error``; ``warning`` or ``cause`` where there is one.
-    """
+    """Compute the outcome of a case, or read the one that was computed before."""
     try:
         if directory is None:
             return _run_case(case, measure, None)
@@ -217,20 +128,7 @@ def compute_case(
 
 
 def failed_outcome(error: str, cause: str) -> Outcome:
-    """Make the outcome of a case that failed by no error of the physics; it is not kept.
-
-    Parameters
-    ----------
-    error : str
-        Name and message of the error.
-    cause : str
-        `MACHINE`, `PROGRAM` or `ELSEWHERE`.
-
-    Returns
-    -------
-    dict
-        ``figures`` (empty), ``error`` and ``cause``.
-    """
+    """Make the outcome of a case that failed by no error of the physics; it is not kept."""
     return {"figures": {}, "error": error, "cause": cause}
 
 
@@ -276,25 +174,7 @@ RETRIES = 2
 
 @contextlib.contextmanager
 def cluster_executor(dask: str | None, mpi: bool) -> Iterator[Executor | None]:
-    """Connect to a Dask cluster, or to the processes of MPI.
-
-    Parameters
-    ----------
-    dask : str or None
-        Address of a Dask scheduler.
-    mpi : bool
-        True for the processes of MPI.
-
-    Yields
-    ------
-    Executor or None
-        Executor; None where neither is asked for.
-
-    Raises
-    ------
-    InputError
-        If both are asked for, a library is missing, or the cluster does not answer.
-    """
+    """Connect to a Dask cluster, or to the processes of MPI."""
     if dask is not None and mpi:
         raise InputError("--dask and --mpi name two executors; give one of them")
     if dask is not None:
@@ -308,41 +188,13 @@ def cluster_executor(dask: str | None, mpi: bool) -> Iterator[Executor | None]:
 
 
 class DaskClusterExecutor(Executor):
-    """A Dask cluster whose scheduler may go away: no task then waits for ever.
-
-    Running tasks end in `BrokenExecutor`. The next one that is submitted waits until
-    the scheduler answers again, and for as long as the client tries.
-
-    Parameters
-    ----------
-    client : distributed.Client
-    """
+    """A Dask cluster whose scheduler may go away: no task then waits for ever."""
 
     def __init__(self, client: Any) -> None:
         self._client = client
 
     def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
-        """Submit a task to the cluster.
-
-        Parameters
-        ----------
-        function : function
-            Task.
-        *arguments
-            Arguments of the task.
-        **keywords
-            Keyword arguments of the task.
-
-        Returns
-        -------
-        Future
-            Its result; `BrokenExecutor` where the scheduler was lost meanwhile.
-
-        Raises
-        ------
-        ExecutorLostError
-            If the scheduler is gone.
-        """
+        """Submit a task to the cluster."""
         while self._client.status == "connecting":
             time.sleep(0.1)
         if self._client.status != "running":

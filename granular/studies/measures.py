@@ -23,20 +23,7 @@ GROUP = "granular.measures"
 
 @keep_measure_name("granular.studies.measures:last_values#9d0c241c")
 def last_values(run: Trajectory) -> Mapping[str, Any]:
-    """Last value of every scalar record, and height and end of each stage, in SI.
-
-    They come in the same order whether the run is in memory or on disk.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run.
-
-    Returns
-    -------
-    dict of str to float
-        Values in the units of the dataset's variables, ``<stage>.end`` [s] and ``<stage>.height`` [m].
-    """
+    """Last value of every scalar record, and height and end of each stage, in SI [s, m]."""
     data = run.dataset
     names = [scalar_variable.name for scalar_variable in scalar_variables(run.scene)]
     figures = {name: float(data[name][-1]) for name in names}
@@ -49,48 +36,12 @@ def last_values(run: Trajectory) -> Mapping[str, Any]:
 
 @keep_measure_name("reduced_models.simulated:piston_columns#85abaa33")
 def piston_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Columns of the piston's record as lists; `PistonRecord.from_columns` makes a record of them again.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run of a scene with a piston.
-
-    Returns
-    -------
-    dict of str to list of float (n,)
-        ``time`` [s], ``height`` [m], ``velocity`` [m/s], ``force`` [N] and what drives the piston.
-
-    Raises
-    ------
-    RecordError
-        If the run has no piston, or has not reached the stage of the record.
-    """
+    """Columns of the piston's record as lists [s, m, m/s, N], for `PistonRecord.from_columns`."""
     return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
 def find_measure(name: str, user_measures: Mapping[str, Measure] | None = None) -> Measure:
-    """Find a measure by its name: "last-values", one of the user's own, or an installed entry point.
-
-    A name is looked up and never imported: no study's file decides which code runs.
-
-    Parameters
-    ----------
-    name : str
-        Name of the measure.
-    user_measures : mapping of str to measure, optional
-        The user's own measures; see `granular.user_code.import_user_code`.
-
-    Returns
-    -------
-    function of Trajectory
-        The measure.
-
-    Raises
-    ------
-    InputError
-        If there is none of that name, or the distribution's cannot be loaded.
-    """
+    """Find a measure by its name: "last-values", one of the user's own, or an installed entry point."""
     if name == "last-values":
         return last_values
     if user_measures is not None and name in user_measures:
@@ -108,16 +59,7 @@ def find_measure(name: str, user_measures: Mapping[str, Measure] | None = None) 
 
 @dataclasses.dataclass(frozen=True)
 class CustomMeasure:
-    """A function of a user's file, with the file's text: any other process can have it so.
-
-    Attributes
-    ----------
-    file : UserFile
-    name : str
-        Name of the function, or of an observable, whose value at the end of a run it is.
-    keep_measure_name : str
-        Module and name of the function, and a digest of its code.
-    """
+    """A function of a user's file, with the file's text: any other process can have it so."""
 
     file: UserFile
     name: str
@@ -139,18 +81,7 @@ class CustomMeasure:
 
 
 def custom_measures(file: UserFile) -> dict[str, CustomMeasure]:
-    """Make measures of the functions and observables that a user's file defines.
-
-    Parameters
-    ----------
-    file : UserFile
-        File that was run.
-
-    Returns
-    -------
-    dict of str to CustomMeasure
-        Measures by name.
-    """
+    """Make measures of the functions and observables that a user's file defines."""
     return {
         name: CustomMeasure(file, name, measure_identity(function))
         for name, function in _functions_in_file(file).items()

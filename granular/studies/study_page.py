@@ -24,17 +24,7 @@ _SEED = "arrangement.seed"
 
 
 def study_page(study: Study) -> HtmlPage:
-    """Page of a study: what is varied, its figures over that, and the table.
-
-    Parameters
-    ----------
-    study : Study
-
-    Returns
-    -------
-    Page
-        Pictures and the table [SI], with warnings and errors of the cases.
-    """
+    """Page of a study: what is varied, its figures over that, and the table [SI]."""
     table, varied = study.table, study.varied
     figures = _figures_that_vary(table, varied)
     page = HtmlPage(

@@ -296,29 +296,7 @@ def _stored_outcomes(cases: Sequence[Case], directory: Path | None) -> dict[str,
 def compute_outcomes_with_retries(
     cases: Sequence[Case], measure: Measure, directory: Path | None, keep_runs: bool, pool: Executor
 ) -> Iterator[tuple[Case, Outcome]]:
-    """Compute cases as the executor is free, and try again those that failed by the machine.
-
-    A worker that dies takes its other cases with it. So where that happens again, the next
-    cases, of which one was running then, are tried alone: who dies alone has nobody else to blame.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        Cases without an outcome.
-    measure : function of Trajectory
-        Results of a run that are stored.
-    directory : Path or None
-        Directory of the study; None keeps nothing.
-    keep_runs : bool
-        Keep the runs in the directory.
-    pool : Executor
-        Executor of the cases.
-
-    Yields
-    ------
-    tuple of Case and dict
-        Case and its outcome, in the order in which they come.
-    """
+    """Compute cases as the executor is free, and try again those that failed by the machine."""
     waiting = {case.key: case for case in cases}
     deaths, alone = 0, 0
     put_off: dict[str, set[str]] = {MACHINE: set(), ELSEWHERE: set()}
@@ -360,10 +338,7 @@ def _compute_cases(
     keep_runs: bool,
     pool: Executor,
 ) -> Iterator[tuple[Case, Outcome]]:
-    """Cases whose workers lived, as they come; what still waits is taken back in the end.
-
-    With each case stands whether it is waited for where another sweep computes it.
-    """
+    """Cases whose workers lived, as they come; what still waits is taken back in the end."""
     futures: dict[Future[Outcome], Case] = {}
     try:
         with contextlib.suppress(concurrent.futures.BrokenExecutor):
@@ -396,18 +371,7 @@ def _store_outcome(case: Case, outcome: Outcome, directory: Path | None) -> Outc
 
 
 def future_outcome(future: Future[Outcome]) -> Outcome | None:
-    """Outcome that a worker returned.
-
-    Parameters
-    ----------
-    future : Future
-        Future of `compute_case`.
-
-    Returns
-    -------
-    dict or None
-        ``figures`` and ``error``; None where the worker itself was lost.
-    """
+    """Outcome that a worker returned."""
     try:
         return future.result()
     except (concurrent.futures.BrokenExecutor, concurrent.futures.CancelledError):
@@ -447,25 +411,7 @@ KEYS = ("scene", "measure", "dt", "t_end", "method", "changes", "grid", "cases")
 
 
 def load_study(path: str | Path, user_measures: Mapping[str, Measure] | None = None) -> dict[str, Any]:
-    """Read a study's TOML file into the arguments of `sweep`.
-
-    Parameters
-    ----------
-    path : str or Path
-        File to read.
-    user_measures : mapping of str to measure, optional
-        Measures that the file may name, besides those that are packaged or installed.
-
-    Returns
-    -------
-    dict
-        Keyword arguments of `sweep`.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, holds an unknown key or names an unknown measure.
-    """
+    """Read a study's TOML file into the arguments of `sweep`."""
     path = Path(path)
     plain = read_toml(path)
     for key in plain:

@@ -185,31 +185,7 @@ def calibrate(
 def run_calibration(
     simulator: SceneSimulator, record: PistonRecord, wanted: RecordFeatures, confidence: float, checks: bool
 ) -> Calibration:
-    """Numbers for which a scene's simulations have the wanted features of a record.
-
-    Parameters
-    ----------
-    simulator : SceneSimulator
-        Scene with the numbers to calibrate, and the random starts.
-    record : PistonRecord
-        Record, times in s and heights in m.
-    wanted : RecordFeatures
-        Features of the record.
-    confidence : float
-        Confidence level of the intervals, between 0 and 1.
-    checks : bool
-        True where the error of the time step is estimated by further simulations.
-
-    Returns
-    -------
-    Calibration
-        Numbers in the units of the scene's keys, their intervals, and what does not fit.
-
-    Raises
-    ------
-    InputError
-        If a simulation at the start fails.
-    """
+    """Numbers for which a scene's simulations have the wanted features of a record."""
     ended = gauss_newton_search(simulator, wanted)
     shift, more = _time_step_error(simulator, ended.centre) if checks else (None, 0)
     result = _calibration_from_search(simulator, record, wanted, ended, shift, confidence)
@@ -226,10 +202,7 @@ def _check_scene(scene: Scene) -> None:
 
 
 def _time_step_error(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.ndarray | None, int]:
-    """Estimated error of the features (d,) by the time step, and how many simulations it took.
-
-    From one simulation with half the step, for a method of order p 2^p/(2^p - 1) times the change.
-    """
+    """Estimated error of the features (d,) by the time step, and how many simulations it took."""
     settings = {**simulator.settings, "dt": halve_time_step(simulator.settings["dt"])}
     finer = dataclasses.replace(simulator, seeds=simulator.seeds[:1], settings=settings)
     point = finer.simulate_points([centre.position])[0]

@@ -22,19 +22,7 @@ _SETTLED, _LINEAR, _LEAST_STEP = 2.0, 0.1, 1e-3
 
 
 class GaussNewtonResult(NamedTuple):
-    """The end of a search.
-
-    Attributes
-    ----------
-    centre : SimulatedPoint
-    estimate : LinearEstimate
-        There.
-    scatter : float64 (d, d)
-        Covariance of the features over random starts.
-    simulations : int
-        How many there were.
-    settled : bool
-    """
+    """The end of a search."""
 
     centre: SimulatedPoint
     estimate: LinearEstimate
@@ -44,28 +32,7 @@ class GaussNewtonResult(NamedTuple):
 
 
 def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> GaussNewtonResult:
-    """Take Gauss-Newton steps on the features' logarithms until they are smaller than their errors.
-
-    Slopes are by differences with common random starts, and are updated by Broyden's formula (Broyden 1965,
-    doi:10.1090/S0025-5718-1965-0198670-6).
-
-    Parameters
-    ----------
-    simulator : SceneSimulator
-        Scene with the numbers to calibrate, and the random starts.
-    wanted : RecordFeatures
-        Features of the record.
-
-    Returns
-    -------
-    GaussNewtonResult
-        Last position, its linear estimate, and the scatter over random starts.
-
-    Raises
-    ------
-    InputError
-        If a simulation at the start fails.
-    """
+    """Take Gauss-Newton steps on the features' logarithms until they are smaller than their errors."""
     start = np.log([parameter.value for parameter in simulator.parameters])
     strides = STRIDE * np.eye(len(start))
     points = simulator.simulate_points([start, *(start + stride for stride in strides)])
@@ -115,21 +82,7 @@ def _normalised_distance(point: SimulatedPoint, wanted: RecordFeatures, scatter:
 
 
 class LinearEstimate(NamedTuple):
-    """A step of linearised features at a point, and its uncertainty.
-
-    Attributes
-    ----------
-    step : float64 (p,)
-        From the point, along the directions that are known.
-    noise, scatter, unknown : float64 (p, p)
-        Covariances: of the record's noise and of the random starts along those directions, and of
-        the open ones.
-    information : float64 (p, p)
-    gain : float64 (p, d)
-        How a change of a feature moves the step.
-    away : float64 (d,)
-        What the features lack behind the step, in standard deviations.
-    """
+    """A step of linearised features at a point, and its uncertainty."""
 
     step: np.ndarray
     noise: np.ndarray
@@ -148,24 +101,7 @@ class LinearEstimate(NamedTuple):
 def linear_estimate(
     centre: SimulatedPoint, slopes: np.ndarray, scatter: np.ndarray, wanted: RecordFeatures
 ) -> LinearEstimate:
-    """Take a weighted Gauss-Newton step on linearised features.
-
-    Parameters
-    ----------
-    centre : SimulatedPoint
-        Simulations at the point that the features are linearised about.
-    slopes : float64 (starts, d, p)
-        Derivatives of the features' logarithms by those of the numbers, of each random start.
-    scatter : float64 (d, d)
-        Covariance of the features' logarithms over random starts.
-    wanted : RecordFeatures
-        Features of the record.
-
-    Returns
-    -------
-    LinearEstimate
-        Step (p,) in logarithms, and its covariances (p, p).
-    """
+    """Take a weighted Gauss-Newton step on linearised features."""
     starts = len(slopes)
     mean = slopes.mean(axis=0)
     weight = 1.0 / np.maximum(_variance_of_difference(wanted, scatter, starts), 1e-300)

@@ -21,22 +21,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class CalibratedValue:
-    """A number of a scene as a record has it.
-
-    Attributes
-    ----------
-    key, unit : str
-    value : float
-    interval : (float, float)
-        From the record's noise and the scatter over random starts together.
-    start : float
-        In the scene that was given.
-    noise, scatter : float
-        Standard deviations, relative to the value, that the record's residual leaves, and that
-        the random starts make (of the record's bed, and of the mean of the simulated ones).
-    step : float or None
-        Estimated error of the simulation's time step, relative.
-    """
+    """A number of a scene as a record has it."""
 
     key: str
     unit: str
@@ -59,16 +44,7 @@ class CalibratedValue:
 
 @dataclasses.dataclass(frozen=True)
 class FeatureMatch:
-    """A feature of the record and of the simulations at the end.
-
-    Attributes
-    ----------
-    name : str
-    record, simulated : float
-        The latter a mean over the random starts.
-    noise, scatter : float
-        Relative standard deviations of the former, and over the random starts.
-    """
+    """A feature of the record and of the simulations at the end."""
 
     name: str
     record: float
@@ -79,26 +55,7 @@ class FeatureMatch:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Calibration:
-    """Numbers of a scene as a record has them.
-
-    Attributes
-    ----------
-    parameters : tuple of Calibrated
-    confidence : float
-        Of the intervals.
-    matches : tuple of FeatureMatch
-    undetermined : tuple of ParameterDirection
-        Directions in which the parameters can move without the features noticing; along them, the
-        values are those of the scene that was given.
-    scene : Scene
-        With the values.
-    record : PistonRecord
-    motions : tuple of PistonRecord
-        Of the last simulations, one a random start.
-    simulations : int
-    notes : tuple of str
-        What is to be doubted, in plain words.
-    """
+    """Numbers of a scene as a record has them."""
 
     parameters: tuple[CalibratedValue, ...]
     confidence: float
@@ -137,13 +94,7 @@ class Calibration:
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def to_plain(self) -> dict[str, Any]:
-        """Calibration as plain data (numbers, texts, lists).
-
-        Returns
-        -------
-        dict of str
-            Parameters in the units of the scene's keys, features, directions left open and notes.
-        """
+        """Calibration as plain data (numbers, texts, lists)."""
         return {
             "parameters": {entry.key: dataclasses.asdict(entry) for entry in self.parameters},
             "confidence": self.confidence,
@@ -155,13 +106,7 @@ class Calibration:
         }
 
     def plot(self) -> Figure:
-        """Draw the record, the simulations over it, and how far their features are apart.
-
-        Returns
-        -------
-        Figure
-            Heights [mm] over time [s], and relative differences [%].
-        """
+        """Draw the record, the simulations over it, and how far their features are apart [mm, s, %]."""
         with figure(2, 1, height=5.4, height_ratios=(2, 1)) as (drawing, (top, bottom)):
             time = self.record.time - self.record.time[0]
             top.plot(time, 1e3 * self.record.height, color=GREY, linewidth=3, label="record")
@@ -186,13 +131,7 @@ class Calibration:
             return drawing
 
     def page(self) -> HtmlPage:
-        """Calibration as a page.
-
-        Returns
-        -------
-        HtmlPage
-            Report with the table of values, the picture and the scene.
-        """
+        """Calibration as a page."""
         page = HtmlPage(f"Scene {self.scene.name!r} calibrated", "; ".join(map(str, self.parameters)))
         for note in (*map(str, self.undetermined), *self.notes):
             page.add_warning(note)
@@ -228,18 +167,7 @@ class Calibration:
         return page
 
     def save(self, out: str | Path) -> None:
-        """Write report.html, calibration.json and the calibrated scene.toml.
-
-        Parameters
-        ----------
-        out : str or Path
-            Directory, made where there is none.
-
-        Raises
-        ------
-        StoreError
-            If the directory cannot be made or written to.
-        """
+        """Write report.html, calibration.json and the calibrated scene.toml."""
         target = make_directory(out)
         assert target is not None
         write_json(target / "calibration.json", self.to_plain())

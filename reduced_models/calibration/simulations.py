@@ -33,52 +33,16 @@ _ONE_SIGMA = math.erf(math.sqrt(0.5))
 
 
 class RecordFeatures(NamedTuple):
-    """Figures of a record, all above 0.
+    """Figures of a record, all above 0."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        ``height`` at rest [m], ``period`` of the small swing [s], ``damping_ratio``, and
-        ``force``, the mean force of the grains on the piston [N].
-    values : float64 (d,)
-    errors : float64 (d,)
-        Standard errors of their logarithms, from the residuals of the fit (and, of the force, from
-        its white noise).
-    notes : tuple of str
-        What is to be doubted in the fit.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # [m, s, N]
     values: np.ndarray
     errors: np.ndarray
     notes: tuple[str, ...]
 
 
 def record_features(record: PistonRecord, law: str | Law = LAW, *, force: bool = False) -> RecordFeatures:
-    """Figures of a record.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        The motion of a piston that swings about rest.
-    law : str or Law
-        That is fitted to it; one with inputs where the record is driven.
-    force : bool
-        Whether the mean force counts.
-
-    Returns
-    -------
-    RecordFeatures
-        Features (d,) in SI units, their names and their relative errors.
-
-    Raises
-    ------
-    InputError
-        If no start of the fit leads to a solution that stays finite.
-    RecordError
-        If the record is too short or does not move, a figure is not above 0, the law has no level
-        of rest, or it leaves more than half of the swing unexplained.
-    """
+    """Figures of a record."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = fit(record, law, test_fraction=0.0, starts=STARTS, confidence=_ONE_SIGMA)
@@ -125,16 +89,7 @@ _DIGITS = 12  # of a parameter: positions that differ by rounding are the same s
 
 
 class SceneParameter(NamedTuple):
-    """A number in a scene.
-
-    Attributes
-    ----------
-    key : str
-        Dotted.
-    value : float
-        In SI, above 0.
-    unit : str
-    """
+    """A number in a scene."""
 
     key: str
     value: float
@@ -142,25 +97,7 @@ class SceneParameter(NamedTuple):
 
 
 def scene_parameter(scene: Scene, key: str) -> SceneParameter:
-    """Return the number of a scene that can be varied by its logarithm.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that holds the number.
-    key : str
-        Dotted key, as "piston.mass".
-
-    Returns
-    -------
-    SceneParameter
-        Key, value, and its unit.
-
-    Raises
-    ------
-    InputError
-        If there is no such key, it holds no quantity, or its value is not above 0.
-    """
+    """Return the number of a scene that can be varied by its logarithm."""
     field = find_field(scene, key)
     if field is None:
         scene.replace(**{key: 1.0})  # says which key there is instead
@@ -177,19 +114,7 @@ def scene_parameter(scene: Scene, key: str) -> SceneParameter:
 
 
 class SimulatedPoint(NamedTuple):
-    """Simulations with the same parameters.
-
-    Attributes
-    ----------
-    position : float64 (p,)
-        Logarithms of the parameters.
-    records : tuple of PistonRecord
-        One a random start.
-    logs : float64 (starts, d)
-        Logarithms of their features.
-    failure : str
-        Why there are none; empty where there are.
-    """
+    """Simulations with the same parameters."""
 
     position: np.ndarray
     records: tuple[PistonRecord, ...]
@@ -204,63 +129,25 @@ class SimulatedPoint(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SceneSimulator:
-    """A scene to be simulated with other numbers, and what is measured of it.
-
-    Attributes
-    ----------
-    scene : Scene
-    parameters : tuple of SceneParameter
-    seeds : tuple of int
-        Of the random starts, the same at every position.
-    law : str or Law
-        Of the features.
-    duration : float
-        Of the record that simulations are compared with [s].
-    force : bool
-        Whether the mean force is a feature.
-    settings : mapping
-        Keywords of `granular.sweep`.
-    """
+    """A scene to be simulated with other numbers, and what is measured of it."""
 
     scene: Scene
     parameters: tuple[SceneParameter, ...]
     seeds: tuple[int, ...]
     law: str | Law
-    duration: float
+    duration: float  # [s]
     force: bool
     settings: Mapping[str, Any]
 
     def scene_changes(self, position: np.ndarray) -> dict[str, float]:
-        """Return the changes of the scene at a position of the search.
-
-        Parameters
-        ----------
-        position : float64 (p,)
-            Logarithms of the numbers, in the units of their keys.
-
-        Returns
-        -------
-        dict of str to float
-            Numbers by their keys, for `Scene.replace`.
-        """
+        """Return the changes of the scene at a position of the search."""
         return {
             parameter.key: float(f"{math.exp(log):.{_DIGITS}g}")
             for parameter, log in zip(self.parameters, position, strict=True)
         }
 
     def simulate_points(self, positions: Sequence[np.ndarray]) -> list[SimulatedPoint]:
-        """Simulate the scene at some positions, with all random starts side by side.
-
-        Parameters
-        ----------
-        positions : sequence of float64 (p,)
-            Logarithms of the numbers, in the units of their keys.
-
-        Returns
-        -------
-        list of SimulatedPoint
-            Motions and features at each position, or the reason why one failed.
-        """
+        """Simulate the scene at some positions, with all random starts side by side."""
         cases = [
             self.scene_changes(position) | {"arrangement.seed": seed}
             for position in positions

@@ -288,13 +288,7 @@ examples:
   %(prog)s damper --set piston.mass=10 --set 'effects.drag.coefficient=0.2 kg/s'""",
 )
 def fall(options: Any) -> None:
-    """Tell what a fall does, from the scene alone, and simulate it where that is uncertain.
-
-    Parameters
-    ----------
-    options : Namespace
-        Parsed options of the command.
-    """
+    """Tell what a fall does, from the scene alone, and simulate it where that is uncertain."""
     from reduced_models.falls.fall_summary import whole_fall
 
     predicted = whole_fall(

@@ -231,25 +231,7 @@ def fit(options: Any) -> None:
 
 
 def parse_bounds(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
-    """Read bounds of parameters from ``NAME=LOW:HIGH`` texts, by the parameters' SI units.
-
-    Parameters
-    ----------
-    items : sequence of str
-        Texts, as "lam=0:2" or "lam=0:2 1/s".
-    units : mapping of str to str
-        SI unit of each parameter of the law.
-
-    Returns
-    -------
-    dict of str to (float, float)
-        Least and greatest value in SI units; infinite where a side is empty.
-
-    Raises
-    ------
-    InputError
-        If a text is something else.
-    """
+    """Read bounds of parameters from ``NAME=LOW:HIGH`` texts, by the parameters' SI units."""
     bounds = {}
     for item in items:
         name, _, pair = item.partition("=")
@@ -488,18 +470,7 @@ def _compare_response(options: Any) -> None:
 
 
 def parse_laws(names: Sequence[str]) -> tuple[str, ...]:
-    """Names of the laws to fit, each once; "all" stands for those of the package.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of laws, equations, or "all".
-
-    Returns
-    -------
-    tuple of str
-        Names and equations, in their order.
-    """
+    """Names of the laws to fit, each once; "all" stands for those of the package."""
     from reduced_models.laws.catalogue import LAWS
 
     every = (list(LAWS) if name == "all" else [name] for name in names)

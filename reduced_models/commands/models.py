@@ -104,13 +104,7 @@ examples:
   %(prog)s damper -o Bed.mo --port force         # from the scene alone""",
 )
 def export_model(options: Any) -> None:
-    """Write a saved model as code.
-
-    Parameters
-    ----------
-    options : Namespace
-        Parsed options of the command.
-    """
+    """Write a saved model as code."""
     from reduced_models.models.model import load_model
 
     if _is_scene_name(options.model):

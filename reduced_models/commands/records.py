@@ -72,23 +72,7 @@ READING = option_group(
 
 
 def parse_reading_options(options: Any) -> ReadOptions:
-    """Options of reading a file, from the options of the command line.
-
-    Parameters
-    ----------
-    options : Namespace
-        Parsed options of the command.
-
-    Returns
-    -------
-    ReadOptions
-        Columns, units, separators, times [s] and calibrations of the file.
-
-    Raises
-    ------
-    InputError
-        If an option is no such.
-    """
+    """Options of reading a file, from the options of the command line [s]."""
     from granular.readers.read_options import ReadOptions
 
     between = None
@@ -155,20 +139,7 @@ def _parse_pairs(option: str, items: Sequence[str]) -> dict[str, str]:
 
 
 def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
-    """Return the records of some sources, scenes simulated first; all releases of a file where asked.
-
-    Parameters
-    ----------
-    sources : sequence of str
-        Files, directories of runs, or names of scenes.
-    options : Namespace
-        Parsed options of the command.
-
-    Returns
-    -------
-    list of PistonRecord
-        Records, times in s and heights in m.
-    """
+    """Return the records of some sources, scenes simulated first; all releases of a file where asked."""
     from reduced_models.records.sources import (
         METHOD,
         RunOptions,
@@ -192,17 +163,7 @@ def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
 
 
 def print_result_and_report_path(result: Any, options: Any, text: str | None = None) -> None:
-    """Print a result, in other words than its own where these are given; and its report's place.
-
-    Parameters
-    ----------
-    result : Identification, Calibration or Design
-        Result with a text and plain data.
-    options : Namespace
-        Parsed options of the command, with ``json`` and ``out``.
-    text : str, optional
-        Text to print instead of the result's own.
-    """
+    """Print a result, in other words than its own where these are given; and its report's place."""
     text = str(result) if text is None else text
     if options.out is not None:
         text += f"\nreport: {options.out}/report.html"
@@ -228,13 +189,7 @@ examples:
   %(prog)s lab.csv --decimal , --skip 12 --write record.toml    # then: identify record.toml""",
 )
 def look(options: Any) -> None:
-    """Show what was understood, and keep it if asked.
-
-    Parameters
-    ----------
-    options : Namespace
-        Parsed options of the command.
-    """
+    """Show what was understood, and keep it if asked."""
     from granular.readers.read_options import (
         ReadOptions,
         is_record_description,
@@ -275,13 +230,7 @@ examples:
   %(prog)s -o somewhere        # then: identify somewhere/lvdt.toml --law linear""",
 )
 def example(options: Any) -> None:
-    """Write the example records.
-
-    Parameters
-    ----------
-    options : Namespace
-        Parsed options of the command.
-    """
+    """Write the example records."""
     from reduced_models.records.example_records import write_example_records
 
     truths = write_example_records(options.out)

@@ -183,18 +183,7 @@ def _check_figures(candidate: DamperCandidate) -> None:
 
 
 def damper_at_coordinates(coordinates: np.ndarray) -> DamperCandidate:
-    """Damper at a place of the box that the maps cover; its number of grains is rounded.
-
-    Parameters
-    ----------
-    coordinates : float64 (4,)
-        Place in the box, each coordinate from -1 to 1.
-
-    Returns
-    -------
-    DamperCandidate
-        Mass of the piston [kg], grains, drag [kg/s] and fraction of small grains.
-    """
+    """Damper at a place of the box that the maps cover; its number of grains is rounded [kg, kg/s]."""
     low, high = _logarithmic_coordinates(LOWEST), _logarithmic_coordinates(HIGHEST)
     scaled = low + 0.5 * (np.asarray(coordinates, dtype=float) + 1.0) * (high - low)
     mass, count, ratio = (math.exp(log) for log in scaled[:3])
@@ -204,20 +193,7 @@ def damper_at_coordinates(coordinates: np.ndarray) -> DamperCandidate:
 
 
 def disc_over_dipole_figures(candidate: DamperCandidate) -> np.ndarray:
-    """Rest height, frequency and damping ratio of discs over those of dipoles, by theory (3,).
-
-    All are 1 for dipoles.
-
-    Parameters
-    ----------
-    candidate : DamperCandidate
-        Damper, with the kind of its magnets.
-
-    Returns
-    -------
-    float64 (3,)
-        Ratios of rest height, frequency and damping ratio, dimensionless.
-    """
+    """Rest height, frequency and damping ratio of discs over those of dipoles, by theory (3,)."""
     from reduced_models.falls.predicted_law import OutsideRangeWarning, predict
 
     if candidate.magnets == "dipoles":
@@ -234,21 +210,7 @@ def disc_over_dipole_figures(candidate: DamperCandidate) -> np.ndarray:
 
 
 def affine_rest_height(candidate: DamperCandidate) -> float:
-    """Height at which a bed of the reference's packing would carry the piston [m].
-
-    The force of N grains falls with the power 2.86 of the height and grows with the square of the
-    mean moment.
-
-    Parameters
-    ----------
-    candidate : DamperCandidate
-        Damper.
-
-    Returns
-    -------
-    float
-        Height of the piston at rest [m].
-    """
+    """Height at which a bed of the reference's packing would carry the piston [m]."""
     load = (
         candidate.mass / candidate.cell_width_ratio / REFERENCE_MASS / _mean_grain_mass_ratio(candidate) ** 2
     )
@@ -256,21 +218,7 @@ def affine_rest_height(candidate: DamperCandidate) -> float:
 
 
 def affine_damping_ratio(candidate: DamperCandidate) -> float:
-    """Damping ratio if every grain followed the piston in proportion to its height.
-
-    A grain at the height y then moves with y/h of the piston's velocity: the bed's drag is a third
-    of the sum over its grains, and the frequency is sqrt(2.86 g/h).
-
-    Parameters
-    ----------
-    candidate : DamperCandidate
-        Damper.
-
-    Returns
-    -------
-    float
-        Fraction of critical damping.
-    """
+    """Damping ratio if every grain followed the piston in proportion to its height."""
     frequency = math.sqrt(EXPONENT * GRAVITY / affine_rest_height(candidate))
     drag = candidate.grains * candidate.drag * _mean_grain_mass_ratio(candidate) / 3.0
     return drag / (2.0 * candidate.mass * frequency)

@@ -61,13 +61,7 @@ MOST = 8
 
 
 class DesignError(GranularError, RuntimeError):
-    """The simulations of all proposals missed the target.
-
-    Attributes
-    ----------
-    design : Design or None
-        The last one, with all rounds; None where the first simulation failed.
-    """
+    """The simulations of all proposals missed the target."""
 
     def __init__(self, message: str, design: Design | None) -> None:
         super().__init__(message)
@@ -246,12 +240,7 @@ def _mean_logarithmic_map_error(rounds: Sequence[DesignRound], name: str) -> flo
 
 
 def _corrected_target(target: DesignTarget, rounds: Sequence[DesignRound]) -> tuple[float, float]:
-    """Frequency and damping ratio to aim at in the maps next.
-
-    The damping goes with the drag, and its error in the maps is the mean over the rounds, since starts
-    scatter by more; the frequency, which a bed that falls into another order changes faster or more slowly
-    than the maps, takes a secant step on logarithms.
-    """
+    """Frequency and damping ratio to aim at in the maps next."""
     last = rounds[-1]
     aim = last.promised_figures.frequency
     if abs(last.mean_figure("frequency") / target.frequency - 1.0) > CENTRED * FREQUENCY_TOLERANCE:

@@ -53,36 +53,17 @@ _EDGE = 1.01
 
 
 class FigureMap(NamedTuple):
-    """The map of one figure.
-
-    Attributes
-    ----------
-    coefficients : float64 (terms,)
-        Of products of Legendre polynomials.
-    error : float
-        Leave-one-out, root mean square: relative, or absolute for ``quadratic`` and ``cubic``.
-    """
+    """The map of one figure."""
 
     coefficients: np.ndarray
     error: float
 
 
 class PredictedFigures(NamedTuple):
-    """Figures of a damper by the maps.
+    """Figures of a damper by the maps."""
 
-    Attributes
-    ----------
-    rest_height : float
-        [m]
-    frequency : float
-        Of the undamped small swing [Hz].
-    damping_ratio : float
-    lam, k1, k2, k3 : float
-        Of z'' + 2 lam z' + k1 (z - h) + k2 (z - h)^2 + k3 (z - h)^3 = 0, h the rest height (SI).
-    """
-
-    rest_height: float
-    frequency: float
+    rest_height: float  # [m]
+    frequency: float  # [Hz]
     damping_ratio: float
     lam: float
     k1: float

@@ -59,22 +59,7 @@ COUNTS, FRACTIONS = (92, 184, 368), (0.0, 0.5)
 
 
 def maps_page(maps: DamperMaps, sliders: str | None = None) -> HtmlPage:
-    """All maps as a page: pictures, their errors, and the law that they stand for.
-
-    ``sliders`` is the name of the page with the maps under sliders, where it is next to this one.
-
-    Parameters
-    ----------
-    maps : DamperMaps
-        Maps to show.
-    sliders : str, optional
-        Name of the page with the maps under sliders, where it is next to this one.
-
-    Returns
-    -------
-    HtmlPage
-        Page with contour maps over mass [kg] and drag [kg/s].
-    """
+    """All maps as a page: pictures, their errors, and the law that they stand for [kg, kg/s]."""
     page = HtmlPage(
         "Maps of the damper",
         f"What {len(maps.dampers)} simulated dampers say of frequency, damping and height of rest.",
@@ -185,19 +170,7 @@ def plot_maps(maps: DamperMaps, fraction: float = 0.0) -> Figure:
 
 
 def draw_contour_map(axes: Axes, maps: DamperMaps, count: int, fraction: float) -> None:
-    """Draw the contours of the maps over mass and drag, in which their box is sheared.
-
-    Parameters
-    ----------
-    axes : Axes
-        Axes to draw on.
-    maps : DamperMaps
-        Maps to draw.
-    count : int
-        Number of grains.
-    fraction : float
-        Fraction of small grains, from 0 to 1.
-    """
+    """Draw the contours of the maps over mass and drag, in which their box is sheared."""
     side = np.linspace(-1.0, 1.0, _SIDE)
     grains = DamperCandidate(1.0, count, 1.0, fraction).map_coordinates()[[1, 3]]
     positions = [[np.array([damper, grains[0], other, grains[1]]) for damper in side] for other in side]
@@ -245,13 +218,7 @@ def _label_contour(axes: Axes, name: str, level: float, line: np.ndarray) -> Non
 
 
 def add_map_legend(drawing: Figure) -> None:
-    """Name the lines of a map, above it.
-
-    Parameters
-    ----------
-    drawing : Figure
-        Figure to add the legend to.
-    """
+    """Name the lines of a map, above it."""
     from matplotlib.lines import Line2D
 
     drawing.legend(

@@ -140,15 +140,7 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> DamperCandidate:
 def targets_by_grain_count(target: DesignTarget) -> list[DesignTarget]:
     """Targets with each number of grains that may be tried; the target itself where that is settled.
 
-    Parameters
-    ----------
-    target : DesignTarget
-        Wanted frequency [Hz] and damping ratio, and what is fixed.
-
-    Returns
-    -------
-    list of DesignTarget
-        Targets to try, in their order.
+    target [Hz].
     """
     if target.grains is not None or target.mass is not None:
         return [target]
@@ -160,22 +152,7 @@ def damper_for_target(
 ) -> DamperCandidate | None:
     """Damper of a narrowed target to which the maps give a frequency and a damping ratio.
 
-    ``aim`` differs from the target where simulations have shown that the maps are a little off.
-    None if there is no such damper in the maps.
-
-    Parameters
-    ----------
-    maps : DamperMaps
-        Maps of the figures.
-    target : DesignTarget
-        Target with a settled number of grains or mass [kg].
-    aim : (float, float)
-        Frequency [Hz] and damping ratio that the maps are to give.
-
-    Returns
-    -------
-    DamperCandidate or None
-        Damper that the maps give these; None if there is none.
+    target [kg], aim [Hz].
     """
     positions = _coordinates_for(target)
     damper = _solve_for_damper(maps, positions, aim)

@@ -31,31 +31,12 @@ FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 
 
 class DesignCheck(NamedTuple):
-    """A simulation of a proposal.
-
-    Attributes
-    ----------
-    seed : int
-        Of its random start.
-    rest_height, frequency, damping_ratio : float
-        [m]; [Hz], without damping; fraction of the critical damping.
-    lam, k1, k2, k3 : float
-        Of z'' + 2 lam z' + k1 (z - h) + k2 (z - h)^2 + k3 (z - h)^3 = 0, h the rest height (SI).
-    misfit : float
-        Rms error of the law over the rms swing.
-    rest_gap, fall_gap : float
-        Least distance of two grains at rest over that of their contact, and in the whole run over
-        the large diameter.
-    ledger : float
-        Error of the energy ledger over the energy turned over.
-    times, heights : list of float
-        The motion after the release [s], [m].
-    """
+    """A simulation of a proposal."""
 
     seed: int
-    rest_height: float
-    frequency: float
-    damping_ratio: float
+    rest_height: float  # [m]; [Hz], without damping; fraction of the critical damping
+    frequency: float  # [m]; [Hz], without damping; fraction of the critical damping
+    damping_ratio: float  # [m]; [Hz], without damping; fraction of the critical damping
     lam: float
     k1: float
     k2: float
@@ -64,8 +45,8 @@ class DesignCheck(NamedTuple):
     rest_gap: float
     fall_gap: float
     ledger: float
-    times: Sequence[float]
-    heights: Sequence[float]
+    times: Sequence[float]  # [s]
+    heights: Sequence[float]  # [m]
 
 
 class DesignRound(NamedTuple):
@@ -76,31 +57,13 @@ class DesignRound(NamedTuple):
     checks: tuple[DesignCheck, ...]
 
     def mean_figure(self, name: str) -> float:
-        """Mean of a figure over the checks.
-
-        Parameters
-        ----------
-        name : str
-            Name of a figure of `DesignCheck`.
-
-        Returns
-        -------
-        float
-            Mean in the unit of the figure.
-        """
+        """Mean of a figure over the checks."""
         return sum(getattr(check, name) for check in self.checks) / len(self.checks)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Design:
-    """A damper for a target.
-
-    Attributes
-    ----------
-    target : DesignTarget
-    rounds : tuple of DesignRound
-        The last one is the design.
-    """
+    """A damper for a target."""
 
     target: DesignTarget
     rounds: tuple[DesignRound, ...]
@@ -141,18 +104,7 @@ class Design:
         return self.rounds[-1].mean_figure("rest_height")
 
     def meets_target(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
-        """Tell whether every check lies within relative tolerances of the target.
-
-        Parameters
-        ----------
-        frequency_tolerance, damping_tolerance : float
-            Relative tolerances of frequency and damping ratio.
-
-        Returns
-        -------
-        bool
-            True where all checks do.
-        """
+        """Tell whether every check lies within relative tolerances of the target."""
         return all(
             abs(check.frequency / self.target.frequency - 1.0) <= frequency_tolerance
             and abs(check.damping_ratio / self.target.damping - 1.0) <= damping_tolerance
@@ -160,52 +112,19 @@ class Design:
         )
 
     def means_meet_target(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
-        """Tell whether the means over the checks lie within relative tolerances of the target.
-
-        Parameters
-        ----------
-        frequency_tolerance, damping_tolerance : float
-            Relative tolerances of frequency and damping ratio.
-
-        Returns
-        -------
-        bool
-            True where both means do.
-        """
+        """Tell whether the means over the checks lie within relative tolerances of the target."""
         return (
             abs(self.frequency / self.target.frequency - 1.0) <= frequency_tolerance
             and abs(self.damping_ratio / self.target.damping - 1.0) <= damping_tolerance
         )
 
     def range_over_seeds(self, name: str) -> tuple[float, float]:
-        """Least and greatest value of a figure over the random starts of the last round.
-
-        Parameters
-        ----------
-        name : str
-            Name of a figure of `DesignCheck`.
-
-        Returns
-        -------
-        (float, float)
-            Values in the unit of the figure.
-        """
+        """Least and greatest value of a figure over the random starts of the last round."""
         values = [getattr(check, name) for check in self.checks]
         return min(values), max(values)
 
     def seeds_agree(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
-        """Tell whether random starts differ so little that all could meet the tolerances.
-
-        Parameters
-        ----------
-        frequency_tolerance, damping_tolerance : float
-            Relative tolerances of frequency and damping ratio.
-
-        Returns
-        -------
-        bool
-            True where the ranges of both figures are at most twice the tolerance.
-        """
+        """Tell whether random starts differ so little that all could meet the tolerances."""
         pairs = (
             ("frequency", frequency_tolerance * self.target.frequency),
             ("damping_ratio", damping_tolerance * self.target.damping),
@@ -259,13 +178,7 @@ class Design:
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def to_plain(self) -> dict[str, Any]:
-        """Design as plain data (numbers, texts, lists).
-
-        Returns
-        -------
-        dict of str
-            Target, damper, figures in SI units, rounds and notes.
-        """
+        """Design as plain data (numbers, texts, lists)."""
         return {
             "wish": self.target._asdict(),
             "damper": self.damper._asdict() | {"viscosity": self.damper.viscosity},
@@ -284,18 +197,7 @@ class Design:
         }
 
     def plot(self, maps: DamperMaps) -> Figure:
-        """Draw the map that the design lies on, and the motions of its checks.
-
-        Parameters
-        ----------
-        maps : DamperMaps
-            Maps of the figures.
-
-        Returns
-        -------
-        Figure
-            Contours over mass [kg] and drag [kg/s], and heights [mm] over time [s].
-        """
+        """Draw the map that the design lies on, and the motions of its checks [kg, kg/s, mm, s]."""
         with figure(1, 2, width=9.0, height=3.8) as (drawing, (left, right)):
             draw_contour_map(left, maps, self.damper.grains, self.damper.small_share)
             for k, round_ in enumerate(self.rounds):
@@ -327,18 +229,7 @@ class Design:
             return drawing
 
     def page(self, maps: DamperMaps) -> HtmlPage:
-        """Design as a page.
-
-        Parameters
-        ----------
-        maps : DamperMaps
-            Maps of the figures, for the picture.
-
-        Returns
-        -------
-        HtmlPage
-            Report of the design.
-        """
+        """Design as a page."""
         chosen, target = self.damper, self.target
         page = HtmlPage(
             f"A damper of {target.frequency:g} Hz and damping ratio {target.damping:g}",
@@ -405,13 +296,7 @@ class Design:
         return page
 
     def workshop_sheet_page(self) -> HtmlPage:
-        """Sheet to build the damper from.
-
-        Returns
-        -------
-        HtmlPage
-            Dimensions, masses and figures to build from, in SI units.
-        """
+        """Sheet to build the damper from."""
         scatter = [
             f"{words}: {low:.4g} to {high:.4g}{unit} from {len(self.checks)} random starts"
             for words, name, unit in (
@@ -432,20 +317,7 @@ class Design:
         )
 
     def save(self, out: str | Path, maps: DamperMaps) -> None:
-        """Write report.html, workshop.html, design.json and scene.toml.
-
-        Parameters
-        ----------
-        out : str or Path
-            Directory, made where there is none.
-        maps : DamperMaps
-            Maps of the figures, for the report.
-
-        Raises
-        ------
-        StoreError
-            If the directory cannot be made or written to.
-        """
+        """Write report.html, workshop.html, design.json and scene.toml."""
         folder = make_directory(out)
         assert folder is not None
         write_json(folder / "design.json", self.to_plain())

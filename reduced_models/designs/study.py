@@ -38,18 +38,7 @@ digits."""
 
 
 def design_points(count: int = POINTS) -> list[DamperCandidate]:
-    """Dampers of a study: corners of the box, and ``count`` points of Sobol's sequence.
-
-    Parameters
-    ----------
-    count : int
-        Number of points of Sobol's sequence, a power of two.
-
-    Returns
-    -------
-    list of DamperCandidate
-        The 16 corners and these points, dampers with few grains first.
-    """
+    """Dampers of a study: corners of the box, and ``count`` points of Sobol's sequence."""
     from scipy.stats import qmc
 
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=4)))
@@ -141,18 +130,7 @@ def run_design_study(
 
 
 def check_workers(workers: object) -> None:
-    """Refuse a number of processes that is none.
-
-    Parameters
-    ----------
-    workers : int or None
-        Number of processes; None for as many as there are processors.
-
-    Raises
-    ------
-    InputError
-        If it is neither None nor an integer from 1 on.
-    """
+    """Refuse a number of processes that is none."""
     if workers is not None and (not isinstance(workers, int) or workers < 1):
         raise InputError(f"workers = {quote(workers)}; give an integer from 1 on")
 
@@ -167,39 +145,13 @@ SHOWN_EVERY = 5
 
 @keep_measure_name("reduced_models.designs.figures:damper_figures#8b0ef787")
 def measure_damper_figures(run: Trajectory) -> Mapping[str, Any]:
-    """Figures of a damper that fell, came to rest, was lifted and released.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run of the packaged damper: dropped, at rest, lifted and released.
-
-    Returns
-    -------
-    mapping
-        ``rest_height`` [m]; ``frequency`` [Hz] of the undamped small swing about rest and
-        ``damping_ratio``, by the law; its parameters ``lam``, ``k1``, ``k2``, ``k3`` (SI) and its
-        rms error over the rms swing, ``misfit``; ``rest_gap`` and ``fall_gap``, the least distance
-        of two grains at rest over that of their contact, and of two grains in the whole run over
-        the large diameter; ``ledger``.
-    """
+    """Figures of a damper that fell, came to rest, was lifted and released [m, Hz]."""
     bed, motion = measure_rest_and_gaps(run), fit_motion_figures(run.piston("release").with_time_from_zero())
     return {"rest_height": bed.pop("rest_height"), **motion, **bed}
 
 
 def measure_rest_and_gaps(run: Trajectory) -> dict[str, float]:
-    """Figures of `measure_damper_figures` that no law is fitted for.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run of the packaged damper: dropped, at rest, lifted and released.
-
-    Returns
-    -------
-    dict of str to float
-        ``rest_height`` [m]; ``rest_gap``, ``fall_gap`` and ``ledger``, dimensionless.
-    """
+    """Figures of `measure_damper_figures` that no law is fitted for [m]."""
     settings = run.settings()
     return {
         "rest_height": run.stage("drop").height,
@@ -210,19 +162,7 @@ def measure_rest_and_gaps(run: Trajectory) -> dict[str, float]:
 
 
 def fit_motion_figures(motion: PistonRecord) -> dict[str, float]:
-    """Figures of `measure_damper_figures` by the law of the motion after the release.
-
-    Parameters
-    ----------
-    motion : PistonRecord
-        Motion from the release on: times [s] and heights [m].
-
-    Returns
-    -------
-    dict of str to float
-        ``frequency`` [Hz], ``damping_ratio``, ``lam`` [1/s], ``k1`` [1/s^2], ``k2`` [1/(m s^2)], ``k3``
-        [1/(m^2 s^2)] and ``misfit``; NaN where the law has no small swing.
-    """
+    """Figures of `measure_damper_figures` by the law of the motion after the release, in SI."""
     from reduced_models.fitting.fit import fit
 
     with warnings.catch_warnings():
@@ -259,18 +199,7 @@ def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
 
 
 def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """Figures of a run's check, and its motion for a picture.
-
-    Parameters
-    ----------
-    columns : mapping of str
-        Result of `measure_design_check`.
-
-    Returns
-    -------
-    dict of str
-        Figures of `measure_damper_figures`, ``times`` [s] and ``heights`` [m], every fifth sample.
-    """
+    """Figures of a run's check, and its motion for a picture [s, m]."""
     motion = PistonRecord.from_columns(columns["motion"])
     return {
         **{name: value for name, value in columns.items() if name != "motion"},

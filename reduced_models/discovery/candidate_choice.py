@@ -30,31 +30,7 @@ def polish_and_choose_candidate(
     scorer: EquationScorer,
     others: Sequence[CandidateEquation] = (),
 ) -> tuple[list[CandidateEquation], int]:
-    """Fit the best candidates through their differential equation, and choose the simplest sound one.
-
-    The candidates of the least criterion are polished, and so is what is left of each without terms
-    whose coefficient may be zero. Of those that could be fitted the one with the fewest numbers is
-    chosen to which no other is strongly preferred: by less than 6 of the information criterion (Kass &
-    Raftery 1995, doi:10.1080/01621459.1995.10476572).
-
-    Parameters
-    ----------
-    candidates : list of CandidateEquation
-        Candidates to choose from, at least one.
-    polish : callable
-        Gives a candidate with its models, or with a note why it has none.
-    count : int
-        Greatest number of candidates that are polished first; 0 for none.
-    scorer : EquationScorer
-        Whitened residuals of the records, which weigh all candidates alike.
-    others : sequence of CandidateEquation
-        Candidates that stand on the front too, but are neither polished nor chosen.
-
-    Returns
-    -------
-    (list of CandidateEquation, int)
-        Pareto front with all polished candidates, the simplest first, and the index of the chosen one.
-    """
+    """Fit the best candidates through their differential equation, and choose the simplest sound one."""
     order = sorted(candidates, key=lambda candidate_: candidate_.criterion)
     near = [candidate_ for candidate_ in order if candidate_.criterion <= order[0].criterion + _HOPELESS][
         :count
@@ -162,21 +138,7 @@ def _solution_criteria(fitted: list[CandidateEquation], scorer: EquationScorer) 
 
 
 def notes_on_candidate(best: CandidateEquation, scorer: EquationScorer) -> tuple[str, ...]:
-    """Doubts about the chosen equation, in plain words.
-
-    Parameters
-    ----------
-    best : CandidateEquation
-        The chosen candidate.
-    scorer : EquationScorer
-        Whitened residuals of the records, with the noise of each motion.
-
-    Returns
-    -------
-    tuple of str
-        A note where the equation leaves more than twice what the record's noise would, one where it was
-        not polished, and those of its models; each once.
-    """
+    """Doubts about the chosen equation, in plain words."""
     notes = []
     left = best.error
     if best.models:
@@ -203,20 +165,7 @@ _LEAST_SHARE = 0.1
 
 
 class StructureEvidence(NamedTuple):
-    """Evidence for a structure, by stability selection.
-
-    Halves of the integrals are drawn at random, and each chooses anew (Meinshausen & Buhlmann 2010,
-    doi:10.1111/j.1467-9868.2010.00740.x).
-
-    Attributes
-    ----------
-    criterion_increases : dict of str to float
-        By how much the information criterion rises where a term is left out.
-    fraction : float
-        Of random halves of the integrals, that choose this structure or it with more terms.
-    rivals : tuple of str
-        Structures that the others choose, the most frequent first.
-    """
+    """Evidence for a structure, by stability selection."""
 
     criterion_increases: dict[str, float]
     fraction: float
@@ -236,28 +185,7 @@ class StructureEvidence(NamedTuple):
 def weigh_structure_evidence(
     chosen: CandidateEquation, candidates: Sequence[CandidateEquation], scorer: EquationScorer, seed: int
 ) -> StructureEvidence | None:
-    """Weigh a chosen sum of terms against other structures, by stability selection.
-
-    Two hundred random halves of the integrals choose anew among the structures (Meinshausen & Buhlmann
-    2010, doi:10.1111/j.1467-9868.2010.00740.x).
-
-    Parameters
-    ----------
-    chosen : CandidateEquation
-        The chosen candidate.
-    candidates : sequence of CandidateEquation
-        Others, whose structures compete with it; those that are no sums of terms are left out.
-    scorer : EquationScorer
-        Whitened residuals of the records.
-    seed : int
-        Seed of the random halves.
-
-    Returns
-    -------
-    StructureEvidence or None
-        Rise of the criterion without each term, fraction of the halves that choose the structure, and
-        its rivals; None where the chosen candidate is no sum of terms.
-    """
+    """Weigh a chosen sum of terms against other structures, by stability selection."""
     if chosen.terms is None or not chosen.terms:
         return None
     own = sort_terms(chosen.terms)

@@ -244,10 +244,7 @@ def discover(
 def _requested_terms(
     library: str | Sequence[str], terms: Sequence[str], degree: int, column: str | None
 ) -> tuple[AnyTerm, ...]:
-    """Terms of a library that is named, and own ones; own ones alone where none is.
-
-    Terms with hidden states have symbols of their own, and are read where these are.
-    """
+    """Terms of a library that is named, and own ones; own ones alone where none is."""
     if _is_single_library(library, MEMORY):
         return ()
     if _is_single_library(library, AUTO):
@@ -317,13 +314,7 @@ def _resolve_height_map(
 
 
 def _resolve_installed_method(method: Method, functions: Sequence[str]) -> tuple[Method, bool]:
-    """Return the method, or what stands in for it, and whether pyoperon is lacking for it.
-
-    Raises
-    ------
-    InputError
-        If the method, or functions for it, need a program that is not installed.
-    """
+    """Return the method, or what stands in for it, and whether pyoperon is lacking for it."""
     if method == "pysr":
         from reduced_models.discovery.pysr_search import require_pysr
 

@@ -31,33 +31,7 @@ _MOST_NUMBERS = 16
 def discover_height_formulas(
     time: np.ndarray, height: np.ndarray, search: SymbolicSearch, height_map: HeightMap
 ) -> Discovery:
-    """Discover formulas of z in the time t by symbolic regression.
-
-    Jacobi's elliptic functions are allowed where the program knows them. All numbers are fitted to all
-    samples by least squares, and the formula of the least Bayesian information criterion is chosen
-    (Schwarz 1978, doi:10.1214/aos/1176344136).
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times [s], increasing; the formulas count from the first.
-    height : float64 (n,)
-        Heights [m].
-    search : SymbolicSearch
-        Program, its effort and its seed.
-    height_map : HeightMap
-        From the height [m] to z.
-
-    Returns
-    -------
-    Discovery
-        Pareto front of the formulas, without models, and the chosen one.
-
-    Raises
-    ------
-    InputError
-        If the search finds no formula that is finite, or its program is not installed.
-    """
+    """Discover formulas of z in the time t by symbolic regression; time [s], height, height_map [m]."""
     import sympy
 
     z = np.asarray(height_map.to_law(height))
@@ -121,24 +95,7 @@ def _fit_constants(
 
 
 def elliptic_function_variants(expression: sympy.Expr) -> list[sympy.Expr]:
-    """Expression unchanged, with a rate in each elliptic call, and with a phase next to it.
-
-    A search finds jacobi_cn(t, 0.392) where jacobi_cn(1.1*t, 0.6) is true, since it costs fewer
-    nodes; least squares finds the rest, once there are numbers to change. Those that are new change
-    nothing yet: a rate of 1, a phase of 0. An expression without an elliptic function of t is given
-    back alone.
-
-    Parameters
-    ----------
-    expression : sympy.Expr
-        Formula in the real symbol t.
-
-    Returns
-    -------
-    list of sympy.Expr
-        The expression itself, then with a rate, and with a rate and a phase, in each call of an elliptic
-        function that is linear in t; the expression alone where there is no such call.
-    """
+    """Expression unchanged, with a rate in each elliptic call, and with a phase next to it."""
     import sympy
 
     t = sympy.Symbol("t", real=True)

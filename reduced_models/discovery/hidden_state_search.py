@@ -72,34 +72,7 @@ class _HiddenStateScores(NamedTuple):
 def propose_hidden_state_structures(
     weak: WeakForm, search: SymbolicSearch | None, terms: Sequence[str] = (), sparse: bool = True
 ) -> ProposedStructures:
-    """Propose equations with the hidden state that sums of terms need most, or with none.
-
-    z is the height [m] here, since strains are meant. The hidden state is integrated along the record
-    for each of its scales, and enters the terms as an input does.
-
-    Parameters
-    ----------
-    weak : WeakForm
-        Of z'' or of the measured force of beds without strain at their starts.
-    search : SymbolicSearch, optional
-        Of a symbolic regression of F(z, z', w), with the hidden state that sums need.
-    terms : sequence of str
-        Own terms next to those of the library, in z, z' and w.
-    sparse : bool
-        Whether sums of terms are candidates, next to what a search proposes.
-
-    Returns
-    -------
-    ProposedStructures
-        Candidates of the best hidden state, those of the others to be shown, and notes on what was
-        gained.
-
-    Raises
-    ------
-    InputError
-        If a height of a free motion is not above zero, a text is no term, or the search's program is not
-        installed.
-    """
+    """Propose equations with the hidden state that sums of terms need most, or with none."""
     force = isinstance(weak.parts[0], ForceIntegrals)
     states: Sequence[HiddenState] = HIDDEN_STATES
     plain_texts: Sequence[str] = PLAIN_TERMS
@@ -223,24 +196,7 @@ def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray
 def add_hidden_state(
     candidate: CandidateEquation, hidden_state: ScaledHiddenState | None, scorer: EquationScorer
 ) -> CandidateEquation:
-    """Candidate with its hidden state, whose scales cost what other numbers do.
-
-    Parameters
-    ----------
-    candidate : CandidateEquation
-        Equation in which u stands for the hidden state.
-    hidden_state : ScaledHiddenState or None
-        State to add; without, the candidate is given back.
-    scorer : EquationScorer
-        Tells the number of samples n; each scale adds ln n to the criterion (Schwarz 1978,
-        doi:10.1214/aos/1176344136).
-
-    Returns
-    -------
-    CandidateEquation
-        The candidate with the state, its complexity and criterion raised by its scales; unchanged where
-        it has one already.
-    """
+    """Candidate with its hidden state, whose scales cost what other numbers do."""
     if hidden_state is None or candidate.hidden_state is not None:
         return candidate
     count = len(hidden_state.scales)

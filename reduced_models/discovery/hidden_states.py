@@ -28,43 +28,17 @@ _NEAR_ONE = 1.0 - 1e-12
 
 
 class HiddenState(NamedTuple):
-    """A kind of hidden state.
-
-    Attributes
-    ----------
-    name : str
-    rate_equations : str
-        Of all its states, as a law writes them; scales by their names.
-    force_variable : str
-        What of them is in the force, the one variable that terms know.
-    scales : tuple of str
-        Names of the inner scales.
-    values_along_motion : callable
-        From times (n,), heights (n,) and scales (k, s) to the values (k, n).
-    trial_scales : callable
-        From a period [s] to the scales (k, s) that are tried first.
-    """
+    """A kind of hidden state."""
 
     name: str
     rate_equations: str
     force_variable: str
     scales: tuple[str, ...]
     values_along_motion: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-    trial_scales: Callable[[float], np.ndarray]
+    trial_scales: Callable[[float], np.ndarray]  # from a period [s] to the scales (k, s) that are tried first
 
     def substitute_into(self, equation: str) -> str:
-        """Equation with the state's force variable in place of the input, and the state's rate.
-
-        Parameters
-        ----------
-        equation : str
-            Equation in which ``u`` stands for the hidden state.
-
-        Returns
-        -------
-        str
-            The equation and the rate equations of the state, joined by "; ", with the scales by name.
-        """
+        """Equation with the state's force variable in place of the input, and the state's rate."""
         forces = re.sub(rf"\b{INPUT}\b", self.force_variable, equation)
         return f"{forces}; {self.rate_equations}"
 
@@ -193,30 +167,13 @@ DAMPER_STATES = (
 
 
 class ScaledHiddenState(NamedTuple):
-    """A hidden state with numbers for its scales.
-
-    Attributes
-    ----------
-    kind : HiddenState
-    scales : tuple of float
-    """
+    """A hidden state with numbers for its scales."""
 
     kind: HiddenState
     scales: tuple[float, ...]
 
     def substitute_into(self, equation: str) -> str:
-        """Equation with the hidden state for its input, the state's rate, and numbers for the scales.
-
-        Parameters
-        ----------
-        equation : str
-            Equation in which ``u`` stands for the hidden state.
-
-        Returns
-        -------
-        str
-            The equation and the rate equations of the state, joined by "; ", scales to four digits.
-        """
+        """Equation with the hidden state for its input, the state's rate, and numbers for the scales."""
         text = self.kind.substitute_into(equation)
         for name, value in zip(self.kind.scales, self.scales, strict=True):
             text = re.sub(rf"\b{name}\b", f"{value:.4g}", text)

@@ -30,13 +30,7 @@ _GENERATIONS = 10_000  # more than the evaluations last for
 
 
 def is_operon_installed() -> bool:
-    """Tell if pyoperon is installed, without importing it.
-
-    Returns
-    -------
-    bool
-        True where pyoperon is installed.
-    """
+    """Tell if pyoperon is installed, without importing it."""
     return importlib.util.find_spec("pyoperon") is not None
 
 
@@ -48,37 +42,7 @@ def search_expressions_with_operon(
     effort: float = 1.0,
     seed: int = 0,
 ) -> list[sympy.Expr]:
-    """Find expressions for a target by pyoperon's genetic programming.
-
-    The front of error against length is searched, with numbers fitted by least squares (Burlacu,
-    Kronberger & Kommenda 2020, doi:10.1145/3377929.3398099).
-
-    Parameters
-    ----------
-    inputs : mapping of str to float64 (n,)
-        Samples of each variable, in its own unit.
-    target : float64 (n,)
-        Samples to be explained, in any unit.
-    noise : float
-        Standard deviation of the target's noise, in the target's unit.
-    functions : sequence of str
-        Next to sums, differences and products; such as ``"sin"``.
-    effort : float
-        Times the usual number of expressions to try. It ends the search, and not the clock, so that a
-        seed repeats it.
-    seed : int
-        Seed of the search.
-
-    Returns
-    -------
-    list of sympy.Expr
-        Expressions of the Pareto front, in real symbols of the variables' names and their units.
-
-    Raises
-    ------
-    InputError
-        If pyoperon is not installed.
-    """
+    """Find expressions for a target by pyoperon's genetic programming."""
     try:
         from pyoperon.sklearn import SymbolicRegressor
     except ImportError:
@@ -106,18 +70,7 @@ def search_expressions_with_operon(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ScaledSamples:
-    """Samples as a search takes them: its numbers are drawn about 1.
-
-    Attributes
-    ----------
-    matrix : float64 (n, inputs)
-    target : float64 (n,)
-    names : tuple of str
-        Of the columns in the search, x0, x1 ...
-    sizes : mapping of str to float
-        Rms value of each variable under its own name, in the order of the columns.
-    target_size : float
-    """
+    """Samples as a search takes them: its numbers are drawn about 1."""
 
     matrix: np.ndarray
     target: np.ndarray
@@ -126,18 +79,7 @@ class ScaledSamples:
     target_size: float
 
     def restore_units(self, expression: sympy.Expr) -> sympy.Expr:
-        """Expression of a search in the variables' own names and units.
-
-        Parameters
-        ----------
-        expression : sympy.Expr
-            Scaled target in the symbols x0, x1 ... of the search.
-
-        Returns
-        -------
-        sympy.Expr
-            Target, in its unit, in real symbols of the variables' names.
-        """
+        """Expression of a search in the variables' own names and units."""
         import sympy
 
         back = {
@@ -155,23 +97,7 @@ class ScaledSamples:
     def parse_expressions(
         self, texts: Iterable[str], functions: Mapping[str, FormulaFunction] = MappingProxyType({})
     ) -> list[sympy.Expr]:
-        """Expressions that a search wrote, in the variables' own names and units.
-
-        ``functions`` are those that they may name next to the usual ones.
-
-        Parameters
-        ----------
-        texts : iterable of str
-            Formulas in x0, x1 ...
-        functions : mapping of str to Function
-            Functions that they may name next to the usual ones.
-
-        Returns
-        -------
-        list of sympy.Expr
-            One for each text that is a formula in these variables; others, such as one with a NaN, are
-            left out.
-        """
+        """Expressions that a search wrote, in the variables' own names and units."""
         expressions = []
         for text in texts:
             with contextlib.suppress(FormulaError):
@@ -182,21 +108,7 @@ class ScaledSamples:
 
 
 def scale_samples(inputs: Mapping[str, np.ndarray], target: np.ndarray) -> ScaledSamples:
-    """Divide samples by their rms values, as a search takes them.
-
-    Parameters
-    ----------
-    inputs : mapping of str to float64 (n,)
-        Samples of each variable, in its own unit.
-    target : float64 (n,)
-        Samples of the target, in its unit.
-
-    Returns
-    -------
-    ScaledSamples
-        Columns and target without unit, each with an rms value of 1, and the rms values in the units
-        they had.
-    """
+    """Divide samples by their rms values, as a search takes them."""
     sizes = {name: _typical_size(values) for name, values in inputs.items()}
     matrix = np.stack([values / sizes[name] for name, values in inputs.items()], axis=1)
     names = tuple(f"x{k}" for k in range(len(inputs)))

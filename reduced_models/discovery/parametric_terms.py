@@ -43,16 +43,7 @@ _DIGITS = 9
 
 @dataclasses.dataclass
 class ParametricTerms:
-    """Terms with numbers to be found, by names.
-
-    Attributes
-    ----------
-    templates : tuple of sympy.Expr
-        In the symbols of `state_symbols`, and those of the numbers.
-    parameter_names : tuple of str
-    templates_by_term : dict of CustomTerm to (sympy.Expr, mapping of str to float)
-        Terms with numbers that were found: each with its template, and all numbers by name.
-    """
+    """Terms with numbers to be found, by names."""
 
     templates: tuple[sympy.Expr, ...] = ()
     parameter_names: tuple[str, ...] = ()
@@ -61,29 +52,7 @@ class ParametricTerms:
     )
 
     def terms_with_best_values(self, weak: WeakForm, library: Sequence[AnyTerm]) -> list[AnyTerm]:
-        """Terms with the values of their parameters that leave the least residual next to a library.
-
-        The weak residual is whitened for the noise of z'' alone. Each parameter is tried over the sizes
-        of the motion, several together at random points, and is then refined one by one between its
-        neighbours on the grid (Brent's bounded minimisation).
-
-        Parameters
-        ----------
-        weak : WeakForm
-            Integrals of the records.
-        library : sequence of terms
-            Terms whose coefficients are free next to them.
-
-        Returns
-        -------
-        list of terms
-            One for each template that is a single term with these values; none without parameters.
-
-        Raises
-        ------
-        InputError
-            If no values make the templates finite terms that the library does not span.
-        """
+        """Terms with the values of their parameters that leave the least residual next to a library."""
         if not self.parameter_names:
             return []
         residual = _LibraryResidual(weak, library, self)
@@ -121,22 +90,7 @@ class ParametricTerms:
         return term
 
     def term_with_values(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
-        """Term of a template with given numbers; None where it is no single one.
-
-        The numbers are exact in it, so that it is the same term everywhere.
-
-        Parameters
-        ----------
-        template : sympy.Expr
-            Term in the symbols of `state_symbols` and of its parameters.
-        values : mapping of str to float
-            Value of each parameter; nine digits are taken.
-
-        Returns
-        -------
-        CustomTerm or None
-            Term with exact numbers; None where it is infinite, no number, or no single term.
-        """
+        """Term of a template with given numbers; None where it is no single one."""
         import sympy
 
         exact = {sympy.Symbol(name): sympy.Rational(f"{value:.{_DIGITS}g}") for name, value in values.items()}
@@ -148,20 +102,7 @@ class ParametricTerms:
         return only if isinstance(only, CustomTerm) else None
 
     def parametrised_sum(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]] | None:
-        """Sum with c0, c1 ... for its coefficients and names for the parameters within its terms.
-
-        None where the candidate holds no such term.
-
-        Parameters
-        ----------
-        candidate : CandidateEquation
-            A sum of terms.
-
-        Returns
-        -------
-        (sympy.Expr, dict of str to float) or None
-            The sum, and the value of each name; None where no term of the candidate has a parameter.
-        """
+        """Sum with c0, c1 ... for its coefficients and names for the parameters within its terms."""
         import sympy
 
         terms = candidate.terms or {}
@@ -175,20 +116,7 @@ class ParametricTerms:
         return sympy.Add(*parts), values
 
     def sum_with_values(self, candidate: CandidateEquation, numbers: Mapping[str, float]) -> sympy.Expr:
-        """Expression of a candidate with the numbers that a fit to `parametrised_sum` gave.
-
-        Parameters
-        ----------
-        candidate : CandidateEquation
-            The sum of terms that was fitted.
-        numbers : mapping of str to float
-            Value of each c0, c1 ... and of each parameter within terms.
-
-        Returns
-        -------
-        sympy.Expr
-            z'' in the symbols of `state_symbols`.
-        """
+        """Expression of a candidate with the numbers that a fit to `parametrised_sum` gave."""
         import sympy
 
         parts = []
@@ -203,23 +131,7 @@ class ParametricTerms:
     def add_parameter_costs(
         self, candidates: Sequence[CandidateEquation], sample_count: int, left_side: str
     ) -> list[CandidateEquation]:
-        """Candidates whose parameters within terms cost what coefficients cost.
-
-        Parameters
-        ----------
-        candidates : sequence of CandidateEquation
-            Candidates of the same records.
-        sample_count : int
-            Samples of the records, n: each parameter adds ln n to the criterion (Schwarz 1978,
-            doi:10.1214/aos/1176344136).
-        left_side : str
-            Left side of their equations, such as ``"z''"`` or ``"force"``.
-
-        Returns
-        -------
-        list of CandidateEquation
-            The candidates with the criterion raised and this left side.
-        """
+        """Candidates whose parameters within terms cost what coefficients cost."""
         result = []
         for candidate in candidates:
             terms = candidate.terms or {} if self.templates_by_term else {}
@@ -238,20 +150,7 @@ class ParametricTerms:
     def with_chosen_values(
         self, candidates: Sequence[CandidateEquation], chosen: CandidateEquation
     ) -> list[CandidateEquation]:
-        """Candidates whose terms take the parameter values that the chosen candidate's terms have.
-
-        Parameters
-        ----------
-        candidates : sequence of CandidateEquation
-            Candidates to change.
-        chosen : CandidateEquation
-            Candidate whose values are taken, by template.
-
-        Returns
-        -------
-        list of CandidateEquation
-            The candidates, with equal terms where they share a template.
-        """
+        """Candidates whose terms take the parameter values that the chosen candidate's terms have."""
         of_template = {
             self.templates_by_term[term][0]: term
             for term in chosen.terms or {}
@@ -268,28 +167,7 @@ class ParametricTerms:
 def split_parametric_terms(
     texts: Sequence[str], column: str | None, columns: Sequence[str]
 ) -> tuple[list[str], ParametricTerms]:
-    """Separate a user's terms with unknown parameters from those without.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        Terms in z, z' and the input's column, such as ``"max(0, z - d)"``.
-    column : str or None
-        Name of the input.
-    columns : sequence of str
-        Columns of the records, which no parameter may look like.
-
-    Returns
-    -------
-    (list of str, ParametricTerms)
-        Texts without parameters, unread, and the others as templates.
-
-    Raises
-    ------
-    InputError
-        If a parameter has a taken name, or one that looks like a column's, or a term with parameters
-        cannot be read.
-    """
+    """Separate a user's terms with unknown parameters from those without."""
     known = {"z", "z'", *(() if column is None else (INPUT, column))}
     plain, opened, names = list[str](), list[str](), dict[str, None]()
     for text in texts:

@@ -53,34 +53,7 @@ def polish_candidate(
     seed: int = 0,
     open_terms: ParametricTerms | None = None,
 ) -> CandidateEquation:
-    """Fit a candidate's numbers through its differential equation by `fit`.
-
-    Parameters
-    ----------
-    candidate : CandidateEquation
-        Of z''. The scales of its hidden state are numbers as well.
-    records : sequence of PistonRecord
-        Records that share all numbers but their initial states.
-    height_map : HeightMap
-        From the height [m] to the z of the equation.
-    column : str, optional
-        Column of the records that is the input.
-    seed : int
-        Seed of the random starts of the fit.
-    open_terms : ParametricTerms, optional
-        Terms that hold parameters of their own.
-
-    Returns
-    -------
-    CandidateEquation
-        With fitted numbers and a model for each record; unchanged but for a note that says why, where
-        the fit fails or has more than twelve numbers.
-
-    Raises
-    ------
-    TimeBudgetError
-        If the computing time that the user allows is used up.
-    """
+    """Fit a candidate's numbers through its differential equation by `fit`; height_map [m]."""
     opened = None if open_terms is None else open_terms.parametrised_sum(candidate)
     template, values = opened or replace_numbers_by_symbols(candidate.expression)
     if len(values) > _MOST_NUMBERS:
@@ -131,27 +104,7 @@ def polish_force_candidate(
     column: str | None = None,
     seed: int = 0,
 ) -> CandidateEquation:
-    """Fit a candidate for a measured force by `fit_force`.
-
-    Parameters
-    ----------
-    candidate : CandidateEquation
-        Of the force [N] in z, z', the input and its hidden state.
-    records : sequence of PistonRecord
-        Records of prescribed strokes with their forces, which share all numbers.
-    height_map : HeightMap
-        From the height [m] to the z of the equation.
-    column : str, optional
-        Column of the records that is the input.
-    seed : int
-        Seed of the random starts of the fit.
-
-    Returns
-    -------
-    CandidateEquation
-        With fitted numbers and one `ForceModel`; unchanged but for a note that says why, where the fit
-        fails.
-    """
+    """Fit a candidate for a measured force by `fit_force`; candidate [N], height_map [m]."""
     import sympy
 
     template, values = replace_numbers_by_symbols(candidate.expression)
@@ -185,18 +138,7 @@ def polish_force_candidate(
 
 
 def name_candidate_law(candidate: CandidateEquation) -> str:
-    """Name of a candidate's law by its terms, such as "viscous + softening".
-
-    Parameters
-    ----------
-    candidate : CandidateEquation
-        Equation of z'' or of a force.
-
-    Returns
-    -------
-    str
-        Name in an engineer's words; the number of its numbers where it is no sum of terms, or too long.
-    """
+    """Name of a candidate's law by its terms, such as "viscous + softening"."""
     terms = candidate.terms
     if (
         candidate.left_side == "force"
@@ -218,21 +160,7 @@ _BY_SPEED = {1: "viscous", 2: "quadratic drag", 3: "cubic drag"}
 
 
 def describe_law(terms: Mapping[AnyTerm, float]) -> str:
-    """Describe a law in an engineer's words, by the terms of z'' and their coefficients.
-
-    Such as "viscous + dry friction + softening"; a term without such a word is named as it is
-    written.
-
-    Parameters
-    ----------
-    terms : mapping of term to float
-        Coefficient of each term.
-
-    Returns
-    -------
-    str
-        Words joined by " + ".
-    """
+    """Describe a law in an engineer's words, by the terms of z'' and their coefficients."""
     others = [term for term in sort_terms(terms) if not _is_spring_term(term)]
     others.sort(key=lambda term: isinstance(term, CustomTerm) or abs(term.speed - 1))
     words = [_damping_term_words(term, terms[term]) for term in others]
@@ -269,21 +197,7 @@ def _spring_words(springs: Mapping[int, float]) -> list[str]:
 
 
 def replace_numbers_by_symbols(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
-    """Expression with symbols c0, c1 ... for its numbers, and their values.
-
-    The coefficients of a sum of library terms come in the order of the terms, so that the same
-    structure is the same law; elsewhere every floating-point number is one.
-
-    Parameters
-    ----------
-    expression : sympy.Expr
-        Equation's right side with floating-point numbers.
-
-    Returns
-    -------
-    (sympy.Expr, dict of str to float)
-        Expression in c0, c1 ..., and the value of each.
-    """
+    """Expression with symbols c0, c1 ... for its numbers, and their values."""
     import sympy
 
     terms = split_terms(expression)
@@ -301,23 +215,7 @@ def replace_numbers_by_symbols(expression: sympy.Expr) -> tuple[sympy.Expr, dict
 def replace_sign_by_tanh(
     template: sympy.Expr, records: Sequence[PistonRecord], height_map: HeightMap
 ) -> sympy.Expr:
-    """Expression with a steep tanh(z') for sign(z'), which no solver can step across.
-
-    Parameters
-    ----------
-    template : sympy.Expr
-        z'' in the symbols of `state_symbols`.
-    records : sequence of PistonRecord
-        Records whose typical speed, the standard deviation of z', sets the steepness: about 100 over it,
-        as a power of ten.
-    height_map : HeightMap
-        From the height [m] to the z of the expression.
-
-    Returns
-    -------
-    sympy.Expr
-        The expression, smooth in z'.
-    """
+    """Expression with a steep tanh(z') for sign(z'), which no solver can step across; height_map [m]."""
     import sympy
 
     _, v, _ = state_symbols()
@@ -329,24 +227,7 @@ def replace_sign_by_tanh(
 
 
 def law_from_template(template: sympy.Expr, values: dict[str, float], column: str | None, name: str) -> Law:
-    """Law z'' = template, whose fit starts near the given values.
-
-    Parameters
-    ----------
-    template : sympy.Expr
-        z'' in the symbols of `state_symbols` and of the parameters.
-    values : dict of str to float
-        Value of each parameter; random starts scatter by a tenth about it.
-    column : str or None
-        Name of the records' column that the symbol u stands for.
-    name : str
-        Name of the law.
-
-    Returns
-    -------
-    Law
-        Law in z with these parameters.
-    """
+    """Law z'' = template, whose fit starts near the given values."""
     import sympy
 
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:

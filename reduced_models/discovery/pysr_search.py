@@ -72,18 +72,7 @@ ELLIPTIC = {name: FormulaFunction(_scipy_elliptic_function(k), 2, 2) for k, name
 
 
 def elliptic_julia_operators() -> list[str]:
-    """Jacobi's sn, cn, dn of u and the parameter m as Julia functions of one line each.
-
-    Six terms of the series in the nome q (Abramowitz & Stegun 16.23), for 1e-6 < m < 0.9999; NaN
-    elsewhere, as PySR asks of operators outside their domain. K and q come from five steps of the
-    arithmetic-geometric mean. That is right to 3e-5 up to m = 0.9 and to 0.013 at 0.9999: enough
-    for a search, and what it finds is fitted with SciPy's functions.
-
-    Returns
-    -------
-    list of str
-        Definitions of ``jacobi_sn``, ``jacobi_cn`` and ``jacobi_dn``.
-    """
+    """Jacobi's sn, cn, dn of u and the parameter m as Julia functions of one line each."""
     low, high = _RANGE
     return [
         f"{name}(u, m) = ({low} < m < {high}) ? "
@@ -93,26 +82,14 @@ def elliptic_julia_operators() -> list[str]:
 
 
 def elliptic_sympy_mappings() -> dict[str, Callable[[Any, Any], Any]]:
-    """Jacobi's sn, cn, dn as SymPy functions, by the names that PySR writes.
-
-    Returns
-    -------
-    dict of str to callable
-        Undefined SymPy functions of u and m.
-    """
+    """Jacobi's sn, cn, dn as SymPy functions, by the names that PySR writes."""
     import sympy
 
     return {name: sympy.Function(name) for name in _SERIES}
 
 
 def require_pysr() -> None:
-    """Raise an error, with the commands that cure it, unless PySR and Julia can run.
-
-    Raises
-    ------
-    InputError
-        If pysr, Julia or PySR's Julia packages are not installed.
-    """
+    """Raise an error, with the commands that cure it, unless PySR and Julia can run."""
     lack = missing_pysr_requirements()
     if lack is not None:
         raise InputError(
@@ -122,21 +99,7 @@ def require_pysr() -> None:
 
 
 def import_pysr_regressor() -> Any:
-    """Import the class ``pysr.PySRRegressor`` so that Ctrl-C still comes to Python.
-
-    Julia takes the signal over otherwise, and ends the process. Without its signals it may have
-    but one thread, and a search that can be repeated has no more. What the user set stands.
-
-    Returns
-    -------
-    type
-        ``pysr.PySRRegressor``.
-
-    Raises
-    ------
-    InputError
-        If the import fails, whatever the reason: it starts Julia and loads its packages.
-    """
+    """Import the class ``pysr.PySRRegressor`` so that Ctrl-C still comes to Python."""
     os.environ.setdefault("PYTHON_JULIACALL_HANDLE_SIGNALS", "no")
     os.environ.setdefault("PYTHON_JULIACALL_THREADS", "1")
     try:
@@ -153,24 +116,7 @@ def import_pysr_regressor() -> Any:
 def pysr_regressor_settings(
     functions: Sequence[str] = (), elliptic: bool = False, effort: float = 1.0, seed: int = 0
 ) -> dict[str, Any]:
-    """Keywords of ``pysr.PySRRegressor`` for a search that a seed repeats.
-
-    Parameters
-    ----------
-    functions : sequence of str
-        Allowed next to sums, differences and products.
-    elliptic : bool
-        Allow Jacobi's sn, cn and dn too, and shorter expressions only.
-    effort : float
-        Times the usual number of iterations, 60.
-    seed : int
-        Seed of the search.
-
-    Returns
-    -------
-    dict of str to Any
-        Keywords and their values.
-    """
+    """Keywords of ``pysr.PySRRegressor`` for a search that a seed repeats."""
     binary = ["+", "-", "*", *(name for name in functions if name in _BINARY)]
     return {
         "binary_operators": binary + (elliptic_julia_operators() if elliptic else []),
@@ -198,38 +144,7 @@ def search_expressions_with_pysr(
     effort: float = 1.0,
     seed: int = 0,
 ) -> list[sympy.Expr]:
-    """Find expressions for a target by PySR (Cranmer 2023, arXiv:2305.01582).
-
-    Parameters
-    ----------
-    inputs : mapping of str to float64 (n,)
-        Samples of each variable, in its own unit.
-    target : float64 (n,)
-        Samples to be explained, in any unit.
-    noise : float
-        Standard deviation of the target's noise, in the target's unit; the search ends when the mean
-        square error is down to that of the noise.
-    functions : sequence of str
-        Next to sums, differences and products.
-    elliptic : bool
-        Allow Jacobi's sn, cn and dn too.
-    effort : float
-        Times the usual number of iterations.
-    seed : int
-        Seed of the search.
-
-    Returns
-    -------
-    list of sympy.Expr
-        Expressions of PySR's hall of fame, in real symbols of the variables' names and their units.
-
-    Raises
-    ------
-    InputError
-        If PySR or Julia is not there.
-    KeyboardInterrupt
-        After Ctrl-C, also where Julia took it.
-    """
+    """Find expressions for a target by PySR (Cranmer 2023, arXiv:2305.01582)."""
     require_pysr()
     samples = scale_samples(inputs, target)
     with tempfile.TemporaryDirectory(prefix="granular-damper-") as folder:
@@ -255,13 +170,7 @@ _MANIFEST = re.compile(r"(Julia)?Manifest(-v[0-9.]+)?\.toml")
 
 
 def missing_pysr_requirements() -> str | None:
-    """Return the requirement that PySR lacks here, in words; nothing is ever downloaded.
-
-    Returns
-    -------
-    str or None
-        For instance "the package pysr is not installed"; None where PySR can run.
-    """
+    """Return the requirement that PySR lacks here, in words; nothing is ever downloaded."""
     if importlib.util.find_spec("pysr") is None:
         return "the package pysr is not installed"
     julia, project = os.environ.get(EXE), os.environ.get(PROJECT)

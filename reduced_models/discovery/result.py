@@ -29,31 +29,7 @@ _EQUATION_COLUMNS = 82
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CandidateEquation:
-    """An equation on the Pareto front.
-
-    Attributes
-    ----------
-    expression : sympy.Expr
-        z'' in the real symbols z, v (for z') and u (for the input); or z itself in t. Numbers are
-        the fitted ones where the candidate was polished.
-    complexity : int
-        Nodes of the expression's tree.
-    error : float
-        Rms residual in standard deviations of what the record's noise makes of it: 1 where the
-        equation says all that the record holds.
-    criterion : float
-        Extended Bayesian information criterion of that residual; the least is best. Differences
-        above about 10 are decisive.
-    models : tuple of ReducedModel
-        The candidate polished through its differential equation, one a record; empty where it was
-        not, or could not be. A `ForceModel` of a force.
-    note : str
-        Why there is no model, where polishing was tried.
-    hidden_state : ScaledHiddenState, optional
-        The hidden state that u stands for.
-    left_side : str
-        What the expression is equal to; z itself where it names the time.
-    """
+    """An equation on the Pareto front."""
 
     expression: sympy.Expr
     complexity: int
@@ -92,25 +68,7 @@ class CandidateEquation:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Discovery:
-    """Equations that were discovered in a record, or in several.
-
-    Attributes
-    ----------
-    method : str
-    candidates : tuple of CandidateEquation
-        The Pareto front and close rivals that were polished, from the simplest on.
-    chosen : int
-        Place of the chosen one.
-    map : HeightMap
-        How z in the equations comes from the height.
-    inclusion_fractions : mapping of str to float
-        Fraction of resampled records in which each term was needed; empty without an ensemble.
-    notes : tuple of str
-        What is to be doubted, in plain words.
-    criterion_increases : mapping of str to float
-        By how much the information criterion rises where a term of the chosen sum is left out;
-        above about 10 the record calls for it. Empty where it is no sum of terms.
-    """
+    """Equations that were discovered in a record, or in several."""
 
     method: str
     candidates: tuple[CandidateEquation, ...]
@@ -132,13 +90,7 @@ class Discovery:
 
     @property
     def model(self) -> ReducedModel:
-        """The chosen candidate, polished through its differential equation, for the first record.
-
-        Raises
-        ------
-        InputError
-            If it could not be polished.
-        """
+        """The chosen candidate, polished through its differential equation, for the first record."""
         if self.best.model is None:
             why = self.best.note or "it was not polished"
             raise InputError(
@@ -175,14 +127,7 @@ class Discovery:
         return "\n".join(lines)
 
     def to_plain(self) -> dict[str, Any]:
-        """Discovery as plain data (numbers, texts, lists).
-
-        Returns
-        -------
-        dict of str to Any
-            Method, candidates with equations, errors and models, the chosen one's index, notes, and
-            ``prices``: the rise of the criterion without each term.
-        """
+        """Discovery as plain data (numbers, texts, lists)."""
         return {
             "method": self.method,
             "chosen": self.chosen,
@@ -206,18 +151,7 @@ class Discovery:
 
 
 def pareto_front(candidates: list[CandidateEquation]) -> list[CandidateEquation]:
-    """Candidates that no simpler one beats in error, the simplest first.
-
-    Parameters
-    ----------
-    candidates : list of CandidateEquation
-        Candidates of the same records.
-
-    Returns
-    -------
-    list of CandidateEquation
-        Pareto front of complexity and error; errors that are not finite are left out.
-    """
+    """Candidates that no simpler one beats in error, the simplest first."""
     front: list[CandidateEquation] = []
     order = sorted(candidates, key=lambda candidate: (candidate.complexity, candidate.error))
     for candidate in order:

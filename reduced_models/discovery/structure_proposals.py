@@ -44,18 +44,7 @@ _ENSEMBLES = (0.01, 0.03, 0.1)  # thresholds
 
 
 class SymbolicSearch(NamedTuple):
-    """A symbolic regression by one of the programs for it.
-
-    Attributes
-    ----------
-    method : str
-        ``"operon"`` or ``"pysr"``.
-    functions : tuple of str
-        By the names that its program knows.
-    effort : float
-        Times the usual length of the search.
-    seed : int
-    """
+    """A symbolic regression by one of the programs for it."""
 
     method: str
     functions: tuple[str, ...] = ()
@@ -65,31 +54,7 @@ class SymbolicSearch(NamedTuple):
     def find_expressions(
         self, inputs: Mapping[str, np.ndarray], target: np.ndarray, noise: float, elliptic: bool = False
     ) -> list[sympy.Expr]:
-        """Find expressions for a target by symbolic regression.
-
-        PySR is given Jacobi's functions too, where ``elliptic``.
-
-        Parameters
-        ----------
-        inputs : mapping of str to float64 (n,)
-            Samples of each variable, in its own unit.
-        target : float64 (n,)
-            Samples to be explained, in any unit.
-        noise : float
-            Standard deviation of the target's noise, in the target's unit.
-        elliptic : bool
-            Allow Jacobi's elliptic functions too; PySR alone has them.
-
-        Returns
-        -------
-        list of sympy.Expr
-            Expressions of the program's Pareto front, in real symbols of the variables' names.
-
-        Raises
-        ------
-        InputError
-            If the program is not installed.
-        """
+        """Find expressions for a target by symbolic regression."""
         if self.method == "pysr":
             from reduced_models.discovery.pysr_search import search_expressions_with_pysr
 
@@ -102,21 +67,7 @@ class SymbolicSearch(NamedTuple):
 
 
 class ProposedStructures(NamedTuple):
-    """Candidate equations, and what scores them.
-
-    Attributes
-    ----------
-    candidates : list of CandidateEquation
-    scorer : EquationScorer
-    inclusion_fractions : mapping of str to float
-        Fraction of the members of an ensemble that held each term.
-    others : list of CandidateEquation
-        With other hidden states, to be shown only.
-    notes : tuple of str
-        On the hidden state.
-    hidden_state : ScaledHiddenState or None
-        The hidden state of all candidates, if any.
-    """
+    """Candidate equations, and what scores them."""
 
     candidates: list[CandidateEquation]
     scorer: EquationScorer
@@ -136,38 +87,7 @@ def propose_structures(
     ensemble: bool = False,
     seed: int = 0,
 ) -> ProposedStructures:
-    """Propose sums of terms and expressions of symbolic regression, all scored alike.
-
-    Parameters
-    ----------
-    weak : WeakForm
-        Integrals of the records.
-    terms : sequence of terms
-        Terms of the library.
-    search : SymbolicSearch, optional
-        Symbolic regression; none without.
-    sparse : bool
-        Propose sums of terms, next to what a search finds.
-    form : "weak" or "strong"
-        Choose sums on integrals of the record, or on an estimate of z'' (Brunton, Proctor & Kutz 2016,
-        doi:10.1073/pnas.1517384113).
-    ensemble : bool
-        Thresholded least squares on resampled rows (Fasel, Kutz, Brunton & Brunton 2022,
-        doi:10.1098/rspa.2021.0904).
-    seed : int
-        Seed of the resampling.
-
-    Returns
-    -------
-    ProposedStructures
-        Candidates with their errors and criteria, the scorer that gave these, and the fraction of an
-        ensemble that holds each term.
-
-    Raises
-    ------
-    InputError
-        If the search's program is not installed.
-    """
+    """Propose sums of terms and expressions of symbolic regression, all scored alike."""
     supports, inclusion_fractions = list[np.ndarray](), dict[str, float]()
     if sparse:
         supports, inclusion_fractions = _sparse_supports(weak, terms, form, ensemble, seed)
@@ -215,31 +135,7 @@ def _add_eliminated_supports(
 def propose_symbolic_candidates(
     weak: WeakForm, terms: Sequence[AnyTerm], search: SymbolicSearch, subsets: Sequence[np.ndarray] = ()
 ) -> tuple[list[CandidateEquation], EquationScorer]:
-    """Propose expressions of a symbolic regression, and what each is without some of its terms.
-
-    Terms are left out by backward elimination on the whitened weak residuals.
-
-    Parameters
-    ----------
-    weak : WeakForm
-        Integrals of the records.
-    terms : sequence of terms
-        Terms of the library; own ones are variables of the search.
-    search : SymbolicSearch
-        Symbolic regression.
-    subsets : sequence of int (s, k)
-        Subsets of the terms, by their indices, that are scored next to what is found.
-
-    Returns
-    -------
-    (list of CandidateEquation, EquationScorer)
-        Candidates, and the scorer that weighed them.
-
-    Raises
-    ------
-    InputError
-        If the search's program is not installed.
-    """
+    """Propose expressions of a symbolic regression, and what each is without some of its terms."""
     expressions = _find_motion_expressions(weak.motions, terms, search)
     sums = [(expression, split_terms(expression)) for expression in expressions]
     union = sort_terms({term for _, parts in sums if parts is not None for term in parts})
@@ -256,10 +152,7 @@ def propose_symbolic_candidates(
 
 
 def _prune_expression(expression: sympy.Expr, scorer: EquationScorer) -> list[CandidateEquation]:
-    """Candidates of an expression that is no sum of terms, and of it with fewer addends.
-
-    The addends' coefficients are fitted again each time; numbers within them stay as they are.
-    """
+    """Candidates of an expression that is no sum of terms, and of it with fewer addends."""
     import sympy
 
     addends = sympy.Add.make_args(sympy.expand(expression))
@@ -307,10 +200,7 @@ def _find_motion_expressions(
 def _search_samples(
     motion: SmoothedMotion, motions: int, own: Sequence[CustomTerm] = ()
 ) -> dict[str, np.ndarray]:
-    """Return the samples of one of so many motions for a symbolic regression, away from its ends.
-
-    Own terms are variables next to z and z'.
-    """
+    """Return the samples of one of so many motions for a symbolic regression, away from its ends."""
     edge = int(_EDGE * len(motion.time))
     inner = len(motion.time) - 2 * edge
     rows = slice(edge, edge + inner, max(1, math.ceil(inner * motions / _MOST_POINTS)))
@@ -329,18 +219,7 @@ def _search_samples(
 
 
 def candidate_from_terms(scored_terms: ScoredTerms) -> CandidateEquation:
-    """Candidate equation of a scored subset of terms.
-
-    Parameters
-    ----------
-    scored_terms : ScoredTerms
-        Terms with coefficients, misfit and criterion.
-
-    Returns
-    -------
-    CandidateEquation
-        Their linear combination, not polished yet.
-    """
+    """Candidate equation of a scored subset of terms."""
     expression = linear_combination(scored_terms.terms, list(scored_terms.coefficients))
     return CandidateEquation(expression, complexity(expression), scored_terms.misfit, scored_terms.criterion)
 
@@ -371,47 +250,20 @@ _MOST_ROWS = 4000
 
 
 class SparseRegression:
-    """A linear regression for PySINDy's optimizers, with columns and target of unit size.
-
-    Sparse regression says which terms z'' calls for (Brunton, Proctor & Kutz 2016,
-    doi:10.1073/pnas.1517384113), and an ensemble how often resampled records agree (Fasel, Kutz,
-    Brunton & Brunton 2022, doi:10.1098/rspa.2021.0904).
-    """
+    """A linear regression for PySINDy's optimizers, with columns and target of unit size."""
 
     def __init__(self, matrix: np.ndarray, target: np.ndarray) -> None:
         self.matrix = normalise_columns(matrix)[0] * np.sqrt(len(matrix))
         self.target = target / max(float(np.sqrt((target**2).mean())), 1e-300)
 
     def thresholded_optimizer(self, threshold: float) -> Any:
-        """PySINDy's sequentially thresholded least squares (Brunton, Proctor & Kutz 2016).
-
-        See doi:10.1073/pnas.1517384113.
-
-        Parameters
-        ----------
-        threshold : float
-            Least coefficient that is kept, for columns and a target of unit rms value.
-
-        Returns
-        -------
-        pysindy.STLSQ
-            Optimizer, not fitted yet.
-        """
+        """PySINDy's sequentially thresholded least squares (Brunton, Proctor & Kutz 2016)."""
         import pysindy
 
         return pysindy.STLSQ(threshold=float(threshold), alpha=1e-8)
 
     def supports_by_threshold(self) -> list[list[int]]:
-        """Terms that thresholded least squares keep, at 24 thresholds from 0.001 to 0.5.
-
-        Sequentially thresholded least squares (Brunton, Proctor & Kutz 2016,
-        doi:10.1073/pnas.1517384113).
-
-        Returns
-        -------
-        list of list of int
-            Indices of the columns that are kept at each threshold.
-        """
+        """Terms that thresholded least squares keep, at 24 thresholds from 0.001 to 0.5."""
         supports = []
         for threshold in _THRESHOLDS:
             with warnings.catch_warnings():
@@ -421,22 +273,7 @@ class SparseRegression:
         return supports
 
     def inclusion_fractions(self, threshold: float, seed: int) -> np.ndarray:
-        """Fraction of a hundred bootstrap resamples whose sparse fit keeps each term.
-
-        Ensemble-SINDy (Fasel, Kutz, Brunton & Brunton 2022, doi:10.1098/rspa.2021.0904).
-
-        Parameters
-        ----------
-        threshold : float
-            Least coefficient that is kept, for columns and a target of unit rms value.
-        seed : int
-            Seed of the resampling.
-
-        Returns
-        -------
-        float64 (p,)
-            Fraction for each column, from 0 to 1.
-        """
+        """Fraction of a hundred bootstrap resamples whose sparse fit keeps each term."""
         import pysindy
 
         ensemble = pysindy.EnsembleOptimizer(
@@ -454,20 +291,7 @@ class SparseRegression:
 
 
 def strong_form_regression(motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]) -> SparseRegression:
-    """Regression of estimates of z'' on terms, sample by sample, away from the records' ends.
-
-    Parameters
-    ----------
-    motions : sequence of SmoothedMotion
-        Motions with estimates of z, z' and z''.
-    terms : sequence of terms
-        Columns of the regression.
-
-    Returns
-    -------
-    SparseRegression
-        Rows are at most about 4000 samples, evenly taken.
-    """
+    """Regression of estimates of z'' on terms, sample by sample, away from the records' ends."""
     rows = [_interior_samples(motion, terms, len(motions)) for motion in motions]
     matrices, targets = zip(*rows, strict=True)
     return SparseRegression(np.concatenate(matrices), np.concatenate(targets))
@@ -484,22 +308,7 @@ def _interior_samples(
 
 
 def weak_form_regression(weak: WeakForm, terms: Sequence[AnyTerm]) -> SparseRegression:
-    """Regression of the weak form, whitened for the noise of z'' alone.
-
-    Weak-form SINDy (Messenger & Bortz 2021, doi:10.1137/20M1343166).
-
-    Parameters
-    ----------
-    weak : WeakForm
-        Integrals of the records.
-    terms : sequence of terms
-        Columns of the regression.
-
-    Returns
-    -------
-    SparseRegression
-        Rows are whitened integrals.
-    """
+    """Regression of the weak form, whitened for the noise of z'' alone."""
     whitening = weak.whitening_matrix((), np.zeros(0))
     return SparseRegression(whitening @ weak.term_integral_matrix(terms), whitening @ weak.target)
 
@@ -507,24 +316,6 @@ def weak_form_regression(weak: WeakForm, terms: Sequence[AnyTerm]) -> SparseRegr
 def ensemble_supports(
     regression: SparseRegression, threshold: float, seed: int
 ) -> tuple[list[list[int]], np.ndarray]:
-    """Terms that many resamples keep, and the fraction that keeps each.
-
-    Ensemble-SINDy (Fasel, Kutz, Brunton & Brunton 2022, doi:10.1098/rspa.2021.0904).
-
-    Parameters
-    ----------
-    regression : SparseRegression
-        Terms against z'' or its integrals.
-    threshold : float
-        Least coefficient that is kept, for columns and a target of unit rms value.
-    seed : int
-        Seed of the resampling.
-
-    Returns
-    -------
-    (list of list of int, float64 (p,))
-        Indices of the terms kept by at least 0.9, 0.75, 0.5 and 0.25 of the resamples, and the fraction
-        for each term.
-    """
+    """Terms that many resamples keep, and the fraction that keeps each."""
     fractions = regression.inclusion_fractions(threshold, seed)
     return [np.flatnonzero(fractions >= least).tolist() for least in _INCLUDED], fractions

@@ -20,18 +20,7 @@ _MOST_SUBSETS = 400_000
 
 @dataclasses.dataclass(frozen=True)
 class ScoredTerms:
-    """A subset of the terms, with what its weak residuals say.
-
-    Attributes
-    ----------
-    terms : tuple of Term
-    coefficients : float64 (k,)
-    misfit : float
-        Rms of the residuals, in standard deviations of what the record's noise makes of them: 1
-        where the equation holds.
-    criterion : float
-        Extended Bayesian information criterion (Chen & Chen 2008, doi:10.1093/biomet/asn034).
-    """
+    """A subset of the terms, with what its weak residuals say."""
 
     terms: tuple[AnyTerm, ...]
     coefficients: np.ndarray
@@ -41,19 +30,7 @@ class ScoredTerms:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EquationScorer:
-    """The white weak residuals of the records, which weigh any equation.
-
-    Attributes
-    ----------
-    weak : WeakForm
-    whitening : float64 (q, r)
-    excess : float
-        Factor by which the squares exceed the noise even with all terms of the library: above 1
-        where the library does not hold the law. The criterion counts in it (Burnham & Anderson
-        2002, quasi-likelihood).
-    library_size : int
-        Terms of the library that was searched.
-    """
+    """The white weak residuals of the records, which weigh any equation."""
 
     weak: WeakForm
     whitening: np.ndarray
@@ -66,94 +43,28 @@ class EquationScorer:
         return len(self.whitening)
 
     def squares_from_misfit(self, misfit: float, count: int) -> float:
-        """Sum of squares of whitened residuals, from an equation's misfit.
-
-        Parameters
-        ----------
-        misfit : float
-            Rms residual in standard deviations of the noise.
-        count : int
-            Free numbers of the equation.
-
-        Returns
-        -------
-        float
-            misfit^2 (q - count), without unit.
-        """
+        """Sum of squares of whitened residuals, from an equation's misfit."""
         return misfit**2 * max(1, self.residual_count - count)
 
     def misfit_from_squares(self, squares: float, count: int) -> float:
-        """Misfit of an equation, from the sum of squares of its whitened residuals.
-
-        Parameters
-        ----------
-        squares : float
-            Sum of squares, without unit.
-        count : int
-            Free numbers of the equation.
-
-        Returns
-        -------
-        float
-            sqrt(squares/(q - count)): rms residual in standard deviations of the noise.
-        """
+        """Misfit of an equation, from the sum of squares of its whitened residuals."""
         return math.sqrt(squares / max(1, self.residual_count - count))
 
     def information_criterion(self, squares: float, count: int) -> float:
-        """Compute the extended Bayesian information criterion of an equation.
-
-        squares/excess + k ln n + 2 ln C(p, k), for k numbers, n samples and a library of p terms (Chen &
-        Chen 2008, doi:10.1093/biomet/asn034); the excess scales it as a quasi-likelihood (Burnham &
-        Anderson 2002).
-
-        Parameters
-        ----------
-        squares : float
-            Sum of squares of the whitened residuals, without unit.
-        count : int
-            Free numbers of the equation, k.
-
-        Returns
-        -------
-        float
-            Criterion, without unit; the least is best.
-        """
+        """Compute the extended Bayesian information criterion of an equation."""
         choices = math.log(math.comb(max(self.library_size, count), count))
         samples = math.log(self.weak.sample_count)
         return squares / self.excess + count * samples + 2.0 * choices
 
 
 def scorers_in_common_unit(scorers: Sequence[EquationScorer]) -> list[EquationScorer]:
-    """Scorers with one excess, the least of theirs, so that their criteria can be compared.
-
-    Parameters
-    ----------
-    scorers : sequence of EquationScorer
-        Scorers of the same records.
-
-    Returns
-    -------
-    list of EquationScorer
-        Copies, in the same order.
-    """
+    """Scorers with one excess, the least of theirs, so that their criteria can be compared."""
     excess = min(scorer.excess for scorer in scorers)
     return [dataclasses.replace(scorer, excess=excess) for scorer in scorers]
 
 
 def all_index_subsets(count: int) -> list[np.ndarray]:
-    """All subsets of so many terms, by their indices, as far as they can all be tried.
-
-    Parameters
-    ----------
-    count : int
-        Number of terms.
-
-    Returns
-    -------
-    list of int (s, k)
-        The s subsets of each size k from 1 to 8; larger sizes are left out where there would be more
-        than 400 000 subsets in all.
-    """
+    """All subsets of so many terms, by their indices, as far as they can all be tried."""
     subsets, total = [], 0
     for size in range(1, min(count, MOST_TERMS) + 1):
         total += math.comb(count, size)
@@ -164,18 +75,7 @@ def all_index_subsets(count: int) -> list[np.ndarray]:
 
 
 def group_subsets_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
-    """Given subsets, each once, in one array for each size.
-
-    Parameters
-    ----------
-    subsets : iterable of iterable of int
-        Indices of terms; empty ones are left out.
-
-    Returns
-    -------
-    list of int (s, k)
-        The s subsets of each size k, sorted.
-    """
+    """Given subsets, each once, in one array for each size."""
     groups: dict[int, set[tuple[int, ...]]] = {}
     for subset in subsets:
         chosen = tuple(sorted(set(subset)))
@@ -187,28 +87,7 @@ def group_subsets_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
 def score_subsets(
     weak: WeakForm, library: Sequence[AnyTerm], terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> tuple[list[ScoredTerms], EquationScorer]:
-    """Score subsets of terms by their whitened weak residuals.
-
-    Coefficients are those of least squares. The covariance of the residuals depends on them, so that it
-    is taken anew twice for the best equation so far (Bortz, Messenger & Dukic 2023,
-    doi:10.1007/s11538-023-01208-6).
-
-    Parameters
-    ----------
-    weak : WeakForm
-        Integrals of the records.
-    library : sequence of terms
-        Library that was searched: it sets the cost of a term.
-    terms : sequence of terms
-        Terms that the subsets number.
-    subsets : list of int (s, k)
-        Subsets of the terms for each size.
-
-    Returns
-    -------
-    (list of ScoredTerms, EquationScorer)
-        Best three subsets of each size, the least criterion first, and the scorer that weighed them.
-    """
+    """Score subsets of terms by their whitened weak residuals."""
     best: ScoredTerms | None = None
     matrix, every = weak.term_integral_matrix(terms), weak.term_integral_matrix(library)
     ranked: list[ScoredTerms] = []
@@ -222,37 +101,13 @@ def score_subsets(
 
 
 def normalise_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Divide columns by their Euclidean lengths.
-
-    Parameters
-    ----------
-    columns : float64 (n, p)
-        Columns, in any unit.
-
-    Returns
-    -------
-    (float64 (n, p), float64 (p,))
-        Columns of unit length, and the lengths that they had.
-    """
+    """Divide columns by their Euclidean lengths."""
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     return columns / sizes, sizes
 
 
 def score_terms(scorer: EquationScorer, terms: Sequence[AnyTerm]) -> ScoredTerms:
-    """Score one subset of terms by the whitened residuals of a scorer.
-
-    Parameters
-    ----------
-    scorer : EquationScorer
-        Whitened residuals of the records.
-    terms : sequence of terms
-        The subset, of at least one term.
-
-    Returns
-    -------
-    ScoredTerms
-        Coefficients of least squares, misfit and criterion.
-    """
+    """Score one subset of terms by the whitened residuals of a scorer."""
     matrix = scorer.weak.term_integral_matrix(terms)
     return _rank_subsets(scorer, matrix, terms, [np.arange(len(terms))[None]])[0]
 
@@ -296,24 +151,7 @@ def _rank_subsets(
 def eliminate_backward(
     white_columns: np.ndarray, target: np.ndarray, start: Sequence[int]
 ) -> list[list[int]]:
-    """Eliminate terms backward: from a subset the least needed term goes, and so on.
-
-    The term goes whose coefficient squared is least over its variance.
-
-    Parameters
-    ----------
-    white_columns : float64 (q, p)
-        Whitened columns of the terms.
-    target : float64 (q,)
-        Whitened integrals of z''.
-    start : sequence of int
-        Indices of the terms to begin with, at least one.
-
-    Returns
-    -------
-    list of list of int
-        Indices that are left after each step, from ``start`` to a single one.
-    """
+    """Eliminate terms backward: from a subset the least needed term goes, and so on."""
     columns, _ = normalise_columns(white_columns)
     gram, moment = columns.T @ columns, columns.T @ target
     left = list(start)

@@ -86,30 +86,7 @@ FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "m
 def library_terms(
     names: str | Sequence[str], texts: Sequence[str], degree: int, column: str | None
 ) -> tuple[AnyTerm, ...]:
-    """Terms of named libraries and of a user's texts, each once.
-
-    Parameters
-    ----------
-    names : str or sequence of str
-        Names in `LIBRARIES`.
-    texts : sequence of str
-        Own terms, in z, z' and the input's column.
-    degree : int
-        Greatest power of z in the physical library.
-    column : str or None
-        Name of the input, where there is one.
-
-    Returns
-    -------
-    tuple of terms
-        Powers first, then others.
-
-    Raises
-    ------
-    InputError
-        If there is no such library, the driven one has no input, a text is no term, or there are no
-        terms at all.
-    """
+    """Terms of named libraries and of a user's texts, each once."""
     terms: dict[AnyTerm, None] = {}
     for name in (names,) if isinstance(names, str) else names:
         if name not in LIBRARIES:
@@ -132,25 +109,7 @@ def library_terms(
 
 
 def parse_custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
-    """Terms that a user writes as texts.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        Such as ``"sin(z)"`` or ``"z'**3"``; a sum gives each of its terms.
-    column : str or None
-        Name of the input, where there is one.
-
-    Returns
-    -------
-    list of terms
-        In the order of the texts.
-
-    Raises
-    ------
-    InputError
-        If a text cannot be read, names something else, is zero, or has inexact numbers within.
-    """
+    """Terms that a user writes as texts."""
     all_terms: list[AnyTerm] = []
     for text, expression in zip(texts, parse_term_expressions(texts, column), strict=True):
         terms = split_terms(expression)
@@ -161,25 +120,7 @@ def parse_custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm
 
 
 def functions_known_to_program(names: Sequence[str], method: str) -> tuple[str, ...]:
-    """Functions by the names under which a method's program knows them.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Functions, of `FUNCTIONS`.
-    method : str
-        Method of `discover`.
-
-    Returns
-    -------
-    tuple of str
-        Names for pyoperon or PySR, in the same order.
-
-    Raises
-    ------
-    InputError
-        If there is no such function, or the method takes none.
-    """
+    """Functions by the names under which a method's program knows them."""
     if names and method == "sindy":
         raise InputError(
             "functions belong to symbolic regression; give the method 'sindy' whole terms by terms="
@@ -198,20 +139,7 @@ _GRID = np.linspace(-1.0, 1.0, 33)
 
 
 def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
-    """Fault of a term along a motion, in words.
-
-    Parameters
-    ----------
-    motion : SmoothedMotion
-        Motion with estimates of z and z'.
-    term : term
-        Term of a library or a user's own.
-
-    Returns
-    -------
-    str
-        "is not finite", "has a pole" or "has no finite slope"; empty where it has no fault.
-    """
+    """Fault of a term along a motion, in words."""
     drive = motion.drive
     for z in (motion.z, motion.smooth):
         if not np.isfinite(term.values(z, motion.velocity, drive)).all():
@@ -224,25 +152,7 @@ def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
 
 
 def term_has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> bool:
-    """Tell if a term grows without bound between finite samples.
-
-    1/z of a motion through zero is finite at every sample, and says nothing but how near to zero
-    the nearest of them happens to be.
-
-    Parameters
-    ----------
-    term : term
-        Term of a library or a user's own.
-    z, v : float64 (n,)
-        Samples of z and z', in the unit of z and that over s.
-    u : float64 (n,) or None
-        Samples of the input.
-
-    Returns
-    -------
-    bool
-        True where it grows a thousandfold between samples, or is not finite there.
-    """
+    """Tell if a term grows without bound between finite samples."""
     last = len(z) - 1
     sizes = np.abs(term.values(z, v, u))
     peaks = np.flatnonzero((sizes >= np.append(sizes[1:], 0.0)) & (sizes >= np.insert(sizes[:-1], 0, 0.0)))
@@ -299,19 +209,7 @@ _WHY = {
 
 
 class LibraryProposal(NamedTuple):
-    """A library for some records.
-
-    Attributes
-    ----------
-    name : str
-    terms : tuple of terms
-    map : HeightMap
-        Of the z that the terms mean.
-    weak : WeakForm
-        Of the records, in that z.
-    note : str
-        Why, where it is not the usual one.
-    """
+    """A library for some records."""
 
     name: str
     terms: tuple[AnyTerm, ...]
@@ -329,31 +227,7 @@ def propose_library(
     map_is_given: bool,
     angle: bool,
 ) -> LibraryProposal:
-    """Library whose best sum of terms has the least information criterion along some motions.
-
-    Libraries that mean something by z = 0 are looked at where the records are of an angle, or swing
-    about it, or where the map is given; negative powers where the height stays above zero.
-
-    Parameters
-    ----------
-    weak_form_of : callable
-        Gives the weak form of the motions in the z of a height map.
-    usual_map : HeightMap
-        Map of the physical library.
-    column : str or None
-        Name of the input, where there is one.
-    degree : int
-        Least degree of the physical library.
-    map_is_given : bool
-        True where a user gave the map, or terms that mean something by z.
-    angle : bool
-        True for records of an angle.
-
-    Returns
-    -------
-    LibraryProposal
-        Library with its terms, map and weak form.
-    """
+    """Library whose best sum of terms has the least information criterion along some motions."""
     plain = usual_map == HeightMap() or map_is_given
     weak = weak_form_of(usual_map)
     usual = _physical_proposal(weak, column, degree)
@@ -435,22 +309,7 @@ def _physical_proposal(weak: WeakForm, column: str | None, least_degree: int) ->
 
 
 def held_out_error_of_terms(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
-    """Rms of every third whitened residual, with coefficients fitted to the others.
-
-    Infinite where there are fewer integrals than terms.
-
-    Parameters
-    ----------
-    weak : WeakForm
-        Integrals of the records.
-    terms : sequence of terms
-        Terms of the equation.
-
-    Returns
-    -------
-    float
-        In standard deviations of the noise of z''; infinite where there are fewer integrals than terms.
-    """
+    """Rms of every third whitened residual, with coefficients fitted to the others."""
     whitening = weak.whitening_matrix((), np.zeros(0))
     matrix, target = whitening @ weak.term_integral_matrix(terms), whitening @ weak.target
     held = np.arange(len(target)) % 3 == 2

@@ -22,13 +22,7 @@ INPUT = "u"
 
 
 def state_symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
-    """Real symbols z, v (for z') and u (for the input).
-
-    Returns
-    -------
-    tuple of three sympy.Symbol
-        z, v and u.
-    """
+    """Real symbols z, v (for z') and u (for the input)."""
     import sympy
 
     z, v, u = (sympy.Symbol(name, real=True) for name in ("z", "v", INPUT))
@@ -36,18 +30,7 @@ def state_symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
 
 
 def expression_text(expression: sympy.Expr) -> str:
-    """Text of an expression as a law writes it, with z' for v.
-
-    Parameters
-    ----------
-    expression : sympy.Expr
-        In the symbols of `state_symbols`.
-
-    Returns
-    -------
-    str
-        Such as ``"z**2*z'"``.
-    """
+    """Text of an expression as a law writes it, with z' for v."""
     return re.sub(r"\bv\b", "z'", str(expression))
 
 
@@ -55,18 +38,7 @@ _LARGEST_DENOMINATOR = 100  # of a fraction that is printed as one
 
 
 def round_fractions_for_print(expression: sympy.Expr) -> sympy.Expr:
-    """Expression for print: fractions that stand for decimal numbers become five-digit ones.
-
-    Parameters
-    ----------
-    expression : sympy.Expr
-        Expression with exact numbers.
-
-    Returns
-    -------
-    sympy.Expr
-        Fractions with a denominator above 100 are replaced by decimals.
-    """
+    """Expression for print: fractions that stand for decimal numbers become five-digit ones."""
     import sympy
 
     fractions = expression.atoms(sympy.Rational)
@@ -80,13 +52,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 @dataclasses.dataclass(frozen=True)
 class CustomTerm:
-    """A function of z, z' and the input that is no product of powers, such as sin(z).
-
-    Attributes
-    ----------
-    expression : Expr
-        In the symbols of `state_symbols`; exact, without floating-point numbers.
-    """
+    """A function of z, z' and the input that is no product of powers, such as sin(z)."""
 
     expression: sympy.Expr
 
@@ -125,37 +91,11 @@ class CustomTerm:
         return None if self.is_speed_independent or factor.has(v) or factor.has(u) else factor
 
     def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Values of the term at samples.
-
-        Parameters
-        ----------
-        z, v : float64 (n,)
-            Samples of z and z', in the unit of z and that over s.
-        u : float64 (n,) or None
-            Samples of the input; taken as 0 without.
-
-        Returns
-        -------
-        float64 (n,)
-            Values, in the units of the samples.
-        """
+        """Values of the term at samples."""
         return _evaluate_term(self.expression, z, v, u)
 
     def antiderivative(self, z: np.ndarray) -> np.ndarray:
-        """Antiderivative G(z) of a term G'(z) z', whose rate the term is, from the least sample on.
-
-        By quadrature: many a G has no formula, or one that takes minutes to find.
-
-        Parameters
-        ----------
-        z : float64 (n,)
-            Samples of z, in any order.
-
-        Returns
-        -------
-        float64 (n,)
-            G at each sample, by Gauss-Legendre quadrature with five nodes between neighbours.
-        """
+        """Antiderivative G(z) of a term G'(z) z', whose rate the term is, from the least sample on."""
         order = np.argsort(z)
         steps = np.diff(z[order], prepend=z[order[:1]])
         nodes = z[order, None] + steps[:, None] * (_NODES - 1.0) / 2.0
@@ -165,68 +105,20 @@ class CustomTerm:
         return areas_below
 
     def height_factor(self, z: np.ndarray) -> np.ndarray:
-        """Factor G'(z) of a term G'(z) z'.
-
-        Parameters
-        ----------
-        z : float64 (n,)
-            Samples of z.
-
-        Returns
-        -------
-        float64 (n,)
-            G' at each sample.
-        """
+        """Factor G'(z) of a term G'(z) z'."""
         return _evaluate_term(self._height_factor, z, z, None)
 
     def derivative_by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Compute the derivative of the term by z at samples; that of a jump is left out.
-
-        Parameters
-        ----------
-        z, v : float64 (n,)
-            Samples of z and z', in the unit of z and that over s.
-        u : float64 (n,) or None
-            Samples of the input; taken as 0 without.
-
-        Returns
-        -------
-        float64 (n,)
-            Derivative, in the unit of the term over that of z.
-        """
+        """Compute the derivative of the term by z at samples; that of a jump is left out."""
         return _evaluate_term(_term_derivative(self.expression, 0), z, v, u)
 
     def derivative_by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Compute the derivative of the term by z' at samples; that of a jump is left out.
-
-        Parameters
-        ----------
-        z, v : float64 (n,)
-            Samples of z and z', in the unit of z and that over s.
-        u : float64 (n,) or None
-            Samples of the input; taken as 0 without.
-
-        Returns
-        -------
-        float64 (n,)
-            Derivative, in the unit of the term over that of z'.
-        """
+        """Compute the derivative of the term by z' at samples; that of a jump is left out."""
         return _evaluate_term(_term_derivative(self.expression, 1), z, v, u)
 
 
 def make_custom_term(expression: sympy.Expr) -> CustomTerm:
-    """Term of an exact expression, with the operands of max and min in one order.
-
-    Parameters
-    ----------
-    expression : sympy.Expr
-        In the symbols of `state_symbols`, without floating-point numbers.
-
-    Returns
-    -------
-    CustomTerm
-        Equal for expressions such as max(z, 0) and max(0, z).
-    """
+    """Term of an exact expression, with the operands of max and min in one order."""
     return CustomTerm(expression.replace(_is_min_or_max, _sort_operands))
 
 
@@ -252,28 +144,7 @@ def _sort_operands(extreme: sympy.Expr) -> sympy.Expr:
 def parse_term_expressions(
     texts: Sequence[str], column: str | None = None, numbers: Sequence[str] = ()
 ) -> list[sympy.Expr]:
-    """Expressions of terms as users write them, in z, z' and the input's column.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        Such as ``"sin(z)"``, ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``, ``"u*z"``. Numbers in
-        them stay as they are, but for one before a term.
-    column : str, optional
-        Name of the input, next to ``u``.
-    numbers : sequence of str
-        Names that stand for numbers to be found.
-
-    Returns
-    -------
-    list of sympy.Expr
-        Exact expressions in the symbols of `state_symbols` and of the numbers to be found.
-
-    Raises
-    ------
-    InputError
-        If a text is no formula, names anything else, or is constant zero.
-    """
+    """Expressions of terms as users write them, in z, z' and the input's column."""
     return [_read_term(text, column, numbers) for text in texts]
 
 
@@ -364,30 +235,14 @@ class Term(NamedTuple):
         return z**self.power * motion * (u if self.has_input else 1)
 
     def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Values of the term at samples.
-
-        Parameters
-        ----------
-        z, v : float64 (n,)
-            Samples of z and z', in the unit of z and that over s.
-        u : float64 (n,) or None
-            Samples of the input; left out where None.
-
-        Returns
-        -------
-        float64 (n,)
-            z^power |z'|^speed, with the sign of z' and the input where the term has them.
-        """
+        """Values of the term at samples."""
         product = z**self.power * np.abs(v) ** self.speed
         if self.odd:
             product = product * np.sign(v)
         return product * u if self.has_input and u is not None else product
 
     def antiderivative(self, z: np.ndarray) -> np.ndarray:
-        """Antiderivative z^(power + 1)/(power + 1) at samples of z (n,): float64 (n,).
-
-        It is that of a term z^power z', whose rate the term is.
-        """
+        """Antiderivative z^(power + 1)/(power + 1) at samples of z (n,): float64 (n,)."""
         return z ** (self.power + 1) / (self.power + 1)
 
     def height_factor(self, z: np.ndarray) -> np.ndarray:
@@ -395,19 +250,13 @@ class Term(NamedTuple):
         return np.asarray(z**self.power)
 
     def derivative_by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray | float:
-        """Compute the derivative by z at samples of z, z' and the input (n,): float64 (n,).
-
-        In the unit of the term over that of z; the number 0 for a term without z.
-        """
+        """Compute the derivative by z at samples of z, z' and the input (n,): float64 (n,)."""
         if not self.power:
             return 0.0
         return self.power * self._replace(power=self.power - 1).values(z, v, u)
 
     def derivative_by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Compute the derivative by z' at samples of z, z' and the input (n,): float64 (n,).
-
-        In the unit of the term over that of z'; of a term with a power of |z'|.
-        """
+        """Compute the derivative by z' at samples of z, z' and the input (n,): float64 (n,)."""
         sign = 1.0 if self.odd else np.sign(v)
         product = z**self.power * self.speed * np.abs(v) ** (self.speed - 1) * sign
         return product * u if self.has_input and u is not None else product
@@ -417,18 +266,7 @@ AnyTerm = Term | CustomTerm
 
 
 def sort_terms(terms: Iterable[AnyTerm]) -> list[AnyTerm]:
-    """Terms in a fixed order: products of powers first, then a user's own by their texts.
-
-    Parameters
-    ----------
-    terms : iterable of terms
-        Terms in any order.
-
-    Returns
-    -------
-    list of terms
-        The same terms, sorted.
-    """
+    """Terms in a fixed order: products of powers first, then a user's own by their texts."""
     return sorted(terms, key=_sort_key)
 
 
@@ -438,45 +276,14 @@ def _sort_key(term: AnyTerm) -> tuple[Any, ...]:
 
 @functools.cache
 def physical_library_terms(degree: int, has_input: bool = False) -> tuple[Term, ...]:
-    """Physical library: powers of z up to ``degree``, times 1, z', |z'| z' and sign(z').
-
-    Springs, dampings that depend on the height, drag and dry friction; and the input where there
-    is one.
-
-    Parameters
-    ----------
-    degree : int
-        Greatest power of z.
-    has_input : bool
-        Add the input as a term.
-
-    Returns
-    -------
-    tuple of Term
-        4 (degree + 1) terms, and one more with an input.
-    """
+    """Physical library: powers of z up to ``degree``, times 1, z', |z'| z' and sign(z')."""
     factors = ((0, False), (1, True), (2, True), (0, True))
     terms = tuple(Term(power, *factor) for factor in factors for power in range(degree + 1))
     return (*terms, Term(0, has_input=True)) if has_input else terms
 
 
 def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
-    """Terms of a sum, with their coefficients.
-
-    None where it is no sum of terms with numbers before them: where a number stands within a
-    function, or as an exponent.
-
-    Parameters
-    ----------
-    expression : sympy.Expr
-        In the symbols of `state_symbols`.
-
-    Returns
-    -------
-    dict of term to float, or None
-        Coefficient of each term; None where a number stands within a function or as an exponent, so that
-        the expression is no such sum.
-    """
+    """Terms of a sum, with their coefficients."""
     import sympy
 
     coefficients: dict[AnyTerm, float] = {}
@@ -518,20 +325,7 @@ def _power_products(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
 
 
 def linear_combination(terms: Sequence[AnyTerm], coefficients: Sequence[float]) -> sympy.Expr:
-    """Linear combination of terms as an expression.
-
-    Parameters
-    ----------
-    terms : sequence of terms
-        Terms.
-    coefficients : sequence of float
-        One for each term.
-
-    Returns
-    -------
-    sympy.Expr
-        Sum of coefficients times terms, in the symbols of `state_symbols`.
-    """
+    """Linear combination of terms as an expression."""
     import sympy
 
     pairs = zip(terms, coefficients, strict=True)
@@ -539,55 +333,18 @@ def linear_combination(terms: Sequence[AnyTerm], coefficients: Sequence[float]) 
 
 
 def structure_text(terms: Sequence[AnyTerm]) -> str:
-    """Structure of a sum as a text, with a letter for each coefficient: "a*z' + b*sin(z)".
-
-    Parameters
-    ----------
-    terms : sequence of terms
-        At most 26 terms.
-
-    Returns
-    -------
-    str
-        The text.
-    """
+    """Structure of a sum as a text, with a letter for each coefficient: "a*z' + b*sin(z)"."""
     parts = zip("abcdefghijklmnopqrstuvwxyz", terms, strict=False)
     return " + ".join(name if term.text == "1" else f"{name}*{term.text}" for name, term in parts)
 
 
 def complexity(expression: sympy.Expr) -> int:
-    """Complexity of an expression: the number of nodes of its tree.
-
-    Parameters
-    ----------
-    expression : sympy.Expr
-        Any expression.
-
-    Returns
-    -------
-    int
-        Count of its numbers, symbols and operations.
-    """
+    """Complexity of an expression: the number of nodes of its tree."""
     import sympy
 
     return sum(1 for _ in sympy.preorder_traversal(expression))
 
 
 def term_columns(terms: Sequence[AnyTerm], z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-    """Values of several terms at samples, a column each.
-
-    Parameters
-    ----------
-    terms : sequence of terms
-        The p terms.
-    z, v : float64 (n,)
-        Samples of z and z', in the unit of z and that over s.
-    u : float64 (n,) or None
-        Samples of the input.
-
-    Returns
-    -------
-    float64 (n, p)
-        Values, in the units of the samples.
-    """
+    """Values of several terms at samples, a column each."""
     return np.stack([term.values(z, v, u) for term in terms], axis=1)

@@ -38,22 +38,7 @@ _RANK = 1e-10
 
 
 class SmoothedMotion(NamedTuple):
-    """A recorded motion with estimates of its derivatives and noise.
-
-    Attributes
-    ----------
-    time, z : float64 (n,)
-        Times, and z as recorded.
-    smooth, velocity, acceleration : float64 (n,)
-        FirstGuesses of z, z', z''.
-    drive : float64 (n,) or None
-        The input.
-    noise : float
-        Standard deviation of the white noise of ``z``.
-    acceleration_noise : float
-        Of the estimate of z''.
-    period : float
-    """
+    """A recorded motion with estimates of its derivatives and noise."""
 
     time: np.ndarray
     z: np.ndarray
@@ -202,13 +187,7 @@ class MotionIntegrals:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WeakForm:
-    """The integrals of some motions against bumps, which one equation has to explain.
-
-    Attributes
-    ----------
-    parts : tuple of MotionIntegrals
-        One a motion.
-    """
+    """The integrals of some motions against bumps, which one equation has to explain."""
 
     parts: tuple[MotionIntegrals, ...]
 
@@ -228,74 +207,22 @@ class WeakForm:
         return np.concatenate([part.target for part in self.parts])
 
     def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
-        """Integrals of several terms against the bumps of all motions.
-
-        Parameters
-        ----------
-        terms : sequence of terms
-            The p terms.
-
-        Returns
-        -------
-        float64 (r, p)
-            A row for each bump, motion after motion, in the units of the terms times s.
-        """
+        """Integrals of several terms against the bumps of all motions."""
         return np.concatenate([part.term_integral_matrix(terms) for part in self.parts])
 
     def expression_integrals(self, expression: sympy.Expr) -> np.ndarray:
-        """Integrals of any expression in z, z' and the input against the bumps of all motions.
-
-        Parameters
-        ----------
-        expression : sympy.Expr
-            In the symbols of `state_symbols`.
-
-        Returns
-        -------
-        float64 (r,)
-            One for each bump, motion after motion, in the unit of the expression times s.
-        """
+        """Integrals of any expression in z, z' and the input against the bumps of all motions."""
         return np.concatenate([part.expression_integrals(expression) for part in self.parts])
 
     def whitening_matrix(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
-        """Matrix that makes the weak residuals of all motions white, of unit variance.
-
-        Block-diagonal, a block for each motion (Bortz, Messenger & Dukic 2023,
-        doi:10.1007/s11538-023-01208-6).
-
-        Parameters
-        ----------
-        terms : sequence of terms
-            Terms of the equation; none for the noise of z'' alone.
-        coefficients : float64 (p,)
-            Coefficient of each.
-
-        Returns
-        -------
-        float64 (q, r)
-            Whitening matrix.
-        """
+        """Matrix that makes the weak residuals of all motions white, of unit variance."""
         from scipy.linalg import block_diag
 
         return np.asarray(block_diag(*(part.whitening_matrix(terms, coefficients) for part in self.parts)))
 
 
 def weak_form(*motions: SmoothedMotion) -> WeakForm:
-    """Weak form of the equation of motion of some motions.
-
-    Each is integrated against bumps (1 - s^2)^6 of 0.4 periods to either side, a tenth of a period
-    apart, but for short and long records (Messenger & Bortz 2021, doi:10.1137/20M1343166).
-
-    Parameters
-    ----------
-    *motions : SmoothedMotion
-        Motions that obey the same equation.
-
-    Returns
-    -------
-    WeakForm
-        Integrals of each motion.
-    """
+    """Weak form of the equation of motion of some motions."""
     return WeakForm(tuple(map(_motion_integrals, motions)))
 
 
@@ -333,20 +260,7 @@ def _motion_integrals(motion: SmoothedMotion) -> MotionIntegrals:
 
 
 def evaluate_along_motion(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
-    """Values of an expression along a motion.
-
-    Parameters
-    ----------
-    expression : sympy.Expr
-        In the symbols of `state_symbols`.
-    motion : SmoothedMotion
-        Gives the estimates of z and z', and the input.
-
-    Returns
-    -------
-    float64 (n,)
-        One for each sample, in the unit of the expression.
-    """
+    """Values of an expression along a motion."""
     function = compile_function(state_symbols(), expression)
     drive = 0.0 if motion.drive is None else motion.drive
     with np.errstate(all="ignore"):
@@ -360,31 +274,7 @@ _FLOOR = 1e-6  # least noise, in standard deviations of the record or the force:
 def estimate_motion(
     record: PistonRecord, height_map: HeightMap, derivative: DerivativeMethod, drive: str | None = None
 ) -> SmoothedMotion:
-    """Estimate derivatives, noise and period of a record's motion in z.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Times [s] and heights [m].
-    height_map : HeightMap
-        From the height [m] to z.
-    derivative : str
-        Estimator of z' and z'', see `derivatives`.
-    drive : str, optional
-        Column that is the input.
-
-    Returns
-    -------
-    SmoothedMotion
-        Motion from time 0 on, in units of z and s.
-
-    Raises
-    ------
-    RecordError
-        If the record is too short, its height does not change, or it has no such column.
-    InputError
-        If there is no such estimator.
-    """
+    """Estimate derivatives, noise and period of a record's motion in z; record [s, m], height_map [m]."""
     guess = first_guesses(record.time, record.height)
     smooth = derivatives(record, derivative)
     size = abs(height_map.scale)
@@ -403,28 +293,7 @@ def estimate_motion(
 
 
 def choose_height_map(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
-    """Map from the height to z: the one asked for, or one by the largest swing.
-
-    Parameters
-    ----------
-    records : sequence of PistonRecord
-        Records that share the map.
-    wanted : HeightMap or "auto"
-        Automatically z is the height [m] where its rest is nearer to zero than the swing is wide, and
-        otherwise the swing about rest in amplitudes.
-
-    Returns
-    -------
-    HeightMap
-        Shift and scale [m].
-
-    Raises
-    ------
-    InputError
-        If it is neither a map nor ``"auto"``.
-    RecordError
-        If a record is too short, or its height does not change.
-    """
+    """Map from the height to z: the one asked for, or one by the largest swing [m]; wanted [m]."""
     if isinstance(wanted, HeightMap):
         return wanted
     if wanted != "auto":
@@ -439,57 +308,17 @@ def choose_height_map(records: Sequence[PistonRecord], wanted: HeightMap | str) 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ForceIntegrals(MotionIntegrals):
-    """Integrals with errors that are white noise of the force; `MotionIntegrals` tells of attributes.
-
-    Attributes
-    ----------
-    deviation : float
-        Of that noise, in the target's unit.
-    """
+    """Integrals with errors that are white noise of the force; `MotionIntegrals` tells of attributes."""
 
     deviation: float
 
     def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
-        """Compute the derivatives of the weak residuals by the force's noise, in units of the motion's.
-
-        Parameters
-        ----------
-        terms : sequence of terms
-            Terms of the equation; without effect here.
-        coefficients : float64 (p,)
-            Coefficient of each; without effect here.
-
-        Returns
-        -------
-        sparse float64 (r, n)
-            A row for each bump, a column for each sample.
-        """
+        """Compute the derivatives of the weak residuals by the force's noise, in units of the motion's."""
         return self.bump * (self.deviation / self.motion.noise)
 
 
 def force_weak_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]) -> WeakForm:
-    """Weak form of the measured forces [N] of some motions.
-
-    Of a piston whose motion is prescribed z'' tells nothing, and a force that was measured tells
-    all. Its integrals against bumps take the place of those of z''; the noise is that of the force.
-
-    Parameters
-    ----------
-    records : sequence of PistonRecord
-        Records with their forces [N].
-    motions : sequence of SmoothedMotion
-        Their motions, one each.
-
-    Returns
-    -------
-    WeakForm
-        Integrals of the forces against bumps [N s] in place of those of z''.
-
-    Raises
-    ------
-    RecordError
-        If a record has no force.
-    """
+    """Weak form of the measured forces [N] of some motions [N s]; records [N]."""
     parts = []
     for record, part in zip(records, weak_form(*motions).parts, strict=True):
         force = record.force
@@ -509,22 +338,7 @@ def force_weak_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedM
 
 
 def white_noise_weak_form(weak: WeakForm) -> WeakForm:
-    """Weak form of z'' whose errors are white noise of z'', as large as in its estimate.
-
-    Where no equation comes near to a record's noise, as of a simulated bed, which has none, the
-    noise says nothing of how errors are to be weighed either: that of heights would count the
-    quickest ones most.
-
-    Parameters
-    ----------
-    weak : WeakForm
-        Weak form with the record's noise.
-
-    Returns
-    -------
-    WeakForm
-        The same integrals, with the estimated noise of z'' as the only one.
-    """
+    """Weak form of z'' whose errors are white noise of z'', as large as in its estimate."""
     return WeakForm(
         tuple(
             ForceIntegrals(

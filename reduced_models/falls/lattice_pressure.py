@@ -39,52 +39,19 @@ _THINNEST = 3.5
 
 
 class PressedLattice(NamedTuple):
-    """A lattice under a pressure.
+    """A lattice under a pressure."""
 
-    Attributes
-    ----------
-    density : float
-        Grains an area [1/D^2].
-    power : float
-        Of the pressure by the density there, d ln p/d ln rho.
-    """
-
-    density: float
+    density: float  # [1/D^2]
     power: float
 
     @property
     def relative_shear_modulus(self) -> float:
-        """Shear modulus over that of dipoles, both over the pressure, without unit.
-
-        Pairs that repel along their line have B = 2 mu + 2 p in an isotropic lattice, whatever
-        their law, so that mu/p = power/2 - 1: 1/4 for dipoles.
-        """
+        """Shear modulus over that of dipoles, both over the pressure, without unit."""
         return (self.power - 2.0) / (POWER - 2.0)
 
 
 def lattice_under_pressure(grains: Grains, pressure: float) -> PressedLattice:
-    """Compute the hexagonal lattice of grains that a pressure holds.
-
-    The pressure is the virial's lattice sum, solved for the density: in closed form for dipoles, p =
-    1.6674 rho^(5/2) times the square of their mean moment, and by Brent's method for discs.
-
-    Parameters
-    ----------
-    grains : Grains
-        Dipoles or discs; a mixture at random.
-    pressure : float
-        Pressure, a force a length [F*/D], above 0.
-
-    Returns
-    -------
-    PressedLattice
-        Density [1/D^2], and power of the pressure by the density there.
-
-    Raises
-    ------
-    InputError
-        If discs touch under that pressure.
-    """
+    """Compute the hexagonal lattice of grains that a pressure holds [1/D^2]; pressure [F*/D]."""
     if grains.magnets == "dipoles" or pressure < _LEAST:
         moment = float(np.array(grains.species_fractions()) @ grains.moment_ratios())
         return PressedLattice((pressure / (PRESSURE * moment**2)) ** (1.0 / POWER), POWER)
@@ -103,18 +70,7 @@ def lattice_under_pressure(grains: Grains, pressure: float) -> PressedLattice:
 
 
 def touching_lattice_density(grains: Grains) -> float:
-    """Density of the hexagonal lattice in which grains of the mean diameter touch.
-
-    Parameters
-    ----------
-    grains : Grains
-        Grains, with the fraction of each species.
-
-    Returns
-    -------
-    float
-        2/(sqrt(3) d^2) for the mean diameter d [1/D^2].
-    """
+    """Density of the hexagonal lattice in which grains of the mean diameter touch [1/D^2]."""
     diameter = float(np.array(grains.species_fractions()) @ np.sqrt(grains.face_area_ratios()))
     return 1.0 / (math.sqrt(0.75) * diameter**2)
 
@@ -165,10 +121,7 @@ def _disc_pressure(discs: tuple[tuple[Disc, float], ...], density: float) -> flo
 
 @functools.cache
 def _tabulated_pressure(discs: tuple[tuple[Disc, float], ...], touching: float) -> CubicSpline:
-    """Logarithm of the pressure at the density touching exp(-x^2), by x.
-
-    Its singular part where discs touch is smooth in x.
-    """
+    """Logarithm of the pressure at the density touching exp(-x^2), by x."""
     from scipy.interpolate import CubicSpline
 
     x = np.linspace(0.0, _THINNEST, 80)
@@ -177,10 +130,7 @@ def _tabulated_pressure(discs: tuple[tuple[Disc, float], ...], touching: float) 
 
 
 def _short_range_sum(first: Disc, second: Disc, spacing: float) -> tuple[float, float]:
-    """Shift b of two discs, and the sum of r F(r) less 3 r^-3 + 7.5 b r^-5, over that scale of dipoles.
-
-    Below contact the force goes on with its slope, as in a run.
-    """
+    """Shift b of two discs, and the sum of r F(r) less 3 r^-3 + 7.5 b r^-5, over that scale of dipoles."""
     from granular.pairs.disc_law import contact_distance, disc_energy_and_force, pair_squared_distance_shift
     from granular.pairs.disc_law_tables import force_slope_at_contact
 

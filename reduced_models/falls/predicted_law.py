@@ -158,20 +158,7 @@ def predict(scene: Scene) -> PredictedLaw:
 
 
 def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
-    """Mass that the accelerations of a predicted law belong to.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of a bed below a falling piston.
-    values : mapping of str to float
-        Parameters of the law, of `predict_bed_parameters`.
-
-    Returns
-    -------
-    float
-        Mass of the piston and of what moves with it [kg].
-    """
+    """Mass that the accelerations of a predicted law belong to [kg]."""
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
     assert piston.mass is not None
@@ -180,35 +167,7 @@ def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
 
 
 def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -> dict[str, float]:
-    """Predict the parameters of ``elastoplastic-bed`` for a scene.
-
-    The derivation is in the first lines of the module; four numbers were fitted to simulated falls.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of a bed below a falling piston.
-    refuse_outside_range : bool
-        Refuse scenes unlike those that the law was compared with; warn of them otherwise.
-
-    Returns
-    -------
-    dict of str to float
-        Damping rate ``lam`` [1/s], ``weight`` [m/s^2], ``rest`` [m], and ``power``, ``modulus`` and
-        ``strength`` without unit.
-
-    Raises
-    ------
-    InputError
-        If the scene has no heavy piston over magnets that drag alone damps, or its piston presses discs
-        together at rest; and with ``refuse_outside_range`` if it has too few grains for what was measured,
-        walls of discs, or more drag over the piston's mass than was compared with falls.
-
-    Warns
-    -----
-    OutsideRangeWarning
-        Without ``refuse_outside_range``, where the scene is unlike those that were compared.
-    """
+    """Predict the parameters of ``elastoplastic-bed`` for a scene [1/s, m/s^2, m]."""
     piston, grains = scene.piston, scene.grains
     present = {name for name in _SHAPED if getattr(scene.effects, name) is not None}
     if piston is None or piston.mass is None or "gravity" not in present:
@@ -256,23 +215,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
 
 
 def lattice_at_rest(scene: Scene) -> PressedLattice:
-    """Lattice of a scene's grains under the weight of its piston.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene with gravity and a piston that has a mass.
-
-    Returns
-    -------
-    PressedLattice
-        Density [1/D^2], and power of the pressure by the density.
-
-    Raises
-    ------
-    InputError
-        If the piston presses discs together.
-    """
+    """Lattice of a scene's grains under the weight of its piston [1/D^2]."""
     from granular.schema.natural_units import Scales
 
     piston, gravity, scales = scene.piston, scene.effects.gravity, Scales.from_grains(scene.grains)
@@ -327,10 +270,7 @@ class _SmallSwing(NamedTuple):
 
 
 def _missing_mass(resistance: float, swing: _SmallSwing) -> float:
-    """Mass that seems to be missing, as the bed follows late [kg]: see the module's first lines.
-
-    ``resistance`` is the drag of all grains [kg/s].
-    """
+    """Mass that seems to be missing, as the bed follows late [kg]: see the module's first lines."""
     late = 15.0 / LATE * _lateness_number(resistance, swing)
     missing = LATE * swing.stiffness * late**2 / 45.0 / swing.angular_frequency**2
     return missing / (1.0 + (LATE * late / 15.0) ** 2)
@@ -342,28 +282,10 @@ def _lateness_number(resistance: float, swing: _SmallSwing) -> float:
 
 
 class ValidShakingRange(NamedTuple):
-    """The range in which ``annealing-bed`` may stand in for a shaken bed, and its errors there.
+    """The range in which ``annealing-bed`` may stand in for a shaken bed, and its errors there."""
 
-    Measured on the pushed piston of the packaged damper: fallen from 20 D to rest (for 368 grains;
-    all lengths times sqrt(N/368)), then pushed by F sin(2 pi f t) for six cycles or two seconds,
-    whichever is longer. The response is half the range of the last three cycles. At 3 D it is 0.94
-    to 1.16 of the simulated one by the law for 368 grains, and for 736 grains only 0.79 of it at
-    5 Hz, 0.60 at 8 Hz: the range ends at 1.5 D.
-
-    Attributes
-    ----------
-    amplitudes : (float, float)
-        Of the piston about its level of rest [m].
-    frequencies : (float, float)
-        [Hz]
-    response_error : float
-        Of the amplitude of a pushed piston, relative, at worst.
-    loss_error : float
-        Of the work that a bed takes in a cycle of a prescribed sine, relative, at worst.
-    """
-
-    amplitudes: tuple[float, float]
-    frequencies: tuple[float, float]
+    amplitudes: tuple[float, float]  # of the piston about its level of rest [m]
+    frequencies: tuple[float, float]  # [Hz]
     response_error: float
     loss_error: float
 

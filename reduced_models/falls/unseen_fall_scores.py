@@ -28,19 +28,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DropScore:
-    """A law, fitted to one fall.
-
-    Attributes
-    ----------
-    name : str
-    model : ReducedModel or None
-        None where the fit failed.
-    errors : tuple of float
-        Of each unseen fall: rms difference of the heights over the height of the drop; infinite
-        where the law diverges.
-    failure : str
-        Why the fit failed.
-    """
+    """A law, fitted to one fall."""
 
     name: str
     model: ReducedModel | None
@@ -60,26 +48,10 @@ class DropScore:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DropScores:
-    """Laws fitted to one fall, and judged on others.
-
-    Attributes
-    ----------
-    record : PistonRecord
-        The fall that was fitted.
-    rest : float
-        Where the piston comes to rest [m].
-    labels : tuple of str
-        What each unseen fall differs by.
-    unseen : tuple of PistonRecord
-    rows : tuple of DropScore
-        The law with the least median first.
-    scatter : tuple of float
-        Of unseen falls from the same height: rms difference from the fitted one over the height of
-        the drop. No law can be expected to do better.
-    """
+    """Laws fitted to one fall, and judged on others."""
 
     record: PistonRecord
-    rest: float
+    rest: float  # [m]
     labels: tuple[str, ...]
     unseen: tuple[PistonRecord, ...]
     rows: tuple[DropScore, ...]
@@ -96,13 +68,7 @@ class DropScores:
         return ("law", "numbers fitted", *self.labels, "median")
 
     def cells(self) -> list[tuple[str, ...]]:
-        """Cells of the table, a law a row: errors in percent of the drop.
-
-        Returns
-        -------
-        list of tuple of str
-            Rows, the law of the least median error first.
-        """
+        """Cells of the table, a law a row: errors in percent of the drop."""
         rows = []
         for row in self.rows:
             if row.model is None:
@@ -142,18 +108,7 @@ class DropScores:
         return words + "."
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the error of each law over the height that a piston fell from.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Axes to draw into; new ones without.
-
-        Returns
-        -------
-        matplotlib Axes
-            Heights of the start [mm], errors [% of the drop] on a logarithmic axis.
-        """
+        """Draw the error of each law over the height that a piston fell from [mm, % of the drop]."""
         from granular.shared.plotting import axes_or_new, figure_label, label_log_axis_plainly, line_style
 
         axes = axes_or_new(ax)
@@ -176,13 +131,7 @@ class DropScores:
         return axes
 
     def to_plain(self) -> dict[str, Any]:
-        """Figures and models as plain data.
-
-        Returns
-        -------
-        dict of str to Any
-            Verdict, level of rest [m], labels, scatter, and a row with errors and model for each law.
-        """
+        """Figures and models as plain data [m]."""
         return {
             "verdict": self.verdict,
             "rest": self.rest,
@@ -201,18 +150,7 @@ class DropScores:
 
 
 def format_percent_of_drop(value: float) -> str:
-    """Text of an error over the height of the drop, in percent.
-
-    Parameters
-    ----------
-    value : float
-        Error over the height of the drop, without unit.
-
-    Returns
-    -------
-    str
-        Such as "1.2 %"; "diverges" where it is infinite.
-    """
+    """Text of an error over the height of the drop, in percent."""
     return "diverges" if math.isinf(value) else f"{100.0 * value:.2g} %"
 
 
@@ -288,59 +226,14 @@ def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], rest_
 def fit_laws_to_fall(
     record: PistonRecord, laws: Sequence[str | Law], scene: Scene | None, starts: int
 ) -> list[DropScore]:
-    """Fit laws to one fall from rest, without judging them yet.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        The fall, times [s] and heights [m] from its release.
-    laws : sequence of str or Law
-        Names, equations or laws to fit.
-    scene : Scene or None
-        Scene of the fall; fits of ``elastoplastic-bed`` begin at its predicted parameters.
-    starts : int
-        Number of random starts of each fit.
-
-    Returns
-    -------
-    list of DropScore
-        One for each law, without errors; with the reason where its fit failed.
-
-    Raises
-    ------
-    InputError
-        If there is no law of a name.
-    """
+    """Fit laws to one fall from rest, without judging them yet; record [s, m]."""
     return [_fit_law_to_fall(resolve_law(law, record), record, scene, starts) for law in laws]
 
 
 def score_fitted_laws(
     record: PistonRecord, fits: Sequence[DropScore], unseen: Mapping[str, PistonRecord], rest_height: float
 ) -> DropScores:
-    """Score the laws of `fit_laws_to_fall` on falls that they were not fitted to.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        The fall that was fitted, heights [m].
-    fits : sequence of DropScore
-        The fitted laws.
-    unseen : mapping of str to PistonRecord
-        Other falls, under labels that say what they differ in.
-    rest_height : float
-        Height where the piston comes to rest [m].
-
-    Returns
-    -------
-    DropScores
-        Rms errors over the height of the drop, the law with the least median first.
-
-    Raises
-    ------
-    InputError
-        If there is no unseen fall, no law could be fitted, or a record begins below the level of
-        rest.
-    """
+    """Score the laws of `fit_laws_to_fall` on falls that they were not fitted to; record, rest_height [m]."""
     _check_falls(record, unseen, rest_height)
     rows = [
         row
@@ -392,21 +285,7 @@ def _scene_starts(law: Law, scene: Scene | None) -> dict[str, float] | None:
 def fall_prediction_error(model: ReducedModel, fall: PistonRecord, rest_height: float) -> float:
     """Rms error of a law that predicts a fall from its first height alone, over the drop.
 
-    Infinite where the law diverges.
-
-    Parameters
-    ----------
-    model : ReducedModel
-        Fitted law.
-    fall : PistonRecord
-        Fall from rest, heights [m].
-    rest_height : float
-        Height where the piston comes to rest [m].
-
-    Returns
-    -------
-    float
-        Error without unit; infinite where the law diverges.
+    fall, rest_height [m].
     """
     first = float(fall.height[0])
     try:

@@ -60,31 +60,7 @@ _KEYS = {
 def workshop_sheet(
     scene: Scene, rest: float, *, title: str, lead: str, scatter: Sequence[str], notes: Sequence[str] = ()
 ) -> HtmlPage:
-    """Page to build a damper from, for a screen or for paper.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of the damper.
-    rest : float
-        Height of the piston at rest [m].
-    title, lead : str
-        First lines.
-    scatter : sequence of str
-        How far the damper may be from what is told, in words.
-    notes : sequence of str
-        Doubts.
-
-    Returns
-    -------
-    Page
-        Drawing, parts, liquid, swing_sensitivities, scatter, and first measurement.
-
-    Raises
-    ------
-    InputError
-        If the piston has no swing about rest, or the law of its fall is not known.
-    """
+    """Page to build a damper from, for a screen or for paper; rest [m]."""
     page = HtmlPage(title, lead)
     for note in notes:
         page.add_warning(note)
@@ -159,41 +135,12 @@ def workshop_sheet(
 
 
 def silicone_oil_viscosity_ratio(celsius: float) -> float:
-    """Viscosity of a silicone oil over that at 25 degrees Celsius.
-
-    From 100 mm^2/s on (Shin-Etsu, Silicone Fluid KF-96, Performance Test Results).
-
-    Parameters
-    ----------
-    celsius : float
-        Temperature [deg C].
-
-    Returns
-    -------
-    float
-        Ratio without unit: 10^(a (1/T - 1/298.15 K)), with the a of `VISCOSITY_SLOPE` and T in K.
-    """
+    """Viscosity of a silicone oil over that at 25 degrees Celsius; celsius [deg C]."""
     return float(10.0 ** (VISCOSITY_SLOPE * (1.0 / (celsius + 273.15) - 1.0 / 298.15)))
 
 
 def swing_sensitivities(scene: Scene) -> dict[str, tuple[float, float]]:
-    """Relative changes of frequency and damping ratio over that of each part, by the law.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of a damper.
-
-    Returns
-    -------
-    dict of str to (float, float)
-        By the part; 0.5 is half a percent for a percent.
-
-    Raises
-    ------
-    InputError
-        If the piston has no swing about rest, or the law of its fall is not known.
-    """
+    """Relative changes of frequency and damping ratio over that of each part, by the law."""
     still = scene.replace(**{"effects.host": "none"}) if scene.effects.host else scene
     result = {}
     for words, key in _KEYS.items():

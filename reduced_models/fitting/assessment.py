@@ -77,27 +77,7 @@ NOISE_TIMES, NOTABLE = 3.0, 0.05
 
 
 def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> tuple[ReducedModel, ...]:
-    """Reduced model of each record of a fit, with intervals, quality and notes.
-
-    ``drift_was_found`` where the residuals said that the records' zero walks, and nobody else.
-
-    Parameters
-    ----------
-    result : SearchResult
-        End of a fit: joint search vector, records on verified grids, and the problem.
-    drift_was_found : bool
-        True where a random walk was fitted because the residuals showed one; a note says so.
-
-    Returns
-    -------
-    tuple of ReducedModel
-        One model for each record, in their order.
-
-    Raises
-    ------
-    InputError
-        If the solution changes so steeply with the parameters that they have no intervals.
-    """
+    """Reduced model of each record of a fit, with intervals, quality and notes."""
     problem, joint, theta = result.problem, result.joint, result.theta
     normal = joint.normal_matrix(theta)
     if not np.isfinite(normal).all():
@@ -355,20 +335,7 @@ def _error_on_held_out_swings(
 
 
 def residual_structure_text(quality: Quality, interval: float) -> str:
-    """Words for residuals that are not white, however small, of samples so far apart [s].
-
-    Parameters
-    ----------
-    quality : Quality
-        Quality of the fit, with the tests of its residuals.
-    interval : float
-        Time between two samples [s].
-
-    Returns
-    -------
-    str
-        Sentence part for a note.
-    """
+    """Words for residuals that are not white, however small, of samples so far apart [s]; interval [s]."""
     words = (
         f"the residuals, {100 * quality.relative:.2g} % of the swing, are not white noise (they "
         f"follow each other over {round(quality.correlation)} samples"
@@ -385,18 +352,7 @@ def residual_structure_text(quality: Quality, interval: float) -> str:
 
 
 def has_sensor_drift(quality: Quality) -> bool:
-    """Tell whether residuals are slower than the motion, and stronger there than white noise.
-
-    Parameters
-    ----------
-    quality : Quality
-        Quality of the fit, with the slow fraction and the drift of its residuals.
-
-    Returns
-    -------
-    bool
-        True where the sensor's zero is likely to drift.
-    """
+    """Tell whether residuals are slower than the motion, and stronger there than white noise."""
     return quality.drift > DRIFT and quality.slow > quality.swinging
 
 

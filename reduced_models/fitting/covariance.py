@@ -41,23 +41,7 @@ _ROUNDS = 10  # of reweighting, for a middle
 
 
 class FitStatistics(NamedTuple):
-    """Information of the data on a record's search vector, at the minimum of a fit.
-
-    Attributes
-    ----------
-    normal : float64 (p, p)
-        J'J of a record's search vector, other records' vectors taken out.
-    covariance : float64 (p, p)
-        Of that vector; zero for entries that are held.
-    residuals : tuple of float64 (n,)
-        Of all records, in amplitudes.
-    fitted : int
-        Entries of the joint search vector that are free.
-    free : bool (p,)
-        Entries of the record's vector that are not held.
-    independent : float
-        Samples that would say as much of a level if they did not follow each other.
-    """
+    """Information of the data on a record's search vector, at the minimum of a fit."""
 
     normal: np.ndarray
     covariance: np.ndarray
@@ -80,18 +64,7 @@ class FitStatistics(NamedTuple):
         return total / self.degrees_of_freedom
 
     def student_quantile(self, confidence: float) -> float:
-        """Student's quantile, for an interval of that confidence.
-
-        Parameters
-        ----------
-        confidence : float
-            Confidence level, between 0 and 1.
-
-        Returns
-        -------
-        float
-            Quantile of Student's t distribution for a two-sided interval, dimensionless.
-        """
+        """Student's quantile, for an interval of that confidence."""
         from scipy.stats import t as student
 
         dof = min(self.degrees_of_freedom, max(LEAST_DOF, self.independent - 1.0))
@@ -105,27 +78,7 @@ def joint_covariance(
     entries: Entries,
     held: np.ndarray,
 ) -> tuple[np.ndarray, float]:
-    """Covariance (q, q) of a joint search vector, and the number of independent samples.
-
-    Parameters
-    ----------
-    linear : sequence of (float64 (n,), float64 (n, p))
-        Residuals of each record in amplitudes, and their derivatives.
-    losses : sequence of Loss
-    noise : sequence of float or None
-        Of each record in amplitudes, where it is known.
-    entries : tuple of int (p,)
-        Entries of the joint search vector, for each record.
-    held : bool (q,)
-        Entries that are given.
-
-    Returns
-    -------
-    covariance : float64 (q, q)
-        Covariance of the joint search vector (dimensionless entries); zero for held entries.
-    independent : float
-        Number of independent samples.
-    """
+    """Covariance (q, q) of a joint search vector, and the number of independent samples."""
     size = len(held)
     free = np.flatnonzero(~held)
     bread, spread, variance = np.zeros((size, size)), np.zeros((size, size)), 0.0
@@ -159,24 +112,7 @@ def joint_covariance(
 
 
 def shifts_by_calibration_errors(joint: JointRecords, theta: np.ndarray) -> np.ndarray:
-    """Shifts (m, q) of a joint search vector by what sensors' calibrations leave open.
-
-    They are independent, by one standard uncertainty each, so that S'S is their covariance. Each
-    deviation is laid on the records, and the vector goes where the linearised fit then ends. The
-    deviations of records that have equally many are those of one sensor, and go together.
-
-    Parameters
-    ----------
-    joint : JointRecords
-        Records on their grids, with the deviations of their calibrations.
-    theta : float64 (q,)
-        Joint search vector at the fit, dimensionless.
-
-    Returns
-    -------
-    float64 (m, q)
-        Shift of the joint search vector by each independent deviation; (0, q) if there is none.
-    """
+    """Shifts (m, q) of a joint search vector by what sensors' calibrations leave open."""
     size = len(joint.held_entries)
     free = np.flatnonzero(~joint.held_entries)
     matrix = np.zeros((size, size))
@@ -198,23 +134,7 @@ def shifts_by_calibration_errors(joint: JointRecords, theta: np.ndarray) -> np.n
 
 
 def stratified_normal_draws(shape: tuple[int, int], seed: int) -> np.ndarray:
-    """Return standard normal numbers, each column with the quantiles of the normal law.
-
-    This is Latin hypercube sampling of a normal law (McKay, Beckman, Conover 1979,
-    doi:10.1080/00401706.1979.10489755).
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Number of draws, and of columns.
-    seed : int
-        Seed of the order in each column.
-
-    Returns
-    -------
-    float64 (count, columns)
-        Draws: in each column the same normal scores, in a random order.
-    """
+    """Return standard normal numbers, each column with the quantiles of the normal law."""
     from scipy.stats import norm
 
     random, (count, columns) = np.random.default_rng(seed), shape
@@ -232,24 +152,7 @@ def _record_variance_weights(residuals: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def sandwich_covariance(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarray:
-    """Covariance (p, p) from the curvature of the loss and the spread of its gradient, both (p, p).
-
-    ``variance`` is that of one residual, for directions that the curvature leaves open.
-
-    Parameters
-    ----------
-    bread : float64 (p, p)
-        Curvature of half the cost, by dimensionless search entries.
-    spread : float64 (p, p)
-        Covariance of the gradient of half the cost.
-    variance : float
-        Variance of one residual, in squared residual units.
-
-    Returns
-    -------
-    float64 (p, p)
-        Covariance of the search entries (Huber 1967; White 1980, doi:10.2307/1912934).
-    """
+    """Covariance (p, p) from the curvature of the loss and the spread of its gradient, both (p, p)."""
     # Scaled to a unit diagonal first. In directions that the bread hardly holds, the spread is lost
     # in its own rounding, with either sign: they keep the variance of a mean of the residuals, and
     # what is below rounding altogether keeps a huge, finite one.
@@ -264,22 +167,7 @@ def sandwich_covariance(bread: np.ndarray, spread: np.ndarray, variance: float) 
 
 
 def marginal_information(normal: np.ndarray, entries: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Information (p, p) on some entries of a search vector, the others that are free left open.
-
-    Parameters
-    ----------
-    normal : float64 (q, q)
-        Matrix J'J of the whole search vector.
-    entries : int (p,)
-        Entries whose information is wanted.
-    free : bool (q,)
-        Mask of the entries that are not held.
-
-    Returns
-    -------
-    float64 (p, p)
-        Schur complement of the other free entries in ``normal``.
-    """
+    """Information (p, p) on some entries of a search vector, the others that are free left open."""
     others = np.setdiff1d(np.flatnonzero(free), entries)
     if not len(others):
         return normal[np.ix_(entries, entries)]
@@ -289,25 +177,7 @@ def marginal_information(normal: np.ndarray, entries: np.ndarray, free: np.ndarr
 
 
 def bootstrap_replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) -> np.ndarray:
-    """Search vectors (count, p) fitted to resampled records.
-
-    Parameters
-    ----------
-    joint : JointRecords
-        Records on their grids.
-    theta : float64 (p,)
-        Joint search vector at the fit, dimensionless.
-    count : int
-        Number of replicates.
-    seed : int
-        Seed of the resampling.
-
-    Returns
-    -------
-    float64 (count, p)
-        Joint search vector of each replicate, by the sieve bootstrap (Buehlmann 1997,
-        doi:10.2307/3318584).
-    """
+    """Search vectors (count, p) fitted to resampled records."""
     random = np.random.default_rng(seed)
     residuals = joint.residuals(theta)
     lengths = [len(residual) for residual in residuals]
@@ -355,20 +225,7 @@ def _residual_resampler(
 
 
 def robust_location(values: np.ndarray, loss: Loss) -> float:
-    """Location of the least loss of values, which outliers do not move as they move the mean.
-
-    Parameters
-    ----------
-    values : float64 (n,)
-        Values, in units of the loss's scale.
-    loss : Loss
-        Loss that weights them.
-
-    Returns
-    -------
-    float
-        Location in the same unit, by iteratively reweighted means.
-    """
+    """Location of the least loss of values, which outliers do not move as they move the mean."""
     result = 0.0
     for _ in range(_ROUNDS):
         _, weight = cost_and_weight(values - result, loss.compiled_arguments, np)

@@ -325,27 +325,7 @@ def fit(
 
 
 def resolve_law(law: str | Law, record: PistonRecord, declared: Sequence[str] = ()) -> Law:
-    """Law by its name, its equation, or as it is; ``declared`` names are parameters.
-
-    Parameters
-    ----------
-    law : str or Law
-        Name of a packaged law, an equation, or a law.
-    record : PistonRecord
-        Record whose columns may be inputs of the law.
-    declared : collection of str
-        Names that are parameters, whatever they look like.
-
-    Returns
-    -------
-    Law
-        Law to fit.
-
-    Raises
-    ------
-    InputError
-        If there is no such law, or the text is no equation of motion.
-    """
+    """Law by its name, its equation, or as it is; ``declared`` names are parameters."""
     if isinstance(law, Law):
         return law
     if not isinstance(law, str):
@@ -356,10 +336,7 @@ def resolve_law(law: str | Law, record: PistonRecord, declared: Sequence[str] = 
 
 
 def _best_interpolation(result: SearchResult) -> SearchResult:
-    """Fit with the interpolation of the inputs that has the least held-out error.
-
-    Each is fitted to the training stretches, from the fit with splines, and judged behind them.
-    """
+    """Fit with the interpolation of the inputs that has the least held-out error."""
     problem = result.problem
     counts = [min(samples, _MOST_SAMPLES) for samples in problem.samples]
     # One step a sample at least: what a held input does within a step has no order.
@@ -391,13 +368,7 @@ def _mean_square_residual_after(joint: JointRecords, theta: np.ndarray, counts: 
 
 
 def _fit_with_drift(result: SearchResult) -> SearchResult:
-    """Fit with the gains that leave least of the records' residuals.
-
-    The zero drifts as a random walk next to the noise. What the walk has done so far is followed by
-    exponential smoothing of the residuals, the filter of Muth (1960, doi:10.2307/2281542), and
-    taken out of the next one; what is left is white where the walk and the noise are as strong as
-    the filter's gain says, and is what the fit makes small. The walk starts at zero.
-    """
+    """Fit with the gains that leave least of the records' residuals."""
     joint, theta = result.joint, result.trained
     for _ in range(_DRIFT_ROUNDS):
         gains = map(_random_walk_gain, joint.residuals(theta))

@@ -51,24 +51,7 @@ _WRONG, _NOTABLE = 3.0, 0.05  # noise levels, and part of the force, of a residu
 
 
 def is_force_fit(law: object, measured: str | Sensor | None, record: PistonRecord) -> bool:
-    """Return whether a force along the heights of a record is to be fitted.
-
-    That is so where the law is one of a force, or the force was measured next to a height.
-
-    Parameters
-    ----------
-    law : str, Law or ForceLaw
-        Law that was asked for.
-    measured : str, Sensor or None
-        What the record measures, or its sensor.
-    record : PistonRecord
-        Record to fit.
-
-    Returns
-    -------
-    bool
-        True where the forces are fitted instead of the heights.
-    """
+    """Return whether a force along the heights of a record is to be fitted."""
     if isinstance(law, ForceLaw) or (isinstance(law, str) and is_force_equation(law)):
         return True
     quantity = measured.quantity if isinstance(measured, Sensor) else measured

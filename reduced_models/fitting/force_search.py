@@ -63,45 +63,23 @@ _POWERS = {
 
 
 class ScaledStrokeData(NamedTuple):
-    """A record as compiled code takes it: forces count in their size, parameters in their units.
-
-    Attributes
-    ----------
-    stroke : Stroke
-    force, weight : float64 (n,)
-    units : float64 (p,)
-    size : float
-        [N]
-    """
+    """A record as compiled code takes it: forces count in their size, parameters in their units."""
 
     stroke: Stroke
     force: np.ndarray
     weight: np.ndarray
     units: np.ndarray
-    size: float
+    size: float  # [N]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ForceFitProblem:
-    """Records with their forces, and what is asked.
-
-    Attributes
-    ----------
-    law : ForceLaw
-    field : Law
-        Law whose z'' stands for the force.
-    records : tuple of PistonRecord
-    forces : tuple of float64 (n,)
-        That move the strokes [N].
-    bounds : mapping of str to (float, float)
-        Equal ones where a parameter is given.
-    starts, seed : int
-    """
+    """Records with their forces, and what is asked."""
 
     law: ForceLaw
     field: Law
     records: tuple[PistonRecord, ...]
-    forces: tuple[np.ndarray, ...]
+    forces: tuple[np.ndarray, ...]  # that move the strokes [N]
     bounds: Pairs
     starts: int
     seed: int
@@ -128,13 +106,7 @@ class ForceFitProblem:
         )
 
     def with_fewer_samples(self) -> ForceFitProblem:
-        """Return the problem with every so many samples.
-
-        Returns
-        -------
-        ForceFitProblem
-            Problem with records and forces thinned to about as many samples as a search takes.
-        """
+        """Return the problem with every so many samples."""
         every = max(1, sum(map(len, self.records)) // _SEARCH_SAMPLES)
         return dataclasses.replace(
             self,
@@ -143,20 +115,7 @@ class ForceFitProblem:
         )
 
     def scaled_strokes(self, strokes: Sequence[Stroke], units: np.ndarray) -> list[ScaledStrokeData]:
-        """Return each record as compiled code takes it.
-
-        Parameters
-        ----------
-        strokes : sequence of Stroke
-            Stroke of each record.
-        units : float64 (p,)
-            Unit of each parameter in SI; 1 for those searched for by logarithms.
-
-        Returns
-        -------
-        list of ScaledStrokeData
-            Arrays of each record; forces count in the rms of the forces.
-        """
+        """Return each record as compiled code takes it."""
         size = self.stroke_speed_and_force_scales[2]
         pairs = zip(strokes, self.forces, strict=True)
         return [
@@ -165,33 +124,11 @@ class ForceFitProblem:
         ]
 
     def strokes_of_records(self, travel: float = FINE) -> list[Stroke]:
-        """Stroke of each record.
-
-        Parameters
-        ----------
-        travel : float
-            Greatest travel of a step of the hidden states, in half strokes.
-
-        Returns
-        -------
-        list of Stroke
-            Stroke of each record, in SI units.
-        """
+        """Stroke of each record."""
         return [stroke_of_record(record, self.field, travel) for record in self.records]
 
     def search_bounds(self, units: np.ndarray) -> Edges:
-        """Least and greatest entries of the search vector.
-
-        Parameters
-        ----------
-        units : float64 (p,)
-            Unit of each parameter in SI; 1 for those searched for by logarithms.
-
-        Returns
-        -------
-        Bounds
-            Bounds (q,) of the search vector, dimensionless; infinite where there is none.
-        """
+        """Least and greatest entries of the search vector."""
         size = 1 + int(self.search_vector_entries[-1].max())
         edges = np.full((2, size), [[-np.inf], [np.inf]])
         for k, name in enumerate(self.field.parameters):
@@ -203,30 +140,12 @@ class ForceFitProblem:
         return Edges(edges[0], edges[1])
 
     def prior(self) -> Prior:
-        """Prior about a start, which keeps what the records leave open from running away.
-
-        Returns
-        -------
-        Prior
-            The same precision for each of the q entries, and the number of samples of all records.
-        """
+        """Prior about a start, which keeps what the records leave open from running away."""
         size = 1 + int(self.search_vector_entries[-1].max())
         return Prior(np.full(size, _PRIOR_SPREAD**-2), float(sum(map(len, self.records))))
 
     def normal_equations(self, data: Sequence[ScaledStrokeData]) -> Normal:
-        """Return the normal equations of all records.
-
-        Parameters
-        ----------
-        data : sequence of ScaledStrokeData
-            Arrays of each record.
-
-        Returns
-        -------
-        callable
-            From search vectors (s, q) to costs (s,), gradients (s, q) and matrices J'J (s, q, q),
-            dimensionless.
-        """
+        """Return the normal equations of all records."""
         function = self._compiled_functions()[0]
         return joint_normal_equations(
             [functools.partial(function, data=item) for item in data], self.search_vector_entries
@@ -235,20 +154,7 @@ class ForceFitProblem:
     def linearised_residuals(
         self, data: Sequence[ScaledStrokeData], theta: np.ndarray
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Residuals (n,) of each record in units of the force's size, and their derivatives (n, p).
-
-        Parameters
-        ----------
-        data : sequence of ScaledStrokeData
-            Arrays of each record.
-        theta : float64 (q,)
-            Search vector, dimensionless.
-
-        Returns
-        -------
-        list of (float64 (n,), float64 (n, p))
-            Residuals of each record in the rms of the forces, and their derivatives by its own entries.
-        """
+        """Residuals (n,) of each record in units of the force's size, and their derivatives (n, p)."""
         function = self._compiled_functions()[1]
         both = [
             function(theta[here][None], data=item)
@@ -298,20 +204,7 @@ def _compile_normal_equations(
 
 
 class ForceSearchResult(NamedTuple):
-    """Result of a search.
-
-    Attributes
-    ----------
-    theta : float64 (q,)
-        Search vector: parameters, logarithms of the positive ones, then each record's hidden states.
-    units : float64 (p,)
-        Of the parameters that are no logarithms.
-    data : list of ScaledStrokeData
-    starts, converged : int
-        Starts, and how many of them led to the best fit.
-    solver_error : float
-        Greatest difference of forces by steps of half the length, in their size.
-    """
+    """Result of a search."""
 
     theta: np.ndarray
     units: np.ndarray
@@ -322,28 +215,7 @@ class ForceSearchResult(NamedTuple):
 
 
 def search_force_parameters(problem: ForceFitProblem, near: Mapping[str, float]) -> ForceSearchResult:
-    """Fit the parameters of a force's law to all records together.
-
-    Starts are drawn by Latin hypercube sampling, factors follow by linear least squares, and all go on by
-    Levenberg-Marquardt steps (Marquardt 1963, doi:10.1137/0111030).
-
-    Parameters
-    ----------
-    problem : ForceFitProblem
-        Records, law, bounds and number of starts.
-    near : mapping of str to float
-        Values in SI units about which parameters are looked for first.
-
-    Returns
-    -------
-    ForceSearchResult
-        Best search vector, its units, and how many starts led to it.
-
-    Raises
-    ------
-    InputError
-        If no start leads to a finite force.
-    """
+    """Fit the parameters of a force's law to all records together."""
     thin = problem.with_fewer_samples()
     strokes = thin.strokes_of_records(_SEARCH_TRAVEL)
     values = _start_values(thin, strokes, near)

@@ -35,18 +35,7 @@ _SAME = 1e-7  # change of a search vector that is none
 def is_motion_history(
     initial: Initial | PistonRecord | Sequence[PistonRecord] | None,
 ) -> TypeGuard[PistonRecord | Sequence[PistonRecord]]:
-    """Tell a motion before the record from other starts.
-
-    Parameters
-    ----------
-    initial : str, mapping, PistonRecord, sequence of PistonRecord, or None
-        Option ``initial`` of `fit`.
-
-    Returns
-    -------
-    bool
-        True where it holds the motion before the record.
-    """
+    """Tell a motion before the record from other starts."""
     if isinstance(initial, Sequence) and not isinstance(initial, str) and initial:
         return all(isinstance(entry, PistonRecord) for entry in initial)
     return isinstance(initial, PistonRecord)
@@ -55,27 +44,7 @@ def is_motion_history(
 def prepend_histories(
     law: Law, histories: PistonRecord | Sequence[PistonRecord], records: Sequence[PistonRecord]
 ) -> list[PistonRecord]:
-    """Each record with its history before it, from time 0 at the record's own start.
-
-    Parameters
-    ----------
-    law : Law
-        Law with hidden states.
-    histories : PistonRecord, or a sequence of them
-        Motion before each record.
-    records : sequence of PistonRecord
-        Records that are fitted, times in s and heights in m.
-
-    Returns
-    -------
-    list of PistonRecord
-        History and record in one; times before the record's start are negative [s].
-
-    Raises
-    ------
-    InputError
-        If the law has no hidden state, or a history does not end where its record begins.
-    """
+    """Each record with its history before it, from time 0 at the record's own start [s]."""
     given = [histories] if isinstance(histories, PistonRecord) else list(histories)
     if not law.hidden:
         raise InputError(
@@ -109,21 +78,7 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
 
 
 def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
-    """Fit with hidden states held where the records' histories end.
-
-    Parameters
-    ----------
-    result : SearchResult
-        Fit from which the iteration starts.
-    histories : sequence of PistonRecord
-        History and record in one, time 0 at the record's start, as `prepend_histories` gives them.
-
-    Returns
-    -------
-    SearchResult
-        Fit whose hidden states at the start are those at the end of the histories, by fixed-point
-        iteration.
-    """
+    """Fit with hidden states held where the records' histories end."""
     problem, joint, theta = result.problem, result.joint, result.trained
     first = joint.unknowns.parameter_and_map_count + 2
     hidden = slice(first, first + len(problem.law.hidden))

@@ -38,32 +38,7 @@ def check_fit_options(
     interpolation: str | None = None,
     seed: int = 0,
 ) -> None:
-    """Check that the options of `fit` are in their ranges.
-
-    Parameters
-    ----------
-    starts : int
-        Number of random starts.
-    test_fraction : float
-        Fraction of the motion that is held out, from 0 to 0.9.
-    confidence : float
-        Confidence level of the intervals, between 0 and 1.
-    height_map : HeightMap, "auto" or "fitted"
-        Map between height and coordinate.
-    intervals : str
-        Method of the intervals: ``"linear"``, ``"bootstrap"`` or ``"profile"``.
-    loss : str
-        Loss of the residuals: ``"linear"``, ``"soft_l1"`` or ``"huber"``.
-    interpolation : str, optional
-        Course of the inputs between samples.
-    seed : int
-        Seed of what is random, from 0 on.
-
-    Raises
-    ------
-    InputError
-        If an option is out of its range or unknown.
-    """
+    """Check that the options of `fit` are in their ranges."""
     if not isinstance(starts, int) or isinstance(starts, bool) or not 1 <= starts <= MOST_STARTS:
         raise InputError(f"starts = {quote(starts)}; give an integer from 1 to {MOST_STARTS}")
     if not isinstance(test_fraction, Real) or not 0.0 <= float(test_fraction) <= 0.9:
@@ -88,27 +63,7 @@ def _names_text(names: Sequence[str]) -> str:
 
 
 def fixed_values(fix: Fixed, records: int) -> tuple[dict[str, float], tuple[dict[str, float], ...]]:
-    """Values that parameters keep in all records, and those that they keep in each one.
-
-    Parameters
-    ----------
-    fix : mapping of str to float or sequence of float
-        Values in SI units by name; a sequence holds one for each record.
-    records : int
-        Number of records.
-
-    Returns
-    -------
-    shared : dict of str to float
-        Values for all records.
-    entry : tuple of dict of str to float
-        Values for each record.
-
-    Raises
-    ------
-    InputError
-        If a value is no number, or a list is not as long as there are records.
-    """
+    """Values that parameters keep in all records, and those that they keep in each one."""
     shared: dict[str, float] = {}
     entry: tuple[dict[str, float], ...] = tuple({} for _ in range(records))
     for name, value in fix.items():
@@ -127,29 +82,7 @@ def fixed_values(fix: Fixed, records: int) -> tuple[dict[str, float], tuple[dict
 def parameter_bounds(
     law: Law, bounds: Bounds, fix: Mapping[str, float], by_record: Sequence[Mapping[str, float]] = ({},)
 ) -> dict[str, tuple[float, float]]:
-    """Least and greatest values of parameters; equal ones where a value is given.
-
-    Parameters
-    ----------
-    law : Law
-        Law whose parameters are bounded.
-    bounds : mapping of str to (float or None, float or None)
-        Least and greatest value by name, in SI units; None for an open end.
-    fix : mapping of str to float
-        Values that are held for all records.
-    by_record : sequence of mapping of str to float
-        Values that are held for each record.
-
-    Returns
-    -------
-    dict of str to (float, float)
-        Bounds by name, in SI units; infinite where open.
-
-    Raises
-    ------
-    InputError
-        If a name is none of the law's, or a pair is out of order.
-    """
+    """Least and greatest values of parameters; equal ones where a value is given."""
     result = {}
     for name, pair in bounds.items():
         _check_parameter_name(law, name)
@@ -184,25 +117,7 @@ def parameter_bounds(
 
 
 def parameter_starts(law: Law, start: Mapping[str, float]) -> dict[str, float]:
-    """Start values of parameters, as numbers.
-
-    Parameters
-    ----------
-    law : Law
-        Law whose parameters start there.
-    start : mapping of str to float
-        Start value by name, in SI units.
-
-    Returns
-    -------
-    dict of str to float
-        Start values as numbers, in SI units.
-
-    Raises
-    ------
-    InputError
-        If a name is none of the law's, or a value does not suit.
-    """
+    """Start values of parameters, as numbers."""
     result = {}
     for name, value in start.items():
         _check_parameter_name(law, name)
@@ -213,25 +128,7 @@ def parameter_starts(law: Law, start: Mapping[str, float]) -> dict[str, float]:
 
 
 def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
-    """Given height, velocity and hidden states at the start by name; the rest is free.
-
-    Parameters
-    ----------
-    law : Law
-        Law whose hidden states start.
-    initial : None, "rest", "free", or mapping of str to float or "free"
-        Option ``initial`` of `fit`.
-
-    Returns
-    -------
-    dict of str to float
-        Held ``height`` [m], ``velocity`` [m/s] and hidden states, by name.
-
-    Raises
-    ------
-    InputError
-        If it is none of what is known.
-    """
+    """Given height, velocity and hidden states at the start by name; the rest is free [m, m/s]."""
     if initial is None:
         return dict.fromkeys(law.hidden, 0.0)
     if initial == "free":
@@ -256,20 +153,7 @@ def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
 
 
 def check_parameter_names(law: Law, names: Sequence[str]) -> None:
-    """Check that all names are parameters of a law.
-
-    Parameters
-    ----------
-    law : Law
-        Law whose parameters are known.
-    names : sequence of str
-        Names to check.
-
-    Raises
-    ------
-    InputError
-        If a name is none of the law's parameters.
-    """
+    """Check that all names are parameters of a law."""
     for name in names:
         _check_parameter_name(law, name)
 

@@ -164,11 +164,7 @@ def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[Joint
 def _negative_log_density(
     joint: JointRecords, theta: np.ndarray, own: Sequence[str]
 ) -> tuple[Any, np.ndarray, np.ndarray]:
-    """Minus the logarithm of the density of scaled unknowns, with their centre and their scales.
-
-    The unknowns are those entries of the search vector, then the logarithm of the noise, then mean
-    and logarithm of the spread of each population.
-    """
+    """Minus the logarithm of the density of scaled unknowns, with their centre and their scales."""
     size, free = len(theta), np.flatnonzero(~joint.held_entries)
     normal, left = np.zeros((size, size)), []
     for grid, here in zip(joint.grids, joint.entries, strict=True):

@@ -32,28 +32,7 @@ _FAR = 5.0  # standard deviations of the noise
 
 
 class TrainingData(NamedTuple):
-    """A record from time 0 on, the stretch that a search sees, and the swings that judge a law.
-
-    Attributes
-    ----------
-    record, training : PistonRecord
-    test_swings : tuple of slice
-        Samples that no weight of a first model lies on, and that it is then judged on.
-    look : PistonRecord
-        The training stretch as first guesses and start values see it: without outliers, where the
-        loss spares them.
-    guess : FirstGuesses
-    weights : float64 (n,)
-        Of the residuals.
-    noise : float
-        Of a residual with the weight 1 [m]; where it was not given, from the record, if the loss
-        asks for it.
-    fixed : mapping of str to float
-        Parameters that are given for this record alone.
-
-    Where a sensor is fitted, ``record`` and ``training`` hold its signal for their height; the
-    ``look`` is of the motion behind it.
-    """
+    """A record from time 0 on, the stretch that a search sees, and the swings that judge a law."""
 
     record: PistonRecord
     training: PistonRecord
@@ -61,43 +40,13 @@ class TrainingData(NamedTuple):
     look: PistonRecord
     guess: FirstGuesses
     weights: np.ndarray
-    noise: float
+    noise: float  # [m]
     fixed: Mapping[str, float] = {}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FitProblem:
-    """Records to fit together, and what is asked; see `reduced_models.fitting.fit.fit`.
-
-    Attributes
-    ----------
-    law : Law
-    data : tuple of TrainingData
-        One a record; the one that swings the furthest sets the scales.
-    map : HeightMap, "auto" or "fitted"
-    own : tuple of str
-        Parameters that each record has for itself.
-    bounds : mapping of str to (float, float)
-        Equal ones where a parameter is given.
-    start : mapping of str to float
-        Values about which parameters are looked for.
-    initial : mapping of str to float
-        Height [m], velocity [m/s] and hidden states at the start, where they are given.
-    loss : str
-    interpolation : str
-        Of the inputs.
-    known_noise : bool
-        The noise was given.
-    starts : int
-    confidence : float
-    intervals : str
-    seed : int
-    sensor : Sensor, optional
-        None where heights are compared.
-    untold : tuple of str
-        Parameters that its signal does not tell; ``level`` for the height of rest, ``size`` for the
-        size of the motion.
-    """
+    """Records to fit together, and what is asked; see `reduced_models.fitting.fit.fit`."""
 
     law: Law
     data: tuple[TrainingData, ...]
@@ -105,7 +54,7 @@ class FitProblem:
     own: tuple[str, ...]
     bounds: Pairs
     start: Mapping[str, float]
-    initial: Mapping[str, float]
+    initial: Mapping[str, float]  # [m, m/s]
     loss: LossName
     interpolation: Interpolation
     known_noise: bool
@@ -117,18 +66,7 @@ class FitProblem:
     untold: tuple[str, ...] = ()
 
     def bounds_of_record(self, data: TrainingData) -> Pairs:
-        """Bounds of the parameters of one of the records.
-
-        Parameters
-        ----------
-        data : TrainingData
-            Record with the values that are fixed for it.
-
-        Returns
-        -------
-        dict of str to (float, float)
-            Least and greatest value by name, in SI units; equal ones where a value is fixed.
-        """
+        """Bounds of the parameters of one of the records."""
         return {**self.bounds, **{name: (value, value) for name, value in data.fixed.items()}}
 
     @property
@@ -156,20 +94,7 @@ class FitProblem:
         return tuple(data.noise if self.known_noise else None for data in self.data)
 
     def loss_of_record(self, data: TrainingData, unit: float) -> Loss:
-        """Loss of a record's residuals, which count in a unit.
-
-        Parameters
-        ----------
-        data : TrainingData
-            Record with its noise [m].
-        unit : float
-            Unit of the residuals, in that of the record [m].
-
-        Returns
-        -------
-        Loss
-            Loss with its scale in units of the residuals.
-        """
+        """Loss of a record's residuals, which count in a unit; data, unit [m]."""
         scale = _SCALES[self.loss] * max(data.noise / unit, _LEAST_SCALE)
         return Loss(self.loss, scale)
 
@@ -185,41 +110,7 @@ def split_training_data(
     *,
     about_rest: bool = False,
 ) -> TrainingData:
-    """Split a record into its training stretch and test swings, and take a glance at it.
-
-    The fraction that is held out is one of the motion: what follows where that has come to rest
-    would say nothing of a law. It is made of whole swings spread over the motion, or is the
-    motion's end where there are too few of them.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record to fit, times in s and heights in m.
-    test_fraction : float
-        Fraction of the motion that is held out, from 0 to 0.9.
-    weights : float64 (n,), optional
-        Weight of each residual; ones if not given.
-    noise : float, optional
-        Standard deviation of the noise of a residual with the weight 1 [m].
-    loss : str
-        Name of the loss.
-    fixed : mapping of str to float, optional
-        Parameters that are given for this record, in SI units.
-    sensor : Sensor, optional
-        Sensor whose signal is compared, instead of the height.
-    about_rest : bool
-        True where the heights behind the sensor's signal are taken about their rest.
-
-    Returns
-    -------
-    TrainingData
-        Record from time 0 on, its training stretch, test swings and first guesses.
-
-    Raises
-    ------
-    RecordError
-        If the training stretch is too short, or does not move.
-    """
+    """Split a record into its training stretch and test swings, and take a glance at it; noise [m]."""
     total = record.with_time_from_zero()
     motion = total
     if sensor is not None:
@@ -250,27 +141,7 @@ def split_training_data(
 
 
 def clip_outliers(record: PistonRecord) -> PistonRecord:
-    """Move samples of a record that are far from the median about them to it.
-
-    What a fit starts from must not be led by outliers: they are greater than the swing's own
-    amplitude at times, and each makes two passages through rest.
-
-    Far is above five standard deviations of the noise, which third differences tell; where samples
-    are so few that the motion itself goes as far between them, none is moved.
-
-    The running median and the limit by the noise are those of the Hampel filter (Pearson 2002,
-    doi:10.1109/87.974338), with noise from third differences instead of the median deviation.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record, times in s and heights in m.
-
-    Returns
-    -------
-    PistonRecord
-        Record with the median of five samples in place of each outlier.
-    """
+    """Move samples of a record that are far from the median about them to it."""
     height = record.height
     if len(height) < _WINDOW:
         return record
@@ -283,46 +154,12 @@ def clip_outliers(record: PistonRecord) -> PistonRecord:
 
 
 def record_from_table(source: Any) -> Any:
-    """Record in a table of pandas or xarray; anything else as it is.
-
-    Parameters
-    ----------
-    source : DataFrame, Dataset, or anything else
-        Table of pandas or xarray with the columns of a record.
-
-    Returns
-    -------
-    PistonRecord, or the source itself
-        Record of the table [s, m]; what is no table comes back unchanged.
-
-    Raises
-    ------
-    RecordError
-        If a table holds no record.
-    """
+    """Record in a table of pandas or xarray; anything else as it is."""
     return PistonRecord.from_table(source) if hasattr(source, "equals") else source
 
 
 def list_of_records(record: Any) -> list[PistonRecord]:
-    """One record or table, or a sequence of them, as a list of records.
-
-    Parameters
-    ----------
-    record : PistonRecord, table, or a sequence of them
-        Records that a user gave.
-
-    Returns
-    -------
-    list of PistonRecord
-        Records, one at least.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    RecordError
-        If a table holds no record.
-    """
+    """One record or table, or a sequence of them, as a list of records."""
     if isinstance(single := record_from_table(record), PistonRecord):
         return [single]
     if isinstance(record, Sequence) and not isinstance(record, str):
@@ -339,20 +176,7 @@ def list_of_records(record: Any) -> list[PistonRecord]:
 
 
 def refuse_integrated_heights(records: Sequence[PistonRecord], action: str) -> None:
-    """Refuse records whose heights are integrated ones.
-
-    Parameters
-    ----------
-    records : sequence of PistonRecord
-        Records to check.
-    action : str
-        Name of the function that needs measured heights, for the message.
-
-    Raises
-    ------
-    RecordError
-        If there is such a record.
-    """
+    """Refuse records whose heights are integrated ones."""
     for record in records:
         if record.measured == "force":
             raise RecordError(
@@ -369,27 +193,7 @@ def refuse_integrated_heights(records: Sequence[PistonRecord], action: str) -> N
 def weights_and_noise(
     records: Sequence[PistonRecord], weights: Any, noise: Any
 ) -> list[tuple[np.ndarray | None, float | None]]:
-    """Weights (n,) of each record's residuals, and the noise [m] of one with the weight 1.
-
-    Parameters
-    ----------
-    records : sequence of PistonRecord
-        Records to fit.
-    weights : None, float64 (n,), or a sequence of them
-        Weights of the residuals of each sample.
-    noise : None, float, float64 (n,), or a sequence of them
-        Standard deviations of the noise [m].
-
-    Returns
-    -------
-    list of (float64 (n,) or None, float or None)
-        Weights of each record, and its noise [m] at the weight 1.
-
-    Raises
-    ------
-    InputError
-        If they are no positive numbers, one a sample.
-    """
+    """Weights (n,) of each record's residuals, and the noise [m] of one with the weight 1."""
     if weights is not None and noise is not None and np.ndim(noise) > 0:
         raise InputError("noise of each sample gives their weights; leave weights out")
     several = len(records) > 1

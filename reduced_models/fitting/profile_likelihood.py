@@ -34,30 +34,7 @@ _FIRST = 1.0  # longest first reach: further out, the linearisation is no guide
 def profile_intervals(
     joint: JointRecords, theta: np.ndarray, covariance: np.ndarray, quantile: float
 ) -> list[dict[str, Interval]]:
-    """Profile intervals of each record's parameters and map.
-
-    The variance by which a parameter's profile is measured is that with which the linearisation
-    has its ``covariance`` (q, q).
-
-    The profile t function is that of Bates and Watts (1988, Nonlinear Regression Analysis and Its
-    Applications, chapter 6).
-
-    Parameters
-    ----------
-    joint : JointRecords
-        Records on their grids, at the fit.
-    theta : float64 (q,)
-        Joint search vector at the fit, dimensionless.
-    covariance : float64 (q, q)
-        Covariance of the joint search vector by the linearisation.
-    quantile : float
-        Student's t at the ends of the intervals.
-
-    Returns
-    -------
-    list of dict of str to (float, float)
-        Interval of each parameter of each record, in SI units.
-    """
+    """Profile intervals of each record's parameters and map."""
     unknowns = joint.unknowns
     count = len(search_entry_names(unknowns, theta[joint.entries[0]])[0])
     entries = sorted({int(entry) for here in joint.entries for entry in here[:count]})
@@ -77,27 +54,7 @@ def profile_interval_ends(
     variance: np.ndarray,
     quantile: float,
 ) -> Bounds:
-    """Return ends of profile intervals: infinite where the data bound no entry, else NaN.
-
-    Parameters
-    ----------
-    joint : JointRecords
-    theta : float64 (p,)
-        The best fit.
-    entries : sequence of int
-        Of the search vector.
-    covariance : float64 (p, p)
-        Of the linearisation, to start from.
-    variance : float64 (p,)
-        Of a residual, as each entry feels it.
-    quantile : float
-        Profile t at the ends.
-
-    Returns
-    -------
-    Bounds
-        Ends (p,) of the intervals, dimensionless; NaN for entries that were not asked for.
-    """
+    """Return ends of profile intervals: infinite where the data bound no entry, else NaN."""
     # Both sides of each entry are looked for together: s of them.
     entry = np.repeat(np.array(entries, dtype=int), 2)
     sign = np.tile([-1.0, 1.0], len(entries))
@@ -182,11 +139,7 @@ def _next_trial_distances(
 def _vectors_along_path(
     theta: np.ndarray, guide: np.ndarray, entry: np.ndarray, sign: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:
-    """Search vectors (s, p) with each side's entry moved, the others along the path to a guide.
-
-    A guide is the last fit that was good: the profile bends little, and a fit beyond the end may
-    have lost the valley.
-    """
+    """Search vectors (s, p) with each side's entry moved, the others along the path to a guide."""
     rows = np.arange(len(reach))
     moved = sign * (guide[rows, entry] - theta[entry])
     fraction = np.minimum(reach / np.where(moved > 0.0, moved, np.inf), _GROWTH)
@@ -198,11 +151,7 @@ def _vectors_along_path(
 def _refit_with_entry_fixed(
     joint: JointRecords, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fits (s, p) with one entry held in each, their sums of squares (s,), and what these lack.
-
-    The latter is how much further a Gauss-Newton step would go down: more than ``resolved`` where
-    the search lost its way in a bent valley, also when it was begun anew.
-    """
+    """Fits (s, p) with one entry held in each, their sums of squares (s,), and what these lack."""
     rows = np.arange(len(start))
     low = np.tile(joint.bounds.low, (len(start), 1))
     high = np.tile(joint.bounds.high, (len(start), 1))

@@ -49,28 +49,7 @@ _BETTER = 0.99  # of a cost: less is another fit
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SearchResult:
-    """A problem, and where its fit stands.
-
-    Attributes
-    ----------
-    problem : FitProblem
-    joint : JointRecords
-        Of the whole records, on fine grids.
-    trained, theta : float64 (q,)
-        Search vectors that fit the records without their test swings, and all of them; before
-        `solve_on_verified_grids` both fit the stretches that the search sees.
-    converged : int
-        Starts that led to this fit.
-    cost : float
-        Sum of the squared training residuals; infinite where the solution diverges.
-    coarse_cost : float
-        The same of the means on the search's coarse grid.
-    collocation : str
-        Where the fit from accelerations in the record, without a solution, led to: ``"same"``,
-        ``"worse"``, ``"better"`` (which is then this fit), or ``"none"`` where there is none.
-    solver_errors : tuple of float
-        Greatest difference to the adaptive solution of each record, in amplitudes.
-    """
+    """A problem, and where its fit stands."""
 
     problem: FitProblem
     joint: JointRecords
@@ -83,43 +62,12 @@ class SearchResult:
     solver_errors: tuple[float, ...] = ()
 
     def with_training_fit(self, joint: JointRecords, trained: np.ndarray) -> SearchResult:
-        """Return the result with another fit to the training stretches.
-
-        Parameters
-        ----------
-        joint : JointRecords
-            Records of the other fit, on their grids.
-        trained : float64 (q,)
-            Joint search vector fitted to the training stretches, dimensionless.
-
-        Returns
-        -------
-        SearchResult
-            Copy with that fit.
-        """
+        """Return the result with another fit to the training stretches."""
         return dataclasses.replace(self, joint=joint, trained=trained, theta=trained)
 
 
 def fine_grids_over_records(problem: FitProblem) -> list[StepGrid]:
-    """Fine grid over each record.
-
-    One of a driven law, whose steps end at the samples, is no finer than need be at first.
-
-    Parameters
-    ----------
-    problem : FitProblem
-        Records to fit, and the law.
-
-    Returns
-    -------
-    list of StepGrid
-        Grid over each record: its step [s] and number of steps.
-
-    Raises
-    ------
-    RecordError
-        If a record holds more periods than a fit can follow.
-    """
+    """Fine grid over each record [s]."""
     law = problem.law
     wanted = law.resolution * (COARSE_STEPS if has_inputs_besides_time(law.inputs) else FINE_STEPS)
     return [
@@ -131,24 +79,7 @@ def fine_grids_over_records(problem: FitProblem) -> list[StepGrid]:
 def refine_best_start(
     problem: FitProblem, coarse: JointRecords, vectors: tuple[np.ndarray, np.ndarray]
 ) -> SearchResult:
-    """Fit on fine grids from the best start of a search, compared with the fit to accelerations.
-
-    ``vectors`` are the search vectors (s, q) that starts led to on coarse grids, and their costs.
-
-    Parameters
-    ----------
-    problem : FitProblem
-        Records to fit, and what is asked.
-    coarse : JointRecords
-        Records on the coarse grids of the search.
-    vectors : (float64 (s, q), float64 (s,))
-        Search vectors that starts led to on coarse grids, and their costs, dimensionless.
-
-    Returns
-    -------
-    SearchResult
-        Fit to the training stretches, and how it compares with collocation.
-    """
+    """Fit on fine grids from the best start of a search, compared with the fit to accelerations."""
     thetas, costs = vectors
     unknowns = coarse.unknowns
     grids = [
@@ -236,10 +167,7 @@ def _refit_from_time(
 def _collocation_fit(
     problem: FitProblem, joint: JointRecords, theta: np.ndarray, cost: float
 ) -> np.ndarray | None:
-    """Fit that starts from accelerations in the leading record; None where there are none.
-
-    It is ``theta`` itself, a fit of that cost, where it starts in the same parabola.
-    """
+    """Fit that starts from accelerations in the leading record; None where there are none."""
     unknowns, largest_swing_record = joint.unknowns, problem.largest_swing_record
     if unknowns.map is None or unknowns.law.hidden or problem.own:
         return None
@@ -271,11 +199,7 @@ def _collocation_fit(
 
 
 def _agrees_with_parabola(normal: Normal, theta: np.ndarray, adjacent: np.ndarray, risen: float) -> bool:
-    """Check that cost and slope at a point are about those of the parabola about a fit.
-
-    In another valley the cost may be so by chance; the slope, which falls towards that valley, is
-    not so too.
-    """
+    """Check that cost and slope at a point are about those of the parabola about a fit."""
     away = adjacent - theta
     foreseen = float(away @ np.asarray(normal(theta[None])[2][0]) @ away)
     slope = float(away @ np.asarray(normal(adjacent[None])[1][0]))
@@ -283,24 +207,7 @@ def _agrees_with_parabola(normal: Normal, theta: np.ndarray, adjacent: np.ndarra
 
 
 def solve_on_verified_grids(result: SearchResult) -> SearchResult:
-    """Fit all of the records, on grids whose solutions agree with the adaptive ones.
-
-    Parameters
-    ----------
-    result : SearchResult
-        Fit to the training stretches.
-
-    Returns
-    -------
-    SearchResult
-        Fit to all samples, and to the training samples, on grids with half the step until the solver's
-        error is small.
-
-    Raises
-    ------
-    InputError
-        If a solution does not stay finite or cannot be followed, even on the finest grid.
-    """
+    """Fit all of the records, on grids whose solutions agree with the adaptive ones."""
     joint, trained, training = result.joint, result.trained, result.problem.samples
     lengths = [len(grid.record) for grid in joint.grids]
     while True:
@@ -363,11 +270,7 @@ def _refine_grid(grid: GriddedRecord, error: float, *, complete: bool) -> Gridde
 
 
 def _solver_error(grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray) -> tuple[float, float, bool]:
-    """Greatest difference to the adaptive solution in amplitudes, its limit, and completeness.
-
-    The difference is infinite where a solution is not finite; the last says whether the adaptive
-    solution reaches the end of the record.
-    """
+    """Greatest difference to the adaptive solution in amplitudes, its limit, and completeness."""
     unknowns = grid.unknowns
     reference = _adaptive_solution(grid, theta)
     _, shift, scale, *_ = unknowns.physical_values(theta)

@@ -33,25 +33,9 @@ _MOST_OF_IT = 0.5  # of all squared residuals, that a transient holds at least
 def diagnose_residuals(
     time: np.ndarray, residuals: np.ndarray, velocity: np.ndarray, period: float
 ) -> dict[str, float]:
-    """Structure of residuals, as fields of `reduced_models.models.quality.Quality`.
+    """Structure of residuals, as fields of `reduced_models.models.quality.Quality` [s].
 
-    Parameters
-    ----------
-    time : float64 (n,)
-        [s]
-    residuals : float64 (n,)
-        Solution minus data [m].
-    velocity : float64 (n,)
-        Of the motion [m/s].
-    period : float
-        Of the motion [s].
-
-    Returns
-    -------
-    dict of str to float
-        ``whiteness`` and ``signs``, the tests of Ljung and Box (1978, doi:10.1093/biomet/65.2.297)
-        and of Wald and Wolfowitz (1940, doi:10.1214/aoms/1177731909); ``lag`` [s], ``slow``,
-        ``swinging``, ``drift``.
+    time, period [s], residuals [m], velocity [m/s].
     """
     from scipy.stats import norm
 
@@ -76,18 +60,7 @@ def diagnose_residuals(
 
 
 def ljung_box_p_value(residuals: np.ndarray) -> float:
-    """Probability that white noise is correlated at least as much as residuals that are not all zero.
-
-    Parameters
-    ----------
-    residuals : float64 (n,)
-        Residuals at even times, in any unit.
-
-    Returns
-    -------
-    float
-        p-value of the test of Ljung and Box (1978, doi:10.1093/biomet/65.2.297), from 0 to 1.
-    """
+    """Probability that white noise is correlated at least as much as residuals that are not all zero."""
     from scipy.stats import chi2
 
     count = len(residuals)
@@ -99,20 +72,7 @@ def ljung_box_p_value(residuals: np.ndarray) -> float:
 
 
 def autocorrelation_time(values: np.ndarray) -> float:
-    """Integrated autocorrelation time, in samples; at least 1.
-
-    A. Sokal (1997), doi:10.1007/978-1-4899-0319-8_6.
-
-    Parameters
-    ----------
-    values : float64 (n,)
-        Series at even times, in any unit.
-
-    Returns
-    -------
-    float
-        Integrated autocorrelation time, in samples, with a self-consistent window.
-    """
+    """Integrated autocorrelation time, in samples; at least 1."""
     count = len(values)
     centred = values - values.mean()
     size = 1 << (2 * count - 1).bit_length()
@@ -140,15 +100,7 @@ def _runs_test_score(residuals: np.ndarray) -> float:
 
 
 class Autoregression(NamedTuple):
-    """Residuals as a sum of former ones and of something new.
-
-    Attributes
-    ----------
-    weights : float64 (k,)
-        Of the residuals before, the last one first.
-    variance : float
-        Of what is new in each.
-    """
+    """Residuals as a sum of former ones and of something new."""
 
     weights: np.ndarray
     variance: float
@@ -159,53 +111,17 @@ class Autoregression(NamedTuple):
         return np.concatenate([[1.0], -self.weights])
 
     def power_spectrum(self, size: int) -> np.ndarray:
-        """Power (size//2 + 1,) at the frequencies of a real transform of that size.
-
-        Parameters
-        ----------
-        size : int
-            Length of the real Fourier transform.
-
-        Returns
-        -------
-        float64 (size//2 + 1,)
-            Power spectrum, in the squared unit of the residuals.
-        """
+        """Power (size//2 + 1,) at the frequencies of a real transform of that size."""
         return np.asarray(self.variance / np.abs(np.fft.rfft(self.whitening_filter, size)) ** 2)
 
     def innovations(self, residuals: np.ndarray) -> np.ndarray:
-        """Return the new part of residuals (n,), from the first that has enough before it on.
-
-        Parameters
-        ----------
-        residuals : float64 (n,)
-            Residuals at even times, in any unit.
-
-        Returns
-        -------
-        float64 (n - k,)
-            Innovations in the same unit, k the order of the autoregression.
-        """
+        """Return the new part of residuals (n,), from the first that has enough before it on."""
         result = np.convolve(residuals, self.whitening_filter)[: len(residuals)]
         return np.asarray(result[len(self.weights) :])
 
 
 def fit_autoregression(residuals: np.ndarray) -> Autoregression:
-    """Autoregression of residuals (n,) about zero.
-
-    Reflection coefficients are Burg's, which make a stable process (Kay 1988, Modern Spectral
-    Estimation).
-
-    Parameters
-    ----------
-    residuals : float64 (n,)
-        Residuals at even times, in any unit.
-
-    Returns
-    -------
-    Autoregression
-        Weights and variance of the innovations, of the order with the least information criterion.
-    """
+    """Autoregression of residuals (n,) about zero."""
     count = len(residuals)
     power = float((residuals**2).mean())
     if power <= 0.0:
@@ -232,11 +148,7 @@ def fit_autoregression(residuals: np.ndarray) -> Autoregression:
 
 
 def _correct_autoregression_bias(autoregression: Autoregression, count: int) -> Autoregression:
-    """Single weight without its bias: residuals of a fit seem to forget sooner than the noise.
-
-    By (1 + 3 w) / n (Marriott and Pope 1954, doi:10.1093/biomet/41.3-4.390), which the level of a
-    long memory feels: its variance goes with 1 / (1 - w)^2.
-    """
+    """Single weight without its bias: residuals of a fit seem to forget sooner than the noise."""
     if len(autoregression.weights) != 1 or autoregression.weights[0] <= 0.0:
         return autoregression
     weight = autoregression.weights[0]
@@ -245,20 +157,7 @@ def _correct_autoregression_bias(autoregression: Autoregression, count: int) -> 
 
 
 def gradient_covariance(slopes: np.ndarray, noise: Autoregression) -> np.ndarray:
-    """Covariance J'SJ of a gradient, for slopes J and the covariance S of the residuals.
-
-    Parameters
-    ----------
-    slopes : float64 (n, p)
-        Derivatives of the residuals by the search entries.
-    noise : Autoregression
-        Process of the residuals.
-
-    Returns
-    -------
-    float64 (p, p)
-        Covariance of the gradient, in the squared unit of the residuals.
-    """
+    """Covariance J'SJ of a gradient, for slopes J and the covariance S of the residuals."""
     from scipy.fft import next_fast_len, rfft
 
     if not len(noise.weights):
@@ -271,26 +170,7 @@ def gradient_covariance(slopes: np.ndarray, noise: Autoregression) -> np.ndarray
 
 
 def count_release_transient_samples(time: np.ndarray, left: np.ndarray, period: float) -> int:
-    """Return how many samples after a release hold what it stirred up besides the swing.
-
-    They end within the first period and hold most of the squared residuals, and the last of them
-    is far above those of the two periods after the first. What a wrong law leaves fades with the
-    swing instead.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        [s]
-    left : float64 (n,)
-        Residuals.
-    period : float
-        Of the swing [s].
-
-    Returns
-    -------
-    int
-        0 without a transient.
-    """
+    """Return how many samples after a release hold what it stirred up besides the swing; time, period [s]."""
     first, third = np.searchsorted(time, time[0] + period * np.array([1.0, 3.0]))
     if third >= len(time) or first < 2:
         return 0

@@ -66,19 +66,7 @@ Vectors = tuple[np.ndarray, np.ndarray]
 
 
 def multistart_search(problem: FitProblem) -> SearchResult:
-    """Fit the training stretches, with the map that is asked for, or that the data ask for.
-
-    Parameters
-    ----------
-    problem : FitProblem
-        Records to fit, the law and its map, and the number of starts.
-
-    Returns
-    -------
-    SearchResult
-        Fit to the training stretches; of a given and a fitted map the one with the less Bayesian
-        information criterion.
-    """
+    """Fit the training stretches, with the map that is asked for, or that the data ask for."""
     law, wanted = problem.law, problem.map
     if not law.mapped or isinstance(wanted, HeightMap):
         given = wanted if isinstance(wanted, HeightMap) and law.mapped else HeightMap()
@@ -103,12 +91,7 @@ def _bayesian_criterion(result: SearchResult) -> float:
 def _multistart_search_with_map(
     problem: FitProblem, height_map: HeightMap | None, limit: float = math.inf
 ) -> tuple[JointRecords, Vectors]:
-    """Coarse records, and where random starts lead to over horizons that double.
-
-    All but the first are left out where even that costs more than the limit. Starts of the law's
-    swing form come first; where the law leaves over more than that form does, which is free of
-    the law's bounds, they may lie in the wrong valley, and starts of the law itself are tried too.
-    """
+    """Coarse records, and where random starts lead to over horizons that double."""
     # First of all: a record with too many periods is refused before any search.
     fine_grids_over_records(problem)
     unknowns = scale_unknowns(problem.law, height_map, problem.largest_swing_record, problem.sensor)
@@ -157,11 +140,7 @@ def _search_over_horizons(problem: FitProblem, joint: JointRecords, limit: float
 
 
 def _keep_better_starts(normal: Normal, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Search vectors after fewer swings, or the starts themselves where these fit better.
-
-    Those of a law that is known by its equation alone come from all of the record: two swings may
-    say nothing of what they tell, such as the frequency of a slow input.
-    """
+    """Search vectors after fewer swings, or the starts themselves where these fit better."""
     worse = np.asarray(normal(start)[0]) < np.asarray(normal(theta)[0])
     return np.where(worse[:, None], start, theta)
 
@@ -249,24 +228,7 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
 
 
 def coarse_normal_equations(problem: FitProblem, joint: JointRecords, swings: float) -> tuple[Normal, Prior]:
-    """Return the normal equations of the first swings of coarse records, with the prior.
-
-    Parameters
-    ----------
-    problem : FitProblem
-        Records to fit, with their first guesses.
-    joint : JointRecords
-        Records on coarse grids.
-    swings : float
-        Number of swings from the start that count.
-
-    Returns
-    -------
-    normal : callable
-        From joint search vectors (s, q) to costs (s,), gradients (s, q) and matrices J'J (s, q, q).
-    prior : Prior
-        Prior of the joint search vector for as many samples.
-    """
+    """Return the normal equations of the first swings of coarse records, with the prior."""
     normals, total = [], 0.0
     for data, grid in zip(problem.data, joint.grids, strict=True):
         means = grid.samples

@@ -18,18 +18,7 @@ from reduced_models.records.sensor import Sensor
 
 
 class IdentifiableSensor(NamedTuple):
-    """A sensor as a fit of a law takes it.
-
-    Attributes
-    ----------
-    sensor : Sensor or None
-        With a gain that is given where the law cannot tell it.
-    held : tuple of str
-        Parameters that are held at zero, so that heights count from the level of rest.
-    untold : tuple of str
-        Parameters that the signal does not tell; ``level`` for the height of rest, ``size`` for the
-        size of the motion.
-    """
+    """A sensor as a fit of a law takes it."""
 
     sensor: Sensor | None
     held: tuple[str, ...] = ()
@@ -39,24 +28,7 @@ class IdentifiableSensor(NamedTuple):
 def identifiable_sensor(
     law: Law, sensor: Sensor, declared: Collection[str], initial: Mapping[str, float]
 ) -> IdentifiableSensor:
-    """Sensor as a fit of a law can take it, and what of the law its signal leaves open.
-
-    Parameters
-    ----------
-    law : Law
-        Law to fit.
-    sensor : Sensor
-        Sensor of the record, gain and offset given or free.
-    declared : collection of str
-        Parameters whose values the user gave.
-    initial : mapping of str to float
-        State at the start that is held, by name.
-
-    Returns
-    -------
-    IdentifiableSensor
-        Sensor with a gain that is held where the law takes up its scale, and the names left open.
-    """
+    """Sensor as a fit of a law can take it, and what of the law its signal leaves open."""
     held: tuple[str, ...] = ()
     untold: list[str] = []
     shift = find_similarity(law, "shift") if not law.mapped else None

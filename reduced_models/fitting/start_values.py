@@ -55,31 +55,7 @@ def start_values(
     count: int,
     bounds: Pairs | None = None,
 ) -> dict[str, np.ndarray]:
-    """Random start values of a law, an array of ``count`` for each parameter.
-
-    Those with equal ``bounds`` are known. ``record`` is the motion of z: the heights where the law
-    holds for the height itself.
-
-    Parameters
-    ----------
-    law : Law
-        Law whose parameters start.
-    guess : FirstGuesses
-        First guesses of the motion, in units of z.
-    record : PistonRecord
-        Motion of z: the heights where the law holds for the height itself.
-    random : Generator
-        Source of random numbers.
-    count : int
-        Number of starts.
-    bounds : mapping of str to (float, float), optional
-        Bounds in the parameters' units; equal ones where a value is known.
-
-    Returns
-    -------
-    dict of str to float64 (count,)
-        Start values of each parameter, in its unit.
-    """
+    """Random start values of a law, an array of ``count`` for each parameter."""
     if law.start is not None:
         return law.start(guess, random, count)
     if law.hidden:
@@ -99,48 +75,14 @@ def start_values(
 def fit_to_accelerations(
     law: Law, guess: FirstGuesses, record: PistonRecord, values: np.ndarray, bounds: Pairs | None = None
 ) -> np.ndarray:
-    """Parameters (p,) of a law without hidden states from accelerations in a record alone.
-
-    ``values`` are where it looks for them first; random draws follow.
-
-    Parameters
-    ----------
-    law : Law
-        Law without hidden states.
-    guess : FirstGuesses
-        First guesses of the motion, in units of z.
-    record : PistonRecord
-        Motion of z.
-    values : float64 (p,)
-        Values in the parameters' units that are tried first; random draws follow.
-    bounds : mapping of str to (float, float), optional
-        Bounds in the parameters' units.
-
-    Returns
-    -------
-    float64 (p,)
-        Parameters whose accelerations agree best with the smoothed record's (collocation).
-    """
+    """Parameters (p,) of a law without hidden states from accelerations in a record alone."""
     units = np.where(np.abs(values) > 0.0, values, 1.0)
     draws = _random_draws(law, guess, np.random.default_rng(0), _OTHER_DRAWS, bounds)
     return np.asarray(_fit_draws_to_accelerations(law, guess, record, np.vstack([units, draws]), bounds)[0])
 
 
 def start_values_near(values: dict[str, float], spread: float = 0.1) -> Starts:
-    """Start values of a law about parameters that are known roughly.
-
-    Parameters
-    ----------
-    values : dict of str to float
-        Rough values of the parameters, in their units.
-    spread : float
-        Standard deviation of the logarithms of the starts, dimensionless.
-
-    Returns
-    -------
-    callable
-        Start function of a law: first guesses, random numbers and a count give arrays (count,).
-    """
+    """Start values of a law about parameters that are known roughly."""
 
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         return {name: value * np.exp(spread * random.normal(size=count)) for name, value in values.items()}
@@ -255,23 +197,7 @@ def acceleration_function(
 ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Return a function of parameters that gives accelerations along a motion, and the last hidden states.
 
-    Hidden states go from zero along the motion (4, n) that `smoothed` gives, by Heun's method;
-    ``drive`` (n, inputs) holds the inputs.
-
-    Parameters
-    ----------
-    law : Law
-        Law with p parameters and h hidden states.
-    motion : float64 (4, n)
-        Coordinate z, its velocity, its acceleration and time [s] of a smoothed motion.
-    drive : float64 (n, inputs)
-        Inputs at these times.
-
-    Returns
-    -------
-    callable
-        From parameters (p, m) to accelerations (n, m) in the unit of z'' and hidden states (h, m) at
-        the end.
+    motion [s].
     """
     field = compile_rates(law.equation, law.inputs, "numpy")
     z, v, _, time = motion
@@ -323,24 +249,7 @@ def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndar
 def scale_unknowns(
     law: Law, height_map: HeightMap | None, data: TrainingData, sensor: Sensor | None = None
 ) -> Unknowns:
-    """Unknowns of a law, scaled by what a glance at a record tells; no map is a fitted one.
-
-    Parameters
-    ----------
-    law : Law
-        Law to fit.
-    height_map : HeightMap or None
-        Map of the height; None where it is fitted.
-    data : TrainingData
-        Record with its first guesses.
-    sensor : Sensor, optional
-        Sensor whose signal is compared.
-
-    Returns
-    -------
-    Unknowns
-        Law with rest [m], amplitude [m], speed [m/s] and a unit for each parameter.
-    """
+    """Unknowns of a law, scaled by what a glance at a record tells; no map is a fitted one [m, m/s]."""
     guess = data.guess
     given = height_map or HeightMap(guess.rest, guess.amplitude)
     seen = guess.rescaled_to_law(given.shift, given.scale)
@@ -367,31 +276,7 @@ def start_vectors(
     near: Mapping[str, float] | None = None,
     bounds: Pairs | None = None,
 ) -> np.ndarray:
-    """Start vectors (count, p) of a search, from a record and its first guesses.
-
-    Parameters in ``near`` are looked for about the values there, the first time at them; those with
-    equal ``bounds`` are known.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    data : TrainingData
-        Record with its first guesses.
-    count : int
-        Number of starts.
-    random : Generator
-        Source of random numbers.
-    near : mapping of str to float, optional
-        Rough values of parameters, in their units.
-    bounds : mapping of str to (float, float), optional
-        Bounds in the parameters' units; equal ones where a value is known.
-
-    Returns
-    -------
-    float64 (count, p)
-        Start vectors, dimensionless.
-    """
+    """Start vectors (count, p) of a search, from a record and its first guesses."""
     if unknowns.map is not None:
         shift, scale = unknowns.map.shift, unknowns.map.scale
         seen = data.guess.rescaled_to_law(shift, scale)
@@ -408,22 +293,7 @@ def start_vectors(
 
 
 def append_initial_state(unknowns: Unknowns, data: TrainingData, free: np.ndarray) -> np.ndarray:
-    """Parameters and map (count, k) with the initial state of record and sensor behind them.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    data : TrainingData
-        Record with its first guesses.
-    free : float64 (count, k)
-        Entries of parameters and map.
-
-    Returns
-    -------
-    float64 (count, p)
-        Search vectors, dimensionless: these entries, then height, velocity, hidden states and sensor.
-    """
+    """Parameters and map (count, k) with the initial state of record and sensor behind them."""
     count, guess = len(free), data.guess
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
     velocity = np.full(count, guess.velocity / unknowns.speed)
@@ -446,21 +316,7 @@ def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
 
 
 def search_entries_from_draws(unknowns: Unknowns, draws: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Entries (count, k) of search vectors, initial states left out, of parameters and map.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    draws : mapping of str to float64 (count,)
-        Values of the parameters in their units, and of ``shift`` and ``scale`` in amplitudes where the
-        map is fitted.
-
-    Returns
-    -------
-    float64 (count, k)
-        Entries of the search vector: logarithms of positive parameters, the others in their units.
-    """
+    """Entries (count, k) of search vectors, initial states left out, of parameters and map."""
     result = [
         np.log(draws[name]) if name in unknowns.law.positive else draws[name] / unit
         for name, unit in zip(unknowns.law.parameters, unknowns.units, strict=True)
@@ -473,24 +329,7 @@ def search_entries_from_draws(unknowns: Unknowns, draws: Mapping[str, np.ndarray
 def draw_swing_parameters(
     form: NormalizedSwingLaw, data: TrainingData, count: int, random: np.random.Generator
 ) -> dict[str, np.ndarray] | None:
-    """Random parameters (count,) of a swing form; None where it does not hold for the record.
-
-    Parameters
-    ----------
-    form : NormalizedSwingLaw
-        Law of the swing about rest, in amplitudes.
-    data : TrainingData
-        Record with its first guesses.
-    count : int
-        Number of starts.
-    random : Generator
-        Source of random numbers.
-
-    Returns
-    -------
-    dict of str to float64 (count,), or None
-        Parameters of the swing form; None where it does not hold for the record.
-    """
+    """Random parameters (count,) of a swing form; None where it does not hold for the record."""
     guess = data.guess
     swing = (data.look.height - guess.rest) / guess.amplitude
     seen = guess.rescaled_to_law(guess.rest, guess.amplitude)
@@ -500,22 +339,7 @@ def draw_swing_parameters(
 def swing_form_unknowns(
     unknowns: Unknowns, form: NormalizedSwingLaw, draws: Mapping[str, np.ndarray]
 ) -> Unknowns:
-    """Unknowns of a swing form, in units that some draws tell.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Unknowns of the mapped law.
-    form : NormalizedSwingLaw
-        Law of the swing about rest, in amplitudes.
-    draws : mapping of str to float64 (count,)
-        Start values of its parameters.
-
-    Returns
-    -------
-    Unknowns
-        Unknowns of the swing form; each unit is the mean size of the draws.
-    """
+    """Unknowns of a swing form, in units that some draws tell."""
     units = tuple(
         1.0 if name in form.law.positive else float(np.abs(draws[name]).mean()) or 1.0
         for name in form.law.parameters

@@ -40,35 +40,7 @@ def interval_analysis(
     seen: tuple[float, float],
     shifts: np.ndarray,
 ) -> tuple[dict[str, Interval], AtRest | NoSwing, tuple[ParameterDirection, ...]]:
-    """Intervals of a fit, its small swing at rest, and the directions that the data leave open.
-
-    All are of the linearisation at the minimum; ``seen`` are the least and the greatest height [m]
-    of the record, and ``shifts`` (m, p) those of a calibration, which the covariance holds.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    theta : float64 (p,)
-        Search vector at the minimum, dimensionless.
-    known : FitStatistics
-        Covariance, residuals and free entries of the fit.
-    confidence : float
-        Confidence level, between 0 and 1.
-    seen : (float, float)
-        Least and greatest height of the record [m].
-    shifts : float64 (m, p)
-        Shifts of the search vector by the errors of a calibration, which the covariance holds.
-
-    Returns
-    -------
-    intervals : dict of str to (float, float)
-        Interval of each parameter and of the map, in SI units.
-    at_rest : AtRest or NoSwing
-        Small swing about rest, or the reason why there is none.
-    undetermined : tuple of ParameterDirection
-        Directions that the data leave open.
-    """
+    """Intervals of a fit, its small swing at rest, and the directions that the data leave open; seen [m]."""
     quantile = known.student_quantile(confidence)
     names, values, logs = search_entry_names(unknowns, theta)
     intervals = {}
@@ -84,30 +56,7 @@ def interval_analysis(
 def bootstrap_intervals(
     unknowns: Unknowns, replicates: np.ndarray, theta: np.ndarray, confidence: float, known: FitStatistics
 ) -> dict[str, Interval]:
-    """Percentile intervals from search vectors (k, p) that were fitted to resampled records.
-
-    Percentiles know nothing of how few independent samples there are: they are moved away from
-    the fit (p,) as far as Student's quantile lies behind the normal one (Hesterberg 2015,
-    doi:10.1080/00031305.2015.1089789).
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    replicates : float64 (k, p)
-        Search vectors fitted to resampled records, dimensionless.
-    theta : float64 (p,)
-        Search vector of the fit.
-    confidence : float
-        Confidence level, between 0 and 1.
-    known : FitStatistics
-        Degrees of freedom of the fit.
-
-    Returns
-    -------
-    dict of str to (float, float)
-        Interval of each parameter and of the map, in SI units.
-    """
+    """Percentile intervals from search vectors (k, p) that were fitted to resampled records."""
     from scipy.stats import norm
 
     fractions = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
@@ -121,25 +70,7 @@ def widen_to_linear_intervals(
     undetermined: Sequence[ParameterDirection],
     intervals: Mapping[str, Interval],
 ) -> dict[str, Interval]:
-    """Intervals of resampling or profiles, no narrower than linear ones in directions left open.
-
-    Along these neither moves: a fit to a resampled record stays where it starts, and a profile ends
-    where the prior about the start says so.
-
-    Parameters
-    ----------
-    linear : mapping of str to (float, float)
-        Intervals of the linearisation, in SI units.
-    undetermined : sequence of ParameterDirection
-        Directions that the data leave open.
-    intervals : mapping of str to (float, float)
-        Intervals of resampling or profiles, in SI units.
-
-    Returns
-    -------
-    dict of str to (float, float)
-        Intervals in SI units.
-    """
+    """Intervals of resampling or profiles, no narrower than linear ones in directions left open."""
     left_open = {name for direction in undetermined if direction.is_undetermined for name in direction.powers}
     return {
         name: ((min(low, linear[name][0]), max(high, linear[name][1])) if name in left_open else (low, high))
@@ -148,20 +79,7 @@ def widen_to_linear_intervals(
 
 
 def intervals_between(unknowns: Unknowns, low: np.ndarray, high: np.ndarray) -> dict[str, Interval]:
-    """Intervals between two search vectors (p,).
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    low, high : float64 (p,)
-        Search vectors at the lower and the upper ends, dimensionless.
-
-    Returns
-    -------
-    dict of str to (float, float)
-        Interval of each parameter and of the map, in SI units.
-    """
+    """Intervals between two search vectors (p,)."""
     names, _, logs = search_entry_names(unknowns, low)
     return {
         name: (
@@ -173,24 +91,7 @@ def intervals_between(unknowns: Unknowns, low: np.ndarray, high: np.ndarray) -> 
 
 
 def search_entry_names(unknowns: Unknowns, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:
-    """Names of parameters and map, their entries of a search vector, and which are logarithms.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    theta : float64 (p,)
-        Search vector, dimensionless.
-
-    Returns
-    -------
-    names : list of str
-        Parameters, then ``shift`` and ``scale`` where the map is fitted.
-    values : float64 (k,)
-        Their entries of the search vector.
-    logs : list of bool
-        True where the entry is a logarithm.
-    """
+    """Names of parameters and map, their entries of a search vector, and which are logarithms."""
     law = unknowns.law
     names = [*law.parameters]
     logs = [name in law.positive for name in names]
@@ -240,24 +141,7 @@ def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: FitStatist
 def physical_covariance(
     unknowns: Unknowns, theta: np.ndarray, covariance: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names and covariance (p, p), in their units, of law, map and start of a record's motion.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    theta : float64 (p,)
-        Search vector at the fit, dimensionless.
-    covariance : float64 (p, p)
-        Covariance of the search vector.
-
-    Returns
-    -------
-    names : tuple of str
-        Parameters, map, height, velocity and hidden states at the start.
-    covariance : float64 (k, k)
-        Covariance in products of their SI units, by the delta method.
-    """
+    """Names and covariance (p, p), in their units, of law, map and start of a record's motion."""
     names, values, logs = search_entry_names(unknowns, theta)
     units = [
         _entry_unit(unknowns, k) * (math.exp(min(value, 700.0)) if log else 1.0)
@@ -271,20 +155,7 @@ def physical_covariance(
 
 
 def undetermined_directions(names: Sequence[str], information: np.ndarray) -> tuple[ParameterDirection, ...]:
-    """Directions that an information matrix (p, p) on logarithms leaves open.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the p parameters.
-    information : float64 (p, p)
-        Fisher information on the logarithms of the parameters.
-
-    Returns
-    -------
-    tuple of ParameterDirection
-        Eigenvectors whose standard deviation is large, as powers of the parameters.
-    """
+    """Directions that an information matrix (p, p) on logarithms leaves open."""
     if not len(information):
         return ()
     strengths, directions = np.linalg.eigh(information)
@@ -386,22 +257,7 @@ def _damping_at_two_amplitudes(
 
 
 def small_motion_figures(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | NoSwing:
-    """Rest height, period and damping ratio; the reason where there is no stable level of rest.
-
-    Hidden states and inputs are at zero.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    theta : float64 (p,)
-        Search vector, dimensionless.
-
-    Returns
-    -------
-    float64 (3,) or NoSwing
-        Rest height [m], period [s] and damping ratio; the reason where there is no stable rest.
-    """
+    """Rest height, period and damping ratio; the reason where there is no stable level of rest [m, s]."""
     values, shift, scale, *_ = unknowns.physical_values(theta)
     result = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
     if isinstance(result, NoSwing):

@@ -45,15 +45,7 @@ _SPREAD = 1.5  # of the logarithm of a gain's start values
 
 
 class CandidateLaws(NamedTuple):
-    """Laws to fit, and why others are not fitted.
-
-    Attributes
-    ----------
-    laws : tuple of Law
-    screening : LawScreening
-    contains_zero : bool
-        Whether the record has heights on both sides of zero, or at it.
-    """
+    """Laws to fit, and why others are not fitted."""
 
     laws: tuple[Law, ...]
     screening: LawScreening
@@ -78,25 +70,7 @@ class CandidateLaws(NamedTuple):
 
 
 def choose_candidate_laws(record: PistonRecord, drive: str | None = None) -> CandidateLaws:
-    """Laws that can win on a record, driven by one of its columns where that is named.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Motion of n samples.
-    drive : str, optional
-        Column that drives the motion; all of `CANDIDATES` are kept then.
-
-    Returns
-    -------
-    CandidateLaws
-        Laws to fit, and the misfits by which others were left out.
-
-    Raises
-    ------
-    InputError
-        If the record has no such column, or it cannot drive a law.
-    """
+    """Laws that can win on a record, driven by one of its columns where that is named."""
     laws = tuple(LAWS[name] for name in CANDIDATES)
     if drive is not None:
         return CandidateLaws(tuple(driven_law(law, record, drive) for law in laws), LawScreening({}, 1.0))
@@ -106,27 +80,7 @@ def choose_candidate_laws(record: PistonRecord, drive: str | None = None) -> Can
 
 
 def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
-    """Law of the package with a column of a record, times a gain that is fitted, added to z''.
-
-    Parameters
-    ----------
-    law : Law
-        Law of the package without inputs.
-    record : PistonRecord
-        Record of n samples that has the column.
-    drive : str
-        Name of the column: ``"force"`` or that of a further one.
-
-    Returns
-    -------
-    Law
-        Law with one more parameter, the gain, in units of z'' over those of the column.
-
-    Raises
-    ------
-    InputError
-        If the record has no such column, its name cannot stand in an equation, or it is zero everywhere.
-    """
+    """Law of the package with a column of a record, times a gain that is fitted, added to z''."""
     there = column_names(record)
     if drive not in there:
         others = ", ".join(map(quote, there)) or "none"
@@ -161,18 +115,7 @@ def _can_name_input(column: str, law: Law) -> bool:
 
 
 def drive_option_text(column: str) -> str:
-    """Options of the command line by which a column drives all laws.
-
-    Parameters
-    ----------
-    column : str
-        Name of the column, as in the record.
-
-    Returns
-    -------
-    str
-        Such as ``--input force``; with the column renamed where its name cannot stand in an equation.
-    """
+    """Options of the command line by which a column drives all laws."""
     if all(_can_name_input(column, LAWS[name]) for name in CANDIDATES):
         return f"--input {column}"
     if {",", "="} & set(column):
@@ -181,20 +124,7 @@ def drive_option_text(column: str) -> str:
 
 
 def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]:
-    """Columns that change in the course of the record, and that no law names.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record with or without a force and further columns.
-    laws : sequence of Law
-        Laws that were fitted.
-
-    Returns
-    -------
-    tuple of str
-        Names of the columns.
-    """
+    """Columns that change in the course of the record, and that no law names."""
     named = {name for law in laws for name in law.inputs}
     return tuple(
         name
@@ -220,16 +150,7 @@ _FEWEST_ROWS = 12  # integrals beyond a law's parameters, that say something
 
 @dataclasses.dataclass(frozen=True)
 class LawScreening:
-    """Misfits of some laws at a glance.
-
-    Attributes
-    ----------
-    misfits : mapping of str to float
-        What each law leaves of the integrals, in standard deviations of the record's noise: 1 where
-        the law holds. Laws that could not be looked at are not in it.
-    library_misfit : float
-        The same of all terms that a discovery searches, together.
-    """
+    """Misfits of some laws at a glance."""
 
     misfits: Mapping[str, float]
     library_misfit: float
@@ -240,18 +161,7 @@ class LawScreening:
         return min(self.misfits.values(), default=math.inf)
 
     def is_hopeless(self, name: str) -> bool:
-        """Return whether a law cannot win.
-
-        Parameters
-        ----------
-        name : str
-            Name of a law.
-
-        Returns
-        -------
-        bool
-            True where its misfit is more than `HOPELESS` times the least one; False if it was not screened.
-        """
+        """Return whether a law cannot win."""
         return self.misfits.get(name, 0.0) > HOPELESS * max(self.least_misfit, 1.0)
 
     @property
@@ -263,25 +173,7 @@ class LawScreening:
 
 
 def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawScreening:
-    """Fit laws without hidden states and inputs to the weak form; of others it says nothing.
-
-    The equation of motion is integrated against smooth bumps, which leaves sums over the samples
-    (Messenger & Bortz 2021, doi:10.1137/20M1343166), and a law's parameters are fitted to these
-    integrals: a second, where a fit through the differential equation takes ten.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Motion of n samples.
-    laws : sequence of Law
-        Laws to compare.
-
-    Returns
-    -------
-    LawScreening
-        Rms residual of each law in standard deviations of the integrals' noise, without unit; none of a
-        record that is too short or too noisy.
-    """
+    """Fit laws without hidden states and inputs to the weak form; of others it says nothing."""
     try:
         guess = first_guesses(record.time, record.height)
         height_map = choose_height_map([record], "auto")

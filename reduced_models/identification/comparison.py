@@ -119,23 +119,7 @@ def compare(
 
 
 def compare_on_further_records(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
-    """Comparison whose models are judged on further records that no fit has seen.
-
-    Each is predicted from an initial state that its first period tells; a law that cannot be is one
-    that diverges there.
-
-    Parameters
-    ----------
-    table : Comparison
-        Laws that were fitted.
-    test_records : sequence of PistonRecord
-        Records to predict.
-
-    Returns
-    -------
-    Comparison
-        Laws ranked anew by all that was held out; errors in rms swings, without unit.
-    """
+    """Comparison whose models are judged on further records that no fit has seen."""
     rows = [_score_on_further_records(row, test_records) for row in table.rows if not row.failure]
     return _rank_rows([*rows, *(row for row in table.rows if row.failure)], rows)
 
@@ -172,18 +156,7 @@ class _LawToCompare(NamedTuple):
 
 
 def law_name(law: str | Law | ReducedModel) -> str:
-    """Name under which `compare` lists a law.
-
-    Parameters
-    ----------
-    law : str, Law or ReducedModel
-        Law as it is handed to `compare`.
-
-    Returns
-    -------
-    str
-        Name of the law, or its equation with single spaces.
-    """
+    """Name under which `compare` lists a law."""
     if isinstance(law, ReducedModel):
         return law.law.name
     if isinstance(law, Law):

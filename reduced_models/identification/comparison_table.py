@@ -24,31 +24,7 @@ NOISE_TIE = 1.25
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ComparisonRow:
-    """One law.
-
-    Attributes
-    ----------
-    name : str
-    models : tuple of ReducedModel
-        One a record; empty where the fit failed.
-    parameters : int
-        Free numbers of the law and its map, the initial states not counted.
-    stretches : tuple of float
-        Error of the simulation over the test swings of each record, in rms swings of the record;
-        infinite where it diverges. Empty without any.
-    records : tuple of RollOut
-        One a held-out record.
-    error : float
-        The test error: root mean square over all that was held out; the residual of the fit without
-        any.
-    standard_error : float
-        Of the test error, from how it differs between the test swings; 0 where these are too few.
-    deviance, aic, bic : float
-        n log of the mean squared residual of the fit to all of the records (n the number of
-        independent samples), and with twice, or log n times, the number of parameters added.
-    failure : str
-        Why there is no model; empty where there is one.
-    """
+    """One law."""
 
     name: str
     models: tuple[ReducedModel, ...] = ()
@@ -69,13 +45,7 @@ class ComparisonRow:
         return sum(math.isinf(error) for error in errors)
 
     def to_plain(self) -> dict[str, Any]:
-        """Return errors, criteria and parameters of the law as plain data.
-
-        Returns
-        -------
-        dict of str to any
-            Errors in rms swings, without unit, and the parameters of each model in their own units.
-        """
+        """Return errors, criteria and parameters of the law as plain data."""
         return {
             "law": self.name,
             "parameters": self.parameters,
@@ -331,41 +301,13 @@ class Comparison:
 
 
 def largest_tied_error(rows: Sequence[ComparisonRow], noise: float) -> float:
-    """Return the greatest test error that is as good as the least one.
-
-    That is one standard error more (Breiman et al. 1984, Classification and Regression Trees, ch.
-    3.4; Hastie et al. 2009, The Elements of Statistical Learning, ch. 7.10), 5 % more, or 1.25 times the
-    noise, whichever is greatest.
-
-    Parameters
-    ----------
-    rows : sequence of ComparisonRow
-        Laws that were fitted, one at least.
-    noise : float
-        White noise of the records, in rms swings, without unit.
-
-    Returns
-    -------
-    float
-        Test error in rms swings, without unit.
-    """
+    """Return the greatest test error that is as good as the least one."""
     least = min(rows, key=lambda row: row.error)
     return max((1.0 + TIE) * least.error, least.error + least.standard_error, NOISE_TIE * noise)
 
 
 def best_error_text(best: ComparisonRow) -> str:
-    """Return the error of the first law of a record in a sentence.
-
-    Parameters
-    ----------
-    best : ComparisonRow
-        Row of the law that is first.
-
-    Returns
-    -------
-    str
-        Its test error in per cent of the rms swing.
-    """
+    """Return the error of the first law of a record in a sentence."""
     if math.isinf(best.error):
         return "No law predicts what it has not seen."
     return (
@@ -375,36 +317,12 @@ def best_error_text(best: ComparisonRow) -> str:
 
 
 def root_mean_square(errors: Sequence[float]) -> float:
-    """Root mean square of some errors.
-
-    Parameters
-    ----------
-    errors : sequence of float
-        Errors in one unit, one at least.
-
-    Returns
-    -------
-    float
-        In the same unit; infinite where an error is.
-    """
+    """Root mean square of some errors."""
     return math.sqrt(sum(error**2 for error in errors) / len(errors))
 
 
 def format_percent(fraction: float, standard_error: float = 0.0) -> str:
-    """Error in per cent as text, with its standard error where there is one.
-
-    Parameters
-    ----------
-    fraction : float
-        Error as a fraction, without unit; infinite for a law that diverges.
-    standard_error : float
-        Standard error of the fraction; 0 if it is unknown.
-
-    Returns
-    -------
-    str
-        Three digits and a per cent sign, or ``"diverges"``.
-    """
+    """Error in per cent as text, with its standard error where there is one."""
     if math.isinf(fraction):
         return "diverges"
     spread = f" ± {format_number(100.0 * standard_error, 2)}" if standard_error else ""

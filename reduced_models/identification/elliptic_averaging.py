@@ -28,23 +28,7 @@ _MOST_LOST = 0.5
 
 
 def solve_elliptic_motion(model: ReducedModel, duration: float) -> EllipticMotion | None:
-    """Elliptic motion with which a fitted Duffing law starts.
-
-    Jacobi's functions solve the law without drag (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch. 3).
-
-    Parameters
-    ----------
-    model : ReducedModel
-        Fitted Duffing law.
-    duration : float
-        Duration of its record [s].
-
-    Returns
-    -------
-    EllipticMotion or None
-        None where it is a cosine (m below 0.01) or no bounded motion, or where drag takes more than half
-        of the amplitude in the record.
-    """
+    """Elliptic motion with which a fitted Duffing law starts; duration [s]."""
     if _lost_amplitude_fraction(model, duration) > _MOST_LOST:
         return None
     values = model.parameters
@@ -53,22 +37,7 @@ def solve_elliptic_motion(model: ReducedModel, duration: float) -> EllipticMotio
 
 
 def elliptic_motion_text(motion: EllipticMotion, model: ReducedModel, duration: float) -> str:
-    """Sentence that a fitted Duffing law and an elliptic function are one motion.
-
-    Parameters
-    ----------
-    motion : EllipticMotion
-        Motion with which the law starts.
-    model : ReducedModel
-        Fitted Duffing law.
-    duration : float
-        Duration of its record [s].
-
-    Returns
-    -------
-    str
-        Formula of the motion, and the fraction of the amplitude that drag takes from 1 % on.
-    """
+    """Sentence that a fitted Duffing law and an elliptic function are one motion; duration [s]."""
     lost = _lost_amplitude_fraction(model, duration)
     start = "" if lost < 0.01 else f" at the start (drag takes {100 * lost:.2g} % of the swing)"
     return (
@@ -84,26 +53,12 @@ def _lost_amplitude_fraction(model: ReducedModel, duration: float) -> float:
 
 
 class EllipticAveraging(NamedTuple):
-    """The drift of a law's amplitude by elliptic averaging, next to that of its own solution.
-
-    Attributes
-    ----------
-    law : str
-    unit : str
-        Of the amplitudes.
-    amplitudes, frequencies : (float, float)
-        Of the first and the last whole cycle in the record, by averaging; [Hz].
-    solved_amplitudes, solved_frequencies : (float, float)
-        The same of the law's own motion. Averaging starts from the first amplitude.
-    critical : float
-        Greatest damping within the first swing over the critical one at its rate. Averaging is of
-        the first order in it and says nothing from 1 on.
-    """
+    """The drift of a law's amplitude by elliptic averaging, next to that of its own solution."""
 
     law: str
     unit: str
-    amplitudes: tuple[float, float]
-    frequencies: tuple[float, float]
+    amplitudes: tuple[float, float]  # [Hz]
+    frequencies: tuple[float, float]  # [Hz]
     solved_amplitudes: tuple[float, float]
     solved_frequencies: tuple[float, float]
     critical: float
@@ -129,21 +84,7 @@ class EllipticAveraging(NamedTuple):
 def average_elliptically(model: ReducedModel, time: np.ndarray) -> EllipticAveraging | None:
     """Amplitude and frequency of a fitted law by elliptic averaging, next to those of its own solution.
 
-    The method of Krylov and Bogoliubov with elliptic functions (Barkham & Soudack 1969,
-    doi:10.1080/00207176908905886).
-
-    Parameters
-    ----------
-    model : ReducedModel
-        Fitted law.
-    time : float64 (n,)
-        Times of its record [s].
-
-    Returns
-    -------
-    EllipticAveraging or None
-        None where no averaging of the law is known, it has inputs or diverges, or too few cycles about the
-        level of rest are seen.
+    time [s].
     """
     make = OSCILLATORS.get(model.law.name)
     if make is None or model.law.inputs:

@@ -210,15 +210,7 @@ def _run_beside_checks(
     background: BackgroundCaseRunner | None,
     lift: bool,
 ) -> tuple[Trajectory, SceneChecks | None]:
-    """Run of a scene, or one that is there; its checks, which are begun before it.
-
-    Parameters
-    ----------
-    free_step : bool
-        Whether step and sum over pairs are chosen here.
-    background : BackgroundCaseRunner or None
-        Where the checks run; None where none are wanted.
-    """
+    """Run of a scene, or one that is there; its checks, which are begun before it."""
     from granular.scene.scene import Scene
 
     if isinstance(source, Scene):
@@ -367,11 +359,7 @@ def _frequency_error_notes(figures: Sequence[QuantityWithError]) -> tuple[str, .
 def _add_check_outcomes(
     result: Identification, run: Trajectory, further: SceneChecks, progress: bool, falls: bool
 ) -> Identification:
-    """Judge laws on another lift and other falls; give figures step errors and scatter.
-
-    A check that fails becomes a note. The other lift is run where there are laws to choose from,
-    and other falls, if asked for, where the scene begins with one.
-    """
+    """Judge laws on another lift and other falls; give figures step errors and scatter."""
     checks = further.wait_for_outcomes(run, falls, progress)
     comparison, model, figures, own = result.comparison, result.model_of_figures, result.figures, result.own
     record, mass = result.record, result.mass
@@ -425,26 +413,7 @@ def suggest_next_steps(
     run: Trajectory | None,
     discovery: str | None,
 ) -> tuple[str, ...]:
-    """Sentences on what to try, the most promising first; nothing where the best law is good.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        Laws compared, the best first.
-    models : sequence of ReducedModel
-        Fitted laws.
-    record : PistonRecord
-        Record that they were fitted to.
-    run : Trajectory or None
-        Run that the record is of.
-    discovery : str or None
-        Method of discovery that was tried already.
-
-    Returns
-    -------
-    tuple of str
-        Advice; empty where the test error is below 5 % of the rms swing or three times the noise.
-    """
+    """Sentences on what to try, the most promising first; nothing where the best law is good."""
     best = comparison.rows[0]
     if best.error < max(POOR, _NOISE_TIMES * comparison.noise):
         return ()

@@ -41,26 +41,12 @@ _HOW = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MeasuredSwing:
-    """Frequency and damping against amplitude.
-
-    Attributes
-    ----------
-    record : Backbone
-        Of the record itself.
-    law : Backbone or None
-        Of the law's motion in the place of the record, by the same reading; None where it does not swing.
-    law_name : str
-    amplitudes : tuple of float
-        That are shown [m], the greatest first.
-    figures : tuple of QuantityWithError
-        Frequency and damping ratio of the record at each of them.
-    units : EngineeringUnits
-    """
+    """Frequency and damping against amplitude."""
 
     record: Backbone
     law: Backbone | None
     law_name: str
-    amplitudes: tuple[float, ...]
+    amplitudes: tuple[float, ...]  # that are shown [m], the greatest first
     figures: tuple[QuantityWithError, ...]
     units: EngineeringUnits
 
@@ -123,33 +109,11 @@ class MeasuredSwing:
         )
 
     def amplitude_text(self, index: int) -> str:
-        """Return an amplitude that is shown, with its unit.
-
-        Parameters
-        ----------
-        index : int
-            Index into ``amplitudes``.
-
-        Returns
-        -------
-        str
-            Two digits, in mm or degrees.
-        """
+        """Return an amplitude that is shown, with its unit."""
         return format_amplitude(self.amplitudes[index], self.units)
 
     def quantities_at(self, index: int) -> tuple[QuantityWithError, QuantityWithError]:
-        """Frequency and damping ratio of the record at an amplitude that is shown.
-
-        Parameters
-        ----------
-        index : int
-            Index into ``amplitudes``.
-
-        Returns
-        -------
-        tuple of QuantityWithError
-            Frequency [Hz] and damping ratio [%].
-        """
+        """Frequency and damping ratio of the record at an amplitude that is shown [Hz, %]."""
         return self.figures[2 * index], self.figures[2 * index + 1]
 
     @property
@@ -166,13 +130,7 @@ class MeasuredSwing:
         return own + words if self.law_agrees else f"{words} {own}"
 
     def to_plain(self) -> dict[str, Any]:
-        """Return method, agreement, and figures by amplitude as plain data.
-
-        Returns
-        -------
-        dict of str to any
-            Texts, and the figures in their units by name.
-        """
+        """Return method, agreement, and figures by amplitude as plain data."""
         return {
             "method": self.record.method,
             "agreement": self.agreement_text,
@@ -181,13 +139,7 @@ class MeasuredSwing:
         }
 
     def add_section_to(self, page: HtmlPage) -> None:
-        """Add picture and table of frequency and damping against amplitude to a report.
-
-        Parameters
-        ----------
-        page : HtmlPage
-            Report to which the section is added.
-        """
+        """Add picture and table of frequency and damping against amplitude to a report."""
         page.add_section("Frequency and damping of the record itself")
         words = _HOW[self.record.method]
         page.add_paragraph(f"{words} {self.agreement_text[:1].upper()}{self.agreement_text[1:]}.")
@@ -240,42 +192,12 @@ def _round_up_bound(value: float) -> float:
 
 
 def format_amplitude(size: float, units: EngineeringUnits) -> str:
-    """Amplitude with its unit, in two digits.
-
-    Parameters
-    ----------
-    size : float
-        Amplitude [m], or [rad] of an angle.
-    units : EngineeringUnits
-        Units in which it is shown.
-
-    Returns
-    -------
-    str
-        Such as ``"1.2 mm"``.
-    """
+    """Amplitude with its unit, in two digits; size [m, rad]."""
     return f"{units.scale * size:.2g} {units.length}"
 
 
 def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | None:
-    """Frequency and damping of a record against amplitude, next to those of a law's motion there.
-
-    Of a free swing they are those of its envelope (Londono, Neild & Cooper 2015,
-    doi:10.1016/j.jsv.2015.02.003), of a driven one those of its restoring force (Masri & Caughey 1979,
-    doi:10.1115/1.3424568).
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Motion of n samples.
-    model : ReducedModel
-        Law that was fitted to it; its inputs tell what drives the motion.
-
-    Returns
-    -------
-    MeasuredSwing or None
-        None where too few cycles of the record stand out of its noise.
-    """
+    """Frequency and damping of a record against amplitude, next to those of a law's motion there."""
     units = engineering_units(record.angle, None)
     own = _backbone_of_motion(record, record, model)
     if own is None:
@@ -293,20 +215,7 @@ def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | 
 def quantities_at_amplitudes(
     record: PistonRecord, reference: MeasuredSwing
 ) -> tuple[QuantityWithError, ...] | None:
-    """Frequency and damping of another free record at the amplitudes of one.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Free swing of n samples.
-    reference : MeasuredSwing
-        Swing that has the amplitudes and units.
-
-    Returns
-    -------
-    tuple of QuantityWithError or None
-        Frequency [Hz] and damping ratio [%] at each amplitude; None where they cannot be read.
-    """
+    """Frequency and damping of another free record at the amplitudes of one [Hz, %]."""
     try:
         return _frequency_and_damping(free_backbone(record), reference.amplitudes, reference.units)
     except GranularError:

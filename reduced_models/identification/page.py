@@ -51,31 +51,14 @@ def comparison_page(table: Comparison) -> HtmlPage:
 
 
 def provenance_text() -> str:
-    """Sentence with the date, and the versions of the libraries that made the fits.
-
-    Returns
-    -------
-    str
-        Date and time in UTC, names and versions.
-    """
+    """Sentence with the date, and the versions of the libraries that made the fits."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     programs = versions(("scipy", "sympy", "jax", "jaxlib", "pandas", "matplotlib"))
     return f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in programs.items())
 
 
 def capitalise(words: str) -> str:
-    """Return words with a capital in front.
-
-    Parameters
-    ----------
-    words : str
-        Beginning of a sentence.
-
-    Returns
-    -------
-    str
-        The same with its first letter in upper case.
-    """
+    """Return words with a capital in front."""
     return words[:1].upper() + words[1:]
 
 
@@ -88,18 +71,7 @@ def add_swing_section(
 ) -> None:
     """Add level, frequency, damping and stiffness of the law's swing, and the parts of their errors.
 
-    Parameters
-    ----------
-    page : HtmlPage
-        Report to which the section is added.
-    figures : sequence of QuantityWithError
-        Figures of the swing, each in its unit; a note stands in for none.
-    model : ReducedModel
-        Law that they come from.
-    mass : float or None
-        Mass of what moves [kg], where it is known.
-    averaging : str
-        Sentence of elliptic averaging on the law; empty where it says nothing.
+    mass [kg].
     """
     if not figures:
         page.add_warning("The law has no level of rest near the record, so no small swing can be told.")
@@ -172,20 +144,7 @@ def _swing_explanation(figures: Sequence[QuantityWithError], model: ReducedModel
 
 
 def add_residual_tests_section(page: HtmlPage, tests: Mapping[str, ResidualTests], angle: bool) -> None:
-    """Add what each law leaves over, and whether that is noise.
-
-    The tests are those of Ljung and Box (1978, doi:10.1093/biomet/65.2.297) and of Wald and Wolfowitz (1940,
-    doi:10.1214/aoms/1177731909).
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Report to which the section is added.
-    tests : mapping of str to ResidualTests
-        Tests by the names of the laws; nothing is added for none.
-    angle : bool
-        True for residuals in [rad], False for [m].
-    """
+    """Add what each law leaves over, and whether that is noise; angle [rad, m]."""
     if not tests:
         return
     unit, scale = ("°", 180.0 / math.pi) if angle else ("µm", 1e6)
@@ -218,17 +177,7 @@ def _format_probability(value: float) -> str:
 
 
 def add_law_section(page: HtmlPage, model: ReducedModel, remark: str) -> None:
-    """Add a fitted law: its equations, parameters, notes and quality.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Report to which the section is added.
-    model : ReducedModel
-        Fitted law.
-    remark : str
-        Words behind its name in the heading.
-    """
+    """Add a fitted law: its equations, parameters, notes and quality."""
     page.add_section(f"{model.law.name}{remark}")
     add_equations(page, model)
     meaning = f"z is the {model.coordinate} in {'radians' if model.angle else 'metres'}"
@@ -255,15 +204,7 @@ def add_law_section(page: HtmlPage, model: ReducedModel, remark: str) -> None:
 
 
 def add_equations(page: HtmlPage, model: ReducedModel) -> None:
-    """Add a law with symbols and with its numbers, and those of its hidden states.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Report to which the equations are added, as MathML.
-    model : ReducedModel
-        Fitted law.
-    """
+    """Add a law with symbols and with its numbers, and those of its hidden states."""
     symbols = {
         name: round_expression(rate, model.printed_digits) for name, rate in model.law.sympy_hidden().items()
     }

@@ -34,18 +34,7 @@ _ENERGIES = {
 
 
 def downsample(*columns: np.ndarray) -> list[np.ndarray]:
-    """Return columns with as many of their samples as can be seen in a picture.
-
-    Parameters
-    ----------
-    *columns : float64 (n,)
-        Columns of one length, in any units.
-
-    Returns
-    -------
-    list of float64 (m,)
-        Every k-th sample of each; m is less than 6000.
-    """
+    """Return columns with as many of their samples as can be seen in a picture."""
     every = max(1, len(columns[0]) // _MOST_POINTS)
     return [column[::every] for column in columns]
 
@@ -88,11 +77,7 @@ def _add_curves_and_residuals(
     height: float = 6.2,
     legend: bool = True,
 ) -> None:
-    """Add a record with curves over it, and below what each of them misses.
-
-    A curve is its name, its heights from the record's first sample on, and its look; ``legend``
-    puts the names above the picture, and not into it.
-    """
+    """Add a record with curves over it, and below what each of them misses."""
     shown, time = _coordinate_axis(record), record.time - record.time[0]
     with figure(2, 1, height=height, size=READABLE, sharex=True, height_ratios=(2, 1)) as (
         drawing,
@@ -120,22 +105,7 @@ def _add_curves_and_residuals(
 
 
 def add_record_section(page: HtmlPage, record: PistonRecord, best: ReducedModel) -> None:
-    """Add the record, and the best law over it.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Report to which the section is added.
-    record : PistonRecord
-        Motion that was identified.
-    best : ReducedModel
-        Best law.
-
-    Raises
-    ------
-    InputError
-        If the law's motion diverges along the record.
-    """
+    """Add the record, and the best law over it."""
     page.add_section("The record")
     _add_curves_and_residuals(
         page,
@@ -153,24 +123,7 @@ def add_record_section(page: HtmlPage, record: PistonRecord, best: ReducedModel)
 def add_fits_section(
     page: HtmlPage, record: PistonRecord, models: Sequence[ReducedModel], best: ReducedModel
 ) -> None:
-    """Add all fits over the record, and what they leave over.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Report to which the section is added.
-    record : PistonRecord
-        Motion that was identified.
-    models : sequence of ReducedModel
-        Fitted laws, each drawn in its own style.
-    best : ReducedModel
-        Best law, whose test swings are shaded.
-
-    Raises
-    ------
-    InputError
-        If a law's motion diverges along the record.
-    """
+    """Add all fits over the record, and what they leave over."""
     page.add_section("The record and the fits")
     _add_curves_and_residuals(
         page,
@@ -187,22 +140,7 @@ def add_fits_section(
 
 
 def add_phase_portrait(page: HtmlPage, record: PistonRecord, best: ReducedModel) -> None:
-    """Add velocity over height of the record and of the best law.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Report to which the picture is added.
-    record : PistonRecord
-        Motion that was identified; without velocities they are differences of its heights.
-    best : ReducedModel
-        Best law.
-
-    Raises
-    ------
-    InputError
-        If the law's motion diverges along the record.
-    """
+    """Add velocity over height of the record and of the best law."""
     shown = _coordinate_axis(record)
     with figure(height=4.8, size=READABLE) as (drawing, axes):
         speed = record.velocity
@@ -222,17 +160,7 @@ def add_phase_portrait(page: HtmlPage, record: PistonRecord, best: ReducedModel)
 
 
 def add_higher_lift_section(page: HtmlPage, lift: PistonRecord, table: Comparison) -> None:
-    """Add a lift that no law has seen, and what the laws predict of it.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Report to which the section is added.
-    lift : PistonRecord
-        Motion after a lift three times as high.
-    table : Comparison
-        Laws that were judged on it last.
-    """
+    """Add a lift that no law has seen, and what the laws predict of it."""
     ranked = table.ranking_on_last_record()
     best = ranked[0][0].relative
     page.add_section("A lift that no law has seen")
@@ -267,15 +195,7 @@ def add_higher_lift_section(page: HtmlPage, lift: PistonRecord, table: Compariso
 
 
 def add_comparison_section(page: HtmlPage, table: Comparison) -> None:
-    """Add the table of laws and their test errors.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Report to which the section is added.
-    table : Comparison
-        Laws compared; errors in rms swings.
-    """
+    """Add the table of laws and their test errors."""
     page.add_section("The laws compared")
     header, cells = table.header, table.cells()
     if not any(row.divergence_count for row in table.rows):
@@ -296,20 +216,7 @@ def add_comparison_section(page: HtmlPage, table: Comparison) -> None:
 
 
 def add_falls_section(page: HtmlPage, falls: DropScores) -> None:
-    """Add what the laws of a fall say of falls that they have not seen, and their errors.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Report to which tables and pictures are added.
-    falls : DropScores
-        Laws fitted to one fall, judged on others; errors over the height of the drop.
-
-    Raises
-    ------
-    InputError
-        If one of the best laws diverges along the highest of the falls.
-    """
+    """Add what the laws of a fall say of falls that they have not seen, and their errors."""
     page.add_table(falls.header, falls.cells())
     page.add_paragraph(
         "Each law was fitted to the scene's own fall, and predicts the others from the height at "
@@ -341,15 +248,7 @@ def add_falls_section(page: HtmlPage, falls: DropScores) -> None:
 
 
 def add_run_sections(page: HtmlPage, run: Trajectory) -> None:
-    """Add the bed before and after, the energy ledger, and the settings.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Report to which the sections are added.
-    run : Trajectory
-        Run that the record is of.
-    """
+    """Add the bed before and after, the energy ledger, and the settings."""
     _add_bed_section(page, run)
     _add_energy_ledger_section(page, run)
     _add_settings_section(page, run)

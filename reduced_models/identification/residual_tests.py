@@ -26,26 +26,7 @@ _ROUNDING = 1e-5  # of the swing: less is the solver's and the file's rounding
 
 @dataclasses.dataclass(frozen=True)
 class ResidualTests:
-    """Residuals of a model, and tests of them.
-
-    Attributes
-    ----------
-    rms : float
-        In the record's unit, of all of it.
-    relative : float
-        Over the rms swing.
-    whiteness, signs : float
-        Probabilities that white noise is correlated as much, and that it changes its sign as
-        seldom, or as often (tests of Ljung & Box, and of Wald & Wolfowitz).
-    swing, double : float
-        Power about the swing's frequency, and about twice it, over that of the frequencies about
-        them: about 1 for noise of any smooth spectrum. 1 where the law does not swing.
-    transient : float
-        Duration of what the release stirred up and the law does not describe [s]; 0 without. The
-        tests are of what follows.
-    after : float
-        Rms after that, over the rms swing.
-    """
+    """Residuals of a model, and tests of them."""
 
     rms: float
     relative: float
@@ -53,7 +34,7 @@ class ResidualTests:
     signs: float
     swing: float
     double: float
-    transient: float
+    transient: float  # [s]
     after: float
 
     @property
@@ -84,41 +65,14 @@ class ResidualTests:
         return "not white: the law is wrong, or the noise is coloured"
 
     def to_plain(self) -> dict[str, Any]:
-        """Return figures and verdict as plain data.
-
-        Returns
-        -------
-        dict of str to any
-            The attributes by their names, and the verdict.
-        """
+        """Return figures and verdict as plain data."""
         return {**dataclasses.asdict(self), "verdict": self.verdict}
 
 
 def residual_tests(
     model: ReducedModel, time: np.ndarray, height: np.ndarray, model_heights: np.ndarray
 ) -> ResidualTests:
-    """Test the residuals of a model on the record that it was fitted to.
-
-    Whiteness and signs are the tests of Ljung and Box (1978, doi:10.1093/biomet/65.2.297) and of Wald and
-    Wolfowitz (1940, doi:10.1214/aoms/1177731909); lines at the swing's frequency are sought in the power
-    spectrum under a Hann window.
-
-    Parameters
-    ----------
-    model : ReducedModel
-        Fitted law, with the period of its small swing and the tests of its whole residuals.
-    time : float64 (n,)
-        Times of the samples [s].
-    height : float64 (n,)
-        Recorded heights [m], or angles [rad].
-    model_heights : float64 (n,)
-        Heights of the model at these times, in the same unit.
-
-    Returns
-    -------
-    ResidualTests
-        Size of the residuals, and tests of what follows the release's transient.
-    """
+    """Test the residuals of a model on the record that it was fitted to; time [s], height [m, rad]."""
     residuals = height - model_heights
     rms, size = _rms(residuals), float(height.std())
     swing, double = 1.0, 1.0

@@ -43,40 +43,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Identification:
-    """The laws of a motion, judged.
-
-    Attributes
-    ----------
-    record : PistonRecord
-    models : tuple of ReducedModel
-        One a law, in the order asked for.
-    comparison : Comparison
-        Table of the laws, and the verdict.
-    run : Trajectory or None
-        Where the record comes from a simulation.
-    figures : tuple of QuantityWithError
-        Rest, frequency, damping, stiffness of the swing about rest, with their errors.
-    figures_law : str
-        The law whose fit they come from.
-    notes : tuple of str
-        What is to be doubted in the run or its checks, and what was not used.
-    seconds : mapping of str to float
-        Wall time of each part.
-    mass : float or None
-        Of what moves [kg], where it is known.
-    left_out : tuple of str
-        Laws that were not fitted, and why.
-    residuals : mapping of str to ResidualTests
-        Of each law, what it leaves over of the record.
-    advice : tuple of str
-        What to try where even the best law is poor.
-    lift : PistonRecord or None
-        A lift that no law has seen.
-    falls : DropScores or None
-        Laws of the whole fall, judged on falls that no law has seen.
-    own : MeasuredSwing or None
-        Frequency and damping against amplitude of the record itself, without a law.
-    """
+    """The laws of a motion, judged."""
 
     record: PistonRecord
     models: tuple[ReducedModel, ...]
@@ -86,7 +53,7 @@ class Identification:
     figures_law: str
     notes: tuple[str, ...]
     seconds: Mapping[str, float]
-    mass: float | None = None
+    mass: float | None = None  # [kg]
     left_out: tuple[str, ...] = ()
     residuals: Mapping[str, ResidualTests] = dataclasses.field(default_factory=dict)
     advice: tuple[str, ...] = ()
@@ -122,18 +89,7 @@ class Identification:
         return average_elliptically(self.best, self.record.time)
 
     def figure(self, name: str) -> QuantityWithError | None:
-        """Figure of the law's swing by its name.
-
-        Parameters
-        ----------
-        name : str
-            Such as ``"natural frequency"``, ``"damping ratio"`` or ``"stiffness"``.
-
-        Returns
-        -------
-        QuantityWithError or None
-            Value in its unit, with the parts of its error; None where the law has none.
-        """
+        """Figure of the law's swing by its name."""
         return next((figure for figure in self.figures if figure.name == name), None)
 
     @property
@@ -193,13 +149,7 @@ class Identification:
         return [*words, *self._falls_verdict]
 
     def to_plain(self) -> dict[str, Any]:
-        """Return figures, verdict and models as plain data.
-
-        Returns
-        -------
-        dict of str to any
-            Numbers in SI units but for figures, which name theirs; texts and lists.
-        """
+        """Return figures, verdict and models as plain data."""
         return {
             "verdict": self.verdict,
             "best": self.best.law.name,
@@ -249,13 +199,7 @@ class Identification:
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
     def page(self) -> HtmlPage:
-        """Make the report: the answer in an engineer's words, the record, then the rest.
-
-        Returns
-        -------
-        HtmlPage
-            Page with tables and pictures; ``save`` writes it.
-        """
+        """Make the report: the answer in an engineer's words, the record, then the rest."""
         name = "a record" if self.run is None else f"scene {self.run.scene.name!r}"
         first, *others = self._answer_paragraphs
         page = HtmlPage(f"The equation of {name}", first)
@@ -294,20 +238,7 @@ class Identification:
         return page
 
     def save(self, out: str | Path) -> None:
-        """Write report.html, model.json and equations.txt (the best), models/ and record.csv.
-
-        Where laws were judged on falls, the best one as fall.json, and its fall as fall.csv.
-
-        Parameters
-        ----------
-        out : str or Path
-            Directory to write to, made where it is not there yet.
-
-        Raises
-        ------
-        StoreError
-            If a file cannot be written.
-        """
+        """Write report.html, model.json and equations.txt (the best), models/ and record.csv."""
         out = Path(out)
         make_directory(out / "models")
         self.record.to_csv(out / "record.csv")
@@ -331,18 +262,7 @@ def _error_parts_text(figure: QuantityWithError) -> str:
 
 
 def higher_lift_verdict(table: Comparison) -> str:
-    """Return the law that predicts the last held-out record best, and by how much.
-
-    Parameters
-    ----------
-    table : Comparison
-        Laws that were judged on a lift three times as high.
-
-    Returns
-    -------
-    str
-        Sentence with the errors in per cent of the rms swing.
-    """
+    """Return the law that predicts the last held-out record best, and by how much."""
     (best, name), *others = table.ranking_on_last_record()
     if math.isinf(best.relative):
         return "No law follows a lift three times as high, which none has seen."
@@ -362,20 +282,7 @@ def higher_lift_verdict(table: Comparison) -> str:
 
 
 def checked_work_precision_text(run: Trajectory, rest: QuantityWithError | None) -> str:
-    """Time and error of a run whose level of rest was checked; without a check, `work_precision_text`.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run with its settings.
-    rest : QuantityWithError or None
-        Level of rest with the parts of its error.
-
-    Returns
-    -------
-    str
-        Seconds of the run, relative error of the rest height by its step, and scatter by its start.
-    """
+    """Time and error of a run whose level of rest was checked; without a check, `work_precision_text`."""
     if rest is None or "step" not in rest.parts or not rest.value > 0.0:
         # Fits alone need nothing of the simulation.
         from granular.run.work_precision import work_precision_text

@@ -46,15 +46,7 @@ _STILL = 0.05  # of the drop: what falls less far is a nudge
 
 
 class RunCheck(NamedTuple):
-    """A further run of a scene.
-
-    Attributes
-    ----------
-    what : str
-        In words, for messages.
-    changes : mapping
-        To the run: its ``dt``, or keys of its scene.
-    """
+    """A further run of a scene."""
 
     what: str
     changes: Mapping[str, Any]
@@ -68,35 +60,14 @@ class CheckFailure(NamedTuple):
 
 
 class TimeStepCheck(NamedTuple):
-    """A run with another time step.
-
-    Attributes
-    ----------
-    check : RunCheck
-    factor : float
-        Error of the step that was used, over what the other one changes.
-    """
+    """A run with another time step."""
 
     check: RunCheck
     factor: float
 
 
 class CheckOutcomes(NamedTuple):
-    """Records of further runs of a scene, and laws judged on its falls.
-
-    Attributes
-    ----------
-    step : PistonRecord or CheckFailure
-        With another time step.
-    step_check : TimeStepCheck
-    starts : tuple of (str, PistonRecord or CheckFailure)
-        From other random starts, each behind its name.
-    lift : PistonRecord or None
-        With another lift.
-    falls : DropScores or None
-    failures : tuple of CheckFailure
-        Of all that were asked for.
-    """
+    """Records of further runs of a scene, and laws judged on its falls."""
 
     step: PistonRecord | CheckFailure
     step_check: TimeStepCheck
@@ -107,18 +78,7 @@ class CheckOutcomes(NamedTuple):
 
 
 class SceneChecks:
-    """Checks of a scene's run, begun before it and computed beside it.
-
-    Parameters
-    ----------
-    background : BackgroundCaseRunner
-        Which measures `piston_record_columns`.
-    scene : Scene
-    settings : mapping
-        ``dt``, ``t_end`` and ``method`` of the run.
-    lift : bool
-        Whether another lift is run.
-    """
+    """Checks of a scene's run, begun before it and computed beside it."""
 
     def __init__(
         self, background: BackgroundCaseRunner, scene: Scene, settings: Mapping[str, Any], lift: bool
@@ -134,22 +94,7 @@ class SceneChecks:
         return list(zip(checks, started, strict=True))
 
     def wait_for_outcomes(self, run: Trajectory, falls: bool, progress: bool) -> CheckOutcomes:
-        """Run what depends on the scene's own run, fit laws of its fall meanwhile, wait for all.
-
-        Parameters
-        ----------
-        run : Trajectory
-            The scene's own run.
-        falls : bool
-            Run falls from other heights where the scene begins with one, and judge laws on them.
-        progress : bool
-            Show what is being done.
-
-        Returns
-        -------
-        CheckOutcomes
-            Records of the further runs, and what failed.
-        """
+        """Run what depends on the scene's own run, fit laws of its fall meanwhile, wait for all."""
         step = choose_step_check(run)
         other = self._start_runs([step.check])
         fall = first_fall(run) if falls else None
@@ -192,23 +137,7 @@ class SceneChecks:
 
 
 def piston_record_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Piston's record of a run, and of its first stage where that is a free motion, as columns.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run of a scene with a piston.
-
-    Returns
-    -------
-    dict of str to dict
-        Lists of numbers in SI units (times [s], heights [m]) by column, of `RECORD` and of `FALL`.
-
-    Raises
-    ------
-    RecordError
-        If the run has no record of the piston.
-    """
+    """Piston's record of a run, and of its first stage where that is a free motion, as columns [s, m]."""
     from granular.protocol.free_piston_stages import Free
 
     motions = {RECORD: run.piston()}
@@ -260,31 +189,7 @@ def add_check_errors(
 ) -> tuple[tuple[QuantityWithError, ...], MeasuredSwing | None, list[CheckFailure]]:
     """Return figures and own swing with errors of step and start, as far as there are runs.
 
-    The records of the runs are fitted by the law and map of the figures' model, over the same duration.
-
-    Parameters
-    ----------
-    figures : sequence of QuantityWithError
-        Figures of the law's swing, each in its unit.
-    measured : MeasuredSwing or None
-        Frequency and damping of the record itself.
-    model : ReducedModel
-        Law that the figures come from.
-    mass : float or None
-        Mass of what moves [kg], where it is known.
-    duration : float
-        Duration of the record [s].
-    outcomes : CheckOutcomes
-        Records of the further runs.
-
-    Returns
-    -------
-    figures : tuple of QuantityWithError
-        The same figures, with the parts ``step`` and ``start`` of their errors.
-    measured : MeasuredSwing or None
-        Likewise.
-    failed : list of CheckFailure
-        Fits that failed.
+    mass [kg], duration [s].
     """
     runs_by_name = [(outcomes.step_check.check.what, outcomes.step), *outcomes.starts]
     fits = [
@@ -342,23 +247,7 @@ def _quantities_of_further_run(
 
 
 def choose_step_check(run: Trajectory) -> TimeStepCheck:
-    """Check of a run by twice its time step, or half of it where twice is too coarse.
-
-    A method of order p is off by 1/(2^p - 1) of what twice the step changes; all of the change is
-    taken for the error, which it bounds also where a bed that packs otherwise follows no order.
-    Half the step changes 1 - 2^-p of the error (Richardson extrapolation; Hairer, Norsett & Wanner 1993,
-    Solving Ordinary Differential Equations I, sec. II.4).
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run with its settings.
-
-    Returns
-    -------
-    TimeStepCheck
-        Step of the other run [s], and the error of the run's own step over what the other one changes.
-    """
+    """Check of a run by twice its time step, or half of it where twice is too coarse [s]."""
     from granular.run.settings_for_accuracy import RESOLVED
     from granular.run.time_steps import can_run_with_step, double_time_step, halve_time_step
 
@@ -372,18 +261,7 @@ def choose_step_check(run: Trajectory) -> TimeStepCheck:
 
 
 def random_start_checks(scene: Scene) -> list[RunCheck]:
-    """Give the checks of a scene from other random starts, all else alike.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene with the seed of its arrangement.
-
-    Returns
-    -------
-    list of RunCheck
-        One a seed, `CHECK_SEEDS` of them.
-    """
+    """Give the checks of a scene from other random starts, all else alike."""
     first = scene.arrangement.seed + 1
     return [
         RunCheck(f"random start {seed}", {"arrangement.seed": seed})
@@ -392,18 +270,7 @@ def random_start_checks(scene: Scene) -> list[RunCheck]:
 
 
 def higher_lift_check(scene: Scene) -> RunCheck | None:
-    """Check of a scene with a lift three times as high.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene with its protocol.
-
-    Returns
-    -------
-    RunCheck or None
-        Change of the lift's height [m]; None where not just one stage lifts.
-    """
+    """Check of a scene with a lift three times as high [m]."""
     from granular.protocol.driven_piston_stages import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
@@ -413,18 +280,7 @@ def higher_lift_check(scene: Scene) -> RunCheck | None:
 
 
 def end_time_of_open_run(run: Trajectory) -> float | None:
-    """End of a run whose last stage has no end of its own.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Complete run.
-
-    Returns
-    -------
-    float or None
-        Time of the last sample [s]; None where the last stage has a duration of its own.
-    """
+    """End of a run whose last stage has no end of its own [s]."""
     height = 1.0 if run.scene.piston is None else run.scene.piston.height
     if run.scene.protocol[-1].total_duration(height) is not None:
         return None
@@ -432,18 +288,7 @@ def end_time_of_open_run(run: Trajectory) -> float | None:
 
 
 def first_fall(run: Trajectory) -> PistonRecord | None:
-    """Record of the fall with which a run begins.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Complete run.
-
-    Returns
-    -------
-    PistonRecord or None
-        Up to ten periods of the small swing; None where the run begins otherwise, or falls too little.
-    """
+    """Record of the fall with which a run begins."""
     from granular.protocol.free_piston_stages import Free
 
     scene = run.scene
@@ -471,20 +316,7 @@ def _height_after_fall(run: Trajectory) -> float:
 
 
 def other_drop_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
-    """Give the checks by the fall alone, from other heights that the grains fit under.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run that begins with a fall.
-    fall : PistonRecord
-        That fall, times in [s] and heights in [m].
-
-    Returns
-    -------
-    list of RunCheck
-        One a height, of `DROPS` times the scene's drop.
-    """
+    """Give the checks by the fall alone, from other heights that the grains fit under; fall [s, m]."""
     scene = run.scene
     assert scene.piston is not None
     first = scene.protocol[0]

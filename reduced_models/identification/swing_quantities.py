@@ -28,16 +28,7 @@ _STEP = 1e-4  # of a number, by which it is changed to see what follows from it
 
 
 class QuantityWithError(NamedTuple):
-    """A number with its total error.
-
-    Attributes
-    ----------
-    name, symbol, unit : str
-    value : float
-        In that unit.
-    parts : mapping of str to float
-        Parts of its error that are known, of `PARTS`, in that unit.
-    """
+    """A number with its total error."""
 
     name: str
     symbol: str
@@ -79,13 +70,7 @@ class QuantityWithError(NamedTuple):
         return self.text_with_error.removesuffix(f" {self.unit}")
 
     def to_plain(self) -> dict[str, Any]:
-        """Value, unit, total error and its parts as plain data; null for what is not known.
-
-        Returns
-        -------
-        dict of str to any
-            Numbers in the quantity's unit.
-        """
+        """Value, unit, total error and its parts as plain data; null for what is not known."""
         return {
             "value": self.value,
             "unit": self.unit,
@@ -95,21 +80,7 @@ class QuantityWithError(NamedTuple):
 
 
 def decimal_places_of_interval(value: float, low: float, high: float) -> int:
-    """Count the decimals of a value that has an interval; negative ones are zeros before the point.
-
-    Parameters
-    ----------
-    value : float
-        Value in any unit.
-    low, high : float
-        Ends of its interval, in the same unit.
-
-    Returns
-    -------
-    int
-        Decimals of the first two digits of half the interval; of eight digits where that is 0, and of four
-        where it is infinite.
-    """
+    """Count the decimals of a value that has an interval; negative ones are zeros before the point."""
     half = 0.5 * (high - low)
     size = abs(value) or 1.0
     finest = _MOST_DIGITS - 1 - math.floor(math.log10(size))
@@ -121,20 +92,7 @@ def decimal_places_of_interval(value: float, low: float, high: float) -> int:
 
 
 def format_fixed(value: float, digits: int) -> str:
-    """Return the number with so many decimals, in powers of ten where it is very large or small.
-
-    Parameters
-    ----------
-    value : float
-        Number in any unit.
-    digits : int
-        Decimals; negative ones round before the point.
-
-    Returns
-    -------
-    str
-        Text without a unit.
-    """
+    """Return the number with so many decimals, in powers of ten where it is very large or small."""
     digits = digits if value else min(digits, _MOST_DIGITS)
     size = abs(value)
     if value and not 1e-4 <= size < 1e7:
@@ -143,20 +101,7 @@ def format_fixed(value: float, digits: int) -> str:
 
 
 def format_interval(low: float, high: float, digits: int) -> str:
-    """Interval with so many decimals, rounded outwards: what is in it is in the printed one.
-
-    Parameters
-    ----------
-    low, high : float
-        Ends of the interval, in any unit.
-    digits : int
-        Decimals; negative ones round before the point.
-
-    Returns
-    -------
-    str
-        Such as ``"1.2 to 1.5"``, without a unit.
-    """
+    """Interval with so many decimals, rounded outwards: what is in it is in the printed one."""
     last = 10.0**-digits
     slack = 1e-6 * last  # of numbers that are short in decimals
     if round(low, digits) > low + slack:
@@ -168,17 +113,7 @@ def format_interval(low: float, high: float, digits: int) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class EngineeringUnits:
-    """Units in which the coordinate and its forces are shown.
-
-    Attributes
-    ----------
-    length : str
-    scale : float
-        Of a coordinate in SI, into that.
-    stiffness, damping, friction : str
-    inertia : float
-        Times the law's stiffness and damping.
-    """
+    """Units in which the coordinate and its forces are shown."""
 
     length: str
     scale: float
@@ -189,20 +124,7 @@ class EngineeringUnits:
 
 
 def engineering_units(angle: bool, mass: float | None) -> EngineeringUnits:
-    """Units in which a coordinate and its forces are shown.
-
-    Parameters
-    ----------
-    angle : bool
-        True for an angle [rad], False for a height [m].
-    mass : float or None
-        Mass of what moves [kg]; None if it is unknown.
-
-    Returns
-    -------
-    EngineeringUnits
-        Degrees or millimetres; forces in newtons, or per kilogram (per moment of inertia of an angle).
-    """
+    """Units in which a coordinate and its forces are shown; angle [rad, m], mass [kg]."""
     if angle:
         return EngineeringUnits("°", 180.0 / math.pi, "1/s²", "1/s", "rad/s²", 1.0)
     if mass is None:
@@ -211,26 +133,9 @@ def engineering_units(angle: bool, mass: float | None) -> EngineeringUnits:
 
 
 def swing_quantities(model: ReducedModel, angle: bool, mass: float | None) -> tuple[QuantityWithError, ...]:
-    """Figures of the swing about rest; none where the law has no level of rest.
+    """Figures of the swing about rest; none where the law has no level of rest [mm or degrees, Hz, %].
 
-    Stiffness and damping are k = m (2 pi/T)^2 and c = 4 pi m zeta/T of the linear oscillator that swings
-    alike (Inman 2014, Engineering Vibration, ch. 1). A damping ratio that the record's own peaks contradict
-    is left out, and what follows from it.
-
-    Parameters
-    ----------
-    model : ReducedModel
-        Fitted law.
-    angle : bool
-        True for an angle [rad], False for a height [m].
-    mass : float or None
-        Mass of what moves [kg]; None if it is unknown.
-
-    Returns
-    -------
-    tuple of QuantityWithError
-        Level of rest [mm or degrees], natural frequency [Hz], damping ratio [%], stiffness and damping, and
-        what follows from them, with the errors of the fit and of the calibration.
+    angle [rad, m], mass [kg].
     """
     rest = model.at_rest
     if rest is None:
@@ -335,27 +240,7 @@ def add_step_and_start_errors(
     step: Sequence[QuantityWithError] | None,
     *starts: Sequence[QuantityWithError] | None,
 ) -> tuple[QuantityWithError, ...]:
-    """Add to figures the errors that another time step and other random starts show.
-
-    Another start may lie as far off as Student's t with 95 % times the standard deviation over the starts
-    (Student 1908, doi:10.1093/biomet/6.1.1).
-
-    Parameters
-    ----------
-    figures : sequence of QuantityWithError
-        Figures of the scene's own run, each in its unit.
-    factor : float
-        Error of the step over what the other one changes, without unit.
-    step : sequence of QuantityWithError or None
-        The same of a run with another time step.
-    *starts : sequence of QuantityWithError or None
-        The same of runs from other random starts.
-
-    Returns
-    -------
-    tuple of QuantityWithError
-        Figures with the parts ``step`` and ``start`` of their errors, as far as there are runs.
-    """
+    """Add to figures the errors that another time step and other random starts show."""
     from scipy.stats import t
 
     scattered = [other for other in starts if other is not None]
@@ -374,36 +259,15 @@ def add_step_and_start_errors(
 
 
 def swing_noun(model: ReducedModel) -> str:
-    """Noun for the swing that a model's figures are of.
-
-    Parameters
-    ----------
-    model : ReducedModel
-        Fitted law.
-
-    Returns
-    -------
-    str
-        ``"small swing"``, or ``"swing"`` where the damping ratio is that of an amplitude.
-    """
+    """Noun for the swing that a model's figures are of."""
     rest = model.at_rest
     return "small swing" if rest is None or rest.equivalent is None else "swing"
 
 
 def damped_frequency(period: float, ratio: float) -> float:
-    """Frequency of a damped linear swing: sqrt(1 - zeta^2)/T (Inman 2014, Engineering Vibration, ch. 1).
+    """Frequency of a damped linear swing: sqrt(1 - zeta^2)/T (Inman 2014, Engineering Vibration, ch. 1) [Hz].
 
-    Parameters
-    ----------
-    period : float
-        Period T of the undamped swing [s].
-    ratio : float
-        Damping ratio zeta, from 0 to below 1, without unit.
-
-    Returns
-    -------
-    float
-        Frequency [Hz].
+    period [s].
     """
     return math.sqrt(1.0 - ratio**2) / period
 
@@ -414,22 +278,7 @@ def _logarithmic_decrement(ratio: float) -> float:
 
 
 def swing_sentences(quantities: Sequence[QuantityWithError], subject: str, mass: float | None) -> str:
-    """Rest, frequency, damping and stiffness of the swing in a sentence or two.
-
-    Parameters
-    ----------
-    quantities : sequence of QuantityWithError
-        Figures of a law's swing, the level of rest and the natural frequency among them.
-    subject : str
-        Noun for what moves, with its article.
-    mass : float or None
-        Mass of what moves [kg], where it is known.
-
-    Returns
-    -------
-    str
-        Sentences with each figure's total error and unit.
-    """
+    """Rest, frequency, damping and stiffness of the swing in a sentence or two; mass [kg]."""
     known = {quantity.name: quantity.text_with_error for quantity in quantities}
     words = (
         f"{subject} comes to rest at {known['level of rest']}, and swings about that with a natural "

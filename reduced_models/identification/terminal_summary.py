@@ -21,35 +21,13 @@ _LEAST_DIGITS = 4  # of a parameter
 
 
 def summary_before_checks(result: Identification) -> str:
-    """Own swing, equation and figures of an identification whose checks are not done yet.
-
-    Parameters
-    ----------
-    result : Identification
-        Laws that were fitted and compared.
-
-    Returns
-    -------
-    str
-        Lines of at most 100 characters.
-    """
+    """Own swing, equation and figures of an identification whose checks are not done yet."""
     lines = [*_measured_lines(result), *_equation_lines(result), *_swing_figure_lines(result)]
     return "\n".join([*lines, "checks go on: step, random starts, another lift, other falls"])
 
 
 def terminal_summary(result: Identification) -> str:
-    """Own swing, equation, figures, laws, falls, and what to doubt, of an identification.
-
-    Parameters
-    ----------
-    result : Identification
-        Laws that were fitted, compared and checked.
-
-    Returns
-    -------
-    str
-        At most nineteen lines of at most 100 characters.
-    """
+    """Own swing, equation, figures, laws, falls, and what to doubt, of an identification."""
     lines = [*_measured_lines(result), *_equation_lines(result), *_swing_figure_lines(result)]
     end = []
     if result.falls is not None:

@@ -31,39 +31,16 @@ _ALONG = 101  # heights of a swing at which the damping is looked at
 
 
 class EllipticMotion(NamedTuple):
-    """z(t) = rest + amplitude * function(rate t + phase | m).
-
-    Attributes
-    ----------
-    function : str
-        ``"cn"``, ``"sn"`` or ``"dn"``.
-    rest, amplitude : float
-        [m]
-    rate : float
-        [rad/s]
-    m : float
-        The parameter k^2, from 0 to 1.
-    """
+    """z(t) = rest + amplitude * function(rate t + phase | m)."""
 
     function: str
-    rest: float
-    amplitude: float
-    rate: float
+    rest: float  # [m]
+    amplitude: float  # [m]
+    rate: float  # [rad/s]
     m: float
 
     def text(self, digits: int = 4) -> str:
-        """Motion as a formula, at any phase.
-
-        Parameters
-        ----------
-        digits : int
-            Significant digits of the numbers.
-
-        Returns
-        -------
-        str
-            Formula of z(t), in m and s.
-        """
+        """Motion as a formula, at any phase."""
         numbers = (f"{value:.{digits}g}" for value in (self.amplitude, self.rate, self.m))
         amplitude, rate, m = numbers
         rest = f"{self.rest:.{digits}g} + " if abs(self.rest) > 1e-3 * abs(self.amplitude) else ""
@@ -73,17 +50,7 @@ class EllipticMotion(NamedTuple):
 def elliptic_motion(k: float, beta: float, rest: float, z0: float, v0: float) -> EllipticMotion | None:
     """Motion of z'' + k (z - rest) + beta (z - rest)^3 = 0 from z0 with the velocity v0.
 
-    Parameters
-    ----------
-    k, beta : float
-        [1/s^2], [1/(m^2 s^2)], of either sign.
-    rest, z0, v0 : float
-        [m], [m], [m/s]
-
-    Returns
-    -------
-    EllipticMotion or None
-        None where the motion is not periodic: at rest, on the hump, or beyond a barrier.
+    k, beta [1/s^2, 1/(m^2 s^2)], rest, z0, v0 [m, m/s].
     """
     swing = z0 - rest
     energy = 0.5 * v0**2 + 0.5 * k * swing**2 + 0.25 * beta * swing**4
@@ -110,21 +77,13 @@ def elliptic_motion(k: float, beta: float, rest: float, z0: float, v0: float) ->
 
 
 class DuffingVanDerPolOscillator(NamedTuple):
-    """x'' + 2 (decay + tilt x + bend x^2) x' + k x + beta x^3 = 0, x from a level of rest.
+    """x'' + 2 (decay + tilt x + bend x^2) x' + k x + beta x^3 = 0, x from a level of rest."""
 
-    Attributes
-    ----------
-    k, beta : float
-        [1/s^2], [1/(m^2 s^2)], of either sign.
-    decay, tilt, bend : float
-        [1/s], [1/(m s)], [1/(m^2 s)]
-    """
-
-    k: float
-    beta: float
-    decay: float
-    tilt: float = 0.0
-    bend: float = 0.0
+    k: float  # [1/s^2]
+    beta: float  # [1/(m^2 s^2)]
+    decay: float  # [1/s]
+    tilt: float = 0.0  # [1/(m s)]
+    bend: float = 0.0  # [1/(m^2 s)]
 
 
 def _duffing_oscillator(values: Mapping[str, float], _: HeightMap) -> DuffingVanDerPolOscillator:
@@ -150,22 +109,7 @@ OSCILLATORS: Mapping[str, Callable[[Mapping[str, float], HeightMap], DuffingVanD
 def averaged_amplitude(
     time: np.ndarray, amplitude: float, oscillator: DuffingVanDerPolOscillator
 ) -> np.ndarray:
-    """Amplitudes (n,) [m] at increasing times (n,) [s], from that at the first.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Increasing times [s].
-    amplitude : float
-        Amplitude at the first of them [m].
-    oscillator : DuffingVanDerPolOscillator
-        Oscillator in SI units.
-
-    Returns
-    -------
-    float64 (n,)
-        Amplitudes [m], by averaging over the undamped elliptic motion.
-    """
+    """Amplitudes (n,) [m] at increasing times (n,) [s], from that at the first; time [s], amplitude [m]."""
     from scipy.integrate import solve_ivp
 
     ivp = solve_ivp(
@@ -180,20 +124,7 @@ def averaged_amplitude(
 
 
 def averaged_frequency(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> np.ndarray:
-    """Backbone (n,) [Hz] at amplitudes (n,) [m].
-
-    Parameters
-    ----------
-    amplitude : float64 (n,)
-        Amplitudes [m].
-    oscillator : DuffingVanDerPolOscillator
-        Oscillator in SI units.
-
-    Returns
-    -------
-    float64 (n,)
-        Frequency of the undamped motion of each amplitude [Hz].
-    """
+    """Backbone (n,) [Hz] at amplitudes (n,) [m]; amplitude [m]."""
     from scipy.special import ellipk
 
     rate, m = _elliptic_rate_and_parameter(amplitude, oscillator)
@@ -201,40 +132,14 @@ def averaged_frequency(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscill
 
 
 def greatest_damping_over_rate(amplitude: float, oscillator: DuffingVanDerPolOscillator) -> float:
-    """Greatest damping within a swing over the rate of its elliptic function.
-
-    Parameters
-    ----------
-    amplitude : float
-        Amplitude of the swing [m].
-    oscillator : DuffingVanDerPolOscillator
-        Oscillator in SI units.
-
-    Returns
-    -------
-    float
-        Dimensionless ratio; averaging holds where it is well below 1.
-    """
+    """Greatest damping within a swing over the rate of its elliptic function; amplitude [m]."""
     x = amplitude * np.linspace(-1.0, 1.0, _ALONG)
     rate, _ = _elliptic_rate_and_parameter(np.array([amplitude]), oscillator)
     return float(np.abs(oscillator.decay + oscillator.tilt * x + oscillator.bend * x**2).max() / rate[0])
 
 
 def swings_through_rest(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> bool:
-    """Tell whether swings of these amplitudes go through rest and turn back.
-
-    Parameters
-    ----------
-    amplitude : float64 (n,)
-        Amplitudes [m].
-    oscillator : DuffingVanDerPolOscillator
-        Oscillator in SI units.
-
-    Returns
-    -------
-    bool
-        True where all of them do.
-    """
+    """Tell whether swings of these amplitudes go through rest and turn back; amplitude [m]."""
     stiffening = oscillator.beta * amplitude**2
     return bool((np.minimum(oscillator.k + 0.5 * stiffening, oscillator.k + stiffening) > 0.0).all())
 

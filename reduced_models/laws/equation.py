@@ -55,10 +55,7 @@ class ParsedEquation:
 
 
 class EquationTrees(NamedTuple):
-    """The formulas of a law: two sides, and the rate of each hidden state.
-
-    Whatever the coordinate is called, it is z in them.
-    """
+    """The formulas of a law: two sides, and the rate of each hidden state."""
 
     left: formulas.Node
     right: formulas.Node
@@ -76,25 +73,7 @@ class EquationTrees(NamedTuple):
 
 @functools.lru_cache(maxsize=COMPILED)
 def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquation:
-    """Take an equation of motion apart.
-
-    Parameters
-    ----------
-    equation : str
-        Equation of motion, then the rates of hidden states behind semicolons.
-    inputs : tuple of str
-        Names that are inputs.
-
-    Returns
-    -------
-    ParsedEquation
-        Acceleration and rates as SymPy expressions, and the names in them.
-
-    Raises
-    ------
-    InputError
-        If the text is no equation, is not linear in z'', or names something unknown.
-    """
+    """Take an equation of motion apart."""
     import sympy
 
     law = f"the law {quote(equation)}"
@@ -131,23 +110,7 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
 
 
 def parse_law_formulas(equation: str) -> EquationTrees:
-    """Read the formulas of a law, and check the names and primes in each of them.
-
-    Parameters
-    ----------
-    equation : str
-        Equation of motion, then the rates of hidden states behind semicolons.
-
-    Returns
-    -------
-    EquationTrees
-        Syntax trees of both sides and of each rate, the coordinate named z.
-
-    Raises
-    ------
-    InputError
-        If the text is no equation, or a name or prime stands where it means nothing.
-    """
+    """Read the formulas of a law, and check the names and primes in each of them."""
     law = f"the law {quote(equation)}"
     if len(equation) > formulas.MAX_CHARACTERS:
         raise InputError(f"{law} has {len(equation)} characters; at most {formulas.MAX_CHARACTERS} are read")
@@ -225,28 +188,7 @@ def _parse_hidden_state(law: str, text: str) -> tuple[str, formulas.Node]:
 
 @functools.lru_cache(maxsize=COMPILED)
 def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "jax") -> Callable[..., Any]:
-    """Compile the acceleration z'' and the rates of the hidden states as a function.
-
-    Parameters
-    ----------
-    equation : str
-        Equation of motion, then the rates of hidden states behind semicolons.
-    inputs : tuple of str
-        Names that are inputs.
-    modules : str
-        ``"jax"`` or ``"numpy"``.
-
-    Returns
-    -------
-    callable
-        From z, z', hidden states, inputs and parameters (numbers or arrays, in the law's units) to a
-        list of z'' and the rates.
-
-    Raises
-    ------
-    InputError
-        If the equation cannot be read.
-    """
+    """Compile the acceleration z'' and the rates of the hidden states as a function."""
     parsed = parse_equation(equation, inputs)
     rates = [parsed.acceleration, *parsed.hidden.values()]
     return algebra.compile_function(parsed.argument_symbols, rates, modules)
@@ -254,29 +196,7 @@ def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "j
 
 @functools.lru_cache(maxsize=COMPILED)
 def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
-    """Compile the derivatives of z'' and of the hidden states' rates by the state.
-
-    An array (1 + hidden, 2 + hidden): by z, z' and the hidden states. All of it is NaN where one
-    jumps, as dry friction does at z' = 0.
-
-    Parameters
-    ----------
-    equation : str
-        Equation of motion, then the rates of hidden states behind semicolons.
-    inputs : tuple of str
-        Names that are inputs.
-
-    Returns
-    -------
-    callable
-        From z, z', hidden states, inputs and parameters (numbers, in the law's units) to float64 (1 +
-        hidden, 2 + hidden).
-
-    Raises
-    ------
-    InputError
-        If the equation cannot be read.
-    """
+    """Compile the derivatives of z'' and of the hidden states' rates by the state."""
     import sympy
 
     parsed = parse_equation(equation, inputs)
@@ -290,22 +210,7 @@ def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..
 def jacobian_function(
     rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
 ) -> Callable[..., np.ndarray]:
-    """Compile derivatives of rates as a function of real symbols; see `compile_jacobian`.
-
-    Parameters
-    ----------
-    rates : sequence of Expr
-        Rates to differentiate, m of them.
-    by : sequence of Symbol
-        Symbols to differentiate by, k of them.
-    arguments : sequence of Symbol
-        Arguments of the function, in their order.
-
-    Returns
-    -------
-    callable
-        From the arguments to float64 (m, k); all NaN where a derivative does not exist.
-    """
+    """Compile derivatives of rates as a function of real symbols; see `compile_jacobian`."""
     # The derivative of a sign is an impulse.
     names = [{"DiracDelta": lambda position: math.nan if position == 0.0 else 0.0}, "numpy"]
     function = algebra.compile_function(arguments, rate_derivatives(rates, by), names)
@@ -323,20 +228,7 @@ def jacobian_function(
 
 
 def rate_derivatives(rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol]) -> list[sympy.Expr]:
-    """Return the derivatives of each rate by each real symbol, one rate after the other.
-
-    Parameters
-    ----------
-    rates : sequence of Expr
-        Rates to differentiate, m of them.
-    by : sequence of Symbol
-        Symbols to differentiate by, k of them.
-
-    Returns
-    -------
-    list of Expr
-        The m k derivatives.
-    """
+    """Return the derivatives of each rate by each real symbol, one rate after the other."""
     import sympy
 
     def step(inner: sympy.Expr) -> sympy.Expr:

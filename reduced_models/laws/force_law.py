@@ -144,45 +144,14 @@ class ForceLaw:
 
 
 def is_force_equation(text: str) -> bool:
-    """Return whether a text is an equation of a force.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``"force = c*z'"``.
-
-    Returns
-    -------
-    bool
-        Whether ``force`` stands alone on its left side.
-    """
+    """Return whether a text is an equation of a force."""
     return _LEFT.match(text) is not None
 
 
 def resolve_force_law(
     law: str | ForceLaw, columns: Collection[str] = (), declared: Collection[str] = ()
 ) -> ForceLaw:
-    """Law of a force by its name, its equation, or as it is.
-
-    Parameters
-    ----------
-    law : str or ForceLaw
-        Name in `FORCE_LAWS`, or an equation ``force = ...``.
-    columns : collection of str
-        Columns of the record: such names in an equation are inputs.
-    declared : collection of str
-        Names that are parameters whatever they look like.
-
-    Returns
-    -------
-    ForceLaw
-        The law.
-
-    Raises
-    ------
-    InputError
-        If there is no such law; a near name is given.
-    """
+    """Law of a force by its name, its equation, or as it is."""
     if isinstance(law, ForceLaw):
         return law
     if not isinstance(law, str):

@@ -103,17 +103,6 @@ class HeightMap:
 
 
 def check_digits(digits: object) -> None:
-    """Refuse a number of significant digits that is none.
-
-    Parameters
-    ----------
-    digits : object
-        Number of significant digits.
-
-    Raises
-    ------
-    InputError
-        If it is no integer from 1 on.
-    """
+    """Refuse a number of significant digits that is none."""
     if not isinstance(digits, int) or digits < 1:
         raise InputError(f"digits = {quote(digits)}; give an integer from 1 on")

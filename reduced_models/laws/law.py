@@ -204,21 +204,7 @@ class Law:
 
 @dataclasses.dataclass(frozen=True)
 class NormalizedSwingLaw:
-    """A mapped law as one of the swing u about the level of rest, in amplitudes.
-
-    A search is quick where no map bends its valleys.
-
-    Attributes
-    ----------
-    law : Law
-        In u.
-    start : callable
-        ``start(time, swing, guesses, random, count)`` gives random start values of that law; None
-        where the record does not tell.
-    mapped : callable
-        From its parameters, arrays (s,), to those of the mapped law with ``shift`` and ``scale`` of
-        the map from the level of rest, in amplitudes.
-    """
+    """A mapped law as one of the swing u about the level of rest, in amplitudes."""
 
     law: Law
     start: SwingStarts
@@ -226,30 +212,7 @@ class NormalizedSwingLaw:
 
 
 def law_from_text(equation: str, columns: Collection[str] = (), declared: Collection[str] = ()) -> Law:
-    """Law from its equation alone; names that are columns of the record are its inputs.
-
-    All other names are parameters. One that looks like a column or a constant, and is none, is
-    refused unless it is among the ``declared`` parameters.
-
-    Parameters
-    ----------
-    equation : str
-        Equation of motion, then the rates of hidden states behind semicolons.
-    columns : collection of str
-        Columns of the record.
-    declared : collection of str
-        Names that are parameters, whatever they look like.
-
-    Returns
-    -------
-    Law
-        Law whose name is the equation.
-
-    Raises
-    ------
-    InputError
-        If the text is no equation, has no parameter, or a name that looks like something else.
-    """
+    """Law from its equation alone; names that are columns of the record are its inputs."""
     trees = parse_law_formulas(equation)
     law = f"the law {quote(equation)}"
     for name in formulas.constant_names(*trees.all_trees):
@@ -291,22 +254,7 @@ _NUMBERS = ("pi", "e", "inf", "nan", "infinity")
 
 
 def refuse_suspicious_name(law: str, name: str, columns: Collection[str]) -> None:
-    """Refuse a parameter whose name says that it is something else.
-
-    Parameters
-    ----------
-    law : str
-        Law in words, for the message.
-    name : str
-        Name of the parameter.
-    columns : collection of str
-        Columns of the record.
-
-    Raises
-    ------
-    InputError
-        If it looks like a column, a motion or a number.
-    """
+    """Refuse a parameter whose name says that it is something else."""
     lower, near = name.lower(), {column.lower(): column for column in columns}
     declare = f"or declare the parameter, start={{{name!r}: ...}}"
     if lower in near:

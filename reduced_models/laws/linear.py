@@ -22,23 +22,9 @@ def _draw_start_values(
 def split_damping(
     values: dict[str, np.ndarray], name: str, guesses: FirstGuesses, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Start values whose damping is split at random between ``name`` and a viscous drag.
+    """Start values whose damping is split at random between ``name`` and a viscous drag [1/s].
 
-    Parameters
-    ----------
-    values : dict of str to float64 (count,)
-        Start values of a law without viscous drag, in SI units.
-    name : str
-        Parameter that damps.
-    guesses : FirstGuesses
-        First guesses of the motion, with its decay rate [1/s].
-    random : Generator
-        Source of random numbers.
-
-    Returns
-    -------
-    dict of str to float64 (count,)
-        Start values with a part of it, and the drag ``lam`` [1/s] for the rest.
+    guesses [1/s].
     """
     count = len(values[name])
     fraction = random.uniform(size=count)

@@ -35,30 +35,15 @@ _STEP, _FARTHEST = 1e-4, 0.3  # of Newton's method for a centre, in amplitudes
 
 
 class SmallSwing(NamedTuple):
-    """A motion so small that the law is linear; inputs are at zero.
-
-    Attributes
-    ----------
-    z : float
-        Level of rest.
-    period : float
-        Period of the undamped swing [s].
-    damping_ratio : float
-        Fraction of critical damping; infinite where the law jumps with the sign of the velocity.
-    """
+    """A motion so small that the law is linear; inputs are at zero."""
 
     z: float
-    period: float
+    period: float  # [s]
     damping_ratio: float
 
 
 class NoSwing(NamedTuple):
-    """Why a law has no small swing, in words that follow "none, ".
-
-    Attributes
-    ----------
-    reason : str
-    """
+    """Why a law has no small swing, in words that follow "none, "."""
 
     reason: str
 
@@ -71,26 +56,7 @@ _CREEPS = NoSwing("it creeps back there without a swing")
 
 
 def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoSwing:
-    """Small swing of a law with values of its parameters, about the level of rest near z.
-
-    Hidden states move with z as their equations say. They are at zero at rest where the law leaves
-    that open, as hysteresis does. The reason where there is no stable level of rest, or no swing.
-
-    Parameters
-    ----------
-    law : Law
-        Law of motion.
-    values : sequence of float
-        Parameters in the law's units.
-    z : float
-        Coordinate near which rest is looked for, in units of z.
-
-    Returns
-    -------
-    SmallSwing or NoSwing
-        Rest, period [s] and damping ratio from the eigenvalues of the linearised law; or the reason why
-        there are none.
-    """
+    """Small swing of a law with values of its parameters, about the level of rest near z [s]."""
     inputs = (0.0,) * len(law.inputs)
     rates = compile_rates(law.equation, law.inputs, "numpy")
     slopes = compile_jacobian(law.equation, law.inputs)
@@ -102,20 +68,7 @@ def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoS
 
 
 def small_swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
-    """Small swing of an equation in z(t) with numbers for all parameters; see `small_swing`.
-
-    Parameters
-    ----------
-    equation : Eq
-        Equation in z(t) with numbers for all parameters.
-    z : float
-        Coordinate near which rest is looked for, in units of z.
-
-    Returns
-    -------
-    SmallSwing or NoSwing
-        Rest, period [s] and damping ratio, or the reason why there are none.
-    """
+    """Small swing of an equation in z(t) with numbers for all parameters; see `small_swing` [s]."""
     from granular.formulas.algebra import compile_function
 
     rate, state = acceleration_expression(equation)
@@ -126,20 +79,7 @@ def small_swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwin
 
 
 def acceleration_expression(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]:
-    """Acceleration by an equation in z(t), all symbols but those of z and z' set to zero.
-
-    Parameters
-    ----------
-    equation : Eq
-        Equation in z(t), linear in z''.
-
-    Returns
-    -------
-    acceleration : Expr
-        Acceleration, in the law's units.
-    state : list of Symbol
-        Real symbols of z and z' in it.
-    """
+    """Acceleration by an equation in z(t), all symbols but those of z and z' set to zero."""
     import sympy
 
     t = sympy.Symbol("t")
@@ -222,22 +162,12 @@ def _swing_with_hidden_states(state: np.ndarray, matrix: np.ndarray) -> SmallSwi
 
 
 class HarmonicCycles(NamedTuple):
-    """Harmonic cycles, per unit of mass.
-
-    Attributes
-    ----------
-    centre : float64 (n,)
-        Mean of z, at which no mean force is needed.
-    frequency : float64 (n,)
-        Angular [rad/s].
-    stiffness, damping : float64 (n,)
-        Equivalent ones [1/s^2], [1/s]. NaN where a cycle leaves where the law is defined.
-    """
+    """Harmonic cycles, per unit of mass."""
 
     centre: np.ndarray
-    frequency: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
+    frequency: np.ndarray  # angular [rad/s]
+    stiffness: np.ndarray  # [1/s^2]
+    damping: np.ndarray  # [1/s]
 
     @property
     def damping_ratio(self) -> np.ndarray:
@@ -246,54 +176,18 @@ class HarmonicCycles(NamedTuple):
             return np.asarray(self.damping / (2.0 * np.sqrt(self.stiffness)))
 
     def equivalent_friction(self, amplitude: Any) -> np.ndarray:
-        """Constant friction, per unit of mass, that takes as much energy from such a cycle.
-
-        Parameters
-        ----------
-        amplitude : float64 (n,)
-            Amplitudes of the cycles, in units of z.
-
-        Returns
-        -------
-        float64 (n,)
-            Friction per unit of mass, in units of z over s^2: pi/4 times amplitude, angular frequency
-            and damping.
-        """
+        """Constant friction, per unit of mass, that takes as much energy from such a cycle."""
         return np.asarray(0.25 * math.pi * amplitude * self.frequency * self.damping)
 
 
 def law_rates(law: Law, values: Sequence[Any]) -> Rates:
-    """Rates of a law with values of its parameters, numbers or arrays; inputs are at zero.
-
-    Parameters
-    ----------
-    law : Law
-        Law of motion.
-    values : sequence of float or float64 (n,)
-        Parameters in the law's units.
-
-    Returns
-    -------
-    callable
-        From z, z' and the hidden states to a list of z'' and their rates, inputs zero.
-    """
+    """Rates of a law with values of its parameters, numbers or arrays; inputs are at zero."""
     field, still = compile_rates(law.equation, law.inputs, "numpy"), (0.0,) * len(law.inputs)
     return lambda *state: field(*state, *still, *values)
 
 
 def equation_rates(equation: sympy.Eq) -> Rates:
-    """Rate of an equation in z(t) with numbers for all parameters.
-
-    Parameters
-    ----------
-    equation : Eq
-        Equation in z(t) with numbers for all parameters.
-
-    Returns
-    -------
-    callable
-        From z and z' to a list that holds z''.
-    """
+    """Rate of an equation in z(t) with numbers for all parameters."""
     from granular.formulas.algebra import compile_function
 
     rate, state = acceleration_expression(equation)
@@ -303,31 +197,9 @@ def equation_rates(equation: sympy.Eq) -> Rates:
 def harmonic_cycles(
     rates: Rates, hidden: int, amplitude: Any, centre: Any, omega: Any, *, free: bool = True
 ) -> HarmonicCycles:
-    """Cycles of given amplitudes (n,), from guesses of their centres and frequencies.
+    """Cycles of given amplitudes (n,), from guesses of their centres and frequencies [rad/s, 1/s^2, 1/s].
 
-    Free ones swing at the frequency at which the equivalent stiffness carries the inertia, others
-    at the given one. A stiffness that is not above zero is returned as it is.
-
-    The method is harmonic balance with one harmonic, or the describing function (Krylov and Bogoliubov
-    1947, Introduction to Non-Linear Mechanics).
-
-    Parameters
-    ----------
-    rates : callable
-        From z, z' and hidden states to a list of z'' and their rates.
-    hidden : int
-        Number of hidden states.
-    amplitude, centre : float64 (n,)
-        Amplitudes, and guesses of the centres, in units of z.
-    omega : float64 (n,)
-        Guesses of the angular frequencies, or the given ones [rad/s].
-    free : bool
-        True for cycles that swing at their own frequency.
-
-    Returns
-    -------
-    HarmonicCycles
-        Centre, angular frequency [rad/s], stiffness [1/s^2] and damping [1/s], each (n,).
+    omega [rad/s].
     """
     amplitude, centre, omega = np.broadcast_arrays(
         *(np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in (amplitude, centre, omega))
@@ -346,25 +218,9 @@ def harmonic_cycles(
 def centre_cycles(
     rates: Rates, hidden: int, amplitude: np.ndarray, centre: np.ndarray, omega: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres moved by a Newton step to no mean force; stiffness and damping before the step.
+    """Centres moved by a Newton step to no mean force; stiffness and damping before the step [1/s^2; 1/s].
 
-    Parameters
-    ----------
-    rates : callable
-        From z, z' and hidden states to a list of z'' and their rates.
-    hidden : int
-        Number of hidden states.
-    amplitude, centre : float64 (n,)
-        Amplitudes and centres, in units of z.
-    omega : float64 (n,)
-        Angular frequencies [rad/s].
-
-    Returns
-    -------
-    centre : float64 (n,)
-        Moved centres, in units of z.
-    stiffness, damping : float64 (n,)
-        At the former centres, per unit of mass [1/s^2], [1/s].
+    omega [rad/s].
     """
     step = _STEP * amplitude
     positions = np.stack([centre, centre + step])
@@ -378,30 +234,7 @@ def centre_cycles(
 def harmonic_coefficients(
     rates: Rates, hidden: int, amplitude: np.ndarray, centre: np.ndarray, omega: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean force, stiffness and damping of harmonic cycles, per unit of mass.
-
-    These are the first Fourier coefficients of the force along z = centre + amplitude cos(omega t).
-
-    Parameters
-    ----------
-    rates : callable
-        From z, z' and hidden states to a list of z'' and their rates.
-    hidden : int
-        Number of hidden states.
-    amplitude, centre : float64 (...)
-        Amplitudes and centres, in units of z; the shapes are broadcast.
-    omega : float64 (...)
-        Angular frequencies [rad/s].
-
-    Returns
-    -------
-    mean : float64 (...)
-        Mean of -z'' over the cycle, in units of z over s^2.
-    stiffness : float64 (...)
-        In-phase component over the amplitude [1/s^2].
-    damping : float64 (...)
-        Quadrature component over amplitude and angular frequency [1/s].
-    """
+    """Mean force, stiffness and damping of harmonic cycles, per unit of mass [1/s^2; 1/s]; omega [rad/s]."""
     # None of them where the velocity is zero, and its sign rounding.
     angles = 2.0 * math.pi * (np.arange(_NODES) + 0.5) / _NODES
 

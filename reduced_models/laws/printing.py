@@ -48,18 +48,7 @@ _NAME = re.compile(r"([A-Za-z]+?)_?(\d*)")
 
 
 def parameter_symbol(name: str) -> str:
-    """Parameter's name as formulas have it: Greek letters, and a number behind it as an index.
-
-    Parameters
-    ----------
-    name : str
-        Name of a parameter.
-
-    Returns
-    -------
-    str
-        Symbol, as "k₂" for "k2".
-    """
+    """Parameter's name as formulas have it: Greek letters, and a number behind it as an index."""
     match = _NAME.fullmatch(name)
     if match is None:
         return name
@@ -67,38 +56,12 @@ def parameter_symbol(name: str) -> str:
 
 
 def round_significant(value: float, digits: int) -> float:
-    """Round a number to so many significant digits.
-
-    Parameters
-    ----------
-    value : float
-        Number in any unit.
-    digits : int
-        Number of significant digits.
-
-    Returns
-    -------
-    float
-        Rounded number in the same unit.
-    """
+    """Round a number to so many significant digits."""
     return float(f"{value:.{digits}g}")
 
 
 def round_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
-    """Equation with all its numbers rounded to so many significant digits; not simplified.
-
-    Parameters
-    ----------
-    equation : Eq
-        Equation with numbers.
-    digits : int
-        Number of significant digits.
-
-    Returns
-    -------
-    Eq
-        Equation with the rounded numbers.
-    """
+    """Equation with all its numbers rounded to so many significant digits; not simplified."""
     import sympy
 
     sides = (round_expression(side, digits) for side in (equation.lhs, equation.rhs))
@@ -106,20 +69,7 @@ def round_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
 
 
 def round_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
-    """Expression with all its numbers rounded to so many significant digits.
-
-    Parameters
-    ----------
-    expression : Expr
-        Expression with numbers.
-    digits : int
-        Number of significant digits.
-
-    Returns
-    -------
-    Expr
-        Expression with the rounded numbers.
-    """
+    """Expression with all its numbers rounded to so many significant digits."""
     import sympy
 
     result = expression.atoms(sympy.Float)
@@ -147,18 +97,7 @@ def _terms_by_derivative(side: Any) -> list[Any]:
 
 
 def latex(equation: sympy.Eq) -> str:
-    """Equation in z(t) as LaTeX.
-
-    Parameters
-    ----------
-    equation : Eq
-        Equation in z(t).
-
-    Returns
-    -------
-    str
-        LaTeX without dollar signs, the highest derivative first.
-    """
+    """Equation in z(t) as LaTeX."""
     import sympy
 
     def side(expression: Any) -> str:
@@ -176,36 +115,12 @@ def latex(equation: sympy.Eq) -> str:
 
 
 def mathml(equation: sympy.Eq) -> str:
-    """Equation in z(t) as presentation MathML, a formula a term: lines break between them.
-
-    Parameters
-    ----------
-    equation : Eq
-        Equation in z(t).
-
-    Returns
-    -------
-    str
-        Presentation MathML.
-    """
+    """Equation in z(t) as presentation MathML, a formula a term: lines break between them."""
     return _mathml_equation(_signed_terms(equation.lhs), _signed_terms(equation.rhs))
 
 
 def mathml_of_rate(name: str, rate: sympy.Expr) -> str:
-    """Equation of a hidden state, whose rate is an expression in z(t), as `mathml`.
-
-    Parameters
-    ----------
-    name : str
-        Name of the hidden state.
-    rate : Expr
-        Its rate, an expression in z(t) and z'(t).
-
-    Returns
-    -------
-    str
-        Presentation MathML.
-    """
+    """Equation of a hidden state, whose rate is an expression in z(t), as `mathml`."""
     return _mathml_equation([f"<mover><mi>{name}</mi><mo>{_DOT}</mo></mover>"], _signed_terms(rate))
 
 

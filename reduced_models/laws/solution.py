@@ -66,24 +66,7 @@ MOST_STEPS = 2**18
 def count_grid_steps(duration: float, period: float, per_period: int) -> int:
     """Return the number of steps of a grid over a record, with at least so many steps a period.
 
-    Parameters
-    ----------
-    duration : float
-        Duration of the record [s].
-    period : float
-        Period of the swing [s].
-    per_period : int
-        Least number of steps in a period.
-
-    Returns
-    -------
-    int
-        Number of steps, a whole number of chunks.
-
-    Raises
-    ------
-    RecordError
-        If these are more than the finest grid has.
+    duration, period [s].
     """
     wanted = per_period * duration / period
     if wanted > MOST_STEPS:
@@ -95,36 +78,12 @@ def count_grid_steps(duration: float, period: float, per_period: int) -> int:
 
 
 def round_up_to_chunks(steps: float) -> int:
-    """Round a number of steps up to whole chunks, two at least.
-
-    Parameters
-    ----------
-    steps : float
-        Number of steps.
-
-    Returns
-    -------
-    int
-        Number of steps in whole chunks.
-    """
+    """Round a number of steps up to whole chunks, two at least."""
     return CHUNK * max(2, math.ceil(steps / CHUNK))
 
 
 def padded_length(count: int, least: int) -> int:
-    """Return the length that code is compiled for, which records of similar lengths share.
-
-    Parameters
-    ----------
-    count : int
-        Number of entries.
-    least : int
-        Least length, which further ones are a power of two of.
-
-    Returns
-    -------
-    int
-        Length of the padded arrays.
-    """
+    """Return the length that code is compiled for, which records of similar lengths share."""
     size = least
     while size < count:
         size *= 2
@@ -132,18 +91,7 @@ def padded_length(count: int, least: int) -> int:
 
 
 def padded_step_count(steps: int) -> int:
-    """Return the number of grid steps that code is compiled for; see `padded_length`.
-
-    Parameters
-    ----------
-    steps : int
-        Number of steps.
-
-    Returns
-    -------
-    int
-        Padded number of steps.
-    """
+    """Return the number of grid steps that code is compiled for; see `padded_length`."""
     return padded_length(steps, _LEAST_STEPS)
 
 
@@ -161,34 +109,9 @@ def solve_on_grid(
     step: Value,
     chunks: Value,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """z, its velocity and its acceleration at the points of a uniform grid (for JAX).
+    """z, its velocity and its acceleration at the points of a uniform grid (for JAX) [1/s, 1/s^2].
 
-    ``start`` holds z, its velocity and the hidden states, each of a shape (...) that the three
-    (points, ...) keep; ``drive`` (points, stages, inputs) the inputs at the stages of each step.
-    Only the first ``chunks`` of the grid are solved; behind them all three are zero.
-
-    The method is explicit Runge-Kutta of sixth order in seven stages (Butcher 1964, J. Austral. Math. Soc.
-    4, 179).
-
-    Parameters
-    ----------
-    field : callable
-        From z, z', hidden states, inputs and parameters to z'' and the hidden states' rates.
-    start : sequence of Array (...)
-        Coordinate z, its velocity and the hidden states at the start, in the law's units.
-    values : sequence of float or Array (...)
-        Parameters in the law's units.
-    drive : float64 (points, stages, inputs)
-        Inputs at the stages of each step.
-    step : float
-        Step [s].
-    chunks : int
-        Number of chunks that are solved.
-
-    Returns
-    -------
-    three Array (points, ...)
-        Coordinate z, its velocity [1/s] and its acceleration [1/s^2] in units of z.
+    step [s].
     """
 
     def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
@@ -235,24 +158,7 @@ def _advance_state(
 
 
 def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Data) -> A:
-    """Quintic Hermite values of z, a fraction of a step behind grid points.
-
-    Parameters
-    ----------
-    z, v, a : float64 (points, ...)
-        Coordinate, velocity and acceleration at the grid points, in units of z and s.
-    step : float
-        Step of the grid [s].
-    point : int (n,)
-        Grid point before each place.
-    fraction : float64 (n, ...)
-        Fraction of a step behind it, from 0 to 1.
-
-    Returns
-    -------
-    float64 (n, ...)
-        Coordinate there, by the polynomial of fifth degree that fits z, z' and z'' at both ends.
-    """
+    """Quintic Hermite values of z, a fraction of a step behind grid points; step [s]."""
     s = fraction
     s3 = s * s * s
     late = s3 * (10.0 - s * (15.0 - 6.0 * s))
@@ -266,16 +172,7 @@ def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Da
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Solution:
-    """A solution at given times.
-
-    Attributes
-    ----------
-    z, velocity : float64 (n,)
-        NaN at times that the solution does not reach.
-    ending : str
-        ``"complete"``; ``"blow-up"`` where z leaves every bound; ``"steps"`` where the solver's
-        step budget was spent, on a stiff law or at the edge of where the law is defined.
-    """
+    """A solution at given times."""
 
     z: np.ndarray
     velocity: np.ndarray
@@ -335,39 +232,7 @@ def solve_law(
     hidden: Sequence[float] = (),
     how: Interpolation = "spline",
 ) -> Solution:
-    """Motion of a law at increasing times.
-
-    ``size`` is the amplitude of z, which the absolute tolerance refers to. ``inputs`` are those of
-    the law, each (n,) at the times, and ``how`` what they do between them; ``hidden`` the hidden
-    states at the start, zero if not given. diffrax solves a law without inputs by steps that adapt,
-    one with inputs by steps that end at the samples.
-
-    Both use the method Dopri8 of diffrax (Prince and Dormand 1981, doi:10.1016/0771-050X(81)90010-3).
-
-    Parameters
-    ----------
-    law : Law
-        Law of motion.
-    times : float64 (n,)
-        Increasing times [s].
-    z0, v0 : float
-        Coordinate and its velocity at the first of them, in units of z and s.
-    parameters : sequence of float
-        Parameters in the law's units.
-    size : float
-        Amplitude of z, which the absolute tolerance refers to.
-    inputs : sequence of float64 (n,)
-        Inputs of the law at the times.
-    hidden : sequence of float
-        Hidden states at the start; zero if not given.
-    how : str
-        Course of the inputs between samples.
-
-    Returns
-    -------
-    Solution
-        Coordinate (n,), its velocity (n,), and how the solution ended.
-    """
+    """Motion of a law at increasing times; times [s]."""
     values = tuple(map(float, parameters))
     start = (float(z0), float(v0), *map(float, hidden or (0.0,) * len(law.hidden)))
     if law.inputs:

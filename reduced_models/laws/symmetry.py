@@ -25,34 +25,14 @@ _OPEN = (-math.inf, math.inf)
 
 
 class Symmetries(NamedTuple):
-    """Changes of parameters that a law does not notice.
-
-    Attributes
-    ----------
-    turning : tuple of str
-        Parameters that mean the same a whole turn on.
-    flipping : tuple of (str, str or None)
-        Parameters that mean the same with the other sign; where a second one is named, if that
-        moves by half a turn.
-    """
+    """Changes of parameters that a law does not notice."""
 
     turning: tuple[str, ...]
     flipping: tuple[tuple[str, str | None], ...]
 
 
 def find_symmetries(law: Law) -> Symmetries:
-    """Symmetries of a law, by trial.
-
-    Parameters
-    ----------
-    law : Law
-        Law of motion.
-
-    Returns
-    -------
-    Symmetries
-        Parameters that may turn by 2 pi, and those that may change their sign.
-    """
+    """Symmetries of a law, by trial."""
     return _symmetries(law.equation, law.inputs, law.parameters, len(law.hidden))
 
 
@@ -98,36 +78,14 @@ def _symmetries(
 
 
 class Similarity(NamedTuple):
-    """A change of the coordinate under which a law keeps its form.
-
-    Attributes
-    ----------
-    moving : tuple of str
-        Parameters that change with it: a record that does not tell it does not tell them.
-    level : str
-        Of these, where the coordinate is shifted, the one that only says where it is counted from;
-        empty where there is none.
-    """
+    """A change of the coordinate under which a law keeps its form."""
 
     moving: tuple[str, ...]
     level: str = ""
 
 
 def find_similarity(law: Law, change: Literal["shift", "scale"]) -> Similarity | None:
-    """Parameters that take up a shift or another unit of the coordinate; None where none can.
-
-    Parameters
-    ----------
-    law : Law
-        Law of motion.
-    change : str
-        ``"shift"`` for another origin of z, ``"scale"`` for another unit.
-
-    Returns
-    -------
-    Similarity or None
-        Parameters that take up the change; None where none can.
-    """
+    """Parameters that take up a shift or another unit of the coordinate; None where none can."""
     return _similarity(law.equation, law.inputs, law.parameters, law.positive, change)
 
 
@@ -195,26 +153,7 @@ def canonical_parameters(
     unchanged: Collection[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Values (...) of parameters in their canonical form, or as near to it as bounds let them.
-
-    Those in ``unchanged``, and those that bounds hold at one value, stay.
-
-    Parameters
-    ----------
-    law : Law
-        Law of motion.
-    values : mapping of str to float64 (...)
-        Parameters in their units.
-    unchanged : collection of str
-        Parameters that stay as they are.
-    bounds : mapping of str to (float, float), optional
-        Bounds in the parameters' units.
-
-    Returns
-    -------
-    dict of str to float64 (...)
-        Parameters in the same units: angles in (-pi, pi], signs positive.
-    """
+    """Values (...) of parameters in their canonical form, or as near to it as bounds let them."""
     result = {name: np.asarray(value, dtype=np.float64) for name, value in values.items()}
     known, edges = find_symmetries(law), bounds or {}
     unchanged = {*unchanged, *law.positive, *(name for name, (low, high) in edges.items() if low == high)}

@@ -53,13 +53,7 @@ def _draw_swing_start_values(
 
 
 def _law_from_swing(swing: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Law with that quadratic damping.
-
-    With z = p + q u the damping 2 alpha (z^2 - 2 z) is c0 + c1 u + c2 u^2 where c2 = 2 alpha q^2,
-    c1 = 4 alpha q (p - 1), c0 = 2 alpha ((p - 1)^2 - 1), so 2 alpha = c1^2/(4 c2) - c0: a parabola
-    that opens upwards and is negative at its vertex. Another one is replaced by one with the same
-    damping at rest, and nearly its slope there.
-    """
+    """Law with that quadratic damping."""
     c0, c1, c2, k, f = (swing[name] for name in ("c0", "c1", "c2", "k", "f"))
     size = np.abs(c0) + np.abs(c1) + np.abs(c2)
     least = _LEAST * size
@@ -95,16 +89,7 @@ VAN_DER_POL_LIKE = Law(
 
 
 class QuadraticDamping(NamedTuple):
-    """u'' + (c0 + c1 u + c2 u^2) u' + stiffness u = force.
-
-    Attributes
-    ----------
-    damping : float64 (3,)
-        c0, c1, c2.
-    stiffness, force : float
-    unexplained : float
-        Fraction of the bumps' weighted accelerations that the law leaves over, from 0 to 1.
-    """
+    """u'' + (c0 + c1 u + c2 u^2) u' + stiffness u = force."""
 
     damping: np.ndarray
     stiffness: float
@@ -113,27 +98,9 @@ class QuadraticDamping(NamedTuple):
 
 
 def fit_quadratic_damping(time: np.ndarray, u: np.ndarray, period: float) -> QuadraticDamping:
-    """Fit a quadratic damping and a linear spring to a swing u (n,) at times (n,).
+    """Fit a quadratic damping and a linear spring to a swing u (n,) at times (n,) [1/s, 1/s^2].
 
-    The weak form tells them: every damping that depends on the height alone is a total derivative,
-    and the equation of motion is integrated against smooth bumps that vanish with their derivatives
-    at both ends: no derivative of the data is taken, and the coefficients follow by linear least
-    squares (Messenger & Bortz 2021, doi:10.1137/20M1343166).
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Increasing times [s].
-    u : float64 (n,)
-        Swing about rest, in amplitudes.
-    period : float
-        Period of the swing [s].
-
-    Returns
-    -------
-    QuadraticDamping
-        Coefficients of the damping (3,) [1/s], stiffness and force [1/s^2], and the fraction that is
-        unexplained.
+    time, period [s].
     """
     half = min(_WIDTH * period, 0.3 * float(time[-1] - time[0]))
     count = int(np.clip(8 * (time[-1] - time[0]) / half, 16, _MOST_BUMPS))

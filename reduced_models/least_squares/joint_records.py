@@ -19,22 +19,7 @@ _NEAR = 1e-6  # first damping of a search that starts near its end
 
 
 def joint_vector_entries(unknowns: Unknowns, records: int, own: Sequence[str]) -> Entries:
-    """Entries of records that share all parameters but their ``own``, and the state at the start.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector of each record.
-    records : int
-        Number of records.
-    own : sequence of str
-        Parameters that each record has for itself.
-
-    Returns
-    -------
-    tuple of int (p,)
-        For each record, where its entries stand in the joint search vector.
-    """
+    """Entries of records that share all parameters but their ``own``, and the state at the start."""
     names = unknowns.law.parameters
     free, length = unknowns.parameter_and_map_count, len(unknowns.prior)
     private = [k for k in range(length) if k >= free or (k < len(names) and names[k] in own)]
@@ -49,20 +34,7 @@ def joint_vector_entries(unknowns: Unknowns, records: int, own: Sequence[str]) -
 
 
 def joint_vector(vectors: Sequence[np.ndarray], entries: Entries) -> np.ndarray:
-    """Joint search vector of the search vectors of some records; shared entries are the first's.
-
-    Parameters
-    ----------
-    vectors : sequence of float64 (..., p)
-        Search vector of each record, dimensionless.
-    entries : tuple of int (p,)
-        Where each record's entries stand in the joint vector.
-
-    Returns
-    -------
-    float64 (..., q)
-        Joint search vector.
-    """
+    """Joint search vector of the search vectors of some records; shared entries are the first's."""
     joint = np.empty((*vectors[0].shape[:-1], _vector_size(entries)))
     for vector, here in zip(reversed(vectors), reversed(entries), strict=True):
         joint[..., here] = vector
@@ -70,21 +42,7 @@ def joint_vector(vectors: Sequence[np.ndarray], entries: Entries) -> np.ndarray:
 
 
 def joint_normal_equations(normals: Sequence[Normal], entries: Entries) -> Normal:
-    """Return the normal equations of all records as those of the joint search vector.
-
-    Parameters
-    ----------
-    normals : sequence of callable
-        Normal equations of each record.
-    entries : tuple of int (p,)
-        Where each record's entries stand in the joint vector.
-
-    Returns
-    -------
-    callable
-        From joint search vectors (s, q) to costs (s,), gradients (s, q) and matrices J'J (s, q, q),
-        dimensionless.
-    """
+    """Return the normal equations of all records as those of the joint search vector."""
     size = _vector_size(entries)
 
     def normal_equations(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -107,17 +65,7 @@ def _vector_size(entries: Entries) -> int:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class JointRecords:
-    """Some records, each on its grid, that one search vector describes.
-
-    Attributes
-    ----------
-    grids : tuple of GriddedRecord
-        All of the same unknowns.
-    entries : tuple of int (p,)
-        Entries of the joint search vector, for each record.
-    bounds : Bounds
-        Bounds of the joint search vector.
-    """
+    """Some records, each on its grid, that one search vector describes."""
 
     grids: tuple[GriddedRecord, ...]
     entries: Entries
@@ -134,111 +82,34 @@ class JointRecords:
         return np.asarray(self.bounds.low == self.bounds.high)
 
     def prior(self, samples: float) -> Prior:
-        """Prior about a start, for costs of so many samples.
-
-        Parameters
-        ----------
-        samples : float
-            Number of samples behind a cost.
-
-        Returns
-        -------
-        Prior
-            Precision (q,) of each entry in the information of one sample, and the number of samples.
-        """
+        """Prior about a start, for costs of so many samples."""
         return Prior(joint_vector([self.unknowns.prior] * len(self.grids), self.entries), samples)
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Residuals (n,) of each record, in amplitudes.
-
-        Parameters
-        ----------
-        theta : float64 (q,)
-            Joint search vector, dimensionless.
-
-        Returns
-        -------
-        list of float64 (n,)
-            Solution minus data of each record, over the residual unit.
-        """
+        """Residuals (n,) of each record, in amplitudes."""
         return [grid.residuals(theta[here]) for grid, here in zip(self.grids, self.entries, strict=True)]
 
     def linearised_residuals(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Weighted residuals (n,) of each record without drift, and their derivatives (n, p).
-
-        Parameters
-        ----------
-        theta : float64 (q,)
-            Joint search vector, dimensionless.
-
-        Returns
-        -------
-        list of (float64 (n,), float64 (n, p))
-            Weighted residuals over the residual unit, and their derivatives by the record's own
-            entries.
-        """
+        """Weighted residuals (n,) of each record without drift, and their derivatives (n, p)."""
         return [
             grid.linearised_residuals(theta[here])
             for grid, here in zip(self.grids, self.entries, strict=True)
         ]
 
     def normal_equations(self, selections: Sequence[Selection] | None = None) -> Normal:
-        """Return the normal equations of some samples of each record, or of all.
-
-        Parameters
-        ----------
-        selections : sequence of (int, bool (n,) or None), optional
-            Samples of each record: so many first ones, a mask, or all.
-
-        Returns
-        -------
-        callable
-            From joint search vectors (s, q) to costs (s,), gradients (s, q) and matrices J'J (s, q, q),
-            dimensionless.
-        """
+        """Return the normal equations of some samples of each record, or of all."""
         chosen = selections or [None] * len(self.grids)
         normals = [grid.normal_equations(here) for grid, here in zip(self.grids, chosen, strict=True)]
         return joint_normal_equations(normals, self.entries)
 
     def normal_matrix(self, theta: np.ndarray) -> np.ndarray:
-        """Matrix J'J of all samples of all records.
-
-        Parameters
-        ----------
-        theta : float64 (q,)
-            Joint search vector, dimensionless.
-
-        Returns
-        -------
-        float64 (q, q)
-            Weighted normal matrix, dimensionless.
-        """
+        """Matrix J'J of all samples of all records."""
         return np.asarray(self.normal_equations()(theta[None])[2][0])
 
     def refit(
         self, theta: np.ndarray, selections: Sequence[int | np.ndarray], tolerance: float = 1e-11
     ) -> np.ndarray:
-        """Fit some samples of each record, from a search vector (q,) near the fit.
-
-        Parameters
-        ----------
-        theta : float64 (q,)
-            Joint search vector near the fit, dimensionless.
-        selections : sequence of int or bool (n,)
-            Samples of each record: so many first ones, or a mask.
-        tolerance : float
-            Relative change of the cost at which the search ends.
-
-        Returns
-        -------
-        float64 (q,)
-            Fitted joint search vector, by Levenberg-Marquardt steps.
-
-        Raises
-        ------
-        TimeBudgetError
-            If a `time_budget` is spent.
-        """
+        """Fit some samples of each record, from a search vector (q,) near the fit."""
         theta, _ = levenberg_marquardt(
             self.normal_equations(selections),
             theta[None],

@@ -54,15 +54,7 @@ _END: contextvars.ContextVar[tuple[float, str]] = contextvars.ContextVar("end", 
 def time_budget(seconds: float, words: str) -> Iterator[None]:
     """Let searches begun within it end with `TimeBudgetError` once their processor time is spent.
 
-    Time of the processor, so that other work on the machine does not change what comes out; of two
-    budgets, one within the other, the one that ends first counts.
-
-    Parameters
-    ----------
-    seconds : float
-        Processor time that the searches may take [s].
-    words : str
-        Message of the error.
+    seconds [s].
     """
     token = _END.set(min(_END.get(), (time.process_time() + seconds, words)))
     try:
@@ -78,15 +70,7 @@ def _check_budget() -> None:
 
 
 class Prior(NamedTuple):
-    """A normal prior about the start of a search.
-
-    Attributes
-    ----------
-    precision : float64 (p,)
-        Precision of each entry, in units of the weight of a sample.
-    samples : float
-        Number of samples behind a cost.
-    """
+    """A normal prior about the start of a search."""
 
     precision: np.ndarray
     samples: float
@@ -115,43 +99,7 @@ def levenberg_marquardt(
     waiting: np.ndarray | None = None,
     patience: int = _PATIENCE,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Levenberg-Marquardt on a batch.
-
-    It ends when nine tenths of the batch have come to rest at the same least cost, or all of it
-    somewhere: the last few may follow a bent valley for as long as all the others together.
-
-    Parameters
-    ----------
-    normal : callable
-        From search vectors (s, p) to costs (s,), gradients (s, p) and matrices (s, p, p).
-    start : float64 (s, p)
-        Start vectors.
-    prior : Prior
-        About the start vectors.
-    tolerance : float
-        A start comes to rest when no trial changes its cost by this fraction any more, or a whole
-        step promises a hundredth of that.
-    bounds : Bounds, optional
-        An entry that lies at its bound and would leave it rests there for the step (projected
-        Levenberg-Marquardt; Kanzow, Yamashita, Fukushima 2004, doi:10.1016/j.cam.2004.02.013).
-    trials : int
-        At most.
-    damping : float
-        Damping of the first step, in the diagonal of the matrix.
-    waiting : bool (s,), optional
-        The starts that are waited for; all, if not given.
-    patience : int
-        Trials without a gain after which a start counts as done.
-
-    Returns
-    -------
-    theta, cost : float64 (s, p), (s,)
-
-    Raises
-    ------
-    TimeBudgetError
-        If a `time_budget` is spent.
-    """
+    """Levenberg-Marquardt on a batch."""
     if bounds is None:
         bounds = Bounds(np.full(start.shape[1], -np.inf), np.full(start.shape[1], np.inf))
     # Each start has its own where one has: profiles hold another entry in each.
@@ -191,46 +139,17 @@ def _starts_have_settled(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarr
 
 
 def agreeing_cost_limit(cost: np.ndarray, samples: float) -> float:
-    """Cost up to which starts have led to the best fit.
-
-    Parameters
-    ----------
-    cost : float64 (s,)
-        Costs of the starts, dimensionless sums of squares.
-    samples : float
-        Number of samples behind a cost.
-
-    Returns
-    -------
-    float
-        Cost a hundredth above the least one, with the rounding of the residuals.
-    """
+    """Cost up to which starts have led to the best fit."""
     return float((1.0 + _AGREE) * cost.min() + samples * TIE**2)
 
 
 def promising_starts(cost: np.ndarray, samples: float) -> np.ndarray:
-    """Mask of the starts that may still lead to the best fit.
-
-    Parameters
-    ----------
-    cost : float64 (s,)
-        Costs of the starts, dimensionless sums of squares.
-    samples : float
-        Number of samples behind a cost.
-
-    Returns
-    -------
-    bool (s,)
-        True where the cost is at most four times the least one.
-    """
+    """Mask of the starts that may still lead to the best fit."""
     return np.asarray(cost <= _IN_THE_RUNNING * cost.min() + samples * TIE**2)
 
 
 def _padded_call(function: Callable[..., Any], *arguments: Any) -> list[np.ndarray]:
-    """Results of a compiled function, filled up so that batches and vectors of similar size share its code.
-
-    The entries that fill up rest between equal bounds, where they change no other.
-    """
+    """Results of a compiled function, padded so that batches of similar size share its code."""
     starts, entries = arguments[0][0].shape
     rows = 1 if starts == 1 else _SHARED_STARTS * math.ceil(starts / _SHARED_STARTS)
     columns = _SHARED_ENTRIES * math.ceil(entries / _SHARED_ENTRIES)

@@ -34,16 +34,7 @@ BLOWN_UP = 1e3
 
 
 class Loss(NamedTuple):
-    """Cost of a residual r.
-
-    Attributes
-    ----------
-    name : str
-        ``"linear"``: r^2; ``"soft_l1"``: 2 c^2 (sqrt(1 + r^2/c^2) - 1); ``"huber"``: r^2 up to c,
-        then 2 c |r| - c^2 (Huber 1964, doi:10.1214/aoms/1177703732).
-    scale : float
-        c, in amplitudes.
-    """
+    """Cost of a residual r."""
 
     name: LossName = "linear"
     scale: float = math.inf
@@ -56,27 +47,7 @@ class Loss(NamedTuple):
 
 
 def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
-    """Costs of residuals, and the weights with which their squares have the same slope.
-
-    Huber (1964), doi:10.1214/aoms/1177703732; the soft modulus 2 (sqrt(1 + r^2) - 1) is that of SciPy's
-    ``soft_l1``.
-
-    Parameters
-    ----------
-    residuals : float64 (...)
-        Residuals, in residual units.
-    loss : float64 (2,)
-        Scale in residual units, and 1 for the loss of Huber or 0 for the soft modulus.
-    np_ : module
-        NumPy, or that of JAX.
-
-    Returns
-    -------
-    cost : float64 (...)
-        Cost of each residual: its square where it is far below the scale.
-    weight : float64 (...)
-        Derivative of the cost over that of the square.
-    """
+    """Costs of residuals, and the weights with which their squares have the same slope."""
     size = np_.abs(residuals)
     root = np_.sqrt(1.0 + (residuals / loss[0]) ** 2)
     soft = 2.0 * residuals**2 / (1.0 + root)
@@ -89,20 +60,7 @@ def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
 
 
 def half_cost_curvature(residuals: np.ndarray, loss: Loss) -> np.ndarray:
-    """Half the second derivative (n,) of what residuals cost.
-
-    Parameters
-    ----------
-    residuals : float64 (n,)
-        Residuals, in residual units.
-    loss : Loss
-        Loss with its scale in residual units.
-
-    Returns
-    -------
-    float64 (n,)
-        Half the second derivative of the cost by each residual, dimensionless.
-    """
+    """Half the second derivative (n,) of what residuals cost."""
     if loss.name == "linear":
         return np.ones_like(residuals)
     if loss.name == "huber":
@@ -111,23 +69,7 @@ def half_cost_curvature(residuals: np.ndarray, loss: Loss) -> np.ndarray:
 
 
 def remove_random_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
-    """Residuals (n, ...) less what exponential smoothing of the ones before them foresees.
-
-    Exponential smoothing is the steady Kalman filter of a random walk in white noise (Muth 1960,
-    doi:10.1080/01621459.1960.10482064).
-
-    Parameters
-    ----------
-    residuals : float64 (n, ...)
-        Residuals or their derivatives, in any unit.
-    gain : float
-        Gain of the smoothing, from 0 (no random walk) to 1.
-
-    Returns
-    -------
-    float64 (n, ...)
-        Innovations in the same unit.
-    """
+    """Residuals (n, ...) less what exponential smoothing of the ones before them foresees."""
     if gain == 0.0:
         return residuals
     from scipy.signal import lfilter  # its import takes longer than a small fit
@@ -136,20 +78,7 @@ def remove_random_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
 
 
 def add_random_walk(left: np.ndarray, gain: float) -> np.ndarray:
-    """Residuals (n,) of which `remove_random_walk` leaves these.
-
-    Parameters
-    ----------
-    left : float64 (n,)
-        Innovations, in any unit.
-    gain : float
-        Gain of the smoothing, from 0 (no random walk) to 1.
-
-    Returns
-    -------
-    float64 (n,)
-        Residuals in the same unit: the inverse filter of `remove_random_walk`.
-    """
+    """Residuals (n,) of which `remove_random_walk` leaves these."""
     if gain == 0.0:
         return left
     from scipy.signal import lfilter
@@ -163,17 +92,7 @@ Selection = int | np.ndarray | None
 
 
 class SensorForm(NamedTuple):
-    """Form of a sensor's signal, for which code is compiled.
-
-    Attributes
-    ----------
-    derivative : int
-        Of the coordinate, that is measured.
-    is_open : (bool, bool)
-        Gain and offset are entries of the search vector.
-    entries : int
-        Number of entries of the sensor, at the end of the search vector.
-    """
+    """Form of a sensor's signal, for which code is compiled."""
 
     derivative: int
     is_open: tuple[bool, bool]
@@ -181,22 +100,7 @@ class SensorForm(NamedTuple):
 
 
 def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
-    """Compiled function of search vectors.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-    kind : str
-        ``"normal"``: (theta (s, p), samples, scales, loss) -> cost (s,), gradient J'r (s, p),
-        matrix J'J (s, p, p). ``"linear"``: (theta (p,), samples, scales) -> weighted residuals
-        (n,), in amplitudes, and their derivatives (p, n). ``"residual"``: the residuals alone.
-
-    Returns
-    -------
-    callable
-        Function compiled by JAX, one for all laws' equations, forms of sensors and kinds that are
-        alike.
-    """
+    """Compiled function of search vectors."""
     law = unknowns.law
     sensor = None
     if unknowns.sensor is not None:
@@ -210,23 +114,7 @@ def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
 
 
 def normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal:
-    """Return the normal equations of samples, for many search vectors side by side.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    samples : Samples
-        Samples on a grid.
-    loss : Loss
-        Loss of the residuals.
-
-    Returns
-    -------
-    callable
-        From search vectors (s, p) to costs (s,), gradients J'r (s, p) and matrices J'J (s, p, p),
-        dimensionless.
-    """
+    """Return the normal equations of samples, for many search vectors side by side."""
     function, scales = residual_function(unknowns, "normal"), unknowns.scales
     return lambda theta: function(theta, samples, scales, loss.compiled_arguments)
 
@@ -300,23 +188,7 @@ def _compile_residuals(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GriddedRecord:
-    """A record on a grid, with the compiled residuals of some unknowns.
-
-    Attributes
-    ----------
-    unknowns : Unknowns
-    record : PistonRecord
-        That starts at time 0.
-    grid : StepGrid
-    samples : Samples
-    interpolation : str
-        Interpolation of the inputs.
-    weights : float64 (n,)
-        Weights of the residuals.
-    loss : Loss
-    gain : float
-        Gain of the filter that takes a drift out of the residuals; 0 for none.
-    """
+    """A record on a grid, with the compiled residuals of some unknowns."""
 
     unknowns: Unknowns
     record: PistonRecord
@@ -328,50 +200,17 @@ class GriddedRecord:
     gain: float = 0.0
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:
-        """Residuals (n,) of all samples, in amplitudes; not weighted.
-
-        Parameters
-        ----------
-        theta : float64 (p,)
-            Search vector, dimensionless.
-
-        Returns
-        -------
-        float64 (n,)
-            Solution minus data over the residual unit, not weighted.
-        """
+        """Residuals (n,) of all samples, in amplitudes; not weighted."""
         linear = residual_function(self.unknowns, "linear")
         left = linear(theta, self._selected_samples(None, weighted=False), self.unknowns.scales)[0]
         return np.asarray(left)[: len(self.record)]
 
     def fitted_signal(self, theta: np.ndarray) -> np.ndarray:
-        """Signal (n,), or heights [m], by a search vector.
-
-        Parameters
-        ----------
-        theta : float64 (p,)
-            Search vector, dimensionless.
-
-        Returns
-        -------
-        float64 (n,)
-            Signal by the law, in the unit of the record: heights [m] without a sensor.
-        """
+        """Signal (n,), or heights [m], by a search vector."""
         return self.record.height + self.unknowns.residual_unit * self.residuals(theta)
 
     def fitted_heights(self, theta: np.ndarray) -> np.ndarray:
-        """Heights (n,) [m] by a search vector.
-
-        Parameters
-        ----------
-        theta : float64 (p,)
-            Search vector, dimensionless.
-
-        Returns
-        -------
-        float64 (n,)
-            Heights by the law [m], also where a sensor's signal is fitted.
-        """
+        """Heights (n,) [m] by a search vector."""
         unknowns = self.unknowns
         if unknowns.sensor is None:
             return self.fitted_signal(theta)
@@ -385,20 +224,7 @@ class GriddedRecord:
         return plain.fitted_signal(theta[: len(theta) - unknowns.sensor_entry_count])
 
     def linearised_residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p).
-
-        Parameters
-        ----------
-        theta : float64 (p,)
-            Search vector, dimensionless.
-
-        Returns
-        -------
-        left : float64 (n,)
-            Weighted residuals over the residual unit, a random walk taken out.
-        slopes : float64 (n, p)
-            Their derivatives by the search vector.
-        """
+        """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
         return self._linearised_samples(theta, self._selected_samples(None), slice(None))
 
     def _linearised_samples(
@@ -411,22 +237,7 @@ class GriddedRecord:
         return remove_random_walk(value[0], self.gain), remove_random_walk(value[1], self.gain)
 
     def normal_equations(self, selection: Selection = None) -> Normal:
-        """Return the normal equations of some samples.
-
-        Those of several vectors together leave a drift in; over samples that are left out, it stays
-        as it is.
-
-        Parameters
-        ----------
-        selection : int, bool (n,) or None
-            So many first samples, a mask of them, or all.
-
-        Returns
-        -------
-        callable
-            From search vectors (s, p) to costs (s,), gradients (s, p) and matrices J'J (s, p, p),
-            dimensionless.
-        """
+        """Return the normal equations of some samples."""
         seen = self._selected_samples(selection)
         here = selection if isinstance(selection, np.ndarray) else slice(selection)
         several = normal_equations(self.unknowns, seen, self.loss)
@@ -446,18 +257,7 @@ class GriddedRecord:
         return self.samples.with_weights(weight)
 
     def with_heights(self, height: np.ndarray) -> GriddedRecord:
-        """Return the same with other heights (n,).
-
-        Parameters
-        ----------
-        height : float64 (n,)
-            Heights, or signal of a sensor, in the unit of the record.
-
-        Returns
-        -------
-        GriddedRecord
-            Copy with these heights on the same grid.
-        """
+        """Return the same with other heights (n,)."""
         padded = self.samples.height.copy()
         padded[: len(height)] = height
         record = dataclasses.replace(self.record, height=height)
@@ -465,20 +265,7 @@ class GriddedRecord:
         return dataclasses.replace(self, record=record, samples=samples)
 
     def with_column_deviation(self, name: str, deviation: np.ndarray) -> GriddedRecord:
-        """Return the same with a deviation (n,) added to a column of the record.
-
-        Parameters
-        ----------
-        name : str
-            Name of a column of the record.
-        deviation : float64 (n,)
-            Deviation in the unit of the column.
-
-        Returns
-        -------
-        GriddedRecord
-            Copy with the deviation added to the column.
-        """
+        """Return the same with a deviation (n,) added to a column of the record."""
         record = self.record
         if name in record.extra:
             record = dataclasses.replace(record, extra={**record.extra, name: record.extra[name] + deviation})
@@ -489,17 +276,7 @@ class GriddedRecord:
     def on_grid(self, grid: StepGrid, interpolation: Interpolation | None = None) -> GriddedRecord:
         """Return the same on another grid, or with inputs that are something else between samples.
 
-        Parameters
-        ----------
-        grid : StepGrid
-            Step [s] and number of steps.
-        interpolation : str, optional
-            Course of the inputs between samples; that of before if not given.
-
-        Returns
-        -------
-        GriddedRecord
-            Copy on that grid.
+        grid [s].
         """
         how = interpolation or self.interpolation
         samples = samples_on_grid(self.record, grid, self.unknowns.law.inputs, how)
@@ -515,28 +292,7 @@ def record_on_grid(
     weights: np.ndarray | None = None,
     loss: Loss = Loss(),  # noqa: B008
 ) -> GriddedRecord:
-    """Put all samples of a record that starts at time 0 on a grid.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    record : PistonRecord
-        Record from time 0 on [s], heights in m.
-    grid : StepGrid
-        Step [s] and number of steps.
-    how : str
-        Course of the inputs between samples.
-    weights : float64 (n,), optional
-        Weight of each residual; ones if not given.
-    loss : Loss
-        Loss of the residuals.
-
-    Returns
-    -------
-    GriddedRecord
-        Record on the grid, with the compiled residuals of the unknowns.
-    """
+    """Put all samples of a record that starts at time 0 on a grid; record, grid [s]."""
     samples = samples_on_grid(record, grid, unknowns.law.inputs, how)
     samples = samples.through_sensor(unknowns.sensor, record, grid)
     given = np.ones(len(record)) if weights is None else weights

@@ -35,67 +35,25 @@ LEAST_SAMPLES = 1024
 
 
 class Samples(NamedTuple):
-    """Data on a grid, as the compiled code takes them.
+    """Data on a grid, as the compiled code takes them."""
 
-    Attributes
-    ----------
-    step : float
-        Step of the grid [s].
-    point, fraction : int (n,), float (n,)
-        Grid point before each sample, and how far behind it, in steps.
-    height, weight : float (n,)
-        [m]; weights multiply the residuals.
-    drive : float (points, stages, inputs)
-        Inputs of the law at the stages of the grid's steps.
-    chunks : int
-        Number of chunks of the grid that are solved.
-    sensor : SensorSignalTables, optional
-        Where ``height`` is the signal of a sensor.
-    """
-
-    step: float
+    step: float  # [s]
     point: np.ndarray
     fraction: np.ndarray
-    height: np.ndarray
-    weight: np.ndarray
+    height: np.ndarray  # [m]
+    weight: np.ndarray  # [m]
     drive: np.ndarray
     chunks: int
     sensor: SensorSignalTables | None = None
 
     def with_weights(self, weight: np.ndarray) -> Samples:
-        """Return the same with other weights; the solution ends behind the last that is not zero.
-
-        Parameters
-        ----------
-        weight : float64 (n,)
-            Weight of each sample; zero leaves it out.
-
-        Returns
-        -------
-        Samples
-            Copy with these weights.
-        """
+        """Return the same with other weights; the solution ends behind the last that is not zero."""
         used = self.point[weight > 0.0]
         last = int(used.max()) + 1 if len(used) else 1
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
 
     def through_sensor(self, sensor: Sensor | None, record: PistonRecord, grid: StepGrid) -> Samples:
-        """Return the same for a sensor whose signal the record has for its height.
-
-        Parameters
-        ----------
-        sensor : Sensor or None
-            Sensor with its filter; None changes nothing.
-        record : PistonRecord
-            Record with the motion of the sensor's base, times in s.
-        grid : StepGrid
-            Step [s] and number of steps.
-
-        Returns
-        -------
-        Samples
-            Copy with the tables of the sensor's signal.
-        """
+        """Return the same for a sensor whose signal the record has for its height; grid [s]."""
         if sensor is None:
             return self
         behind = filter_by_sensor(sensor, record.time, sensor.base_motion(record.columns))
@@ -110,33 +68,9 @@ def grid_over_record(
     per_period: int,
     how: Interpolation = "spline",
 ) -> StepGrid:
-    """Grid over a record that starts at time 0, with at least so many steps a period.
+    """Grid over a record that starts at time 0, with at least so many steps a period [s].
 
-    Where something drives the law, and samples are even, steps end at the samples: what an input
-    does between them is smooth, not at them.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record from time 0 on [s].
-    names : tuple of str
-        Inputs of the law.
-    period : float
-        Period of the swing [s].
-    per_period : int
-        Least number of steps in a period.
-    how : str
-        Course of the inputs between samples.
-
-    Returns
-    -------
-    StepGrid
-        Step [s] and number of steps, a whole number of chunks.
-
-    Raises
-    ------
-    RecordError
-        If it holds more periods than a fit can follow.
+    record, period [s].
     """
     duration = float(record.time[-1])
     wanted = count_grid_steps(duration, period, per_period)
@@ -153,24 +87,7 @@ def grid_over_record(
 def samples_on_grid(
     record: PistonRecord, grid: StepGrid, names: tuple[str, ...], how: Interpolation
 ) -> Samples:
-    """Every sample of a record that starts at time 0, on a grid over all of it.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record from time 0 on [s], heights in m.
-    grid : StepGrid
-        Step [s] and number of steps.
-    names : tuple of str
-        Inputs of the law.
-    how : str
-        Course of the inputs between samples.
-
-    Returns
-    -------
-    Samples
-        All samples with the weight 1, padded to a length that records share.
-    """
+    """Every sample of a record that starts at time 0, on a grid over all of it; record, grid [s]."""
     count = len(record)
     point, fraction = _grid_points(record.time, grid)
     size = padded_length(count, LEAST_SAMPLES)
@@ -188,25 +105,9 @@ def means_on_grid(
     how: Interpolation,
     weights: np.ndarray | None = None,
 ) -> Samples:
-    """Weighted means of the samples around each grid point, weighted by how many there are.
+    """Weighted means of the samples around each grid point, weighted by how many there are [m].
 
-    Parameters
-    ----------
-    record : PistonRecord
-        Record from time 0 on [s], heights in m.
-    grid : StepGrid
-        Step [s] and number of steps.
-    names : tuple of str
-        Inputs of the law.
-    how : str
-        Course of the inputs between samples.
-    weights : float64 (n,), optional
-        Weight of each residual; ones if not given.
-
-    Returns
-    -------
-    Samples
-        Mean height [m] at each grid point; its weight is the root of the sum of the squared weights.
+    record, grid [s].
     """
     time, height = record.time, record.height
     points = padded_step_count(grid.steps) + 1

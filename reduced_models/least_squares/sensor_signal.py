@@ -23,21 +23,7 @@ _DEGREE = 5
 
 
 class SensorSignalTables(NamedTuple):
-    """Numbers that turn a solution on a grid into a sensor's signal.
-
-    Attributes
-    ----------
-    weights : float64 (n, c)
-        Of the coefficients of each sample's step, for the signal there.
-    base : float64 (n,)
-        Signal by the motion of the base.
-    state_weights : float64 (n, m)
-        Of the filter's state before the step; m is 0 without a filter.
-    advance : float64 (m, m)
-        Moves the filter's state over a step.
-    advance_input : float64 (m, c)
-        Adds what the coefficients of a step do to it.
-    """
+    """Numbers that turn a solution on a grid into a sensor's signal."""
 
     weights: np.ndarray
     base: np.ndarray
@@ -49,27 +35,7 @@ class SensorSignalTables(NamedTuple):
 def sensor_signal_tables(
     sensor: Sensor, grid: StepGrid, fraction: np.ndarray, base: np.ndarray
 ) -> SensorSignalTables:
-    """Tables that turn a solution on a grid into a sensor's signal at the samples.
-
-    The filter is solved without error of time discretisation, by matrix exponentials (Van Loan 1978,
-    doi:10.1109/TAC.1978.1101743).
-
-    Parameters
-    ----------
-    sensor : Sensor
-        Sensor with its low-pass filter, and the derivative of the height that it measures.
-    grid : StepGrid
-        Step [s] and number of steps.
-    fraction : float64 (n,)
-        Fraction of a step from a grid point to each sample.
-    base : float64 (n,)
-        Filtered signal of the base's own motion, per unit of gain.
-
-    Returns
-    -------
-    SensorSignalTables
-        Weights of the step's polynomial and of the filter's states.
-    """
+    """Tables that turn a solution on a grid into a sensor's signal at the samples; grid [s]."""
     size = _DEGREE + 1 - sensor.derivative_order
     states, inputs, output, through = _filter_matrices(sensor, grid.step)
     count = len(states)
@@ -97,23 +63,7 @@ def motion_signal(
 ) -> np.ndarray:
     """Signal (n,) of a motion whose base adds a quantity (n,), behind a filter that has settled.
 
-    Parameters
-    ----------
-    sensor : Sensor
-        Sensor with its nominal gain and offset.
-    time : float64 (n,)
-        Times [s].
-    height : float64 (n,)
-        Heights [m].
-    velocity : float64 (n,)
-        Velocities [m/s].
-    base : float64 (n,)
-        Quantity that the base's motion adds, in SI units of what the sensor measures.
-
-    Returns
-    -------
-    float64 (n,)
-        Signal in the unit of the sensor.
+    time [s], height [m], velocity [m/s].
     """
     from scipy.interpolate import CubicSpline
 
@@ -125,22 +75,7 @@ def motion_signal(
 
 
 def filter_by_sensor(sensor: Sensor, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Pass values through a sensor's filter that has settled at the first of them.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        Sensor with its low-pass filter.
-    time : float64 (n,)
-        Times [s].
-    values : float64 (n,)
-        Values before the filter, in any unit.
-
-    Returns
-    -------
-    float64 (n,)
-        Values behind the filter, in the same unit.
-    """
+    """Pass values through a sensor's filter that has settled at the first of them; time [s]."""
     from scipy.signal import StateSpace, lsim
 
     if not sensor.filter_order or not values.any():
@@ -188,29 +123,7 @@ def solution_signal(
 ) -> Any:
     """Signal (n, s) per gain of solutions on a grid, (points, s) each (for JAX).
 
-    ``states`` (m, s) are those of the filter at the start; height = ``shift`` + ``scale`` z.
-
-    Parameters
-    ----------
-    grid : tuple of three float64 (points, s)
-        Coordinate z, its velocity and its acceleration at the grid points of s solutions.
-    step : float
-        Step of the grid [s].
-    point : int (n,)
-        Grid point before each sample.
-    derivative : int
-        Derivative of the height that the sensor measures: 0, 1 or 2.
-    tables : SensorSignalTables
-        Tables of `sensor_signal_tables`.
-    states : float64 (m, s)
-        States of the filter at the start.
-    shift, scale : float
-        Map of the height, height = shift + scale z [m].
-
-    Returns
-    -------
-    float64 (n, s)
-        Signal per unit of gain, in SI units of what the sensor measures.
+    step [s], shift, scale [m].
     """
     z, v, a = scale * grid[0] + shift, scale * step * grid[1], scale * step**2 * grid[2]
     z0, v0, a0, z1, v1, a1 = (item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a))

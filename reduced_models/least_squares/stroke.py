@@ -29,34 +29,16 @@ FINE = 0.02
 
 
 class StrokeSteps(NamedTuple):
-    """Steps of the hidden states, with the stroke at the start, the middle and the end of each.
+    """Steps of the hidden states, with the stroke at the start, the middle and the end of each."""
 
-    Attributes
-    ----------
-    length : float64 (k,)
-        [s]
-    z, velocity : float64 (k, 3)
-    drive : float64 (k, 3, inputs)
-    """
-
-    length: np.ndarray
+    length: np.ndarray  # [s]
     z: np.ndarray
     velocity: np.ndarray
     drive: np.ndarray
 
 
 class Stroke(NamedTuple):
-    """A prescribed motion, as compiled code takes it.
-
-    Attributes
-    ----------
-    z, velocity : float64 (n,)
-        Smoothed, at the samples.
-    drive : float64 (n, inputs)
-    steps : StrokeSteps
-    point : int (n,)
-        Number of steps before each sample.
-    """
+    """A prescribed motion, as compiled code takes it."""
 
     z: np.ndarray
     velocity: np.ndarray
@@ -66,21 +48,7 @@ class Stroke(NamedTuple):
 
 
 def stroke_of_record(record: PistonRecord, law: Law, travel: float = FINE) -> Stroke:
-    """Stroke of a record, with the inputs of a law.
-
-    Parameters
-    ----------
-    record : PistonRecord
-    law : Law
-        Field of a `ForceLaw`.
-    travel : float
-        Greatest travel of a step of the hidden states, in half strokes.
-
-    Returns
-    -------
-    Stroke
-        Stroke without noise; its velocity is the record's own where it holds one.
-    """
+    """Stroke of a record, with the inputs of a law."""
     smooth = derivatives(record)
     velocity = smooth.velocity if record.velocity is None else record.velocity
     columns = [
@@ -127,23 +95,7 @@ def _hermite_cubic(
 
 @functools.lru_cache(maxsize=PROGRAMS)
 def force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]:
-    """Return a function that gives the forces of a law along a stroke (for JAX).
-
-    (values (p, s), hidden states at the start (h, s), stroke) -> forces (n, s).
-
-    Parameters
-    ----------
-    equation : str
-        Equation whose z'' stands for the force.
-    inputs : tuple of str
-        Inputs of the equation.
-
-    Returns
-    -------
-    callable
-        From values (p, s) in SI units, hidden states at the start (h, s) and a Stroke to forces (n, s)
-        [N].
-    """
+    """Return a function that gives the forces of a law along a stroke (for JAX) [N]."""
     field = compile_rates(equation, inputs)
 
     def forces(values: Any, states: Any, stroke: Stroke) -> Any:
@@ -174,18 +126,5 @@ def force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]
 
 @functools.lru_cache(maxsize=PROGRAMS)
 def compiled_force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]:
-    """Compile `force_function`, once for each equation.
-
-    Parameters
-    ----------
-    equation : str
-        Equation whose z'' stands for the force.
-    inputs : tuple of str
-        Inputs of the equation.
-
-    Returns
-    -------
-    callable
-        Function of the same arguments, compiled by JAX; forces (n, s) in N.
-    """
+    """Compile `force_function`, once for each equation."""
     return jax.jit(force_function(equation, inputs))

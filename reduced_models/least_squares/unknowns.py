@@ -18,35 +18,14 @@ _PRIOR_SPREAD = 3.0
 
 @dataclasses.dataclass(frozen=True)
 class Unknowns:
-    """A law, a map of the height, and the scales in which the search works.
-
-    The search vector holds the parameters (logarithms of the positive ones, multiples of a unit
-    of the others), then, where the map is fitted, its shift (from the rest level) and the logarithm
-    of its scale, then height (from the rest level), velocity and hidden states at the start, then,
-    of a sensor, gain and offset where they are open, and the filter's state at the start. Heights
-    count in amplitudes, velocities in amplitudes times the frequency, signals in their own size.
-
-    Attributes
-    ----------
-    law : Law
-    map : HeightMap or None
-        None where the map is fitted.
-    units : tuple of float
-        Units of the parameters that are no logarithms; 1 for the others.
-    rest, amplitude, speed : float
-        [m], [m], [m/s]
-    sensor : Sensor, optional
-        None where the height itself is compared.
-    signal : float
-        Size of the signal that is compared, in its unit.
-    """
+    """A law, a map of the height, and the scales in which the search works."""
 
     law: Law
     map: HeightMap | None
     units: tuple[float, ...]
-    rest: float
-    amplitude: float
-    speed: float
+    rest: float  # [m], [m], [m/s]
+    amplitude: float  # [m], [m], [m/s]
+    speed: float  # [m], [m], [m/s]
     sensor: Sensor | None = None
     signal: float = 1.0
 
@@ -85,10 +64,7 @@ class Unknowns:
 
     @property
     def prior(self) -> np.ndarray:
-        """Prior precision of each entry, in the information of one sample.
-
-        It keeps directions that the data leave open from running away; the initial state has none.
-        """
+        """Prior precision of each entry, in the information of one sample."""
         hidden = [_PRIOR_SPREAD**-2] * len(self.law.hidden)
         sensor = [_PRIOR_SPREAD**-2] * self.sensor_entry_count
         return np.array([_PRIOR_SPREAD**-2] * self.parameter_and_map_count + [0.0, 0.0] + hidden + sensor)
@@ -99,40 +75,12 @@ class Unknowns:
         return len(self.law.parameters) + (2 if self.map is None else 0)
 
     def physical_values(self, theta: np.ndarray) -> Any:
-        """Parameters, shift and scale of the map; z, its velocity and hidden states at first.
-
-        Parameters
-        ----------
-        theta : float64 (p,)
-            Search vector, dimensionless.
-
-        Returns
-        -------
-        values : tuple of float
-            Parameters, in their SI units.
-        shift, scale : float
-            Map of the height [m].
-        z0, v0 : float
-            Coordinate and its velocity at the start, in units of z (m without a map) and s.
-        hidden : tuple of float
-            Hidden states at the start.
-        """
+        """Parameters, shift and scale of the map; z, its velocity and hidden states at first [m]."""
         motion = theta[: len(theta) - self.sensor_entry_count]
         return physical_values(motion, self.scales, self.logarithmic_parameters, self.map is None, np)
 
     def gain_and_offset(self, theta: np.ndarray) -> tuple[float, float]:
-        """Gain and offset of the sensor by a search vector (p,).
-
-        Parameters
-        ----------
-        theta : float64 (p,)
-            Search vector, dimensionless.
-
-        Returns
-        -------
-        (float, float)
-            Gain, in units of the signal per SI unit, and offset, in units of the signal.
-        """
+        """Gain and offset of the sensor by a search vector (p,)."""
         gain, offset, _ = sensor_values(
             theta[len(theta) - self.sensor_entry_count :], self.scales, self.open_gain_and_offset
         )
@@ -143,24 +91,7 @@ class Unknowns:
 def theta_bounds(
     unknowns: Unknowns, bounds: Mapping[str, tuple[float, float]], initial: Mapping[str, float] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest entries (p,) of the search vector; equal ones hold an entry.
-
-    ``initial`` holds ``height`` [m], ``velocity`` [m/s] and hidden states at the start by name.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    bounds : mapping of str to (float, float)
-        Least and greatest value of parameters, in their SI units.
-    initial : mapping of str to float, optional
-        Held height [m], velocity [m/s] and hidden states at the start, by name.
-
-    Returns
-    -------
-    (float64 (p,), float64 (p,))
-        Least and greatest entries, dimensionless; infinite where open.
-    """
+    """Least and greatest entries (p,) of the search vector; equal ones hold an entry; initial [m, m/s]."""
     edges = np.full((2, len(unknowns.prior)), [[-np.inf], [np.inf]])
     for k, name in enumerate(unknowns.law.parameters):
         if name not in bounds:
@@ -199,32 +130,7 @@ def _bound_sensor(unknowns: Unknowns, edges: np.ndarray) -> None:
 
 
 def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], fits_map: bool, np_: Any) -> Any:
-    """Parameters, shift and scale of the map; z, its velocity and hidden states at first.
-
-    Parameters
-    ----------
-    theta : float64 (p, ...)
-        Search vectors, entries first, dimensionless.
-    scales : float64 (k,)
-        Scales of `Unknowns.scales`, in SI units.
-    logarithmic : tuple of bool
-        True for each parameter that is searched for by its logarithm.
-    fits_map : bool
-        True where shift and scale are entries of the search vector.
-    np_ : module
-        NumPy, or that of JAX.
-
-    Returns
-    -------
-    values : tuple of float64 (...)
-        Parameters, in their SI units.
-    shift, scale : float64 (...)
-        Map of the height [m].
-    z0, v0 : float64 (...)
-        Coordinate and its velocity at the start.
-    hidden : tuple of float64 (...)
-        Hidden states at the start.
-    """
+    """Parameters, shift and scale of the map; z, its velocity and hidden states at first [m]."""
     rest, amplitude, speed, shift, scale = (scales[k] for k in range(5))
     count = len(logarithmic)
     values = tuple(
@@ -240,24 +146,7 @@ def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], fits
 
 
 def sensor_values(entries: Any, scales: Any, is_open: tuple[bool, bool]) -> tuple[Any, Any, Any]:
-    """Gain with its sign, offset, and the filter's state at the start, from a sensor's entries.
-
-    Parameters
-    ----------
-    entries : float64 (k, ...)
-        Entries of the sensor in the search vector, dimensionless.
-    scales : float64 (m,)
-        Scales of `Unknowns.scales`; the last three are the sensor's.
-    is_open : (bool, bool)
-        True where the gain, and where the offset, is an entry.
-
-    Returns
-    -------
-    gain, offset : float64 (...)
-        Signed gain and offset, in units of the signal.
-    states : float64 (h, ...)
-        States of the filter at the start, per unit of gain.
-    """
+    """Gain with its sign, offset, and the filter's state at the start, from a sensor's entries."""
     signal, gain, offset = scales[-3], scales[-2], scales[-1]
     if is_open[0]:
         gain, entries = gain * entries[0], entries[1:]

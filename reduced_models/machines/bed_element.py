@@ -57,23 +57,7 @@ def export_bed(scene: Scene, path: str | Path, *, fmi: int = 2) -> str:
 
 
 def bed_force_port(scene: Scene) -> ForcePort:
-    """Return the law of a scene's bed as an element.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of a piston with a mass on magnets that drag alone damps.
-
-    Returns
-    -------
-    ForcePort
-        Law of the annealing bed, the mass that its accelerations belong to, and the load.
-
-    Raises
-    ------
-    InputError
-        If the law of the scene's bed is not known.
-    """
+    """Return the law of a scene's bed as an element."""
     system = CoupledSystem.from_bed_scene(scene)
     load, swing = system.piston * system.gravity, system.small_swing
     values = {
@@ -97,17 +81,6 @@ def bed_force_port(scene: Scene) -> ForcePort:
 
 
 def mass_matrix(system: CoupledSystem) -> np.ndarray:
-    """Mass matrix [kg] of host and piston over the cell.
-
-    Parameters
-    ----------
-    system : CoupledSystem
-        Numbers of a scene's equation.
-
-    Returns
-    -------
-    float64 (2, 2)
-        Of W' and z''.
-    """
+    """Mass matrix [kg] of host and piston over the cell."""
     swing = system.piston + 0.5 * system.bed
     return np.array([[system.host + system.piston + system.bed, swing], [swing, system.moving]])

@@ -50,35 +50,14 @@ beyond, relative: of the two humps that a damper leaves, the law may have the lo
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DamperDesign:
-    """A damper for a host.
-
-    Attributes
-    ----------
-    scene : Scene
-        To be simulated.
-    law : PredictedResponse
-        Response by the law.
-    alone, ideal : float
-        Greatest displacement of the host [m] without a damper, and with Den Hartog's tuned mass of
-        the same weight.
-    stroke : float
-        Of the piston over the cell at the peak by the law [m].
-    mass : float
-        Of piston and grains [kg].
-    outside : str
-        Why the law is not to be trusted; empty where it is.
-    simulated : FrequencyResponse or None
-        Response of the scene near the peak by the law, where it was simulated.
-    seconds : float
-        That the simulation took.
-    """
+    """A damper for a host."""
 
     scene: Scene
     law: PredictedResponse
-    alone: float
-    ideal: float
-    stroke: float
-    mass: float
+    alone: float  # [m]
+    ideal: float  # [m]
+    stroke: float  # [m]
+    mass: float  # [kg]
     outside: str
     simulated: FrequencyResponse | None = None
     seconds: float = 0.0
@@ -133,13 +112,7 @@ class DamperDesign:
         return f"{what}, take away {100.0 * self.reduction:.3g} % of the peak: {figures}"
 
     def workshop_sheet_page(self) -> HtmlPage:
-        """Sheet to build the damper from.
-
-        Returns
-        -------
-        HtmlPage
-            Dimensions, masses and figures to build from, in SI units.
-        """
+        """Sheet to build the damper from."""
         scatter = [
             "By the law alone: how far starts differ is not known, and where it was compared with "
             "simulations the peak was up to 10 % off; simulate=True puts a simulation beside it."

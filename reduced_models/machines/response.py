@@ -49,32 +49,14 @@ SETTLING, MEASURED = 14.0, 0.4
 
 
 class LinearSwing(NamedTuple):
-    """A linear law, z'' + 2 lam z' + omega^2 (z - rest) = 0.
+    """A linear law, z'' + 2 lam z' + omega^2 (z - rest) = 0."""
 
-    Attributes
-    ----------
-    omega, lam : float
-        [rad/s], [1/s]
-    """
-
-    omega: float
-    lam: float
+    omega: float  # [rad/s]
+    lam: float  # [1/s]
 
 
 class CoupledSystem(NamedTuple):
-    """The numbers of the equation, in SI.
-
-    Attributes
-    ----------
-    host, stiffness, damping : float
-        M_h, k, c.
-    piston, bed, moving : float
-        M, m, M_z.
-    drag : float
-        N gamma/3 and the piston's own.
-    gravity, rest : float
-    modulus, strength, power : float
-    """
+    """The numbers of the equation, in SI."""
 
     host: float
     stiffness: float
@@ -91,23 +73,7 @@ class CoupledSystem(NamedTuple):
 
     @classmethod
     def from_host_scene(cls, scene: Scene) -> CoupledSystem:
-        """Equation of a scene whose host carries the cell.
-
-        Parameters
-        ----------
-        scene : Scene
-            Scene with a host of one body that carries the cell, and a bed.
-
-        Returns
-        -------
-        CoupledSystem
-            Masses [kg], stiffness [N/m], damping [N s/m], and the bed's law, in SI.
-
-        Raises
-        ------
-        InputError
-            If the scene has another host, or no bed whose law is known.
-        """
+        """Equation of a scene whose host carries the cell [kg, N/m, N s/m]."""
         host = scene.effects.host
         if host is None or host.mount != "cell" or len(host.bodies) != 1:
             raise InputError(
@@ -121,23 +87,7 @@ class CoupledSystem(NamedTuple):
 
     @classmethod
     def from_bed_scene(cls, scene: Scene) -> CoupledSystem:
-        """Equation of a scene's bed, on a host that nothing moves.
-
-        Parameters
-        ----------
-        scene : Scene
-            Scene with a piston on a bed; its own host is left out.
-
-        Returns
-        -------
-        CoupledSystem
-            The bed's law in SI, on a host of infinite mass.
-
-        Raises
-        ------
-        InputError
-            If the law of the scene's bed is not known.
-        """
+        """Equation of a scene's bed, on a host that nothing moves."""
         still = scene.replace(**{"effects.host": "none"})
         parameters, piston, gravity = predict_bed_parameters(still), scene.piston, scene.effects.gravity
         assert piston is not None
@@ -171,20 +121,7 @@ class CoupledSystem(NamedTuple):
     ) -> np.ndarray:
         """Displacement of the host (f,) [m] with a linear law in place of the bed's.
 
-        Parameters
-        ----------
-        frequencies : sequence of float
-            [Hz]
-        force : float
-            [N]
-        swing : LinearSwing, optional
-            Of the linear law, as a fit to a swing over a cell at rest finds it; that of the bed's
-            own law if not given.
-
-        Returns
-        -------
-        complex128 (f,)
-            Complex amplitude of the host's displacement [m].
+        frequencies [Hz], force [N].
         """
         omega = math.tau * np.asarray(frequencies, dtype=np.float64)
         own = self.stiffness + 1j * omega * self.damping
@@ -214,36 +151,13 @@ def _state_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -
 
 @entry
 def fill_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
-    """Fill in the rates of X, X', z, z', w and q (6,) under a force [N].
-
-    Parameters
-    ----------
-    law : CoupledSystem
-        Numbers of the equation, in SI.
-    force : float
-        Force on the host [N].
-    state : float64 (6,)
-        X [m], X' [m/s], z [m], z' [m/s], w [m] and q (dimensionless).
-    rates : float64 (6,)
-        Filled in with the rates of these, per second.
-    """
+    """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]; state [m, m/s]."""
     _state_rates(law, force, state, rates)
 
 
 @entry
 def squared_amplitudes(law: CoupledSystem, force: float, omega: float, steps: int, last: int) -> Array:
-    """Squared amplitudes of host and piston over the last steps, by the classical Runge-Kutta method.
-
-    Parameters
-    ----------
-    steps, last : int
-        Of `STEPS_A_PERIOD` a period; whole periods.
-
-    Returns
-    -------
-    float64 (2,)
-        Squared amplitude of the host and of the piston about rest, at the force's frequency [m^2].
-    """
+    """Squared amplitudes of host and piston over the last steps [m^2], by classical Runge-Kutta."""
     h = 2.0 * math.pi / omega / STEPS_A_PERIOD
     state, middle = np.zeros(6), np.zeros(6)
     state[2], state[5] = law.rest, ORDER
@@ -272,24 +186,12 @@ def squared_amplitudes(law: CoupledSystem, force: float, omega: float, steps: in
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PredictedResponse:
-    """The response of a host by the law.
+    """The response of a host by the law."""
 
-    Attributes
-    ----------
-    frequencies : float64 (f,)
-        [Hz]
-    displacement, stroke : float64 (f,)
-        Amplitudes of the host, and of the piston over the cell [m].
-    linear : float64 (f,)
-        Amplitude of the host by the law's small swing [m].
-    outside : bool
-        Whether the stroke at the peak lies outside `RANGE`.
-    """
-
-    frequencies: np.ndarray
-    displacement: np.ndarray
-    stroke: np.ndarray
-    linear: np.ndarray
+    frequencies: np.ndarray  # [Hz]
+    displacement: np.ndarray  # [m]
+    stroke: np.ndarray  # [m]
+    linear: np.ndarray  # amplitude of the host by the law's small swing [m]
     outside: bool
 
     @property
@@ -354,22 +256,9 @@ def _host_force(host: Host | None) -> float:
 
 
 def solve_host_response(law: CoupledSystem, frequencies: Sequence[float], force: float) -> PredictedResponse:
-    """Solve the response of a host by the law of its bed, from given numbers.
+    """Solve the response of a host by the law of its bed, from given numbers [m].
 
-    Parameters
-    ----------
-    law : CoupledSystem
-        Numbers of the equation, in SI.
-    frequencies : sequence of float
-        Frequencies of the force [Hz], f of them.
-    force : float
-        Amplitude of the force [N].
-
-    Returns
-    -------
-    PredictedResponse
-        Amplitudes (f,) of host, piston and the linear law [m]; whether they leave the law's range is
-        not checked.
+    frequencies [Hz], force [N].
     """
     pairs = []
     for frequency in frequencies:

@@ -22,22 +22,12 @@ POINTS = 201
 
 @dataclasses.dataclass(frozen=True)
 class PeakComparison:
-    """The greatest displacements at a force, simulated and by the law, over the same frequencies.
+    """The greatest displacements at a force, simulated and by the law, over the same frequencies."""
 
-    Attributes
-    ----------
-    force : float
-        [N]
-    simulated, law, linear : float
-        [m]; ``linear`` is that of the law's small swing.
-    outside : str
-        Why the law is not to be trusted there; empty where it is.
-    """
-
-    force: float
-    simulated: float
-    law: float
-    linear: float
+    force: float  # [N]
+    simulated: float  # [m]
+    law: float  # [m]
+    linear: float  # [m]
     outside: str
 
     @property
@@ -53,22 +43,12 @@ class PeakComparison:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ResponseComparison:
-    """The law's curves next to a response.
-
-    Attributes
-    ----------
-    peaks : tuple of PeakComparison
-        For each force.
-    frequencies : float64 (f,)
-        [Hz]
-    law, linear : dict of float to float64 (f,)
-        Displacements of the machine [m], by the force.
-    """
+    """The law's curves next to a response."""
 
     peaks: tuple[PeakComparison, ...]
-    frequencies: np.ndarray
-    law: dict[float, np.ndarray]
-    linear: dict[float, np.ndarray]
+    frequencies: np.ndarray  # [Hz]
+    law: dict[float, np.ndarray]  # [m]
+    linear: dict[float, np.ndarray]  # [m]
 
     @property
     def peak_table(self) -> str:
@@ -120,22 +100,7 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
 
 
 def response_page_with_law(response: FrequencyResponse) -> tuple[HtmlPage, ResponseComparison | None, str]:
-    """Report of a response with the law; the law; and why, where there is none.
-
-    Parameters
-    ----------
-    response : FrequencyResponse
-        Simulated response of a host.
-
-    Returns
-    -------
-    page : HtmlPage
-        Report of the response, with the law's curves where it is known.
-    comparison : ResponseComparison or None
-        Peaks by the law and simulated.
-    why : str
-        Reason why there is no law; else empty.
-    """
+    """Report of a response with the law; the law; and why, where there is none."""
     try:
         law = compare_response(response)
     except InputError as error:

@@ -71,20 +71,7 @@ _TAKEN = frozenset(re.findall(r"[A-Za-z_]\w*", _TEMPLATE))
 
 
 def numpy_source(model: FittedLaw) -> str:
-    """Python source of a stand-alone module with the model's rates and a solver.
-
-    Inputs of the law, where it has any, are functions of time there.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with numbers.
-
-    Returns
-    -------
-    str
-        Python source that needs NumPy alone; heights in m, times in s.
-    """
+    """Python source of a stand-alone module with the model's rates and a solver."""
     import sympy
     from sympy.printing.numpy import NumPyPrinter
 
@@ -148,18 +135,7 @@ def _escape_docstring(words: str) -> str:
 
 
 def equations_text(model: FittedLaw) -> str:
-    """Equation, parameters with units and intervals, domain and provenance; then LaTeX.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with numbers.
-
-    Returns
-    -------
-    str
-        Text, ending in a line break.
-    """
+    """Equation, parameters with units and intervals, domain and provenance; then LaTeX."""
     lines = [str(model)]
     for name, (low, high) in model.domain.items():
         unit = {"height": model.unit, "velocity": f"{model.unit}/s"}.get(name, "")
@@ -219,30 +195,7 @@ SOURCES: dict[str, tuple[str, Source, PortSource]] = {
 
 
 def write_code(model: FittedLaw | ForcePort, path: Path, fmi: int = 2) -> str:
-    """Write a model, or its force as an element, as code, and tell in words what was written.
-
-    Of an element in C the header is written next to the source.
-
-    Parameters
-    ----------
-    model : FittedLaw or ForcePort
-        Law with numbers, or the element with its force.
-    path : Path
-        File; its ending names the language.
-    fmi : int
-        Version of the FMI standard for an FMU: 2 or 3.
-
-    Returns
-    -------
-    str
-        Description of the file, for a message.
-
-    Raises
-    ------
-    InputError
-        If the ending is none of those known, the file's name cannot be that of a function, or it
-        cannot be written.
-    """
+    """Write a model, or its force as an element, as code, and tell in words what was written."""
     if fmi not in VERSIONS:
         raise InputError(f"fmi = {fmi}; give {' or '.join(map(str, VERSIONS))}")
     if path.suffix == ".fmu":

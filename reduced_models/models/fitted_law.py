@@ -43,24 +43,11 @@ _FLOORS = {"height": 1e-9, "period": 1e-9, "damping_ratio": 1e-6}
 
 @dataclasses.dataclass(frozen=True)
 class EquivalentDamping:
-    """Damping that small swings do not show, by the energy that harmonic cycles dissipate.
+    """Damping that small swings do not show, by the energy that harmonic cycles dissipate."""
 
-    Attributes
-    ----------
-    amplitude : float
-        Half of the record's greatest swing [m], which the level of rest's damping ratio is of.
-    tenth_ratio : float
-        Fraction of critical damping at a tenth of the greatest swing, ``tenth``.
-    friction : float
-        Constant force per kilogram [m/s^2] that, together with a dashpot, dissipates as much at
-        both amplitudes; below zero where damping grows faster than a dashpot's.
-    intervals : mapping of str to (float, float)
-        Intervals of the last two.
-    """
-
-    amplitude: float
+    amplitude: float  # [m]
     tenth_ratio: float
-    friction: float
+    friction: float  # [m/s^2]
     intervals: Mapping[str, tuple[float, float]]
 
     @property
@@ -76,48 +63,18 @@ class EquivalentDamping:
 
 @dataclasses.dataclass(frozen=True)
 class AtRest:
-    """Small motions by a law about its level of rest, with intervals.
+    """Small motions by a law about its level of rest, with intervals."""
 
-    Attributes
-    ----------
-    height, period, damping_ratio : float
-        [m], period of the undamped small swing [s], fraction of critical damping. Where that of
-        small swings is far from what the record's swings can show, as with dry friction, it is the
-        energy lost in a harmonic cycle of the amplitude ``equivalent.amplitude``, over 4 pi times
-        that of its swing.
-    intervals : mapping of str to (float, float)
-    equivalent : EquivalentDamping or None
-        None where the damping ratio is that of small swings.
-    peaks : PeakDamping or None
-        Damping ratios by how the record's own peaks fall, where they contradict the law's: they are
-        what is printed then.
-    calibration : mapping of str to float
-        Part of half the intervals that a sensor's calibration makes, where there is one.
-    """
-
-    height: float
-    period: float
-    damping_ratio: float
+    height: float  # [m, s]
+    period: float  # [m, s]
+    damping_ratio: float  # [m, s]
     intervals: Mapping[str, tuple[float, float]]
     equivalent: EquivalentDamping | None = None
     peaks: PeakDamping | None = None
     calibration: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def small_swing_text(self, coordinate: str, unit: str, untold: Collection[str]) -> str:
-        """Line of a model's text on the small swing.
-
-        Parameters
-        ----------
-        coordinate, unit : str
-            Name and unit of the coordinate.
-        untold : collection of str
-            ``level`` or ``size`` of the motion, where they are conventions and not printed.
-
-        Returns
-        -------
-        str
-            Level of rest, period [s] and damping ratio in words.
-        """
+        """Line of a model's text on the small swing [s]."""
         words = "  small swing about rest: "
         words += "" if "level" in untold else f"{coordinate} {self.height:.5g} {unit}, "
         words += f"period {self.period:.5g} s, damping ratio "
@@ -176,38 +133,18 @@ def _value_with_interval_text(value: float, unit: str, interval: tuple[float, fl
 
 
 class FittedLaw:
-    """A law with numbers, as a `ReducedModel` has it; the attributes are those of the model.
-
-    Attributes
-    ----------
-    law : Law
-    parameters : mapping of str to float
-        In the units of ``law.units``.
-    map : HeightMap
-    initial : (float, float)
-        Height [m] and velocity [m/s] at the record's start.
-    at_rest : AtRest or None
-    domain : mapping of str to (float, float)
-        Range of heights [m] and velocities [m/s] seen.
-    provenance : mapping of str to str
-    hidden : mapping of str to float
-        Hidden states at the record's start, where they are not zero.
-    input_interpolation : str
-        Interpolation of the inputs between samples.
-    angle : bool
-        Whether the height is an angle: [rad] stands for [m] then.
-    """
+    """A law with numbers, as a `ReducedModel` has it; the attributes are those of the model."""
 
     law: Law
     parameters: Mapping[str, float]
     map: HeightMap
-    initial: tuple[float, float]
+    initial: tuple[float, float]  # height [m] and velocity [m/s] at the record's start
     at_rest: AtRest | None
-    domain: Mapping[str, tuple[float, float]]
+    domain: Mapping[str, tuple[float, float]]  # range of heights [m] and velocities [m/s] seen
     provenance: Mapping[str, str]
     hidden: Mapping[str, float]
     input_interpolation: Interpolation
-    angle: bool
+    angle: bool  # whether the height is an angle: [rad] stands for [m] then
 
     @property
     def unit(self) -> str:
@@ -220,34 +157,12 @@ class FittedLaw:
         return "angle" if self.angle else "height"
 
     def unit_of_parameter(self, name: str) -> str:
-        """Return the unit of a parameter, of ``shift`` or of ``scale``.
-
-        Parameters
-        ----------
-        name : str
-            Name of the parameter.
-
-        Returns
-        -------
-        str
-            Unit as text, as "1/s^2"; empty where it has none.
-        """
+        """Return the unit of a parameter, of ``shift`` or of ``scale``."""
         result = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
         return _METRE.sub("rad", result) if self.angle else result
 
     def map_text(self, digits: int) -> str:
-        """Map from the coordinate to z, as text.
-
-        Parameters
-        ----------
-        digits : int
-            Significant digits of the numbers.
-
-        Returns
-        -------
-        str
-            Formula of the coordinate by z, with units.
-        """
+        """Map from the coordinate to z, as text."""
         return self.map.text(digits, self.coordinate, self.unit)
 
     @property
@@ -277,11 +192,7 @@ class FittedLaw:
 
     @functools.cached_property
     def printed_digits(self) -> int:
-        """Digits with which the equation says where the piston rests and how it swings there.
-
-        The fewest from four on with which level, period and damping ratio of the printed equation,
-        and of the printed parameters, lie within their intervals.
-        """
+        """Digits with which the equation says where the piston rests and how it swings there."""
         if self.at_rest is None:
             return FEWEST_DIGITS
         enough = (digits for digits in range(FEWEST_DIGITS, MOST_DIGITS) if self._digits_suffice(digits))
@@ -334,28 +245,7 @@ class FittedLaw:
         v0: float | None = None,
         inputs: Mapping[str, np.ndarray] | None = None,
     ) -> PistonRecord:
-        """Motion that the law predicts.
-
-        Parameters
-        ----------
-        t : float (n,)
-            Times [s], increasing; the motion starts at the first.
-        z0, v0 : float, optional
-            Height [m] and velocity [m/s] at the start; those of the fitted record if not given.
-        inputs : mapping of str to float (n,), optional
-            The law's inputs at these times; a law that names ``t`` counts it from the first.
-
-        Returns
-        -------
-        PistonRecord
-            Height and velocity at ``t``.
-
-        Raises
-        ------
-        InputError
-            If the times do not increase, an input is missing, the solution diverges, or it is too
-            stiff to follow.
-        """
+        """Motion that the law predicts; t [s], z0, v0 [m, m/s]."""
         from reduced_models.laws.solution import solve_law
 
         times = np.asarray(t, dtype=np.float64)
@@ -392,44 +282,15 @@ class FittedLaw:
         return PistonRecord(times, height, velocity, angle=self.angle)
 
     def simulate_record(self, record: PistonRecord) -> PistonRecord:
-        """Motion at the times of a record, with its inputs, from the fitted initial state.
+        """Motion at the times of a record, with its inputs, from the fitted initial state [m, m/s].
 
-        Parameters
-        ----------
-        record : PistonRecord
-            Record with the law's inputs at its n times [s].
-
-        Returns
-        -------
-        PistonRecord
-            Motion (n,) at these times: heights [m] and velocities [m/s].
-
-        Raises
-        ------
-        InputError
-            If the record lacks an input, or the solution diverges or is too stiff to follow.
+        record [s].
         """
         inputs = {name: input_column(record, name) for name in self.law.inputs}
         return self.simulate(record.time, inputs=inputs)
 
     def predict(self, t: np.ndarray) -> np.ndarray:
-        """Heights of the motion that starts where the record did.
-
-        Parameters
-        ----------
-        t : float64 (n,)
-            Increasing times [s].
-
-        Returns
-        -------
-        float64 (n,)
-            Heights [m], or angles [rad] of a law of angles.
-
-        Raises
-        ------
-        InputError
-            If there are fewer than two times, they do not increase, or the motion diverges.
-        """
+        """Heights of the motion that starts where the record did [m, rad]; t [s]."""
         return self.simulate(t).height
 
 

@@ -80,22 +80,7 @@ class FmuContents(NamedTuple):
 
 
 def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) -> None:
-    """Write a model as an FMU of FMI 2.0 or 3.0.
-
-    Parameters
-    ----------
-    model : FittedLaw or ForcePort
-        Law with numbers, or the element with its force.
-    path : str or Path
-        File to write, replaced where it exists.
-    version : int
-        Version of the FMI standard (Modelica Association, fmi-standard.org): 2 or 3.
-
-    Raises
-    ------
-    InputError
-        If there is no C compiler, or the file cannot be written.
-    """
+    """Write a model as an FMU of FMI 2.0 or 3.0."""
     contents = _port_contents(model) if isinstance(model, ForcePort) else _free_motion_contents(model)
     guid = hashlib.sha256(contents.source.encode()).hexdigest()[:32]
     here = Path(__file__).parent

@@ -30,29 +30,13 @@ _MOST_ROWS = 12
 
 
 class ForceCycle(NamedTuple):
-    """A cycle of a stroke: energy that it takes, and the stiffness and the damping that it shows.
+    """A cycle of a stroke: energy that it takes, and the stiffness and the damping that it shows."""
 
-    Attributes
-    ----------
-    amplitude, frequency : float
-        [m], [Hz]
-    loss : float
-        Area of its loop [J].
-    stiffness : float
-        In-phase force over the stroke [N/m].
-    damping : float
-        Of the dashpot that takes as much energy [N s/m].
-    errors : (float, float, float)
-        Half-widths of the intervals of the three.
-    cycles : int
-        Number of cycles that were measured; 0 of a law.
-    """
-
-    amplitude: float
-    frequency: float
-    loss: float
-    stiffness: float
-    damping: float
+    amplitude: float  # [m]
+    frequency: float  # [Hz]
+    loss: float  # [J]
+    stiffness: float  # [N/m]
+    damping: float  # [N s/m]
     errors: tuple[float, float, float]
     cycles: int = 0
 
@@ -350,19 +334,7 @@ def _cycle_row(cycle: ForceCycle, where: str, kind: str) -> str:
 
 
 def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray]) -> tuple[ForceCycle, ...]:
-    """Cycles of strokes as they were measured, those alike as one, the smallest first.
-
-    Parameters
-    ----------
-    records : sequence of PistonRecord
-    forces : sequence of float64 (n,)
-        That move the strokes [N].
-
-    Returns
-    -------
-    tuple of ForceCycle
-        Means, with twice their standard errors.
-    """
+    """Cycles of strokes as they were measured, those alike as one, the smallest first; forces [N]."""
     every = [row for pair in zip(records, forces, strict=True) for row in _cycles_of_record(*pair)]
     groups: list[list[np.ndarray]] = []
     for row in every:

@@ -159,39 +159,15 @@ equation
 
 
 class ForcePort(NamedTuple):
-    """A fitted law as an element with a force.
-
-    Attributes
-    ----------
-    model : FittedLaw
-    mass : float
-        Mass that the law's accelerations belong to [kg].
-    load : float
-        Weight that the bed carries at rest [N].
-    """
+    """A fitted law as an element with a force."""
 
     model: FittedLaw
-    mass: float
-    load: float
+    mass: float  # [kg]
+    load: float  # [N]
 
 
 class PortForExport(NamedTuple):
-    """A port with names that code in any language can have.
-
-    Attributes
-    ----------
-    law : LawForExport
-    inputs, states, parameters : tuple of str
-    values, start : tuple of float
-        Those of the parameters, and of the hidden states at the start.
-    units : tuple of str
-        Units of the parameters.
-    z, z_first : Expr
-        By height and velocity.
-    outputs : tuple of Expr
-        The force, and the rates of the hidden states, by z and z_first.
-    comments : tuple of str
-    """
+    """A port with names that code in any language can have."""
 
     law: LawForExport
     inputs: tuple[str, ...]
@@ -207,27 +183,7 @@ class PortForExport(NamedTuple):
 
 
 def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -> ForcePort:
-    """Return a law of a record as an element.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law fitted to the free motion of a piston.
-    mass : float or None
-        Mass of that piston [kg].
-    gravity : float
-        [m/s^2]
-
-    Returns
-    -------
-    ForcePort
-        Element with the mass [kg] and the weight [N] of the piston.
-
-    Raises
-    ------
-    InputError
-        If the mass is not given, or the law is one of an angle.
-    """
+    """Return a law of a record as an element [kg, N]; mass [kg], gravity [m/s^2]."""
     if model.angle:
         raise InputError("the law is one of an angle; a force between two bodies needs a height")
     if mass is None or not mass > 0.0:
@@ -239,18 +195,7 @@ def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -
 
 
 def prepare_port_for_export(port: ForcePort) -> PortForExport:
-    """Prepare an element for export: names that code can have, values, and expressions.
-
-    Parameters
-    ----------
-    port : ForcePort
-        Element with a force.
-
-    Returns
-    -------
-    PortForExport
-        Inputs, states, parameters with values and units, and the expressions of force [N] and rates.
-    """
+    """Prepare an element for export: names that code can have, values, and expressions [N]."""
     import sympy
 
     model, law = port.model, prepare_law_for_export(port.model)
@@ -288,18 +233,7 @@ def prepare_port_for_export(port: ForcePort) -> PortForExport:
 
 
 def port_jacobian(parts: PortForExport) -> list[list[sympy.Expr]] | None:
-    """Return the derivatives of the states' rates, then of the force, by the states, then by the inputs.
-
-    Parameters
-    ----------
-    parts : PortForExport
-        Element prepared for export.
-
-    Returns
-    -------
-    list of list of Expr, or None
-        A row for each rate and the force; None where SymPy cannot differentiate.
-    """
+    """Return the derivatives of the states' rates, then of the force, by the states, then by the inputs."""
     import sympy
 
     real = {
@@ -333,18 +267,7 @@ def _array_element_locals(groups: Mapping[str, Sequence[str]], line: str, first:
 
 
 def c_local_variables(parts: PortForExport) -> str:
-    """Lines of C that name what the expressions name.
-
-    Parameters
-    ----------
-    parts : PortForExport
-        Element prepared for export.
-
-    Returns
-    -------
-    str
-        Declarations in C99 of z, z', inputs, parameters and states.
-    """
+    """Lines of C that name what the expressions name."""
     groups = {"inputs": parts.inputs, "parameters": parts.parameters, "states": parts.states}
     named = _array_element_locals(groups, "    const double {name} = {array}[{index}];\n")
     used = ("z", "z_first", *parts.inputs, *parts.parameters, *parts.states)
@@ -356,20 +279,7 @@ def c_local_variables(parts: PortForExport) -> str:
 
 
 def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
-    """Header and source in C99 of a bed, all declared names with the given name in front.
-
-    Parameters
-    ----------
-    port : ForcePort
-        Element with a force.
-    name : str
-        Name of the bed.
-
-    Returns
-    -------
-    header, source : str
-        Texts of the two files; lengths in m, forces in N.
-    """
+    """Header and source in C99 of a bed, all declared names with the given name in front."""
     parts = prepare_port_for_export(port)
     force, *rates = parts.outputs
     words = {
@@ -400,20 +310,7 @@ def _names_with_units(parts: PortForExport) -> list[str]:
 
 
 def port_matlab_source(port: ForcePort, name: str) -> str:
-    """MATLAB and Octave source of a function of that name, as a block of Simulink takes it.
-
-    Parameters
-    ----------
-    port : ForcePort
-        Element with a force.
-    name : str
-        Name of the function.
-
-    Returns
-    -------
-    str
-        Source; lengths in m, forces in N.
-    """
+    """MATLAB and Octave source of a function of that name, as a block of Simulink takes it."""
     parts = prepare_port_for_export(port)
     force, *rates = map(matlab_expression, parts.outputs)
     groups = {"inputs": parts.law.inputs, "parameters": parts.parameters, "states": parts.states}
@@ -432,18 +329,7 @@ def port_matlab_source(port: ForcePort, name: str) -> str:
 
 
 def port_python_source(port: ForcePort) -> str:
-    """Python source of a module with the force and the rates, which needs NumPy alone.
-
-    Parameters
-    ----------
-    port : ForcePort
-        Element with a force.
-
-    Returns
-    -------
-    str
-        Source; lengths in m, forces in N.
-    """
+    """Python source of a module with the force and the rates, which needs NumPy alone."""
     from sympy.printing.numpy import NumPyPrinter
 
     parts = prepare_port_for_export(port)
@@ -464,20 +350,7 @@ def port_python_source(port: ForcePort) -> str:
 
 
 def port_modelica_source(port: ForcePort, name: str) -> str:
-    """Modelica text of a model of that name, between the flanges of cell and piston.
-
-    Parameters
-    ----------
-    port : ForcePort
-        Element with a force.
-    name : str
-        Name of the model.
-
-    Returns
-    -------
-    str
-        Source; lengths in m, forces in N.
-    """
+    """Modelica text of a model of that name, between the flanges of cell and piston."""
     import sympy
 
     parts = prepare_port_for_export(port)

@@ -22,38 +22,18 @@ _ROUNDS = 60  # tenfold shorter steps, before a direction is given up
 
 
 class PredictionBand(NamedTuple):
-    """A prediction with its confidence band.
+    """A prediction with its confidence band."""
 
-    Attributes
-    ----------
-    time, height, low, high : float64 (n,)
-        [s], [m]; the band of the motion itself.
-    noise : float
-        Standard deviation of the measurement noise of a sample [m].
-    confidence : float
-    """
-
-    time: np.ndarray
-    height: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    noise: float
+    time: np.ndarray  # [s], [m]; the band of the motion itself
+    height: np.ndarray  # [s], [m]; the band of the motion itself
+    low: np.ndarray  # [s], [m]; the band of the motion itself
+    high: np.ndarray  # [s], [m]; the band of the motion itself
+    noise: float  # [m]
     confidence: float
 
 
 def correlation_matrix(covariance: np.ndarray) -> np.ndarray:
-    """Correlation matrix of a covariance; zero for entries that do not vary.
-
-    Parameters
-    ----------
-    covariance : float64 (p, p)
-        Covariance, in products of any units.
-
-    Returns
-    -------
-    float64 (p, p)
-        Correlations from -1 to 1, dimensionless.
-    """
+    """Correlation matrix of a covariance; zero for entries that do not vary."""
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     inverse = np.divide(1.0, spread, out=np.zeros_like(spread), where=spread > 0.0)
     return np.asarray(covariance * np.outer(inverse, inverse))
@@ -67,36 +47,9 @@ def predict_with_deviations(
     times: np.ndarray,
     inputs: Mapping[str, np.ndarray] | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Heights from the fitted start on, and the standard deviations that a covariance leaves.
+    """Heights from the fitted start on, and the standard deviations that a covariance leaves [m].
 
-    ``moved`` gives a model with another value of one of the names.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with numbers.
-    covariance : float64 (p, p)
-        Covariance of what is named, in products of SI units.
-    names : sequence of str
-        Parameters, map and start that it is of.
-    moved : callable
-        From a model, a name and a value to the model with that value.
-    times : float64 (n,)
-        Increasing times [s].
-    inputs : mapping of str to float64 (n,), or None
-        Inputs of the law at these times.
-
-    Returns
-    -------
-    height : float64 (n,)
-        Heights [m].
-    deviation : float64 (n,)
-        Standard deviations of the heights [m].
-
-    Raises
-    ------
-    InputError
-        If the model has no covariance.
+    times [s].
     """
     if not names:
         raise InputError("the model has no covariance; fit it to a record")
@@ -128,12 +81,7 @@ def predict_with_deviations(
 def _change_along_direction(
     motion: Callable[[np.ndarray], np.ndarray], here: np.ndarray, sigma: np.ndarray, size: float
 ) -> np.ndarray:
-    """Change by one standard deviation along a direction, as if the motion were linear in it.
-
-    Along a direction that the data leave open a standard deviation is far, and only the first bit
-    of it is straight: steps are shortened until they are. A motion that does not change by more
-    than the solver's error there does not depend on it.
-    """
+    """Change by one standard deviation along a direction, as if the motion were linear in it."""
     fraction = _STEP
     for _ in range(_ROUNDS if sigma.any() else 0):
         above, below = motion(fraction * sigma), motion(-fraction * sigma)
@@ -147,20 +95,7 @@ def _change_along_direction(
 
 
 def parameter_value(model: FittedLaw, name: str) -> float:
-    """Value of a parameter, of the map, or of the start, by its name.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with numbers.
-    name : str
-        Parameter, ``shift``, ``scale``, ``height``, ``velocity`` or a hidden state.
-
-    Returns
-    -------
-    float
-        Value in SI units; 0 for a hidden state that the model does not name.
-    """
+    """Value of a parameter, of the map, or of the start, by its name."""
     known = {
         **model.parameters,
         "shift": model.map.shift,
@@ -176,23 +111,7 @@ def plot_model(
 ) -> Axes:
     """Draw a model's heights over time, over recorded ones where they are given.
 
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with its name and coordinate.
-    time : float64 (n,)
-        Times [s].
-    height : float64 (n,)
-        Heights of the model at these times [m], or angles [rad].
-    recorded : float64 (n,) or None
-        Recorded heights at these times, in the same unit.
-    ax : Axes
-        Axes to draw on.
-
-    Returns
-    -------
-    Axes
-        The same axes.
+    time [s], height [m, rad].
     """
     from granular.shared.plotting import COLOURS, GREY, figure_label
 
@@ -207,19 +126,7 @@ def plot_model(
 
 
 def plot_residuals(model: FittedLaw, time: np.ndarray, left: np.ndarray, ax: Axes) -> None:
-    """Draw the residuals of a record over time.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law whose residuals they are, of a height or an angle.
-    time : float64 (n,)
-        Times [s].
-    left : float64 (n,)
-        Recorded heights minus those of the model [m], or angles [rad].
-    ax : Axes
-        Axes to draw on.
-    """
+    """Draw the residuals of a record over time; time [s], left [m, rad]."""
     from granular.shared.plotting import COLOURS
 
     unit, factor = ("rad", 1.0) if model.angle else ("mm", 1e3)

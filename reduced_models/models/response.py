@@ -29,26 +29,14 @@ _PER_PERIOD = 64
 
 
 class HarmonicCycle(NamedTuple):
-    """A harmonic cycle.
+    """A harmonic cycle."""
 
-    Attributes
-    ----------
-    amplitude, frequency : float
-        [m], angular [rad/s].
-    centre : float
-        Mean height, at which no mean force is needed [m].
-    stiffness, damping : float
-        Equivalent ones, per kilogram [1/s^2], [1/s].
-    energy : float
-        Dissipated in a cycle, per kilogram [J/kg].
-    """
-
-    amplitude: float
-    frequency: float
-    centre: float
-    stiffness: float
-    damping: float
-    energy: float
+    amplitude: float  # [m]
+    frequency: float  # [rad/s]
+    centre: float  # [m]
+    stiffness: float  # [1/s^2]
+    damping: float  # [1/s]
+    energy: float  # [J/kg]
 
     @property
     def damping_ratio(self) -> float:
@@ -57,46 +45,15 @@ class HarmonicCycle(NamedTuple):
 
 
 class SteadyAmplitudes(NamedTuple):
-    """Steady amplitudes under a harmonic force, by describing functions.
+    """Steady amplitudes under a harmonic force, by describing functions."""
 
-    Attributes
-    ----------
-    frequency : float64 (n,)
-        Angular [rad/s].
-    low, high : float64 (n,)
-        Least and greatest amplitude of the fundamental [m]; they differ where the motion depends on
-        its history. NaN where there is none in the range that was looked at.
-    """
-
-    frequency: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+    frequency: np.ndarray  # angular [rad/s]
+    low: np.ndarray  # [m]
+    high: np.ndarray  # [m]
 
 
 def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRecord:
-    """Motion of a piston released above its level of rest.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with numbers.
-    amplitude : float
-        Height above the level of rest at the release [m]; negative below it.
-    periods : float
-        Duration in periods of small swings, above 0.
-
-    Returns
-    -------
-    PistonRecord
-        Motion from the release on, inputs at zero: times [s], heights [m] and velocities [m/s], 64
-        steps or more a period.
-
-    Raises
-    ------
-    InputError
-        If the law has no level of rest, the duration is not above zero and finite, or the motion cannot
-        be followed, as with an amplitude that is not finite.
-    """
+    """Motion of a piston released above its level of rest [s, m, m/s]; amplitude [m]."""
     if not 0.0 < periods < math.inf:
         raise InputError(f"periods = {quote(periods)}; give a number above 0")
     height, period = _rest_height_and_period(model)
@@ -106,29 +63,7 @@ def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> Pis
 
 
 def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
-    """Harmonic cycle of a model; inputs are at zero.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with numbers.
-    amplitude : float
-        Amplitude [m].
-    frequency : float, optional
-        Angular [rad/s]; without, that at which the equivalent stiffness carries the inertia.
-
-    Returns
-    -------
-    HarmonicCycle
-        Amplitude, angular frequency [rad/s], equivalent stiffness and damping, and energy, per
-        kilogram.
-
-    Raises
-    ------
-    InputError
-        If the amplitude is not above zero, the frequency not above zero and finite, the law has no
-        level of rest, without a frequency no stiffness, or the cycle leaves where the law is defined.
-    """
+    """Harmonic cycle of a model; inputs are at zero [rad/s]; amplitude [m], frequency [rad/s]."""
     if not amplitude > 0.0:
         raise InputError(f"amplitude = {quote(amplitude)} m; give one above 0")
     if frequency is not None and not 0.0 < frequency < math.inf:

@@ -24,25 +24,10 @@ START_PERIODS = 1.0
 
 
 class RollOut(NamedTuple):
-    """Prediction of a record by a model.
-
-    Attributes
-    ----------
-    motion : PistonRecord
-        At the record's times, up to where it diverges.
-    error : float
-        Rms difference of the heights over the whole record [m]; infinite where it diverges.
-    relative : float
-        The same over the rms swing of the record.
-    at_rest : float
-        The same for a piston that stays at the model's level of rest (the record's, where it has
-        none).
-    standard_error : float or None
-        Standard error of ``relative``, from how it differs between the swings.
-    """
+    """Prediction of a record by a model."""
 
     motion: PistonRecord
-    error: float
+    error: float  # [m]
     relative: float
     at_rest: float
     standard_error: float | None = None
@@ -122,24 +107,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
 def search_vector_of_model(
     model: FittedLaw, guess: FirstGuesses | None, unknowns: Unknowns | None = None
 ) -> tuple[Unknowns, np.ndarray]:
-    """Search vector of a model, with the unknowns that scale it.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with numbers.
-    guess : FirstGuesses or None
-        First guesses of a record, which scale new unknowns.
-    unknowns : Unknowns, optional
-        Unknowns to use instead.
-
-    Returns
-    -------
-    unknowns : Unknowns
-        Law and scales of the search vector.
-    theta : float64 (p,)
-        Search vector, dimensionless: parameters, height, velocity and hidden states.
-    """
+    """Search vector of a model, with the unknowns that scale it."""
     law, values = model.law, [model.parameters[name] for name in model.law.parameters]
     logs = [name in law.positive for name in law.parameters]
     if unknowns is None:

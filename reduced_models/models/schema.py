@@ -261,23 +261,7 @@ _MODEL = _keyed_table_checker(
 
 
 def check_plain_model(data: object) -> dict[str, Any]:
-    """Check that plain data are those of a model, and put infinite ends in place of null.
-
-    Parameters
-    ----------
-    data : object
-        Data as JSON holds them.
-
-    Returns
-    -------
-    dict of str
-        The same with pairs of numbers; entries in SI units.
-
-    Raises
-    ------
-    InputError
-        If they are not; the message says which entry, what it is, and what is wanted.
-    """
+    """Check that plain data are those of a model, and put infinite ends in place of null."""
     if isinstance(data, Mapping):  # models of earlier versions
         data = {"sensor": None, "untold": [], **data}
         if isinstance(data.get("at_rest"), Mapping):
@@ -302,23 +286,7 @@ def check_plain_model(data: object) -> dict[str, Any]:
 
 
 def read_plain_model(path: Path) -> dict[str, Any]:
-    """Plain data in a model's file, not checked yet.
-
-    Parameters
-    ----------
-    path : Path
-        JSON file of a model.
-
-    Returns
-    -------
-    dict of str
-        Object in the file.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or it holds no JSON object.
-    """
+    """Plain data in a model's file, not checked yet."""
     text = read_text(path, _MOST_BYTES)
     try:
         plain = json.loads(
@@ -343,23 +311,7 @@ def _refuse_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def law_from_plain(plain: Mapping[str, Any]) -> Law:
-    """Law of the package, or one of the user's own, from its equation.
-
-    Parameters
-    ----------
-    plain : mapping of str
-        Checked plain data of a model.
-
-    Returns
-    -------
-    Law
-        Packaged law of that name where its equation is the same, else one made of the equation.
-
-    Raises
-    ------
-    InputError
-        If the parameters are not those of the equation, or this cannot be read.
-    """
+    """Law of the package, or one of the user's own, from its equation."""
     own = Law(
         name=plain["law"],
         equation=plain["equation"],
@@ -381,36 +333,14 @@ def law_from_plain(plain: Mapping[str, Any]) -> Law:
 
 
 def at_rest_from_plain(plain: Mapping[str, Any]) -> AtRest:
-    """Small motions about the level of rest.
-
-    Parameters
-    ----------
-    plain : mapping of str
-        Checked plain data of them.
-
-    Returns
-    -------
-    AtRest
-        Height [m], period [s] and damping ratio, with their intervals.
-    """
+    """Small motions about the level of rest [m, s]."""
     kinds = {"equivalent": EquivalentDamping, "peaks": PeakDamping}
     parts = {name: None if plain[name] is None else kind(**plain[name]) for name, kind in kinds.items()}
     return AtRest(**{**plain, **parts})
 
 
 def quality_from_plain(plain: Mapping[str, Any]) -> Quality:
-    """Quality of a model; an infinite error, which no file holds, is put back.
-
-    Parameters
-    ----------
-    plain : mapping of str
-        Checked plain data of the quality.
-
-    Returns
-    -------
-    Quality
-        Quality of the fit, in SI units.
-    """
+    """Quality of a model; an infinite error, which no file holds, is put back."""
     quality = Quality(**plain)
     if quality.test_error is None and quality.test_swings:
         return dataclasses.replace(quality, test_error=math.inf)

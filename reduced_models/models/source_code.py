@@ -21,25 +21,7 @@ STEPS = 512
 
 
 class LawForExport(NamedTuple):
-    """A model's law with names that code in any language can have.
-
-    Attributes
-    ----------
-    parameters, hidden, inputs : tuple of str
-        ``p_``, ``h_`` and ``u_`` in front, so that none is a word of a language.
-    acceleration : Expr
-        Acceleration by z, z_first and these.
-    rates : tuple of Expr
-        Rates of the hidden states.
-    values : tuple of float
-        Values of the parameters.
-    initial : tuple of float
-        Height, velocity and hidden states at the record's start.
-    step : float
-        Longest step of a solver [s].
-    comments : tuple of str
-        ASCII, each on one line, without characters that could end a comment.
-    """
+    """A model's law with names that code in any language can have."""
 
     parameters: tuple[str, ...]
     hidden: tuple[str, ...]
@@ -48,23 +30,12 @@ class LawForExport(NamedTuple):
     rates: tuple[sympy.Expr, ...]
     values: tuple[float, ...]
     initial: tuple[float, ...]
-    step: float
+    step: float  # [s]
     comments: tuple[str, ...]
 
 
 def prepare_law_for_export(model: FittedLaw) -> LawForExport:
-    """Prepare a model's law for export: names that code can have, values, and expressions.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with numbers.
-
-    Returns
-    -------
-    LawForExport
-        Names and values in SI units, expressions of z'' and of the hidden states' rates, and comments.
-    """
+    """Prepare a model's law for export: names that code can have, values, and expressions."""
     import sympy
 
     law, parsed = model.law, model.law.parsed_equation
@@ -111,38 +82,14 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
 
 
 def replace_steps_by_signs(expression: sympy.Expr) -> sympy.Expr:
-    """Expression with signs in place of steps, which languages do not have.
-
-    Parameters
-    ----------
-    expression : Expr
-        Expression with Heaviside steps.
-
-    Returns
-    -------
-    Expr
-        Expression with (1 + sign)/2 for each step.
-    """
+    """Expression with signs in place of steps, which languages do not have."""
     import sympy
 
     return expression.replace(sympy.Heaviside, lambda at, *_: (1 + sympy.sign(at)) / 2)
 
 
 def ascii_names(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
-    """Names of ASCII letters, digits and underscores behind a prefix, no two of them alike.
-
-    Parameters
-    ----------
-    prefix : str
-        Text in front of each name.
-    names : sequence of str
-        Names, Greek letters among them.
-
-    Returns
-    -------
-    tuple of str
-        Names in ASCII, in the same order.
-    """
+    """Names of ASCII letters, digits and underscores behind a prefix, no two of them alike."""
     result: list[str] = []
     for name in names:
         ascii_name = "".join(map(_ascii_name, name))
@@ -160,18 +107,7 @@ def _ascii_name(character: str) -> str:
 
 
 def escape_comment(words: str) -> str:
-    """Text that can stand in a comment of any language, whatever it holds.
-
-    Parameters
-    ----------
-    words : str
-        Any text.
-
-    Returns
-    -------
-    str
-        ASCII text without line breaks, backslashes and marks of comments.
-    """
+    """Text that can stand in a comment of any language, whatever it holds."""
     plain = sanitize(words, MAX_CHARACTERS).encode("ascii", "replace").decode()
     # A backslash would go on with a comment on the next line, and so would "??/" in C.
     return plain.replace("\\", "/").replace("??", "? ?").replace("*/", "* /").replace("/*", "/ *")
@@ -247,18 +183,7 @@ void model_simulate(const double *times, int count, const double *start, const d
 
 
 def c_source(model: FittedLaw) -> str:
-    """C99 source of a model: rates, a step, and `model_simulate`.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with numbers.
-
-    Returns
-    -------
-    str
-        Source text; heights in m, times in s.
-    """
+    """C99 source of a model: rates, a step, and `model_simulate`."""
     parts = prepare_law_for_export(model)
     rates = [f"    rates[{2 + k}] = {c_expression(rate)};\n" for k, rate in enumerate(parts.rates)]
     return _C.format(
@@ -278,18 +203,7 @@ def c_source(model: FittedLaw) -> str:
 
 
 def c_expression(expression: sympy.Expr) -> str:
-    """Expression in C99.
-
-    Parameters
-    ----------
-    expression : Expr
-        Expression of real symbols.
-
-    Returns
-    -------
-    str
-        C99 expression.
-    """
+    """Expression in C99."""
     from sympy.printing.c import C99CodePrinter
 
     printer = C99CodePrinter({"user_functions": {"max": "fmax", "min": "fmin"}})
@@ -297,18 +211,7 @@ def c_expression(expression: sympy.Expr) -> str:
 
 
 def c_array_initialiser(numbers: Sequence[float]) -> str:
-    """Elements of an array in C, separated by commas; "0.0" where there is none.
-
-    Parameters
-    ----------
-    numbers : sequence of float
-        Numbers in any unit.
-
-    Returns
-    -------
-    str
-        Text between the braces.
-    """
+    """Elements of an array in C, separated by commas; "0.0" where there is none."""
     return ", ".join(map(repr, numbers)) or "0.0"
 
 
@@ -363,20 +266,7 @@ end
 
 
 def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
-    """MATLAB and Octave source of a function of that name, which its file must have too.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with numbers.
-    name : str
-        Name of the function.
-
-    Returns
-    -------
-    str
-        Source text; heights in m, times in s.
-    """
+    """MATLAB and Octave source of a function of that name, which its file must have too."""
     parts = prepare_law_for_export(model)
     lines = [f"{name} = {value!r};" for name, value in zip(parts.parameters, parts.values, strict=True)]
     lines += [f"{name} = state({3 + k});" for k, name in enumerate(parts.hidden)]
@@ -396,18 +286,7 @@ def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
 
 
 def matlab_expression(expression: sympy.Expr) -> str:
-    """Expression in MATLAB and Octave.
-
-    Parameters
-    ----------
-    expression : Expr
-        Expression of real symbols.
-
-    Returns
-    -------
-    str
-        Expression that both read.
-    """
+    """Expression in MATLAB and Octave."""
     from sympy.printing.octave import OctaveCodePrinter
 
     printer = OctaveCodePrinter({"user_functions": {"max": "max", "min": "min"}})
@@ -433,20 +312,7 @@ equation
 
 
 def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
-    """Modelica text of a model of that name, for OpenModelica, Dymola and others.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with numbers.
-    name : str
-        Name of the model.
-
-    Returns
-    -------
-    str
-        Source text; heights in m, times in s.
-    """
+    """Modelica text of a model of that name, for OpenModelica, Dymola and others."""
     parts = prepare_law_for_export(model)
     names = zip(model.law.parameters, parts.parameters, parts.values, strict=True)
     return _MODELICA.format(
@@ -476,18 +342,7 @@ def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
 
 
 def modelica_expression(expression: sympy.Expr) -> str:
-    """Expression in Modelica: powers by ^, and pi and e as numbers.
-
-    Parameters
-    ----------
-    expression : Expr
-        Expression of real symbols.
-
-    Returns
-    -------
-    str
-        Modelica expression.
-    """
+    """Expression in Modelica: powers by ^, and pi and e as numbers."""
     import sympy
 
     result = expression.xreplace({sympy.pi: sympy.pi.evalf(17), sympy.E: sympy.E.evalf(17)})
@@ -495,18 +350,7 @@ def modelica_expression(expression: sympy.Expr) -> str:
 
 
 def modelica_unit(unit: str) -> str:
-    """Return the unit as Modelica writes it; empty where it is a user's own word.
-
-    Parameters
-    ----------
-    unit : str
-        Unit of a law, as "1/(m s^2)".
-
-    Returns
-    -------
-    str
-        Unit, as "1/(m.s2)".
-    """
+    """Return the unit as Modelica writes it; empty where it is a user's own word."""
     plain = unit.replace("^", "").replace("(m s2)", "(m.s2)").replace("(m2 s2)", "(m2.s2)")
     return plain if plain in _UNITS else ""
 

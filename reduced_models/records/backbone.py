@@ -32,37 +32,18 @@ _SURE = 2.0  # standard deviations
 
 
 class BackbonePoint(NamedTuple):
-    """Frequency and damping at one amplitude.
+    """Frequency and damping at one amplitude."""
 
-    Attributes
-    ----------
-    amplitude, frequency, damping_ratio : float
-        [m]; angular [rad/s], as it swings freely or, of a driven one, by its stiffness; fraction of
-        critical damping.
-    frequency_error, damping_error : float
-        Two standard deviations of what the record leaves open.
-    """
-
-    amplitude: float
-    frequency: float
-    damping_ratio: float
+    amplitude: float  # [m, rad/s]
+    frequency: float  # [m, rad/s]
+    damping_ratio: float  # [m, rad/s]
     frequency_error: float
     damping_error: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Backbone:
-    """Backbone and damping curves of a record, one row a cycle, by rising amplitude.
-
-    Attributes
-    ----------
-    method : str
-        ``"envelope"`` or ``"restoring force"``.
-    amplitude, frequency, damping_ratio, frequency_error, damping_error : float64 (n,)
-        As of `BackbonePoint`, each row with the help of those of about its amplitude.
-    drive : float or None
-        Angular frequency of a driven swing [rad/s].
-    """
+    """Backbone and damping curves of a record, one row a cycle, by rising amplitude."""
 
     method: str
     amplitude: np.ndarray
@@ -70,24 +51,10 @@ class Backbone:
     damping_ratio: np.ndarray
     frequency_error: np.ndarray
     damping_error: np.ndarray
-    drive: float | None = None
+    drive: float | None = None  # [rad/s]
 
     def interpolate_at(self, amplitude: float) -> BackbonePoint:
-        """Frequency and damping at an amplitude, between the nearest rows.
-
-        The frequency is interpolated linearly, and the damping ratio as its product with the amplitude, which
-        dry friction leaves unchanged. Beyond the first and the last row these two values are kept.
-
-        Parameters
-        ----------
-        amplitude : float
-            Amplitude of the swing [m], or [rad] of an angle.
-
-        Returns
-        -------
-        BackbonePoint
-            Frequency [rad/s] and damping ratio there, with their errors.
-        """
+        """Frequency and damping at an amplitude, between the nearest rows [rad/s]; amplitude [m, rad]."""
 
         def between(row: np.ndarray) -> float:
             return float(np.interp(amplitude, self.amplitude, row))
@@ -100,47 +67,14 @@ class Backbone:
         return BackbonePoint(amplitude, between(self.frequency), ratio, between(self.frequency_error), error)
 
     def amplitudes_to_show(self, scale: float) -> tuple[float, ...]:
-        """Amplitudes of a table of the curves, the greatest first.
-
-        They are `FRACTIONS` of the greatest amplitude, as far as the curves reach down. The last cycles
-        before a motion stops are left out: they are cut short.
-
-        Parameters
-        ----------
-        scale : float
-            Units in which they are shown per metre (or radian); times this they have two digits.
-
-        Returns
-        -------
-        tuple of float
-            Amplitudes [m], or [rad] of an angle.
-        """
+        """Amplitudes of a table of the curves, the greatest first [m, rad]."""
         least, greatest = scale * float(self.amplitude[0]), scale * float(self.amplitude[-1])
         rounded = [float(f"{fraction * greatest:.2g}") for fraction in FRACTIONS]
         return tuple(size / scale for size in dict.fromkeys(rounded) if size >= min(_CUT * least, rounded[0]))
 
 
 def free_backbone(record: PistonRecord) -> Backbone:
-    """Backbone and damping curves of a free swing, from its extremes.
-
-    The frequency comes from the time between extremes and the damping from the fall of the amplitude, with
-    a local polynomial over neighbouring cycles (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003).
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Free swing of n samples, heights in [m] or angles in [rad].
-
-    Returns
-    -------
-    Backbone
-        Amplitude [m], angular frequency [rad/s] and damping ratio, a row a cycle.
-
-    Raises
-    ------
-    RecordError
-        If the record has fewer than 20 samples, or fewer than five extremes stand out of the noise.
-    """
+    """Backbone and damping curves of a free swing, from its extremes [m, rad/s]; record [m, rad]."""
     cycles = envelope(record)
     count = _count_swinging_cycles(cycles.frequency)
     size, turn = cycles.amplitude[:count], math.pi * np.arange(count)
@@ -165,10 +99,7 @@ def _count_swinging_cycles(frequency: np.ndarray) -> int:
 def _amplitude_loss_per_radian(
     turn: np.ndarray, size: np.ndarray, noise: np.ndarray, k: int
 ) -> tuple[slice, tuple[float, float]]:
-    """Neighbours of a cycle, and the fall of the amplitude there with its error [m/rad].
-
-    As few neighbours as tell it, and none of a very different amplitude.
-    """
+    """Neighbours of a cycle, and the fall of the amplitude there with its error [m/rad]."""
     result = None
     for width in _WIDTHS:
         first = min(max(0, k - width), max(0, len(size) - 2 * width - 1))
@@ -192,28 +123,9 @@ def _amplitude_loss_per_radian(
 def driven_backbone(
     record: PistonRecord, drive_acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> Backbone:
-    """Backbone and damping curves of a driven swing, from its restoring force.
+    """Backbone and damping curves of a driven swing, from its restoring force [m, rad/s].
 
-    What the acceleration leaves of the drive is fitted in each cycle by a stiffness and a damping (restoring
-    force method, Masri & Caughey 1979, doi:10.1115/1.3424568).
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Driven swing of n samples, heights in [m] or angles in [rad].
-    drive_acceleration : callable
-        From heights (n,) [m] and velocities (n,) [m/s] to the part (n,) of the acceleration that the
-        drive makes [m/s^2].
-
-    Returns
-    -------
-    Backbone
-        Amplitude [m], angular frequency [rad/s] and damping ratio, a row a cycle.
-
-    Raises
-    ------
-    RecordError
-        If the record has fewer than 20 samples or too few extremes, or its cycles tell no stiffness.
+    record [m, rad], drive_acceleration [m, m/s, m/s^2].
     """
     smooth = derivatives(record)
     time, height, velocity = smooth.time, smooth.height, smooth.velocity
@@ -268,11 +180,7 @@ def _cycles_of_similar_amplitude(size: np.ndarray, k: int) -> np.ndarray:
 def _fit_local_polynomial(
     x: np.ndarray, y: np.ndarray, noise: np.ndarray | None, degree: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients, from the constant on, of a low polynomial through points, and their errors.
-
-    The errors are two standard deviations; the points' scatter counts where it is more than their
-    noise, if that is known.
-    """
+    """Coefficients, from the constant on, of a low polynomial through points, and their errors."""
     degree = min(degree, len(x) - 1)
     weight = np.ones(len(x))
     if noise is not None:

@@ -54,57 +54,20 @@ class DerivativeNoise(NamedTuple):
 
 
 class Derivatives(NamedTuple):
-    """A smoothed record.
-
-    Attributes
-    ----------
-    method : str
-    time, height, velocity, acceleration : float64 (n,)
-        [s], [m], [m/s], [m/s^2]
-    width : float
-        Time over which a value is smoothed [s].
-    record_noise : float
-        Standard deviation of the record's own white noise [m].
-    noise : DerivativeNoise
-        Of height, velocity and acceleration. It holds what the noise does, not what smoothing
-        takes from the motion.
-    """
+    """A smoothed record."""
 
     method: str
-    time: np.ndarray
-    height: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    width: float
-    record_noise: float
+    time: np.ndarray  # [s]
+    height: np.ndarray  # [m]
+    velocity: np.ndarray  # [m/s]
+    acceleration: np.ndarray  # [m/s^2]
+    width: float  # [s]
+    record_noise: float  # [m]
     noise: DerivativeNoise
 
 
 def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay") -> Derivatives:
-    """Smooth a record and differentiate it twice.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record of n samples, evenly sampled or not.
-    method : str
-        ``"savitzky-golay"``: local polynomials of fifth degree (Savitzky & Golay 1964,
-        doi:10.1021/ac60214a047; on uneven times the same least squares sample by sample);
-        ``"smoothing-spline"``: a cubic smoothing spline (Reinsch 1967, doi:10.1007/BF02162161);
-        ``"finite-differences"``: central differences, no smoothing.
-
-    Returns
-    -------
-    Derivatives
-        Height [m], velocity [m/s] and acceleration [m/s^2], (n,) each, and their noise.
-
-    Raises
-    ------
-    InputError
-        If there is no such estimator.
-    RecordError
-        If the record has fewer than 20 samples.
-    """
+    """Smooth a record and differentiate it twice [m, m/s, m/s^2]."""
     if method not in DERIVATIVE_METHODS:
         raise InputError(f"derivative = {quote(method)}; give one of {', '.join(DERIVATIVE_METHODS)}")
     if len(record) < LEAST_SAMPLES:
@@ -177,18 +140,7 @@ def _choose_local_polynomials(time: np.ndarray, height: np.ndarray, sigma: float
 
 
 def is_evenly_sampled(time: np.ndarray) -> bool:
-    """Return whether times are evenly spaced, to a thousandth of a step.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times, which increase [s].
-
-    Returns
-    -------
-    bool
-        True where the steps differ by less than a thousandth of their mean.
-    """
+    """Return whether times are evenly spaced, to a thousandth of a step; time [s]."""
     steps = np.diff(time)
     return bool(np.ptp(steps) < 1e-3 * steps.mean())
 
@@ -281,27 +233,7 @@ def _central_differences(heights: np.ndarray, time: np.ndarray) -> np.ndarray:
 def fit_local_cubics(
     time: np.ndarray, height: np.ndarray, period: float, nodes: np.ndarray | int
 ) -> np.ndarray:
-    """Height, velocity and acceleration at some times, by a least-squares cubic about each of them.
-
-    A window reaches 0.12 periods to either side. Times without enough samples about them are left out; where
-    hardly any has enough, the derivatives are central differences at the samples.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times of the samples, which increase [s].
-    height : float64 (n,)
-        Heights at these times [m], or another coordinate in its unit.
-    period : float
-        Period of the swing [s].
-    nodes : float64 (k,) or int
-        Times [s] of the cubics, or how many of them, evenly over all of the samples.
-
-    Returns
-    -------
-    float64 (4, m)
-        Height [m], velocity [m/s], acceleration [m/s^2] and time [s] of m times.
-    """
+    """Height, velocity and acceleration at nodes [s] by local cubics [m, m/s, m/s^2]; period [s]."""
     half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
     if isinstance(nodes, int):
         nodes = np.linspace(time[0] + half, time[-1] - half, nodes)

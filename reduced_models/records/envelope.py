@@ -26,15 +26,7 @@ LEAST_EXTREMES = 5
 
 @dataclasses.dataclass(frozen=True)
 class PeakDamping:
-    """Damping ratios that a record's own peaks show.
-
-    Attributes
-    ----------
-    mean, low, high : float
-        Value of the whole record; the least and the greatest of the whole and of its halves.
-    noise : float
-        Greatest error of the mean that the record's noise can make.
-    """
+    """Damping ratios that a record's own peaks show."""
 
     mean: float
     low: float
@@ -42,18 +34,7 @@ class PeakDamping:
     noise: float
 
     def contradicts(self, ratio: float) -> bool:
-        """Return whether a damping ratio is far from those of the peaks.
-
-        Parameters
-        ----------
-        ratio : float
-            Damping ratio of a law, without unit.
-
-        Returns
-        -------
-        bool
-            True below half of the least or above twice the greatest one, by more than the noise.
-        """
+        """Return whether a damping ratio is far from those of the peaks."""
         low = min(0.5 * self.low, 2.0 * self.low) - self.noise
         high = max(0.5 * self.high, 2.0 * self.high) + self.noise
         return not low <= ratio <= high
@@ -159,25 +140,7 @@ def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-gola
 
 
 def find_alternating_extremes(smooth: Derivatives) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Crests and troughs of a smoothed motion, in turn, placed between the samples by its derivatives.
-
-    An extreme counts where it stands out by five standard deviations of the noise; its time is a step of
-    Newton's method for a velocity of zero.
-
-    Parameters
-    ----------
-    smooth : Derivatives
-        Height, velocity and acceleration at n times, with their noise.
-
-    Returns
-    -------
-    time : float64 (k,)
-        Times of the extremes [s].
-    height : float64 (k,)
-        Heights there [m], or angles [rad].
-    noise : float64 (k,)
-        Standard deviations of the times [s].
-    """
+    """Crests and troughs of a smoothed motion in turn, located by its derivatives [s; m; rad]."""
     from scipy.signal import find_peaks
 
     time, height = smooth.time, smooth.height

@@ -20,18 +20,7 @@ from reduced_models.records.sources import make_directory, shortened_path_text
 
 
 class ExampleRecord(NamedTuple):
-    """A record to try the commands on.
-
-    Attributes
-    ----------
-    columns : callable or Path
-        Makes the columns (n,) by their headings, with noise of the generator that it is given; or the
-        file of a real record.
-    options : mapping of str to any
-        Fields of `granular.readers.read_options.ReadOptions` that go into the description.
-    truth : str
-        Law and numbers that the motion was made with, or what it is a record of.
-    """
+    """A record to try the commands on."""
 
     columns: Callable[[np.random.Generator], dict[str, np.ndarray]] | Path
     options: Mapping[str, Any]
@@ -39,25 +28,7 @@ class ExampleRecord(NamedTuple):
 
 
 def write_example_records(out: str | Path) -> dict[str, str]:
-    """Write the records of `EXAMPLES`, a CSV file and a description (TOML) each.
-
-    Parameters
-    ----------
-    out : str or Path
-        Directory to write to, made where it is not there yet.
-
-    Returns
-    -------
-    dict of str to str
-        Law and numbers behind each CSV file, by its name.
-
-    Raises
-    ------
-    InputError
-        If one of the files is there already; nothing is written then.
-    StoreError
-        If the directory cannot be made or written to.
-    """
+    """Write the records of `EXAMPLES`, a CSV file and a description (TOML) each."""
     directory = make_directory(out)
     assert directory is not None
     files = {name: directory / f"{name}.csv" for name in EXAMPLES}

@@ -176,21 +176,9 @@ class FirstGuesses:
 
 
 def zero_crossing_times(time: np.ndarray, swing: np.ndarray, threshold: float) -> np.ndarray:
-    """Return the times at which a swing passes zero, counted once it has gone beyond a threshold.
+    """Return the times at which a swing passes zero, counted once it has gone beyond a threshold [s].
 
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times of the samples [s].
-    swing : float64 (n,)
-        Displacement from the level of rest [m], or [rad].
-    threshold : float
-        Displacement that a swing must exceed, in its unit.
-
-    Returns
-    -------
-    float64 (k,)
-        Times [s], by a straight line between the samples on both sides.
+    time [s], swing [m, rad].
     """
     beyond = np.flatnonzero(np.abs(swing) > threshold)
     if len(beyond) < 2:
@@ -203,29 +191,7 @@ def zero_crossing_times(time: np.ndarray, swing: np.ndarray, threshold: float) -
 
 
 def first_guesses(time: np.ndarray, height: np.ndarray) -> FirstGuesses:
-    """First guesses of the parameters of a recorded swing.
-
-    Rest level: mean of the last third. Frequency: pi over the median time between passages through it.
-    Decay: slope of the logarithm of the greatest displacement in each half period. Initial motion: a
-    parabola through the first tenth of a half period.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times of the samples, which increase [s].
-    height : float64 (n,)
-        Heights [m], or angles [rad].
-
-    Returns
-    -------
-    FirstGuesses
-        Guesses in the units of the height.
-
-    Raises
-    ------
-    RecordError
-        If the record is too short, or the height does not change.
-    """
+    """First guesses of the parameters of a recorded swing; time [s], height [m, rad]."""
     time = time - time[0]
     if len(time) < LEAST_SAMPLES:
         raise RecordError(
@@ -274,23 +240,7 @@ def _alternative_frequencies(
 
 
 def spectral_peak_frequency(time: np.ndarray, swing: np.ndarray) -> float:
-    """Angular frequency of the strongest line of a swing.
-
-    The line is the greatest of the discrete Fourier transform under a Hann window, padded fourfold with
-    zeros.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times of the samples, which increase [s].
-    swing : float64 (n,)
-        Displacement [m], or in another unit.
-
-    Returns
-    -------
-    float
-        Angular frequency [rad/s], of one whole swing in the record at least.
-    """
+    """Angular frequency of the strongest line of a swing [rad/s]; time [s], swing [m]."""
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, swing)
     spectrum = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count))
@@ -301,21 +251,7 @@ def spectral_peak_frequency(time: np.ndarray, swing: np.ndarray) -> float:
 def noise_level(height: np.ndarray, time: np.ndarray) -> float:
     """Return the standard deviation of white noise on a smooth record, from its third differences.
 
-    The differences are divided ones, which a smooth motion leaves small also where the samples are
-    irregular, and each is scaled to the standard deviation of the noise. Their median over 0.6745, the
-    median of a normal distribution's absolute values, is not led by outliers.
-
-    Parameters
-    ----------
-    height : float64 (n,)
-        Record in any unit.
-    time : float64 (n,)
-        Times of its samples, which increase [s].
-
-    Returns
-    -------
-    float
-        Standard deviation, in the unit of the record; 0 for fewer than four samples.
+    time [s].
     """
     if len(height) < 4:
         return 0.0

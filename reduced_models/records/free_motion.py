@@ -52,33 +52,7 @@ _LEAST_PERIODS, _LEAST_HALVES = 3, 4.0
 
 
 def find_free_motion(record: PistonRecord, release: int | str | None = None) -> PistonRecord:
-    """Return a free motion in a record, from its release on.
-
-    Left out are samples that the sensor lost or clipped, further releases, what was done before
-    the release, what follows a knock, and the end that is lost in the sensor's noise.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record as an instrument wrote it.
-    release : int or str, optional
-        Which of several, from 1; the first if not given. Of all of them, `find_free_motions`.
-
-    Returns
-    -------
-    PistonRecord
-        Its motion; the record itself where all of it is one.
-
-    Raises
-    ------
-    RecordError
-        If there are fewer releases, or all are asked for.
-
-    Warns
-    -----
-    RecordWarning
-        If something is left out: what, where, and how to keep it.
-    """
+    """Return a free motion in a record, from its release on."""
     if release == ALL:
         raise RecordError(
             "release = 'all' where one motion is taken; give its number, or take them together "
@@ -101,23 +75,7 @@ def find_free_motion(record: PistonRecord, release: int | str | None = None) -> 
 
 
 def find_free_motions(record: PistonRecord) -> list[PistonRecord]:
-    """Return all free motions in a record; see `find_free_motion`.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record as an instrument wrote it.
-
-    Returns
-    -------
-    list of PistonRecord
-        One for each release.
-
-    Warns
-    -----
-    RecordWarning
-        If something is left out.
-    """
+    """Return all free motions in a record; see `find_free_motion`."""
     return [_trim_motion(motion) for motion in _cut_free_motions(record)]
 
 
@@ -165,14 +123,7 @@ def _trim_motion(record: PistonRecord) -> PistonRecord:
 
 
 def _free_motion_slices(record: PistonRecord, *, holds: bool) -> list[slice]:
-    """Return the samples of each free motion, with the hold before it.
-
-    Parameters
-    ----------
-    record : PistonRecord
-    holds : bool
-        Whether what stands still at a large displacement is held there.
-    """
+    """Return the samples of each free motion, with the hold before it."""
     total = slice(0, len(record))
     if len(record) < LEAST_SAMPLES:
         return [total]
@@ -316,10 +267,7 @@ def _is_oscillating(away: np.ndarray, least: float) -> bool:
 
 
 def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
-    """Return the times before and after each sudden growth of a free swing.
-
-    What is driven, or beats, grows by and by or many times; between several knocks a swing decays.
-    """
+    """Return the times before and after each sudden growth of a free swing."""
     if len(record) < LEAST_SAMPLES:
         return []
     time = record.time

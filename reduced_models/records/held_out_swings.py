@@ -27,22 +27,7 @@ _FEWEST_TESTED = 2
 def find_whole_swings(time: np.ndarray, height: np.ndarray, moving_samples: int) -> tuple[slice, ...]:
     """Return the samples of the whole swings that are above the noise, in the first ``moving_samples``.
 
-    Each reaches from a passage through the level of rest to the one after next; of few, half swings
-    are taken, and of many, several make one block.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times of a record's samples [s].
-    height : float64 (n,)
-        Heights [m], or angles [rad].
-    moving_samples : int
-        Number of samples until the motion is lost in noise; see `sensor_artefacts.count_samples_in_motion`.
-
-    Returns
-    -------
-    tuple of slice
-        Samples of each swing, or block of swings, in order.
+    time [s], height [m, rad].
     """
     swing = height[:moving_samples] - height[-len(height) // 3 :].mean()
     largest = float(np.abs(swing).max())
@@ -59,24 +44,7 @@ def choose_test_swings(
 ) -> tuple[slice, ...]:
     """Return the samples of a fraction of the whole swings, evenly spread over them.
 
-    The first one, which tells how the motion starts, is not among them. Empty where there are too
-    few swings.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times of a record's samples [s].
-    height : float64 (n,)
-        Heights [m], or angles [rad].
-    fraction : float
-        Fraction of the swings, from 0 to 1.
-    moving_samples : int
-        Number of samples until the motion is lost in noise; see `sensor_artefacts.count_samples_in_motion`.
-
-    Returns
-    -------
-    tuple of slice
-        Samples of each swing that is held out, in order.
+    time [s], height [m, rad].
     """
     swings = find_whole_swings(time, height, moving_samples)
     passed = np.floor(fraction * np.arange(len(swings) + 1) + 0.5 + 1e-9)
@@ -86,15 +54,7 @@ def choose_test_swings(
 
 
 class SwingTestError(NamedTuple):
-    """Error of a law on swings that it has not seen, over the rms swing of the record.
-
-    Attributes
-    ----------
-    value, at_rest : float
-        Of the law, and of a piston that stays at rest.
-    standard_error : float or None
-        Of the value, from how it differs between the swings; None for a single one.
-    """
+    """Error of a law on swings that it has not seen, over the rms swing of the record."""
 
     value: float
     at_rest: float
@@ -104,29 +64,7 @@ class SwingTestError(NamedTuple):
 def error_on_swings(
     residuals: np.ndarray, displacement: np.ndarray, swings: Sequence[slice], rms_swing: float
 ) -> SwingTestError:
-    """Return the test error of a law, with its standard error.
-
-    The squared errors of the swings are summed, so each counts by what a piston at rest would lose
-    there. The standard error is that of their ratio to those of rest, as a wrong law has it, or to
-    the swings' lengths, as noise has it, whichever is steadier (ratio estimator, Cochran 1977,
-    Sampling Techniques, ch. 6).
-
-    Parameters
-    ----------
-    residuals : float64 (n,)
-        Recorded heights minus those of the law [m], or [rad] of an angle.
-    displacement : float64 (n,)
-        Distance from the level of rest, in the same unit.
-    swings : sequence of slice
-        Samples of the test swings.
-    rms_swing : float
-        Root mean square of the displacement of the record, in the same unit.
-
-    Returns
-    -------
-    SwingTestError
-        Errors of the law and of a piston at rest, over the rms swing, without unit.
-    """
+    """Return the test error of a law, with its standard error; residuals [m, rad]."""
     counts = np.array([swing.stop - swing.start for swing in swings])
     lost = np.array([float((residuals[swing] ** 2).sum()) for swing in swings])
     at_stake = np.array([float((displacement[swing] ** 2).sum()) for swing in swings])

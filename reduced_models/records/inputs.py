@@ -29,16 +29,9 @@ _KAISER = 8.0  # shape of their window: errors of 1e-4 up to nine tenths of half
 
 
 class StepGrid(NamedTuple):
-    """Uniform steps of a solution.
+    """Uniform steps of a solution."""
 
-    Attributes
-    ----------
-    step : float
-        [s]
-    steps : int
-    """
-
-    step: float
+    step: float  # [s]
     steps: int
 
     @property
@@ -48,25 +41,7 @@ class StepGrid(NamedTuple):
 
 
 def input_column(record: PistonRecord, name: str) -> np.ndarray:
-    """Column of a record that an input of a law names.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record of n samples.
-    name : str
-        ``"force"``, the name of a further column, or ``"t"``, the time since the record's start.
-
-    Returns
-    -------
-    float64 (n,)
-        Values of the column in SI units; of the time in [s].
-
-    Raises
-    ------
-    RecordError
-        If the record has no such column.
-    """
+    """Column of a record that an input of a law names [s]."""
     result = record.force if name == "force" else record.extra.get(name)
     if result is None and name == TIME:
         return record.time - record.time[0]
@@ -80,63 +55,19 @@ def input_column(record: PistonRecord, name: str) -> np.ndarray:
 
 
 def column_names(record: PistonRecord) -> tuple[str, ...]:
-    """Names of the columns of a record that a law can have as inputs.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record with or without a force and further columns.
-
-    Returns
-    -------
-    tuple of str
-        ``"force"`` where it is known, and the names of the further columns.
-    """
+    """Names of the columns of a record that a law can have as inputs."""
     return (*(["force"] if record.force is not None else []), *record.extra)
 
 
 def has_inputs_besides_time(names: Sequence[str]) -> bool:
-    """Return whether there are inputs other than the time, which is known between samples too.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the inputs of a law.
-
-    Returns
-    -------
-    bool
-        True where any of them is not ``"t"``.
-    """
+    """Return whether there are inputs other than the time, which is known between samples too."""
     return any(name != TIME for name in names)
 
 
 def inputs_on_grid(
     record: PistonRecord, names: tuple[str, ...], grid: StepGrid, interpolation: Interpolation = "spline"
 ) -> np.ndarray:
-    """Interpolate the inputs of a law at the stages of the Runge-Kutta steps of a grid.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record that starts at time 0.
-    names : tuple of str
-        Columns that are the inputs.
-    grid : StepGrid
-        Steps of the solution.
-    interpolation : str
-        Interpolation between the samples, one of `INTERPOLATIONS`.
-
-    Returns
-    -------
-    float64 (steps + 1, stages, inputs)
-        Values in the columns' units, at the times `STAGE_TIMES` within each step.
-
-    Raises
-    ------
-    RecordError
-        If the record has no column of a name.
-    """
+    """Interpolate the inputs of a law at the stages of the Runge-Kutta steps of a grid."""
     nodes = grid.step * (np.arange(grid.steps + 1)[:, None] + np.array(STAGE_TIMES))
     columns = [input_column(record, name) for name in names]
     if interpolation == "previous" and columns:
@@ -153,25 +84,7 @@ def inputs_on_grid(
 def interpolate_inputs(
     time: np.ndarray, columns: list[np.ndarray], times: np.ndarray, interpolation: Interpolation = "spline"
 ) -> np.ndarray:
-    """Values of columns at other times than those of their samples.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times of the samples, which increase [s].
-    columns : list of float64 (n,)
-        Values there, each column in its unit.
-    times : float64 of any shape
-        Wanted times [s]; those outside the samples are moved to the nearest sample.
-    interpolation : str
-        ``"spline"``, ``"linear"``, ``"previous"`` or ``"band-limited"``: sinc functions under a Kaiser
-        window (Kaiser 1974), where the samples are even and enough, and a spline where they are not.
-
-    Returns
-    -------
-    float64 (shape of ``times``, columns)
-        Interpolated values, each in its column's unit.
-    """
+    """Values of columns at other times than those of their samples; time, times [s]."""
     if not columns:
         return np.zeros((*times.shape, 0))
     inside = np.clip(times, time[0], time[-1])
@@ -179,37 +92,18 @@ def interpolate_inputs(
 
 
 class PiecewiseCubics(NamedTuple):
-    """Columns as cubics between the samples: a + b s + c s^2 + d s^3 behind each of them.
+    """Columns as cubics between the samples: a + b s + c s^2 + d s^3 behind each of them."""
 
-    Attributes
-    ----------
-    length : float64 (n - 1,)
-        Lengths of the intervals [s].
-    cubics : float64 (n - 1, 4, columns)
-    """
-
-    length: np.ndarray
+    length: np.ndarray  # lengths of the intervals [s]
     cubics: np.ndarray
 
 
 def piecewise_cubics(
     time: np.ndarray, columns: list[np.ndarray], interpolation: Interpolation = "spline"
 ) -> PiecewiseCubics:
-    """Columns as cubics between their samples; a band-limited one by a spline of finer samples.
+    """Columns as cubics between their samples; a band-limited one by a spline of finer samples [s].
 
-    Parameters
-    ----------
-    time : float64 (n,)
-        Times of the samples, which increase [s].
-    columns : list of float64 (n,)
-        Values there, each column in its unit.
-    interpolation : str
-        Interpolation between the samples, one of `INTERPOLATIONS`.
-
-    Returns
-    -------
-    PiecewiseCubics
-        Lengths of the intervals [s] and coefficients of the cubics, in the columns' units over powers of [s].
+    time [s].
     """
     from scipy.interpolate import CubicSpline
 

@@ -32,41 +32,18 @@ _WIDTH, _ROWS = 68, 12
 
 @dataclasses.dataclass(frozen=True)
 class RecordOverview:
-    """A record, and what is to be known of it before a law is fitted.
-
-    Attributes
-    ----------
-    record : PistonRecord
-    meaning : SheetInterpretation
-        Role of each column.
-    rate : float
-        Samples a second [1/s].
-    gaps : int
-        Steps in time of more than 2.5 times the usual one.
-    noise : float
-        Standard deviation of the coordinate's white noise, in its unit.
-    level : float or None
-        The least step of a sensor that rounds, in the coordinate's unit.
-    useful : float
-        Time after which the motion is hardly more than noise about its rest [s].
-    """
+    """A record, and what is to be known of it before a law is fitted."""
 
     record: PistonRecord
     meaning: SheetInterpretation
-    rate: float
+    rate: float  # [1/s]
     gaps: int
     noise: float
     level: float | None
-    useful: float
+    useful: float  # [s]
 
     def to_plain(self) -> dict[str, Any]:
-        """Return what was understood of the file, and the figures, as plain data.
-
-        Returns
-        -------
-        dict of str to any
-            Names and units of the columns, notes, and figures in SI units.
-        """
+        """Return what was understood of the file, and the figures, as plain data."""
         record = self.record
         return {
             "form": self.meaning.form,
@@ -113,25 +90,7 @@ class RecordOverview:
 
 
 def overview_of_record_file(path: str | Path, options: ReadOptions | None = None) -> RecordOverview:
-    """Read a file and say what was understood of it.
-
-    Parameters
-    ----------
-    path : str or Path
-        File of a record, or a TOML description of one.
-    options : ReadOptions, optional
-        Facts about the file that are not to be guessed.
-
-    Returns
-    -------
-    RecordOverview
-        Motion in SI units, the role of each column, and figures of the sampling and the noise.
-
-    Raises
-    ------
-    RecordError
-        If it holds no record; the message says what to do.
-    """
+    """Read a file and say what was understood of it."""
     path, options = Path(path), options or ReadOptions()
     meaning = interpret_record_file(path, options)
     try:
@@ -183,18 +142,7 @@ def _motion_in_characters(record: PistonRecord) -> list[str]:
 
 
 def plot_overview(overview: RecordOverview) -> Figure:
-    """Draw the motion over time, and from where on it is within its noise.
-
-    Parameters
-    ----------
-    overview : RecordOverview
-        Record with its figures.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Coordinate [m] (or [rad]) over time [s].
-    """
+    """Draw the motion over time, and from where on it is within its noise [m, rad, s]."""
     from granular.shared.plotting import COLOURS, GREY, figure
 
     with figure(width=7.0, height=3.0) as (drawing, axes):

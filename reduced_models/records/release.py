@@ -82,43 +82,12 @@ def cut_at_release(record: PistonRecord) -> PistonRecord:
 
 
 def record_from_sample(record: PistonRecord, start: int) -> PistonRecord:
-    """Record from a sample on.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record of n samples.
-    start : int
-        Index of the first sample to keep.
-
-    Returns
-    -------
-    PistonRecord
-        Its last n - start samples, at their own times.
-
-    Raises
-    ------
-    RecordError
-        If fewer than two samples are left.
-    """
+    """Record from a sample on."""
     return record.between(float(record.time[start]), math.inf)
 
 
 def release_cut_text(record: PistonRecord, start: int) -> str:
-    """Sentence of the warning that a record is cut at its release.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record before the cut.
-    start : int
-        Index of the sample of the release.
-
-    Returns
-    -------
-    str
-        Time [s] until which it stands still, and the option that keeps all of it.
-    """
+    """Sentence of the warning that a record is cut at its release [s]."""
     until = round(float(record.time[start]), 9)
     return (
         f"the record stands still until {until:.4g} s and is cut there, at the release; to keep "
@@ -127,21 +96,7 @@ def release_cut_text(record: PistonRecord, start: int) -> str:
 
 
 def release_sample(record: PistonRecord) -> int:
-    """Index of the sample at which a resting record starts to move; 0 where it never rests.
-
-    The displacement after a release grows with the square of the time since then, or faster: carried back
-    from two of its levels, this square starts at the release (see the module).
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record that may begin with a hold.
-
-    Returns
-    -------
-    int
-        Index of the release, or of a column's change that set the motion off shortly before it.
-    """
+    """Index of the sample at which a resting record starts to move; 0 where it never rests."""
     if len(record) < LEAST_SAMPLES:
         return 0
     time = record.time - record.time[0]
@@ -253,19 +208,7 @@ def _onset_of_motion(time: np.ndarray, height: np.ndarray, between: tuple[float,
 
 
 def has_active_input(record: PistonRecord) -> bool:
-    """Return whether a column acts, by its name, in more than a short part of a record.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record with or without a force and further columns.
-
-    Returns
-    -------
-    bool
-        True where a column named as a force, base, drive or input is away from its median, by a tenth of its
-        greatest distance, in more than a tenth of the samples.
-    """
+    """Return whether a column acts, by its name, in more than a short part of a record."""
     columns = {} if record.force is None else {"force": record.force}
     for name, values in (columns | dict(record.extra)).items():
         away = np.abs(values - np.median(values))

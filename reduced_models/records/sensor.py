@@ -283,20 +283,7 @@ class Sensor:
 
 
 def sensor_report_lines(sensor: Sensor | None, undetermined: Iterable[str]) -> list[str]:
-    """Lines of a model's text that say what was measured, and what that does not tell of a law.
-
-    Parameters
-    ----------
-    sensor : Sensor or None
-        Sensor of the record; None for heights.
-    undetermined : iterable of str
-        Names of parameters, ``"level"`` and ``"size"`` that the signal leaves undetermined.
-
-    Returns
-    -------
-    list of str
-        Up to two lines; none for heights.
-    """
+    """Lines of a model's text that say what was measured, and what that does not tell of a law."""
     if sensor is None:
         return []
     words = {"level": "the level of rest", "size": "the size of the motion"}
@@ -305,24 +292,7 @@ def sensor_report_lines(sensor: Sensor | None, undetermined: Iterable[str]) -> l
 
 
 def parse_sensor(text: str) -> Sensor:
-    """Sensor that a line of text describes: a quantity, and settings behind it.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``"velocity gain=free high_pass=4.5 damping_ratio=0.6"``, in SI units; ``gain=26:32`` lies
-        between two numbers, ``absolute`` stands alone, and ``column=geo`` names the column.
-
-    Returns
-    -------
-    Sensor
-        Sensor with these settings.
-
-    Raises
-    ------
-    InputError
-        If a setting is unknown, has no number, or is out of its range.
-    """
+    """Sensor that a line of text describes: a quantity, and settings behind it."""
     quantity, *items = text.split()[:_MOST_ITEMS] or [""]
     given: dict[str, Any] = {}
     for item in items:
@@ -337,23 +307,7 @@ def parse_sensor(text: str) -> Sensor:
 
 
 def resolve_sensor(measured: str | Sensor) -> Sensor | None:
-    """Sensor by its quantity; None where the height is compared as it is.
-
-    Parameters
-    ----------
-    measured : str or Sensor
-        Name of the measured quantity, or the sensor itself.
-
-    Returns
-    -------
-    Sensor or None
-        None for a height of gain 1 and offset 0 without a filter.
-
-    Raises
-    ------
-    InputError
-        If there is no such quantity.
-    """
+    """Sensor by its quantity; None where the height is compared as it is."""
     sensor = measured if isinstance(measured, Sensor) else Sensor(measured)  # type: ignore[arg-type]  # checked there
     return None if sensor == Sensor("height") else sensor
 

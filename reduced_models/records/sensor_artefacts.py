@@ -47,26 +47,7 @@ _FEWEST_CROSSINGS = 8
 
 
 def drop_lost_samples(record: PistonRecord) -> PistonRecord:
-    """Record without samples that a sensor or a logger lost and wrote a number for.
-
-    They are zeros or a number far outside, such as -999, or spikes of single samples, which stand off the
-    median of their neighbours (Hampel's identifier).
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record of n samples, as an instrument wrote it.
-
-    Returns
-    -------
-    PistonRecord
-        Record of the other samples; the same object where none is lost, or fewer than 20 would be left.
-
-    Warns
-    -----
-    RecordWarning
-        If samples are left out.
-    """
+    """Record without samples that a sensor or a logger lost and wrote a number for."""
     lost = _placeholder_mask(record.height)
     spikes = np.zeros_like(lost)
     spikes[~lost] = _spike_mask(record.time[~lost], record.height[~lost])
@@ -134,23 +115,7 @@ def _sensor_noise(time: np.ndarray, height: np.ndarray) -> float:
 
 
 def clipped_sample_mask(record: PistonRecord) -> np.ndarray:
-    """Mask of the samples at the limits of a sensor, where runs of them stand at a peak.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record of n samples.
-
-    Returns
-    -------
-    bool (n,)
-        True for a clipped sample.
-
-    Warns
-    -----
-    RecordWarning
-        If there are any, as they are to be left out.
-    """
+    """Mask of the samples at the limits of a sensor, where runs of them stand at a peak."""
     height = record.height
     at_limit = np.zeros(len(height), dtype=bool)
     several = False
@@ -185,20 +150,7 @@ def clipped_sample_mask(record: PistonRecord) -> np.ndarray:
 
 
 def end_time_of_motion(record: PistonRecord) -> float:
-    """Time after which the motion is hardly more than noise about where it ends.
-
-    Its root mean square over a fiftieth of the samples is compared with the sensor's noise.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record that may come to rest.
-
-    Returns
-    -------
-    float
-        Time of the last moving sample, or of the first one where nothing moves [s].
-    """
+    """Time after which the motion is hardly more than noise about where it ends [s]."""
     swing = record.height - np.median(record.height[-max(3, int(_LEAST_END * len(record))) :])
     count = min(len(swing), max(_FEWEST, len(swing) // 50))
     largest = float(np.abs(swing).max()) or 1.0  # squares of heights may leave the floats
@@ -211,23 +163,7 @@ def end_time_of_motion(record: PistonRecord) -> float:
 
 
 def count_samples_in_motion(record: PistonRecord) -> int:
-    """Count the samples until a free swing is lost in the noise of its record.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record of n samples that starts at time 0.
-
-    Returns
-    -------
-    int
-        At most n: all of them where something drives the motion, or where it ends after few swings.
-
-    Raises
-    ------
-    RecordError
-        If no motion stands out of the first samples.
-    """
+    """Count the samples until a free swing is lost in the noise of its record."""
     if has_active_input(record):
         return len(record)
     end, duration = end_time_of_motion(record), float(record.time[-1])
@@ -240,23 +176,7 @@ def count_samples_in_motion(record: PistonRecord) -> int:
 
 
 def cut_noise_tail(record: PistonRecord) -> PistonRecord:
-    """Record until its motion is lost in the sensor's noise, where that takes much of it.
-
-    Parameters
-    ----------
-    record : PistonRecord
-        Record that may come to rest.
-
-    Returns
-    -------
-    PistonRecord
-        Record up to there; the same object where the motion goes on for 70 % of it, or is too short.
-
-    Warns
-    -----
-    RecordWarning
-        If its end is left out.
-    """
+    """Record until its motion is lost in the sensor's noise, where that takes much of it."""
     start, stop = float(record.time[0]), float(record.time[-1])
     end = end_time_of_motion(record)
     motion = record.time <= end

@@ -33,29 +33,7 @@ class RunOptions(NamedTuple):
 def load_record(
     source: str | Path | Scene | Trajectory | PistonRecord, out: Path | None, options: RunOptions
 ) -> tuple[PistonRecord, Trajectory | None]:
-    """Record of a source, and the run it comes from.
-
-    Parameters
-    ----------
-    source : str, Path, Scene, Trajectory or PistonRecord
-        Scene (name or file), run directory, record's file, or one of these as an object; a scene is run.
-    out : Path or None
-        Directory for the run of a scene.
-    options : RunOptions
-        Options for the run of a scene.
-
-    Returns
-    -------
-    record : PistonRecord
-        Motion of the piston, times [s] and heights [m], (n,) each.
-    run : Trajectory or None
-        Run that it is of; None for a record.
-
-    Raises
-    ------
-    InputError, StoreError, RunError
-        If the source cannot be read or run, or an option does not apply to it.
-    """
+    """Record of a source, and the run it comes from [s; m]."""
     opened = open_and_check_source(source, options)
     if isinstance(opened, PistonRecord):
         return opened, None
@@ -68,25 +46,7 @@ def load_record(
 def open_and_check_source(
     source: str | Path | Scene | Trajectory | PistonRecord, options: RunOptions
 ) -> Scene | Trajectory | PistonRecord:
-    """Open a source, and change it where it is a scene.
-
-    Parameters
-    ----------
-    source : str, Path, Scene, Trajectory or PistonRecord
-        Scene (name or file), run directory, record's file, or one of these as an object.
-    options : RunOptions
-        Options for the run of a scene; a run or a record takes the default ones only.
-
-    Returns
-    -------
-    Scene, Trajectory or PistonRecord
-        The scene with its changes, the run, or the motion in SI units.
-
-    Raises
-    ------
-    InputError, StoreError
-        If the source cannot be read, a scene has no piston, or an option does not apply.
-    """
+    """Open a source, and change it where it is a scene."""
     check_run_options(options)
     result = open_source(source) if isinstance(source, str | Path) else source
     if isinstance(result, PistonRecord):  # needs nothing of what simulates
@@ -111,23 +71,7 @@ def open_and_check_source(
 
 
 def make_directory(out: str | Path | None) -> Path | None:
-    """Directory to write to, made where it is not there yet.
-
-    Parameters
-    ----------
-    out : str, Path or None
-        Path of the directory; nothing is made for None.
-
-    Returns
-    -------
-    Path or None
-        The same path.
-
-    Raises
-    ------
-    StoreError
-        If it cannot be made or written to.
-    """
+    """Directory to write to, made where it is not there yet."""
     if out is None:
         return None
     path = Path(out)
@@ -145,20 +89,7 @@ def make_directory(out: str | Path | None) -> Path | None:
 
 
 def shortened_path_text(path: Path, greatest_length: int = 80) -> str:
-    """Path for a message, cut where it is long, and without control characters.
-
-    Parameters
-    ----------
-    path : Path
-        Any path.
-    greatest_length : int
-        Greatest number of characters.
-
-    Returns
-    -------
-    str
-        Text of the path.
-    """
+    """Path for a message, cut where it is long, and without control characters."""
     return sanitize(path, greatest_length)
 
 
@@ -246,48 +177,12 @@ def read_releases(
 
 
 def has_stated_time_interval(path: Path, options: ReadOptions) -> bool:
-    """Return whether the user states which part of a file is the record.
-
-    Parameters
-    ----------
-    path : Path
-        File of a record, or a TOML description of one.
-    options : ReadOptions
-        Options by which it is read; they go before those of a description.
-
-    Returns
-    -------
-    bool
-        True where the first and last times are stated (``between``).
-
-    Raises
-    ------
-    RecordError
-        If a description cannot be read.
-    """
+    """Return whether the user states which part of a file is the record."""
     return _options_with_description(path, options).between is not None
 
 
 def stated_release_number(path: Path, options: ReadOptions) -> int | str | None:
-    """Return which of several releases in a file the user names, if any.
-
-    Parameters
-    ----------
-    path : Path
-        File of a record, or a TOML description of one.
-    options : ReadOptions
-        Options by which it is read; they go before those of a description.
-
-    Returns
-    -------
-    int, str or None
-        Number of the release, from 1, or ``"all"``; None if none is named.
-
-    Raises
-    ------
-    RecordError
-        If a description cannot be read.
-    """
+    """Return which of several releases in a file the user names, if any."""
     return _options_with_description(path, options).release
 
 
@@ -296,25 +191,7 @@ def _options_with_description(path: Path, options: ReadOptions) -> ReadOptions:
 
 
 def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene | Trajectory | PistonRecord:
-    """Open a path or a scene's name; of a record's file return the motion in it.
-
-    Parameters
-    ----------
-    source : str or Path
-        Name of a packaged scene, TOML file of a scene, run directory, record's file, or its description.
-    options : ReadOptions, optional
-        Facts about a record's file that are not to be guessed.
-
-    Returns
-    -------
-    Scene, Trajectory or PistonRecord
-        A motion is in SI units.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or is no file of a record though it is said how to read it.
-    """
+    """Open a path or a scene's name; of a record's file return the motion in it."""
     path, plain = Path(source), {} if options is None else options.to_plain()
     try:
         if is_record_file(path) or not (path.is_dir() or path.suffix in ("", ".toml")):
@@ -338,34 +215,12 @@ def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene
 
 
 def is_record_file(path: Path) -> bool:
-    """Return whether a path is the file of a record, or describes one.
-
-    Parameters
-    ----------
-    path : Path
-        Any path.
-
-    Returns
-    -------
-    bool
-        True for a file that is no TOML file, or a TOML file that describes a record.
-    """
+    """Return whether a path is the file of a record, or describes one."""
     return path.is_file() and (path.suffix != ".toml" or is_record_description(path))
 
 
 def check_run_options(options: RunOptions) -> None:
-    """Raise `InputError` unless there is a method of the name, and the time step is one.
-
-    Parameters
-    ----------
-    options : RunOptions
-        Options for the run of a scene, with a time step [s] or how it is chosen.
-
-    Raises
-    ------
-    InputError
-        If the method is unknown, or the step is not above 0 and no word for one.
-    """
+    """Raise `InputError` unless there is a method of the name, and the time step is one; options [s]."""
     if (options.method, options.dt) == (METHOD, STEP):
         return
     from granular.methods import resolve_method
@@ -393,24 +248,7 @@ def _refuse_run_options(options: RunOptions) -> None:
 def run_scene(scene: Scene, out: Path | None, options: RunOptions) -> Trajectory:
     """Run a scene in the folder ``run`` of a directory, or go on with the run that lies there already.
 
-    Parameters
-    ----------
-    scene : Scene
-        Scene with a piston.
-    out : Path or None
-        Directory; nothing is written to disk for None.
-    options : RunOptions
-        Time step [s], method, threads and progress of the run; its changes are not applied here.
-
-    Returns
-    -------
-    Trajectory
-        The run.
-
-    Raises
-    ------
-    InputError, StoreError, RunError
-        If the scene cannot be run, another run lies there, or the run cannot be trusted.
+    options [s].
     """
     from granular.run.simulation import simulate
 
@@ -426,18 +264,7 @@ def run_scene(scene: Scene, out: Path | None, options: RunOptions) -> Trajectory
 
 
 def incomplete_run_notes(run: Trajectory) -> tuple[str, ...]:
-    """Return notes on a run that was cut, as the source of a record.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished or unfinished run.
-
-    Returns
-    -------
-    tuple of str
-        One note with the time [s] and the stage of the cut; none for a whole run.
-    """
+    """Return notes on a run that was cut, as the source of a record [s]."""
     if run.complete:
         return ()
     last = run.stages[-1] if run.stages else None
@@ -450,18 +277,7 @@ def incomplete_run_notes(run: Trajectory) -> tuple[str, ...]:
 
 
 def time_step_text(run: Trajectory) -> str:
-    """Time step of a run in words, an automatic one also in seconds.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run with its settings.
-
-    Returns
-    -------
-    str
-        The step [s] that was given, or the word for it with its mean, or shortest and longest, value.
-    """
+    """Time step of a run in words, an automatic one also in seconds [s]."""
     settings = run.settings()
     dt = settings["dt"]
     if not isinstance(dt, str):

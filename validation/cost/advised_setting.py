@@ -55,21 +55,7 @@ USUAL = ("stormer-verlet", "auto")
 
 @cache
 def confidence_factor(starts: int) -> float:
-    """Return the number of standard errors to add to a mean for a one-sided 95 % bound, two at least.
-
-    By Student's distribution, since the scatter is estimated from the same starts; 0 for one start,
-    which shows no scatter.
-
-    Parameters
-    ----------
-    starts : int
-        Number of random starts behind the mean.
-
-    Returns
-    -------
-    float
-        Factor without unit.
-    """
+    """Return the number of standard errors to add to a mean for a one-sided 95 % bound, two at least."""
     if starts < 2:
         return 0.0
     from scipy.stats import t as student
@@ -79,21 +65,7 @@ def confidence_factor(starts: int) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class WorkPrecisionPoint:
-    """Error and time of one setting.
-
-    Attributes
-    ----------
-    setting : SolverSettings
-    error, seconds : float
-        The error, as a mean over starts, and the time of one run; NaN where it failed.
-    steps : int
-    failure : str or None
-        The error's class and message.
-    doubt : float
-        Standard error of the error; 0 for one start.
-    starts : int
-        How many it was run from.
-    """
+    """Error and time of one setting."""
 
     setting: SolverSettings
     error: float
@@ -120,34 +92,12 @@ class WorkPrecisionPoint:
 
 
 def time_then_error(point: WorkPrecisionPoint) -> tuple[float, float]:
-    """Key that sorts by time, and settings as fast by their error.
-
-    Parameters
-    ----------
-    point : WorkPrecisionPoint
-        Error and time of a setting.
-
-    Returns
-    -------
-    (float, float)
-        Wall time [s] and error.
-    """
+    """Key that sorts by time, and settings as fast by their error [s]."""
     return point.seconds, point.error
 
 
 def group_by_family(points: Iterable[WorkPrecisionPoint]) -> dict[str, tuple[WorkPrecisionPoint, ...]]:
-    """Points grouped by method and changes of the scene, from coarse to fine steps.
-
-    Parameters
-    ----------
-    points : iterable of WorkPrecisionPoint
-        Points of one quantity.
-
-    Returns
-    -------
-    dict of str to tuple of WorkPrecisionPoint
-        Points by the family's name; what failed comes first.
-    """
+    """Points grouped by method and changes of the scene, from coarse to fine steps."""
     result: dict[str, list[WorkPrecisionPoint]] = {}
     for point in points:
         result.setdefault(point.setting.family, []).append(point)
@@ -165,18 +115,7 @@ deviations hold all but one start in four hundred."""
 
 
 class AdvisedSetting(NamedTuple):
-    """Advice for a tolerance.
-
-    Attributes
-    ----------
-    tolerance : float
-    point : WorkPrecisionPoint or None
-        The setting to take; None where none that was tried reaches the tolerance.
-    starts : int
-        How many starts to average over; 1 where a single run is good enough.
-    floor : float
-        Scatter of the quantity over the starts.
-    """
+    """Advice for a tolerance."""
 
     tolerance: float
     point: WorkPrecisionPoint | None
@@ -205,18 +144,7 @@ class AdvisedSetting(NamedTuple):
 
 
 def duration_text(seconds: float) -> str:
-    """Text of a duration as it is read: 0.3 s, 12 minutes, 5 days.
-
-    Parameters
-    ----------
-    seconds : float
-        Duration [s].
-
-    Returns
-    -------
-    str
-        Two digits with a unit.
-    """
+    """Text of a duration as it is read: 0.3 s, 12 minutes, 5 days; seconds [s]."""
     sizes = (("years", 3.156e7), ("days", 86400.0), ("hours", 3600.0), ("minutes", 120.0))
     for unit, size in sizes:
         if seconds >= size:
@@ -225,44 +153,12 @@ def duration_text(seconds: float) -> str:
 
 
 def starts_for_tolerance(floor: float, tolerance: float) -> int:
-    """Return the number of random starts whose mean is within a tolerance, at two standard errors.
-
-    Parameters
-    ----------
-    floor : float
-        Standard deviation of the quantity over the starts, as an error.
-    tolerance : float
-        Error that is allowed, in the same unit.
-
-    Returns
-    -------
-    int
-        (2 floor/tolerance)^2, rounded up; 1 at least.
-    """
+    """Return the number of random starts whose mean is within a tolerance, at two standard errors."""
     return max(1, math.ceil((2.0 * floor / tolerance) ** 2))
 
 
 def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance: float) -> AdvisedSetting:
-    """Advise the fastest setting for a tolerance, and from how many starts.
-
-    Below `FLOORS` floors the fastest setting whose error cannot be told from nought is named, and how
-    many starts it takes; otherwise the fastest one of `accurate_points`. Outside integrators are never
-    named.
-
-    Parameters
-    ----------
-    points : iterable of WorkPrecisionPoint
-        All settings that were tried.
-    floor : float
-        Standard deviation of the quantity over the starts, as an error.
-    tolerance : float
-        Error that is allowed, in the same unit.
-
-    Returns
-    -------
-    AdvisedSetting
-        Setting, or none that reaches the tolerance, and number of starts.
-    """
+    """Advise the fastest setting for a tolerance, and from how many starts."""
     own = [point for point in points if not point.setting.is_external]
     if tolerance < FLOORS * floor:
         best = min(
@@ -276,23 +172,7 @@ def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance
 
 
 def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> list[WorkPrecisionPoint]:
-    """Points of a family that are accurate to a tolerance, and not so by luck.
-
-    The error's bound must be within the tolerance, and no point of the family with more steps may
-    be clearly above it.
-
-    Parameters
-    ----------
-    family : sequence of WorkPrecisionPoint
-        Points of one family, from coarse to fine.
-    tolerance : float
-        Error that is allowed, in the unit of the points.
-
-    Returns
-    -------
-    list of WorkPrecisionPoint
-        From fine to coarse.
-    """
+    """Points of a family that are accurate to a tolerance, and not so by luck."""
     result = []
     for point in reversed(family):
         if point.has_failed or not point.lower_error_bound <= tolerance:
@@ -303,18 +183,7 @@ def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> l
 
 
 def points_without_clear_error(family: Sequence[WorkPrecisionPoint]) -> list[WorkPrecisionPoint]:
-    """Points of a family whose errors, and all finer ones', cannot be told from nought.
-
-    Parameters
-    ----------
-    family : sequence of WorkPrecisionPoint
-        Points of one family, from coarse to fine.
-
-    Returns
-    -------
-    list of WorkPrecisionPoint
-        From fine to coarse.
-    """
+    """Points of a family whose errors, and all finer ones', cannot be told from nought."""
     result = []
     for point in reversed(family):
         if point.has_failed or point.lower_error_bound > 0.0:

@@ -29,34 +29,12 @@ Studies = list[WorkPrecision]
 
 
 def studies_from_plain(plain: Mapping[str, Any]) -> Studies:
-    """Work-precision studies of a task's plain result.
-
-    Parameters
-    ----------
-    plain : mapping of str to Any
-        Plain data with the list ``studies``.
-
-    Returns
-    -------
-    list of WorkPrecision
-        One for each quantity.
-    """
+    """Work-precision studies of a task's plain result."""
     return [WorkPrecision.from_plain(study) for study in plain["studies"]]
 
 
 def join_studies(results: Sequence[Studies]) -> Studies:
-    """Work-precision studies of all tasks in one list.
-
-    Parameters
-    ----------
-    results : sequence of list of WorkPrecision
-        Studies of each task.
-
-    Returns
-    -------
-    list of WorkPrecision
-        In the same order.
-    """
+    """Work-precision studies of all tasks in one list."""
     return list(chain.from_iterable(results))
 
 
@@ -71,18 +49,7 @@ DAMPER_STEPS = {
 
 
 def work_precision_tasks(full: bool) -> list[Task]:
-    """Tasks that measure error against time: lone grain, frictionless bed and compression.
-
-    Parameters
-    ----------
-    full : bool
-        Add the damper, and the ways of summing pairs.
-
-    Returns
-    -------
-    list of Task
-        The tasks of the report's section.
-    """
+    """Tasks that measure error against time: lone grain, frictionless bed and compression."""
     grain, bed, squeezed = load_scene("single-particle"), frictionless_bed(), compression_scene()
     saved = ("energy", "positions")
     many = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
@@ -117,26 +84,7 @@ def work_precision_task(
     options: dict[str, Any],
     **more: Any,
 ) -> Task:
-    """Task that runs one scene with many settings.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to run.
-    quantities : sequence of str
-        Names in `validation.measured_quantities.QUANTITIES`.
-    settings : sequence of SolverSettings
-        Settings to try.
-    options : dict of str to Any
-        Keywords of `work_precision_of_quantities`.
-    **more : Any
-        Tells the task from others with methods of the same names.
-
-    Returns
-    -------
-    Task
-        Its result are studies as plain data.
-    """
+    """Task that runs one scene with many settings."""
     key = {
         "scene": scene.digest(),
         "quantities": quantities,
@@ -182,15 +130,7 @@ def _measure_studies(
 
 
 def show_work_precision_section(page: HtmlPage, results: Sequence[Studies]) -> None:
-    """Add a picture and a table for each quantity, and the settings to take, to a page.
-
-    Parameters
-    ----------
-    page : HtmlPage
-        Page of the report.
-    results : sequence of list of WorkPrecision
-        Studies of each task.
-    """
+    """Add a picture and a table for each quantity, and the settings to take, to a page."""
     studies = join_studies(results)
     page.add_paragraph(
         "Error over wall time, warm, the least of the repeats. The broad line joins the settings "
@@ -213,18 +153,7 @@ def show_work_precision_section(page: HtmlPage, results: Sequence[Studies]) -> N
 
 
 def advised_setting_table(studies: Sequence[WorkPrecision]) -> TextTable:
-    """Table of the setting to take for each tolerance, and its time over the default one's.
-
-    Parameters
-    ----------
-    studies : sequence of WorkPrecision
-        One for each quantity of a scene.
-
-    Returns
-    -------
-    TextTable
-        Setting, step, error, starts, seconds and ratio of times.
-    """
+    """Table of the setting to take for each tolerance, and its time over the default one's."""
     rows = []
     for study in studies:
         usual = study.default_point()

@@ -31,16 +31,7 @@ Reference = SolverSettings | float | np.ndarray | None
 
 
 class ReferenceValue(NamedTuple):
-    """Values that a quantity is measured against.
-
-    Attributes
-    ----------
-    words : str
-    values : tuple of float or ndarray
-        One for each start.
-    floor : float
-        How far the quantity scatters over the starts, as an error.
-    """
+    """Values that a quantity is measured against."""
 
     words: str
     values: tuple[Value, ...]
@@ -110,37 +101,7 @@ def work_precision_of_quantities(
     seeds: int = 0,
     repeats: int = REPEATS,
 ) -> tuple[WorkPrecision, ...]:
-    """Run a scene with many settings, and compare several quantities with their references.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to run.
-    quantities : sequence of str or MeasuredQuantity
-        Quantities, all from the same runs.
-    settings : iterable of SolverSettings
-        Settings to try.
-    references : sequence of SolverSettings, float, ndarray or None, optional
-        One for each quantity, as in `work_precision`.
-    until : float, optional
-        Stop each run at this time [s]; the whole protocol without.
-    seeds : int
-        Further random starts.
-    repeats : int
-        Runs of each setting from a start, from 1; the fastest is timed.
-
-    Returns
-    -------
-    tuple of WorkPrecision
-        One for each quantity.
-
-    Raises
-    ------
-    InputError
-        If a quantity is unknown, no setting is given, or ``repeats`` is below 1.
-    RunError
-        If a reference itself fails.
-    """
+    """Run a scene with many settings, and compare several quantities with their references; until [s]."""
     chosen = [quantity_named(quantity) for quantity in quantities]
     wanted = tuple(settings)
     if not wanted:
@@ -174,26 +135,7 @@ def make_work_precision(
     points: Iterable[WorkPrecisionPoint],
     truth: ReferenceValue,
 ) -> WorkPrecision:
-    """Work-precision study of points that were measured against a reference.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that was run.
-    quantity : MeasuredQuantity
-        Quantity whose error the points have.
-    until : float or None
-        Time up to which it ran [s]; None for the whole protocol.
-    points : iterable of WorkPrecisionPoint
-        Error and time of each setting.
-    truth : ReferenceValue
-        Values that the errors are against.
-
-    Returns
-    -------
-    WorkPrecision
-        The study.
-    """
+    """Work-precision study of points that were measured against a reference; until [s]."""
     unit = "1" if quantity.relative else quantity.unit
     return WorkPrecision(scene.name, quantity.name, unit, until, tuple(points), truth.floor, truth.words)
 
@@ -203,40 +145,14 @@ CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan
 
 
 def candidate_settings(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[SolverSettings, ...]:
-    """Return the settings to try on a scene: methods, each with steps from ``auto*8`` to ``auto/8``.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to run.
-    methods : sequence of str
-        Names of methods.
-
-    Returns
-    -------
-    tuple of SolverSettings
-        Those that the scene can be run with.
-    """
+    """Return the settings to try on a scene: methods, each with steps from ``auto*8`` to ``auto/8``."""
     return tuple(
         SolverSettings(name, dt) for name in methods for dt in STEPS if can_run_with_step(scene, dt, name)
     )
 
 
 def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
-    """Scene, and copies of it from further random starts.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to run.
-    seeds : int
-        Number of further starts.
-
-    Returns
-    -------
-    tuple of Scene
-        The scene first; alone where its start does not depend on the seed.
-    """
+    """Scene, and copies of it from further random starts."""
     first = scene.arrangement.seed
     count = seeds if seeds and depends_on_seed(scene) else 0
     more = (scene.replace(**{"arrangement.seed": first + k}) for k in range(1, count + 1))
@@ -244,18 +160,7 @@ def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
 
 
 def depends_on_seed(scene: Scene) -> bool:
-    """Tell if another seed gives a scene another start.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene with its arrangement.
-
-    Returns
-    -------
-    bool
-        True where positions or velocities change with the seed.
-    """
+    """Tell if another seed gives a scene another start."""
     if scene.arrangement.positions is not None:  # which take no seed
         return False
     other = scene.replace(**{"arrangement.seed": scene.arrangement.seed + 1})
@@ -273,29 +178,7 @@ def reference_values(
     given: Sequence[Reference],
     until: float | None,
 ) -> list[ReferenceValue]:
-    """Return reference values of quantities, from runs, given numbers or exact solutions.
-
-    Parameters
-    ----------
-    scenes : sequence of Scene
-        Scene from each start.
-    quantities : sequence of MeasuredQuantity
-        Quantities to measure.
-    given : sequence of SolverSettings, float, ndarray or None
-        Setting or value for each quantity; None for the exact value, or else for `reference_setting`.
-    until : float or None
-        Stop each run at this time [s].
-
-    Returns
-    -------
-    list of ReferenceValue
-        One for each quantity, in its unit; no run is made twice.
-
-    Raises
-    ------
-    RunError
-        If a reference run fails.
-    """
+    """Return reference values of quantities, from runs, given numbers or exact solutions; until [s]."""
     runs: dict[str, list[Trajectory]] = {}
     truth = []
     for quantity, reference in zip(quantities, given, strict=True):
@@ -315,19 +198,7 @@ def reference_values(
 
 
 def reference_setting(scene: Scene) -> SolverSettings:
-    """Return a setting far more accurate than any that is worth while.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to run.
-
-    Returns
-    -------
-    SolverSettings
-        Blanes and Moan's method of order six at half the automatic step; Verlet's at a sixteenth where
-        the scene allows no other.
-    """
+    """Return a setting far more accurate than any that is worth while."""
     best = SolverSettings("blanes-moan-6", "auto/2")
     if can_run_with_step(scene, best.dt, best.method):
         return best
@@ -335,29 +206,7 @@ def reference_setting(scene: Scene) -> SolverSettings:
 
 
 def run_setting(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
-    """Run a scene with a setting, without its warnings: its error is measured anyway.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to run.
-    setting : SolverSettings
-        Method, step and changes of the scene.
-    until : float or None
-        Stop at this time [s]; the whole protocol without.
-
-    Returns
-    -------
-    Trajectory
-        The finished run.
-
-    Raises
-    ------
-    RunError
-        If the run fails.
-    InputError
-        If the scene cannot be run with this setting.
-    """
+    """Run a scene with a setting, without its warnings: its error is measured anyway; until [s]."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings():
@@ -379,28 +228,7 @@ def measure_points(
     until: float | None,
     repeats: int,
 ) -> list[WorkPrecisionPoint]:
-    """Measure error and time of one setting, for several quantities from the same runs.
-
-    Parameters
-    ----------
-    scenes : sequence of Scene
-        Scene from each start.
-    quantities : sequence of MeasuredQuantity
-        Quantities to measure.
-    setting : SolverSettings
-        Setting to run with.
-    truth : sequence of ReferenceValue
-        One for each quantity.
-    until : float or None
-        Stop each run at this time [s].
-    repeats : int
-        Runs from each start; the fastest is timed.
-
-    Returns
-    -------
-    list of WorkPrecisionPoint
-        One for each quantity; with the failure where a run failed.
-    """
+    """Measure error and time of one setting, for several quantities from the same runs; until [s]."""
     try:
         _compile_setting(scenes[0], setting)
         runs, seconds = zip(*(_run_and_time(scene, setting, until, repeats) for scene in scenes), strict=True)
@@ -423,26 +251,7 @@ def measure_points(
 def deviation_over_starts(
     quantity: MeasuredQuantity, values: Sequence[Value], references: Sequence[Value]
 ) -> tuple[float, float]:
-    """Error of a quantity over the starts, and its standard error.
-
-    The size of the mean deviation: what single starts are off to either side is scatter, which no
-    setting corrects. Of a quantity that each start has a value of its own of, the greatest error,
-    and the standard deviation of the errors.
-
-    Parameters
-    ----------
-    quantity : MeasuredQuantity
-        Quantity that was measured.
-    values : sequence of float or ndarray
-        Its value from each start.
-    references : sequence of float or ndarray
-        Reference value from each start, of the same shape.
-
-    Returns
-    -------
-    (float, float)
-        Error and standard error; relative for a relative quantity, otherwise in its unit.
-    """
+    """Error of a quantity over the starts, and its standard error."""
     if quantity.differs_by_start or len(values) == 1:
         errors = [quantity.error(*pair) for pair in zip(values, references, strict=True)]
         return max(errors), float(np.std(errors, ddof=1)) if len(errors) > 1 else 0.0

@@ -28,39 +28,18 @@ LEVELS = {"1 %": 1e-2, "0.1 %": 1e-3, "1e-6": 1e-6}
 
 @dataclasses.dataclass(frozen=True)
 class WorkPrecision(PlainData):
-    """Errors and wall times of many settings.
-
-    Attributes
-    ----------
-    scene, quantity, unit : str
-        ``unit`` of the errors: ``"1"`` where they are relative.
-    horizon : float or None
-        Until when the scene was run [s]; None for its whole protocol.
-    points : tuple of WorkPrecisionPoint
-    floor : float
-        Standard deviation of the quantity over the starts, as an error; 0 for one start, and where
-        each start has a value of its own.
-    reference : str
-        What the errors are measured against.
-    """
+    """Errors and wall times of many settings."""
 
     scene: str
     quantity: str
     unit: str
-    horizon: float | None
+    horizon: float | None  # [s]
     points: tuple[WorkPrecisionPoint, ...]
     floor: float
     reference: str
 
     def pareto_front(self) -> tuple[WorkPrecisionPoint, ...]:
-        """Pareto front, from fast to accurate: no setting is both faster and more accurate.
-
-        Returns
-        -------
-        tuple of WorkPrecisionPoint
-            Settings that none beats in both time and error; outside integrators and failures are left
-            out.
-        """
+        """Pareto front, from fast to accurate: no setting is both faster and more accurate."""
         own = [point for point in self.points if not point.has_failed and not point.setting.is_external]
         front: list[WorkPrecisionPoint] = []
         for point in sorted(own, key=time_then_error):
@@ -69,65 +48,25 @@ class WorkPrecision(PlainData):
         return tuple(front)
 
     def advise(self, tolerance: float) -> AdvisedSetting:
-        """Return the setting to take for a tolerance, and from how many starts.
-
-        Parameters
-        ----------
-        tolerance : float
-            Error that is allowed, in the unit of the errors.
-
-        Returns
-        -------
-        AdvisedSetting
-            Setting, or none, and number of starts.
-        """
+        """Return the setting to take for a tolerance, and from how many starts."""
         return advise_setting(self.points, self.floor, tolerance)
 
     def cheapest_point(self, tolerance: float) -> WorkPrecisionPoint | None:
-        """Fastest setting one run of which is accurate to a tolerance, and not so by luck.
-
-        Parameters
-        ----------
-        tolerance : float
-            Error that is allowed, in the unit of the errors.
-
-        Returns
-        -------
-        WorkPrecisionPoint or None
-            None where no setting reaches it by one run.
-        """
+        """Fastest setting one run of which is accurate to a tolerance, and not so by luck."""
         result = self.advise(tolerance)
         return None if result.needs_more_starts else result.point
 
     def default_point(self) -> WorkPrecisionPoint | None:
-        """Point of the default method and step, in the first form that did not fail.
-
-        Returns
-        -------
-        WorkPrecisionPoint or None
-            None where none of them was tried or finished.
-        """
+        """Point of the default method and step, in the first form that did not fail."""
         finished = (point for point in self.points if not point.has_failed)
         return next((point for point in finished if point.setting[:2] == USUAL), None)
 
     def points_by_family(self) -> dict[str, tuple[WorkPrecisionPoint, ...]]:
-        """Points by family, from coarse to fine.
-
-        Returns
-        -------
-        dict of str to tuple of WorkPrecisionPoint
-            Points by method and changes of the scene.
-        """
+        """Points by family, from coarse to fine."""
         return group_by_family(self.points)
 
     def cost_of_digit(self) -> float | None:
-        """Factor by which the time grows for a tenth of the error, along the Pareto front.
-
-        Returns
-        -------
-        float or None
-            Factor without unit; None without two points of different errors.
-        """
+        """Factor by which the time grows for a tenth of the error, along the Pareto front."""
         points = [point for point in self.pareto_front() if point.error > max(0.0, point.doubt)]
         if len(points) < 2 or not points[-1].error < points[0].error:
             return None
@@ -135,13 +74,7 @@ class WorkPrecision(PlainData):
         return float((points[-1].seconds / points[0].seconds) ** (1.0 / digits))
 
     def table(self) -> TextTable:
-        """One row a setting, the front marked with a star.
-
-        Returns
-        -------
-        TextTable
-            Setting, step, error with its standard error, seconds, steps, and failure.
-        """
+        """One row a setting, the front marked with a star."""
         front = self.pareto_front()
         rows = []
         for point in self.points:
@@ -175,18 +108,7 @@ class WorkPrecision(PlainData):
         return text_table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw error over seconds, a line a family, what to take ringed, the floor as a band.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Axes to draw into; new ones without.
-
-        Returns
-        -------
-        matplotlib Axes
-            Wall time [s] and error on logarithmic axes.
-        """
+        """Draw error over seconds, a line a family, what to take ringed, the floor as a band [s]."""
         axes = axes_or_new(ax)
         levels = {words: self.advise(level) for words, level in LEVELS.items()}
         _draw_error_over_cost(axes, self.points, self.pareto_front(), self.floor, levels)
@@ -205,10 +127,7 @@ def _draw_error_over_cost(
     floor: float,
     levels: Mapping[str, AdvisedSetting],
 ) -> None:
-    """Draw error over seconds, a line a family, with the bounds of the errors as thin bars.
-
-    A family's label says how many of its settings failed.
-    """
+    """Draw error over seconds, a line a family, with the bounds of the errors as thin bars."""
     for k, (name, family) in enumerate(group_by_family(points).items()):
         _draw_family(axes, name, family, k)
     best = [candidate for candidate in front if candidate.error > 0.0]
@@ -279,13 +198,7 @@ def _mark_advised_setting(axes: Axes, words: str, advised: AdvisedSetting) -> No
 
 
 def label_run_times(axes: Axes) -> None:
-    """Label an axis of run times as they are read: 0.02, 0.05, 0.1 s.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-        Axes with times [s] on a logarithmic x axis.
-    """
+    """Label an axis of run times as they are read: 0.02, 0.05, 0.1 s; axes [s]."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axes.get_xlim()

@@ -58,41 +58,18 @@ whole bounce a Runge-Kutta method of order four seems to have order five."""
 
 
 class PotentialWell(NamedTuple):
-    """The well that the grain moves in, in natural units.
-
-    Attributes
-    ----------
-    potential : callable
-        u(y)
-    low, high : mpf
-        Turning points [D].
-    velocity, length, time : mpf
-        The natural units [m/s], [m], [s].
-    """
+    """The well that the grain moves in, in natural units."""
 
     potential: Potential
-    low: Number
-    high: Number
-    velocity: Number
-    length: Number
-    time: Number
+    low: Number  # [D]
+    high: Number  # [D]
+    velocity: Number  # [m/s]
+    length: Number  # [m]
+    time: Number  # [s]
 
 
 def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
-    """Make the problem of a grain that bounces on the magnetic wall [D, 2.3.4].
-
-    Parameters
-    ----------
-    start : float
-        Height at the start [D].
-    time : float
-        Time at which a run is compared [s].
-
-    Returns
-    -------
-    ExactProblem
-        Scene with its exact solution, by quadrature of the energy integral.
-    """
+    """Make the problem of a grain that bounces on the magnetic wall [D, 2.3.4]; start [D], time [s]."""
     scene = bounce_scene(start, time)
     return ExactProblem(
         "bounce",
@@ -105,47 +82,14 @@ def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
 
 
 def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
-    """Scene of a lone grain at a height over the bottom wall, under gravity.
-
-    Parameters
-    ----------
-    start : float
-        Height at the start [D].
-    time : float
-        Duration of the hold [s].
-    name : str
-        Name of the scene.
-
-    Returns
-    -------
-    Scene
-        Scene of one grain of 5 mm.
-
-    Raises
-    ------
-    SceneError
-        If the height or the time cannot be that of a scene.
-    """
+    """Scene of a lone grain at a height over the bottom wall, under gravity; start [D], time [s]."""
     effects = {"gravity": {}, "walls": BOTTOM_ONLY}
     arrangement = {"positions": [["30 D", f"{start!r} D"]]}
     return few_grains_scene(name, time, effects, arrangement=arrangement)
 
 
 def potential_well(scene: Scene) -> PotentialWell:
-    """Potential well of a lone grain over the wall that starts at rest, with its turning points.
-
-    u(y) = (1/5) y^(-5/2) + G y in natural units; to be called within mpmath's working precision.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of a lone grain with gravity.
-
-    Returns
-    -------
-    PotentialWell
-        Potential [D^2/tau^2], turning points [D] and the natural units in SI.
-    """
+    """Potential well [D^2/tau^2] of a lone grain over the wall, with its turning points [D]."""
     from mpmath import findroot, mpf
 
     units = natural_units(scene.grains)
@@ -165,20 +109,7 @@ def potential_well(scene: Scene) -> PotentialWell:
 
 
 def bounce_period(scene: Scene) -> Number:
-    """Compute the period of a bouncing grain, to thirty digits and more.
-
-    By quadrature of the energy integral (Landau and Lifshitz, Mechanics, section 11).
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of a lone grain at rest over the wall.
-
-    Returns
-    -------
-    mpf
-        Period [s].
-    """
+    """Compute the period of a bouncing grain, to thirty digits and more [s]."""
     from mpmath import workdps
 
     with workdps(DIGITS):
@@ -187,21 +118,9 @@ def bounce_period(scene: Scene) -> Number:
 
 
 def exact_bounce(scene: Scene, time: float) -> GrainStates:
-    """Compute the place and velocity of a bouncing grain, for a start at the upper turning point.
+    """Compute the place and velocity of a bouncing grain, for a start at the upper turning point [m, m/s].
 
-    By quadrature of the energy integral (Landau and Lifshitz, Mechanics, section 11).
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of a lone grain at rest over the wall.
-    time : float
-        Time [s].
-
-    Returns
-    -------
-    GrainStates
-        Position (1, 2) [m] and velocity (1, 2) [m/s].
+    time [s].
     """
     from mpmath import floor, mpf, workdps
 
@@ -256,18 +175,7 @@ def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_
 
 
 def wall_rest_height(scene: Scene) -> Number:
-    """Compute the height at which the wall carries the grain, (1/(2 G))^(2/7).
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of a lone grain with gravity.
-
-    Returns
-    -------
-    mpf
-        Height [D].
-    """
+    """Compute the height at which the wall carries the grain, (1/(2 G))^(2/7) [D]."""
     from mpmath import mpf, workdps
 
     with workdps(DIGITS):

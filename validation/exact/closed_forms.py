@@ -21,21 +21,7 @@ from validation.exact.problem import (
 
 
 def free_fall_problem(time: float = 0.25) -> ExactProblem:
-    """Grain thrown upwards and sideways: y = y0 + v0 t - g t^2/2 ([D, 2.18] prints g t^2).
-
-    Every method of order two or more is exact here, so only rounding is left; a method of order one
-    misses by g t h/2, the controls' slope.
-
-    Parameters
-    ----------
-    time : float
-        Time at which a run is compared [s].
-
-    Returns
-    -------
-    ExactProblem
-        Scene with its exact solution in closed form.
-    """
+    """Grain thrown upwards and sideways: y = y0 + v0 t - g t^2/2 ([D, 2.18] prints g t^2); time [s]."""
     arrangement = {"positions": [["20 D", "40 D"]], "velocities": [[0.1, 0.5]]}
     scene = few_grains_scene("free-fall", time, {"gravity": {}}, arrangement=arrangement)
     return ExactProblem(
@@ -64,21 +50,7 @@ COEFFICIENT = 0.02
 
 
 def drag_problem(time: float = 0.1) -> ExactProblem:
-    """Viscous drag alone: v = v0 e^(-c t), x = x0 + v0 (1 - e^(-c t))/c, c = gamma/m.
-
-    The velocity is exact in every method that takes drag by its flow; the place is not, because the
-    drift between two half-steps of drag goes at the speed of their middle. So the order shows.
-
-    Parameters
-    ----------
-    time : float
-        Time at which a run is compared [s].
-
-    Returns
-    -------
-    ExactProblem
-        Scene with its exact solution in closed form.
-    """
+    """Viscous drag alone: v = v0 e^(-c t), x = x0 + v0 (1 - e^(-c t))/c, c = gamma/m; time [s]."""
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[2.0, 1.0]]}
     effects = {"drag": {"coefficient": COEFFICIENT}}
     scene = few_grains_scene("drag", time, effects, arrangement=arrangement)
@@ -120,24 +92,7 @@ LOAD = 0.01
 
 
 def sliding_problem(time: float = SLIDING_TIME) -> ExactProblem:
-    """Grain stopped by Coulomb friction under a constant normal load N.
-
-    It loses a = mu_d N/m of its speed per time until it stops at t_s = v0/a, after v0^2/(2 a). A
-    method of order two is exact while the grain slides; the step within which it stops is cut into
-    kicks and drifts whatever the order, and misses the place by a part of a h^2/8 that depends on
-    where in the step the stop falls. So the worst error falls like h^2, and no method of higher
-    order gains here.
-
-    Parameters
-    ----------
-    time : float
-        Time at which a run is compared [s].
-
-    Returns
-    -------
-    ExactProblem
-        Scene with its exact solution in closed form.
-    """
+    """Grain stopped by Coulomb friction under a constant normal load N; time [s]."""
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[0.4, 0.3]]}
     scene = few_grains_scene("sliding", time, {"friction": {"load": LOAD}}, arrangement=arrangement)
     return ExactProblem(
@@ -173,18 +128,7 @@ def _exact_sliding(scene: Scene, time: float) -> GrainStates:
 
 
 def sliding_stopping_time(scene: Scene) -> float:
-    """Compute the time at which Coulomb friction stops a sliding grain, v0 m/(mu_d N).
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of one grain with friction under a load N.
-
-    Returns
-    -------
-    float
-        Time [s].
-    """
+    """Compute the time at which Coulomb friction stops a sliding grain, v0 m/(mu_d N) [s]."""
     assert scene.effects.friction is not None
     law = scene.effects.friction
     speed = math.hypot(*grain_start_state(scene)[1])

@@ -31,20 +31,7 @@ GAP = 4.0
 
 
 def driven_piston_problem(speed: float = SPEED, time: float = TIME) -> ExactProblem:
-    """Make the problem of a grain at rest that a piston strikes at constant speed.
-
-    Parameters
-    ----------
-    speed : float
-        Speed of the piston [m/s].
-    time : float
-        Time at which a run is compared [s].
-
-    Returns
-    -------
-    ExactProblem
-        Scene with its exact solution, by quadrature in the piston's frame.
-    """
+    """Make the problem of a grain at rest that a piston strikes at constant speed; speed [m/s], time [s]."""
     top = 40.0
     scene = few_grains_scene(
         "driven-piston",
@@ -66,23 +53,7 @@ def driven_piston_problem(speed: float = SPEED, time: float = TIME) -> ExactProb
 
 
 def exact_driven_piston(scene: Scene, time: float) -> GrainStates:
-    """Compute the place and velocity of a grain that a piston drives at constant speed.
-
-    By quadrature of the energy integral in the piston's frame (Landau and Lifshitz, Mechanics, section
-    11).
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of `driven_piston_problem`.
-    time : float
-        Time within the stage [s].
-
-    Returns
-    -------
-    GrainStates
-        Position (1, 2) [m] and velocity (1, 2) [m/s].
-    """
+    """Compute the place and velocity of a grain that a piston drives at constant speed [m, m/s]; time [s]."""
     from mpmath import findroot, mpf, sqrt, workdps
 
     from granular.protocol import Move

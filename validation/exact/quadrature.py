@@ -20,20 +20,7 @@ Potential = Callable[[Number], Number]
 
 
 def integrate_from_zero(integrand: Potential, end: Number) -> Number:
-    """Integrate a function from zero by Gauss-Legendre quadrature on eight intervals.
-
-    Parameters
-    ----------
-    integrand : callable
-        Analytic function of a number of mpmath.
-    end : mpf
-        Upper end of the integral.
-
-    Returns
-    -------
-    mpf
-        Integral, to mpmath's working precision.
-    """
+    """Integrate a function from zero by Gauss-Legendre quadrature on eight intervals."""
     from mpmath import mp
 
     # Intervals of equal length keep the degree low where the integrand bends most, at its start.
@@ -67,22 +54,9 @@ def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
 
 
 def time_integrand_past_turning(potential: Potential, turning: Number) -> Potential:
-    """Integrand dt/ds of the time for q = turning + s^2, beyond one turning point.
+    """Integrand dt/ds of the time for q = turning + s^2, beyond one turning point [tau/D^(1/2), D^(1/2)].
 
-    The substitution takes out the singularity of the energy integral (Landau and Lifshitz, Mechanics,
-    section 11).
-
-    Parameters
-    ----------
-    potential : callable
-        Potential per mass over the position [D^2/tau^2].
-    turning : mpf
-        Turning point, from which the potential falls with q [D].
-
-    Returns
-    -------
-    callable
-        dt/ds [tau/D^(1/2)] over s [D^(1/2)].
+    potential [D^2/tau^2], turning [D].
     """
     from mpmath import sqrt
 
@@ -91,23 +65,9 @@ def time_integrand_past_turning(potential: Potential, turning: Number) -> Potent
 
 
 def time_from_turning(potential: Potential, turning: Number, position: Number) -> Number:
-    """Compute the time between a turning point and a place beyond it.
+    """Compute the time between a turning point and a place beyond it [tau].
 
-    By the energy integral (Landau and Lifshitz, Mechanics, section 11).
-
-    Parameters
-    ----------
-    potential : callable
-        Potential per mass over the position [D^2/tau^2].
-    turning : mpf
-        Turning point [D].
-    position : mpf
-        Place beyond it [D].
-
-    Returns
-    -------
-    mpf
-        Time [tau].
+    potential [D^2/tau^2], turning, position [D].
     """
     from mpmath import sqrt
 
@@ -115,28 +75,9 @@ def time_from_turning(potential: Potential, turning: Number, position: Number) -
 
 
 def position_after_turning(potential: Potential, turning: Number, time: Number) -> Number:
-    """Compute the place at a time before or after the turn; the motion is even in time.
+    """Compute the place at a time before or after the turn; the motion is even in time [D].
 
-    The energy integral is inverted by Newton's method (Landau and Lifshitz, Mechanics, section 11).
-
-    Parameters
-    ----------
-    potential : callable
-        Potential per mass over the position [D^2/tau^2].
-    turning : mpf
-        Turning point, from which the potential falls with q [D].
-    time : mpf
-        Time from the turn, of either sign [tau].
-
-    Returns
-    -------
-    mpf
-        Place [D].
-
-    Raises
-    ------
-    ArithmeticError
-        If Newton's method does not converge.
+    potential [D^2/tau^2], turning [D], time [tau].
     """
     integrand = time_integrand_past_turning(potential, turning)
     time = abs(time)
@@ -148,22 +89,9 @@ def position_after_turning(potential: Potential, turning: Number, time: Number) 
 
 
 def time_integrand_between_turnings(potential: Potential, turning: Number, other: Number) -> Potential:
-    """Integrand dt/dphi of the time between two turning points.
+    """Integrand dt/dphi of the time between two turning points [tau, rad].
 
-    For q = turning + (other - turning) sin^2(phi/2), which takes out the singularities of the energy
-    integral (Landau and Lifshitz, Mechanics, section 11).
-
-    Parameters
-    ----------
-    potential : callable
-        Potential per mass over the position [D^2/tau^2].
-    turning, other : mpf
-        Turning points [D]; phi counts from the first.
-
-    Returns
-    -------
-    callable
-        dt/dphi [tau] over phi [rad].
+    potential [D^2/tau^2], turning, other [D].
     """
     from mpmath import sin, sqrt
 
@@ -178,21 +106,9 @@ def time_integrand_between_turnings(potential: Potential, turning: Number, other
 
 
 def oscillation_period(potential: Potential, low: Number, high: Number) -> Number:
-    """Compute the period of a motion between two turning points.
+    """Compute the period of a motion between two turning points [tau].
 
-    By the energy integral (Landau and Lifshitz, Mechanics, section 11).
-
-    Parameters
-    ----------
-    potential : callable
-        Potential per mass over the position [D^2/tau^2].
-    low, high : mpf
-        Turning points [D].
-
-    Returns
-    -------
-    mpf
-        Period [tau].
+    potential [D^2/tau^2], low, high [D].
     """
     from mpmath import pi
 
@@ -202,28 +118,9 @@ def oscillation_period(potential: Potential, low: Number, high: Number) -> Numbe
 
 
 def position_after_upper_turning(potential: Potential, low: Number, high: Number, time: Number) -> Number:
-    """Compute the place at a time after the upper turning point.
+    """Compute the place at a time after the upper turning point [D].
 
-    The energy integral is inverted by Newton's method (Landau and Lifshitz, Mechanics, section 11).
-
-    Parameters
-    ----------
-    potential : callable
-        Potential per mass over the position [D^2/tau^2].
-    low, high : mpf
-        Turning points [D].
-    time : mpf
-        Time from the upper one [tau].
-
-    Returns
-    -------
-    mpf
-        Place [D].
-
-    Raises
-    ------
-    ArithmeticError
-        If Newton's method does not converge.
+    potential [D^2/tau^2], low, high [D], time [tau].
     """
     from mpmath import floor, pi, sin
 
@@ -240,22 +137,7 @@ def position_after_upper_turning(potential: Potential, low: Number, high: Number
 
 
 def speed_from_energy(potential: Potential, energy: Number, position: Number) -> Number:
-    """Compute the speed at a place, sqrt(2 (e - u)).
-
-    Parameters
-    ----------
-    potential : callable
-        Potential per mass over the position [D^2/tau^2].
-    energy : mpf
-        Energy per mass [D^2/tau^2].
-    position : mpf
-        Place [D].
-
-    Returns
-    -------
-    mpf
-        Magnitude of the velocity [D/tau].
-    """
+    """Compute the speed at a place, sqrt(2 (e - u)) [D/tau]; potential, energy [D^2/tau^2], position [D]."""
     from mpmath import sqrt
 
     return sqrt(2 * abs(energy - potential(position)))

@@ -42,19 +42,7 @@ APART, ASIDE = 6.0, 0.5
 
 
 class Orbit(NamedTuple):
-    """The relative motion, in natural units.
-
-    Attributes
-    ----------
-    potential : callable
-        u(r)
-    closest_distance : mpf
-        Closest approach.
-    angular_momentum : mpf
-        l, signed.
-    time_to_closest : mpf
-        Time from the start to the closest approach.
-    """
+    """The relative motion, in natural units."""
 
     potential: Potential
     closest_distance: Number
@@ -67,19 +55,7 @@ def scattering_problem(
 ) -> ExactProblem:
     """Make the problem of two grains that pass and repel each other.
 
-    Parameters
-    ----------
-    speed : float
-        Speed of each grain at the start, against each other [m/s].
-    impact_parameter : float
-        Distance at the start across the velocities [D].
-    time : float
-        Time at which a run is compared [s].
-
-    Returns
-    -------
-    ExactProblem
-        Scene with its exact solution, by quadrature of the energy integral.
+    speed [m/s], impact_parameter [D], time [s].
     """
     across, along = impact_parameter / 2.0, APART / 2.0
     arrangement = {
@@ -101,21 +77,7 @@ def scattering_problem(
 
 
 def relative_orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
-    """Compute the relative motion of two grains, and their direction at the start.
-
-    Central motion (Landau and Lifshitz, Mechanics, section 14); to be called within mpmath's working
-    precision.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of `scattering_problem`.
-
-    Returns
-    -------
-    (Orbit, (mpf, mpf))
-        Orbit in natural units, and the angle [rad] and distance [D] at the start.
-    """
+    """Compute the relative motion of two grains, and their direction at the start [rad, D]."""
     from mpmath import atan2, findroot, mpf, sqrt
 
     units = natural_units(scene.grains)
@@ -148,23 +110,7 @@ def _swept_angle(orbit: Orbit, distance: Number) -> Number:
 
 
 def exact_scattering(scene: Scene, time: float) -> GrainStates:
-    """Compute places and velocities of two grains that scatter.
-
-    By quadrature of the energy integral and of the angle swept (Landau and Lifshitz, Mechanics, sections
-    14 and 18).
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene of `scattering_problem`.
-    time : float
-        Time [s].
-
-    Returns
-    -------
-    GrainStates
-        Positions (2, 2) [m] and velocities (2, 2) [m/s].
-    """
+    """Compute places and velocities of two grains that scatter [m, m/s]; time [s]."""
     from mpmath import cos, mpf, sin, sqrt, workdps
 
     with workdps(DIGITS):

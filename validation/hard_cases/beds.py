@@ -50,13 +50,7 @@ def _slab_walls(**bottom: Any) -> Scene:
 
 
 def piston_cases() -> tuple[HardCase, ...]:
-    """Return the hard cases of what a piston does to a bed.
-
-    Returns
-    -------
-    tuple of HardCase
-        Drops, heavy and deep pistons, and slabs.
-    """
+    """Return the hard cases of what a piston does to a bed."""
     gap = {"gap_start": "5 D", "gap_end": "10 D"}
     rubbing: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
     return (
@@ -127,13 +121,7 @@ def _bed_of_several_sizes(**fractions: tuple[str, float]) -> Scene:
 
 
 def size_cases() -> tuple[HardCase, ...]:
-    """Hard cases of grains of very different sizes.
-
-    Returns
-    -------
-    tuple of HardCase
-        Mixtures with ratios of ten.
-    """
+    """Hard cases of grains of very different sizes."""
     return (
         HardCase(
             "aspect ratio 0.1",
@@ -156,18 +144,7 @@ def size_cases() -> tuple[HardCase, ...]:
 
 
 def greatest_missing_force(run: Trajectory) -> float:
-    """Greatest force on a grain that a frame lacks, against lists made for that frame alone.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Run whose frames hold forces.
-
-    Returns
-    -------
-    float
-        Greatest difference of a force component over the greatest one, without unit.
-    """
+    """Greatest force on a grain that a frame lacks, against lists made for that frame alone."""
     data, worst = run.dataset, 0.0
     for value, height, saved in zip(
         data["position"].values, data["frame_height"].values, data["force"].values, strict=True
@@ -234,13 +211,7 @@ def _bed_of_1e5_grains() -> Scene:
 
 
 def pair_sum_cases() -> tuple[HardCase, ...]:
-    """Hard cases of sums over pairs: lists of pairs and the far field.
-
-    Returns
-    -------
-    tuple of HardCase
-        The cases.
-    """
+    """Hard cases of sums over pairs: lists of pairs and the far field."""
     lists = tuple(
         HardCase(
             f"list of pairs within {radius} D",

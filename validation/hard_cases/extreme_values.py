@@ -29,13 +29,7 @@ def _bouncing_grain(**changes: Any) -> Scene:
 
 
 def small_count_cases() -> tuple[HardCase, ...]:
-    """Hard cases of beds of no grain, one and two.
-
-    Returns
-    -------
-    tuple of HardCase
-        The cases.
-    """
+    """Hard cases of beds of no grain, one and two."""
     return tuple(
         HardCase(words, "sums over grains or pairs are empty", partial(_bed_with_count, number), 0.05, 1.0)
         for number, words in ((0, "no grain"), (1, "one grain"), (2, "two grains"))
@@ -43,13 +37,7 @@ def small_count_cases() -> tuple[HardCase, ...]:
 
 
 def extreme_cases() -> tuple[HardCase, ...]:
-    """Hard cases of numbers that are extreme but finite.
-
-    Returns
-    -------
-    tuple of HardCase
-        The cases.
-    """
+    """Hard cases of numbers that are extreme but finite."""
     cases: dict[str, dict[str, Any]] = {
         "remanence of 1e-4 T": {"grains.remanence": 1e-4},
         "remanence of 100 T": {"grains.remanence": 100.0},
@@ -79,13 +67,7 @@ def extreme_cases() -> tuple[HardCase, ...]:
 
 
 def uncomputable_cases() -> tuple[HardCase, ...]:
-    """Hard cases of numbers that a scene admits and nothing can be computed with.
-
-    Returns
-    -------
-    tuple of HardCase
-        The cases; all may end in a typed error.
-    """
+    """Hard cases of numbers that a scene admits and nothing can be computed with."""
     errors = ("InputError", "SceneError", "FieldError", "NotFiniteError", "StepCountError")
     cases: dict[str, dict[str, Any]] = {
         "remanence of 1e-30 T": {"grains.remanence": 1e-30},
@@ -117,13 +99,7 @@ def uncomputable_cases() -> tuple[HardCase, ...]:
 
 
 def non_finite_cases() -> tuple[HardCase, ...]:
-    """Hard cases of NaN and infinity in a scene's every kind of number, and as the step.
-
-    Returns
-    -------
-    tuple of HardCase
-        The cases; all may end in a typed error.
-    """
+    """Hard cases of NaN and infinity in a scene's every kind of number, and as the step."""
     keys = {
         "a position": "arrangement.positions",
         "a velocity": "arrangement.velocities",

@@ -49,13 +49,7 @@ def _pair_list_scheme() -> Scene:
 
 
 def friction_cases() -> tuple[HardCase, ...]:
-    """Hard cases of dry friction, whose thresholds a step may jump over.
-
-    Returns
-    -------
-    tuple of HardCase
-        The cases.
-    """
+    """Hard cases of dry friction, whose thresholds a step may jump over."""
     problem = closed_forms.sliding_problem()
     distance = ErrorMeasure("distance from the exact place [D]", make_distance_from_exact(problem))
     limit = 10.4 * 1e-2**2 / 8.0 / 5e-3  # a h^2/8: see the problem

@@ -23,14 +23,7 @@ BROKEN = ("EnergyError", "NotFiniteError", "OutsideError")
 
 
 class ErrorMeasure(NamedTuple):
-    """An error of a finished run.
-
-    Attributes
-    ----------
-    description : str
-        Quantity that the error is of, with its unit.
-    error : callable
-    """
+    """An error of a finished run."""
 
     description: str
     error: Callable[[Trajectory], float]
@@ -44,32 +37,13 @@ LEDGER = ErrorMeasure(
 
 @dataclasses.dataclass(frozen=True)
 class HardCase:
-    """One entry of the catalogue.
-
-    Attributes
-    ----------
-    name, difficulty : str
-        The difficulty says what is hard about it.
-    scene : callable
-        Makes the scene; it may raise a typed error, which counts as a stop.
-    quick_time, full_time : float
-        Times up to which it runs [s].
-    measure : ErrorMeasure
-    limit : float
-        The error up to which the run is accurate.
-    errors : tuple of str
-        Names of the errors that may end it.
-    dt : float or str
-        The step it is run with.
-    may_degrade : bool
-        Whether a warning may take the place of accuracy.
-    """
+    """One entry of the catalogue."""
 
     name: str
     difficulty: str
     scene: Callable[[], Scene]
-    quick_time: float
-    full_time: float
+    quick_time: float  # [s]
+    full_time: float  # [s]
     measure: ErrorMeasure = LEDGER
     limit: float = FAIR
     errors: tuple[str, ...] = ()
@@ -101,18 +75,7 @@ def energy_change(run: Trajectory) -> float:
 
 
 def make_distance_from_exact(problem: ExactProblem) -> Callable[[Trajectory], float]:
-    """Make the measure of the distance from a problem's exact place at the run's end.
-
-    Parameters
-    ----------
-    problem : ExactProblem
-        Problem with its exact solution.
-
-    Returns
-    -------
-    callable
-        From a finished run to the greatest coordinate's distance [D].
-    """
+    """Make the measure of the distance from a problem's exact place at the run's end [D]."""
 
     def measure(run: Trajectory) -> float:
         data = run.dataset
@@ -124,37 +87,13 @@ def make_distance_from_exact(problem: ExactProblem) -> Callable[[Trajectory], fl
 
 
 def greatest_displacement(run: Trajectory) -> float:
-    """Greatest displacement of any grain along an axis [D].
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run.
-
-    Returns
-    -------
-    float
-        Displacement from the first frame [D].
-    """
+    """Greatest displacement of any grain along an axis [D]."""
     positions = run.dataset["position"].values
     return float(np.abs(positions - positions[0]).max()) / Scales.from_grains(run.scene.grains).length
 
 
 def terminal_fall_error(run: Trajectory) -> float:
-    """Relative error of an overdamped grain's fall.
-
-    Against y = y0 - v t + (v/c)(1 - e^(-c t)), with v = g/c and c = gamma/m, by place and by speed.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run of one grain with gravity and drag.
-
-    Returns
-    -------
-    float
-        Greater of both errors, without unit.
-    """
+    """Relative error of an overdamped grain's fall."""
     drag, gravity = run.scene.effects.drag, run.scene.effects.gravity
     assert drag is not None
     assert gravity is not None
@@ -172,18 +111,7 @@ def terminal_fall_error(run: Trajectory) -> float:
 
 
 def energy_or_momentum_change(run: Trajectory) -> float:
-    """Compute the greater of the relative changes of energy and momentum over a run.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Finished run without walls or losses.
-
-    Returns
-    -------
-    float
-        Change over what there is of it at the start, without unit.
-    """
+    """Compute the greater of the relative changes of energy and momentum over a run."""
     charge = (run.scene.grains.diameters() / run.scene.grains.species[0].diameter) ** 2
     momenta = charge[:, None] * run.dataset["velocity"].values
     scale = np.abs(momenta[0]).sum()
@@ -192,27 +120,7 @@ def energy_or_momentum_change(run: Trajectory) -> float:
 
 
 def cut_to_few_grains(name: str, **changes: Any) -> Scene:
-    """Return the packaged scene cut down to 23 grains.
-
-    Parameters
-    ----------
-    name : str
-        Name of the packaged scene.
-    **changes : Any
-        Further changes, by dotted keys of the scene.
-
-    Returns
-    -------
-    Scene
-        The scene, in a cell of 15 D.
-
-    Raises
-    ------
-    InputError
-        If there is no such packaged scene.
-    SceneError
-        If a change cannot be that of a scene.
-    """
+    """Return the packaged scene cut down to 23 grains."""
     size = {"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D", "arrangement.height": "5.5 D"}
     if name == "damper":
         size["piston.mass"] = 1.0

@@ -78,13 +78,7 @@ def _shot_at_wall(speed: float) -> Scene:
 
 
 def collision_cases() -> tuple[HardCase, ...]:
-    """Hard cases of collisions, whose forces rise steeply within a step.
-
-    Returns
-    -------
-    tuple of HardCase
-        Head-on collisions, and shots at the wall.
-    """
+    """Hard cases of collisions, whose forces rise steeply within a step."""
     cases = []
     for closest in (0.5, 0.1, 0.02):
         problem = head_on_collision(closest)
@@ -154,13 +148,7 @@ def _unequal_masses(ratio: float) -> Scene:
 
 
 def mass_cases() -> tuple[HardCase, ...]:
-    """Hard cases of grains of very different masses.
-
-    Returns
-    -------
-    tuple of HardCase
-        Mass ratios from 1e2 to 1e6.
-    """
+    """Hard cases of grains of very different masses."""
     measure = ErrorMeasure("relative change of energy or momentum", energy_or_momentum_change)
     return tuple(
         HardCase(
@@ -190,13 +178,7 @@ def _two_grains_at_rest(gap: str, **effects: Any) -> Scene:
 
 
 def start_cases() -> tuple[HardCase, ...]:
-    """Hard cases of coincident and overlapping starts.
-
-    Returns
-    -------
-    tuple of HardCase
-        Three that are refused, and one that contact bears.
-    """
+    """Hard cases of coincident and overlapping starts."""
     refused = {
         "coincident grains": ("two grains at one place", "0.0"),
         "nearly coincident grains": ("two grains 1e-9 D apart", "1e-9"),
@@ -234,13 +216,7 @@ def _nearly_overdamped_damper(drag: float) -> Scene:
 
 
 def damping_cases() -> tuple[HardCase, ...]:
-    """Hard cases of drags from weak to overwhelming, and of beds that hardly swing.
-
-    Returns
-    -------
-    tuple of HardCase
-        The cases.
-    """
+    """Hard cases of drags from weak to overwhelming, and of beds that hardly swing."""
     fall = ErrorMeasure("relative error of the fall", terminal_fall_error)
     near_one = tuple(
         HardCase(
@@ -306,24 +282,7 @@ def scene_near_stability_limit(
 
 
 def distance_from_verlet_swing(fraction: float, step: float) -> Callable[[Trajectory], float]:
-    """Make the measure of the distance from Verlet's own swing in a linear mode.
-
-    At a step of that fraction of 2/omega the places are x_n = A cos(n theta), with cos(theta) = 1 - 2
-    fraction^2: bounded for ever up to a fraction of one (Hairer, Lubich and Wanner 2003,
-    doi:10.1017/S0962492902000144, section 5.1).
-
-    Parameters
-    ----------
-    fraction : float
-        Step over the longest stable one, without unit.
-    step : float
-        Time step [s].
-
-    Returns
-    -------
-    callable
-        From a finished run to the greatest distance over the amplitude, without unit.
-    """
+    """Make the measure of the distance from Verlet's own swing in a linear mode; step [s]."""
     angle = math.acos(1.0 - 2.0 * fraction * fraction)
 
     def measure(run: Trajectory) -> float:
@@ -341,13 +300,7 @@ def _bouncing_grain_with_few_records() -> Scene:
 
 
 def step_cases() -> tuple[HardCase, ...]:
-    """Hard cases of long steps, and of many.
-
-    Returns
-    -------
-    tuple of HardCase
-        Steps about the stability limit, and 1e6 to 1e8 short ones.
-    """
+    """Hard cases of long steps, and of many."""
     below, short = scene_near_stability_limit(0.95)
     beyond, long = scene_near_stability_limit(1.05)
     swing = ErrorMeasure(
