@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from validation.exact.problem import ExactProblem, GrainStates
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 SCIPY, DIFFRAX = "SciPy DOP853", "diffrax Tsit5"
 ORDERS = {SCIPY: 8, DIFFRAX: 5}
@@ -33,7 +36,7 @@ Rate = Callable[[Any, Any], Any]
 class IntegratorStart(NamedTuple):
     """A scene ready for an outside integrator."""
 
-    state: np.ndarray  # positions and velocities [D], [D/tau]
+    state: Float[np.ndarray, "4n"]  # positions and velocities [D], [D/tau]
     scales: Scales
 
 

@@ -13,7 +13,7 @@ half of a step takes them in the opposite order, so that the step stays symmetri
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from granular.pairs.dipole_law import pair_energy
 from granular.pairs.disc_law_tables import TOUCH, DiscLaw
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.sections import quantity
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class Contact(ForceEffect, DissipativeEffect):
@@ -73,7 +76,7 @@ class ContactLaw(NamedTuple):
 
     modulus: float  # [F*/D^2]
     alpha: float
-    radius: Array  # [D]
+    radius: Float[Array, "n"]  # [D]
     widest: float  # [D]
     narrowest: float  # [D]
 
@@ -109,8 +112,8 @@ class ContactLaw(NamedTuple):
         index: int,
         bed: Bed,
         time: float,
-        stiffness: Array,
-        energies: Array,
+        stiffness: Float[Array, "m"],
+        energies: Float[Array, "laws"],
     ) -> int:
         """Enter the energy of the contacts, and add their stiffness.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numba
 from numba.extending import overload
@@ -17,6 +17,9 @@ from granular.kernel_data.state import LOSSES, WORK, Bed, State
 from granular.pairs.cell_list import CellList, cell_list_workspace, find_partners_of_grain, sort_into_cells
 from granular.pairs.grain_arrays import value_or_one
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 class CustomLaw(NamedTuple):
     """An own effect as the kernels take it."""
@@ -24,7 +27,7 @@ class CustomLaw(NamedTuple):
     kind: Any
     values: tuple[float, ...]
     reach: float  # [D]
-    factor: Array | None
+    factor: Float[Array, "m"] | None
 
     def workspace(self, size: int, count: int) -> CellList | None:
         """Make cells for the search of grains within reach."""
@@ -47,8 +50,8 @@ class CustomLaw(NamedTuple):
         index: int,
         bed: Bed,
         time: float,
-        stiffness: Array,
-        energies: Array,
+        stiffness: Float[Array, "m"],
+        energies: Float[Array, "laws"],
     ) -> int:
         """Enter the energies of grains and pairs by the user's functions, and add their stiffness.
 
@@ -83,7 +86,9 @@ class CustomLaw(NamedTuple):
 
 
 @compiled(inline=True)
-def make_grain(state: State, masses: Array | None, moments: Array | None, i: int) -> Grain:
+def make_grain(
+    state: State, masses: Float[Array, "m"] | None, moments: Float[Array, "m"] | None, i: int
+) -> Grain:
     """Grain as the user's functions see it [D]."""
     return Grain(state.x[i], state.y[i], value_or_one(masses, i), value_or_one(moments, i))
 

@@ -17,7 +17,7 @@ which holds for any c s: an overdamped grain moves at its terminal velocity a/c.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class Drag(DissipativeEffect):
@@ -71,20 +74,20 @@ class Drag(DissipativeEffect):
 class DragRateTable(NamedTuple):
     """Decay rates of grains of several materials or thicknesses."""
 
-    values: np.ndarray  # [1/tau]
+    values: Float[np.ndarray, "k"]  # [1/tau]
 
 
 class DragFlowCache(NamedTuple):
     """The flow over the last ``dt``."""
 
-    values: np.ndarray  # [tau]
+    values: Float[np.ndarray, "k 7"]  # [tau]
 
 
 class DragLaw(NamedTuple):
     """Drag as the kernels take it."""
 
     rate: float  # [1/tau]
-    kind: Array | None
+    kind: Float[Array, "m"] | None
     rates: DragRateTable | None
 
     def workspace(self, size: int, count: int) -> DragFlowCache:
@@ -109,7 +112,7 @@ class DragLaw(NamedTuple):
     @staticmethod
     @compiled
     def add_damping_to_slopes(
-        law: DragLaw, workspace: DragFlowCache, index: int, slopes: Array, dt: float, bed: Bed
+        law: DragLaw, workspace: DragFlowCache, index: int, slopes: Float[Array, "4 m"], dt: float, bed: Bed
     ) -> int:
         """Take the drag off the slopes of the velocities; enter the loss with the weight ``dt``.
 
@@ -228,7 +231,7 @@ def drag_rate_of_kind(rate: float, rates: DragRateTable | None, k: int) -> float
 
 
 @compiled(inline=True)
-def is_of_drag_kind(kind: Array | None, i: int, k: int) -> bool:
+def is_of_drag_kind(kind: Float[Array, "m"] | None, i: int, k: int) -> bool:
     """Return whether a grain has the decay rate with the index ``k``."""
     return True if kind is None else kind[i] == k
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,9 @@ from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
 from granular.schema.sections import choice_field, flag_field, integer_field, quantity
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 SPACING = 1.375
 """Spacing of the lattice by which `Eddy.mutual` is decided [D]: the packaged damper's at rest."""
@@ -148,7 +151,7 @@ class EddyLaw(NamedTuple):
     """Eddy-current drag as the kernels take it."""
 
     rate: float  # [1/tau]
-    factors: Array | None
+    factors: Float[Array, "m"] | None
 
     @staticmethod
     @compiled(inline=True)
@@ -172,7 +175,7 @@ class EddyLaw(NamedTuple):
     @staticmethod
     @compiled
     def add_damping_to_slopes(
-        law: EddyLaw, workspace: None, index: int, slopes: Array, dt: float, bed: Bed
+        law: EddyLaw, workspace: None, index: int, slopes: Float[Array, "4 m"], dt: float, bed: Bed
     ) -> int:
         """Add the drag as a force, for Runge-Kutta methods; enter the loss with the weight ``dt``.
 

@@ -18,11 +18,14 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from granular.pairs.disc_law import Disc
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 ORDER = 12
 """Coefficients of each series: hold the tensor of a thick plate to 1e-7 of a lone grain's drag."""
@@ -48,7 +51,9 @@ class Plate(NamedTuple):
         return h**4 * ((h - half) ** -3 - (h + half) ** -3) / (6.0 * half)
 
 
-def drag_tensor(plate: Plate, r: np.ndarray, discs: tuple[Disc, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
+def drag_tensor(
+    plate: Plate, r: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
+) -> tuple[np.ndarray, np.ndarray]:
     """Compute the drag tensor of two magnets, over the drag of a lone dipole along a thin plate; r [D]."""
     from scipy.special import j0, j1
 

@@ -26,13 +26,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 
 class RecordedVariable(NamedTuple):
@@ -72,7 +75,7 @@ class EffectContext:
     grains: Grains
     cell: Cell
     scales: Scales
-    species: np.ndarray
+    species: Int[np.ndarray, "n"]
     effects: Mapping[str, Any]
     indices: Mapping[str, int]
     piston: Piston | None = None
@@ -195,7 +198,7 @@ class Effect(Section):
             If it does not; with the path of the key from the scene.
         """
 
-    def normal_load_weights(self, context: EffectContext) -> np.ndarray | None:
+    def normal_load_weights(self, context: EffectContext) -> Float[np.ndarray, "m"] | None:
         """Weights of the grains in the sums over 1/r^3 that the pass over pairs also makes.
 
         Parameters

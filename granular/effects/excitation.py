@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from granular.schema.sections import (
 )
 from granular.shared.errors import RecordError
 from granular.shared.message_text import quote
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 SINE, SWEEP, IMPULSE, TABLE = range(4)
 
@@ -195,9 +198,9 @@ class ExcitationLaw(NamedTuple):
     ratio: float
     start: float  # [tau]
     duration: float  # [tau]
-    times: np.ndarray
-    values: np.ndarray
-    slopes: np.ndarray
+    times: Float[np.ndarray, "k"]
+    values: Float[np.ndarray, "k"]
+    slopes: Float[np.ndarray, "k"]
 
 
 @compiled

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,6 +35,9 @@ from granular.pairs.direct_sum import pad_values
 from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.field_kinds import FieldError
 from granular.schema.sections import choice_field, quantity
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 SCHEMES = ("velocity", "regularised")
 
@@ -129,7 +133,7 @@ class Friction(DissipativeEffect):
             drag=None if other is None else LOSSES + context.indices["drag"],
         )
 
-    def normal_load_weights(self, context: EffectContext) -> np.ndarray:
+    def normal_load_weights(self, context: EffectContext) -> Float[np.ndarray, "m"]:
         """Weights B_j of the grains in the sums of the normal force over 1/r^3."""
         weight = self.normal_force_factors(context.grains, context.cell)[1][context.species]
         return pad_values(weight * context.grains.moment_spread_factors())

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects import drag
 from granular.kernel_data.state import Bed, State
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class FrictionLaw(NamedTuple):
@@ -17,9 +20,9 @@ class FrictionLaw(NamedTuple):
     dynamic: float
     threshold: float | None  # [D/tau]
     load: float  # [F*]
-    factor: Array
+    factor: Float[Array, "m"]
     rate: float | None  # [1/tau]
-    kind: Array | None
+    kind: Float[Array, "m"] | None
     rates: drag.DragRateTable | None
     entry: int
     drag: int | None
@@ -39,7 +42,7 @@ DragCoefficients = tuple[float, float, float, float, float]
 
 
 @compiled
-def plate_normal_force(law: FrictionLaw, load: Array, i: int) -> float:
+def plate_normal_force(law: FrictionLaw, load: Float[Array, "m"], i: int) -> float:
     """Return the normal force of the plates on a grain, from its sum over 1/r^3 [F*]."""
     return law.load + law.factor[i] * load[i]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, energy_variable
@@ -10,6 +10,9 @@ from granular.effects.force_effect import ForceEffect
 from granular.kernel_data.state import Bed
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class Gravity(ForceEffect):
@@ -54,7 +57,13 @@ class GravityLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def measure_energy_and_stiffness(
-        law: GravityLaw, workspace: None, index: int, bed: Bed, time: float, stiffness: Array, energies: Array
+        law: GravityLaw,
+        workspace: None,
+        index: int,
+        bed: Bed,
+        time: float,
+        stiffness: Float[Array, "m"],
+        energies: Float[Array, "laws"],
     ) -> int:
         """Enter the sum of m g y over the grains [F* D], zero at the bottom; time [tau], energies [F* D]."""
         state, constants = bed.state, bed.constants

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from granular.schema.sections import (
     quantity,
     section_list_field,
 )
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 RESOLVED = 4.0
 """Steps in a host's period over those in the bed's stiffest one: most of the energy is the host's."""
@@ -229,23 +232,23 @@ def _effect_dissipates(effect: Effect) -> bool:
 class HostChain(NamedTuple):
     """The bodies, from the base upwards."""
 
-    masses: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
-    fraction: np.ndarray
+    masses: Float[np.ndarray, "n"]
+    stiffness: Float[np.ndarray, "n"]
+    damping: Float[np.ndarray, "n"]
+    fraction: Float[np.ndarray, "n"]
 
 
 class HostWorkspace(NamedTuple):
     """The motion of the host, and scratch."""
 
-    persistent: np.ndarray
-    present: np.ndarray
-    forces: np.ndarray
-    changes: np.ndarray
-    diagonal: np.ndarray
-    speeds: np.ndarray
-    push: np.ndarray
-    ledger: np.ndarray
+    persistent: Float[np.ndarray, "2 n"]
+    present: Float[np.ndarray, "2"]
+    forces: Float[np.ndarray, "n"]
+    changes: Float[np.ndarray, "n"]
+    diagonal: Float[np.ndarray, "n"]
+    speeds: Float[np.ndarray, "2 m"]
+    push: Float[np.ndarray, "m"]
+    ledger: Float[np.ndarray, "k"]
 
 
 class HostLaw(NamedTuple):
@@ -283,8 +286,8 @@ class HostLaw(NamedTuple):
         index: int,
         bed: Bed,
         time: float,
-        stiffness: Array,
-        energies: Array,
+        stiffness: Float[Array, "m"],
+        energies: Float[Array, "laws"],
     ) -> int:
         """Enter the energy of bodies and springs, and of the frame's motion [F* D].
 

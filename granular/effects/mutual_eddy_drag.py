@@ -13,7 +13,7 @@ on each grain, as large as what they could brake, then keeps the sum from giving
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_law import Disc
 from granular.pairs.grain_arrays import value_or_one
 from granular.pairs.sorting import sort_by_value
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 LEFT_OUT = 0.01
 """Drag of a lone grain, at most, that grains beyond the reach take or add."""
@@ -44,15 +47,15 @@ from there on the moments of each kind of grain, 0 for those of other kinds."""
 class PairDragTable(NamedTuple):
     """The tensor of each pair of kinds of grains."""
 
-    series: np.ndarray | None
-    shifts: np.ndarray  # displacements of the images of the cell, its own first [D]
+    series: Float[np.ndarray, "k k 2 ORDER"] | None
+    shifts: Float[np.ndarray, "s 2"]  # displacements of the images of the cell, its own first [D]
 
 
 class EddyWorkspace(NamedTuple):
     """Scratch of the sums."""
 
-    rows: np.ndarray
-    order: np.ndarray
+    rows: Float[np.ndarray, "8+k m"]
+    order: Int[np.ndarray, "m"]
 
 
 class MutualEddyLaw(NamedTuple):
@@ -64,7 +67,7 @@ class MutualEddyLaw(NamedTuple):
     spare: float
     stiffest: float
     kinds: int
-    kind: Array | None
+    kind: Float[Array, "m"] | None
     table: PairDragTable
 
     def workspace(self, size: int, count: int) -> EddyWorkspace:
@@ -108,7 +111,12 @@ class MutualEddyLaw(NamedTuple):
     @staticmethod
     @compiled
     def add_damping_to_slopes(
-        law: MutualEddyLaw, workspace: EddyWorkspace, index: int, slopes: Array, dt: float, bed: Bed
+        law: MutualEddyLaw,
+        workspace: EddyWorkspace,
+        index: int,
+        slopes: Float[Array, "4 m"],
+        dt: float,
+        bed: Bed,
     ) -> int:
         """Add the drag as a force, for Runge-Kutta methods; enter the loss with the weight ``dt``.
 

@@ -9,7 +9,7 @@ the cell.
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, energy_variable
@@ -17,6 +17,9 @@ from granular.effects.moving_frame_effect import MovingFrameEffect
 from granular.kernel_data.state import HEIGHT, WORK, Bed
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class Shaking(MovingFrameEffect):
@@ -77,7 +80,13 @@ class ShakingLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def measure_energy_and_stiffness(
-        law: ShakingLaw, workspace: None, index: int, bed: Bed, time: float, stiffness: Array, energies: Array
+        law: ShakingLaw,
+        workspace: None,
+        index: int,
+        bed: Bed,
+        time: float,
+        stiffness: Float[Array, "m"],
+        energies: Float[Array, "laws"],
     ) -> int:
         """Enter the sum of -m A(t) . r over the grains [F* D]; time [tau], energies [F* D]."""
         energies[index] = _inertia_energy(law, time, bed)

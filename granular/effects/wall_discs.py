@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from granular.effects.wall_side import WallSide
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
 from granular.pairs.disc_law_tables import disc_law_continued_below_contact, force_slope_at_contact
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 PIECES, PHASES, SUMMED = 300, 64, 60.0
 """Pieces of a table in 1/W; places along the pitch at which the row is summed, and the distance along
@@ -38,12 +41,12 @@ far away, over the mean one."""
 class DiscWallTables(NamedTuple):
     """The row as each species sees it."""
 
-    pieces: Array  # [F* D^3]
+    pieces: Float[Array, "kinds terms PIECES 6"]  # [F* D^3]
     per_piece: float  # [D]
-    smooth: Array  # 1/W below which the first term alone counts [1/D]
+    smooth: Float[Array, "kinds"]  # 1/W below which the first term alone counts [1/D]
     wave: float  # [1/D]
     depth: float  # [D]
-    turning: Array
+    turning: Float[Array, "2 n"]
 
 
 @compiled(inline=True)
@@ -114,18 +117,18 @@ class DiscWall(NamedTuple):
     """The row as the kernels take it."""
 
     tables: DiscWallTables
-    species: Array | None
+    species: Int[Array, "n"] | None
 
     @staticmethod
     @compiled(inline=True)
     def add_forces(
         law: DiscWall,
         count: int,
-        moments: Array | None,
+        moments: Float[Array, "m"] | None,
         side: WallSide,
-        force: Array,
-        normal: Array,
-        tangential: Array,
+        force: Float[Array, "m"],
+        normal: Float[Array, "m"],
+        tangential: Float[Array, "m"],
     ) -> int:
         """Add the forces away from the wall; those along it are left in ``tangential``.
 
@@ -145,7 +148,11 @@ class DiscWall(NamedTuple):
     @staticmethod
     @compiled
     def add_tangential_forces(
-        law: DiscWall, count: int, moments: Array | None, along_force: Array, tangential: Array
+        law: DiscWall,
+        count: int,
+        moments: Float[Array, "m"] | None,
+        along_force: Float[Array, "m"],
+        tangential: Float[Array, "m"],
     ) -> None:
         """Add the forces along the wall on the grains [F*]; along_force, tangential [F*]."""
         for i in range(count):
@@ -157,7 +164,7 @@ class DiscWall(NamedTuple):
     @staticmethod
     @compiled
     def measure_energy_and_stiffness(
-        law: DiscWall, count: int, side: WallSide, slopes: Array, energies: Array
+        law: DiscWall, count: int, side: WallSide, slopes: Float[Array, "m"], energies: Float[Array, "m"]
     ) -> None:
         """Fill in the energies at the wall of grains of moment 1, and add bounds of their stiffness.
 

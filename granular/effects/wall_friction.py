@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_hook
@@ -24,6 +24,9 @@ from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.field_kinds import FieldError
 from granular.schema.sections import quantity
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _SIDES = ("left", "right")
 
@@ -84,7 +87,7 @@ class WallFrictionLaw(NamedTuple):
     left: Any
     right: Any
     rate: float | None  # [1/tau]
-    kind: Array | None
+    kind: Float[Array, "m"] | None
     rates: drag.DragRateTable | None
     drag: int | None
 

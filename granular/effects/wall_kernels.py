@@ -7,7 +7,7 @@ piston force.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from granular.kernel_data.state import HEIGHT, Bed
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 class WallLaws(NamedTuple):
     """The law of each side; None is open."""
@@ -36,14 +39,16 @@ class WallLaws(NamedTuple):
     bottom: Any
     top: Any
 
-    def workspace(self, size: int, count: int) -> np.ndarray | None:
+    def workspace(self, size: int, count: int) -> Float[np.ndarray, "m"] | None:
         """Make the workspace for the forces along a wall, which slabs and discs alone have."""
         slabs = any(hasattr(law, "add_forces") for law in self)
         return np.zeros(size) if slabs else None
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: WallLaws, workspace: Array | None, index: int, bed: Bed, time: float) -> int:
+    def add_forces(
+        law: WallLaws, workspace: Float[Array, "m"] | None, index: int, bed: Bed, time: float
+    ) -> int:
         """Add the walls' forces on the grains, and enter the force on each wall [F*]; time [tau]."""
         state, constants = bed.state, bed.constants
         return _add_wall_forces(
@@ -65,12 +70,12 @@ class WallLaws(NamedTuple):
     @compiled
     def measure_energy_and_stiffness(
         law: WallLaws,
-        workspace: Array | None,
+        workspace: Float[Array, "m"] | None,
         index: int,
         bed: Bed,
         time: float,
-        stiffness: Array,
-        energies: Array,
+        stiffness: Float[Array, "m"],
+        energies: Float[Array, "laws"],
     ) -> int:
         """Enter the energy of the grains at the walls, and add their stiffness.
 
@@ -112,7 +117,7 @@ class WallLaws(NamedTuple):
 
 
 @compiled
-def add_piston_stiffness(law: Any, bed: Bed, slopes: Array) -> None:
+def add_piston_stiffness(law: Any, bed: Bed, slopes: Float[Array, "m"]) -> None:
     """Add each grain's stiffness against the piston over its mass; slopes [1/tau^2]."""
     state, constants = bed.state, bed.constants
     side = WallSide(state.y, state.x, state.piston[HEIGHT], -1.0)

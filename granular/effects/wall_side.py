@@ -9,10 +9,13 @@ has ``add_forces``, ``add_tangential_forces`` and ``measure_energy_and_stiffness
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_hook
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 SIDES = ("left", "right", "bottom", "top")
 LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))
@@ -22,8 +25,8 @@ LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))
 class WallSide(NamedTuple):
     """A wall's position, and the grains' coordinates as seen from it."""
 
-    position: Array  # [D]
-    along: Array  # [D]
+    position: Float[Array, "m"]  # [D]
+    along: Float[Array, "m"]  # [D]
     offset: float
     sign: float
 
@@ -48,10 +51,10 @@ _force, _energy, _stiffness = (
 def add_normal_wall_forces(
     law: Any,
     count: int,
-    moments: Array | None,
+    moments: Float[Array, "m"] | None,
     side: WallSide,
-    force: Array,
-    normal: Array,
+    force: Float[Array, "m"],
+    normal: Float[Array, "m"],
     tangential: Array | None,
 ) -> int:
     """Add the forces of a wall away from it, by a law of the distance alone; force, normal [F*]."""
@@ -67,7 +70,9 @@ def add_normal_wall_forces(
 
 
 @compiled
-def add_wall_energies(law: Any, count: int, side: WallSide, stiffness: Array, energies: Array) -> None:
+def add_wall_energies(
+    law: Any, count: int, side: WallSide, stiffness: Float[Array, "m"], energies: Float[Array, "m"]
+) -> None:
     """Fill in the energies at a wall of grains of moment 1, and add their stiffness.
 
     stiffness [F*/D], energies [F* D].

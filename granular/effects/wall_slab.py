@@ -17,11 +17,14 @@ is written out, so that nothing is lost to rounding.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from granular.compiled import Array, compiled, entry
 from granular.effects import wall_infinite
 from granular.effects.wall_side import WallSide
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @compiled
@@ -85,8 +88,8 @@ def stiffness(w: float, a: float, b: float) -> float:
 class SlabWall(NamedTuple):
     """One or two slabs in a line, as the kernels take them."""
 
-    starts: Array  # [D]
-    ends: Array  # [D]
+    starts: Float[Array, "k"]  # [D]
+    ends: Float[Array, "k"]  # [D]
     closed: bool
 
     @staticmethod
@@ -94,11 +97,11 @@ class SlabWall(NamedTuple):
     def add_forces(
         law: SlabWall,
         count: int,
-        moments: Array | None,
+        moments: Float[Array, "m"] | None,
         side: WallSide,
-        force: Array,
-        normal: Array,
-        tangential: Array,
+        force: Float[Array, "m"],
+        normal: Float[Array, "m"],
+        tangential: Float[Array, "m"],
     ) -> int:
         """Add the forces away from the slabs; those along them are left in ``tangential``.
 
@@ -122,7 +125,11 @@ class SlabWall(NamedTuple):
     @staticmethod
     @compiled
     def add_tangential_forces(
-        law: SlabWall, count: int, moments: Array | None, along_force: Array, tangential: Array
+        law: SlabWall,
+        count: int,
+        moments: Float[Array, "m"] | None,
+        along_force: Float[Array, "m"],
+        tangential: Float[Array, "m"],
     ) -> None:
         """Add the forces along the slabs on the grains [F*]; along_force, tangential [F*]."""
         for i in range(count):
@@ -134,7 +141,7 @@ class SlabWall(NamedTuple):
     @staticmethod
     @compiled
     def measure_energy_and_stiffness(
-        law: SlabWall, count: int, side: WallSide, slopes: Array, energies: Array
+        law: SlabWall, count: int, side: WallSide, slopes: Float[Array, "m"], energies: Float[Array, "m"]
     ) -> None:
         """Fill in the energies at the wall of grains of moment 1, and add bounds of their stiffness.
 

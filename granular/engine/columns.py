@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 COLUMNS = (
     "time",
@@ -81,28 +86,28 @@ def ledger_column_count(laws: int) -> int:
     return ENERGIES + 2 * laws
 
 
-def total_potential_energies(rows: np.ndarray) -> np.ndarray:
+def total_potential_energies(rows: Float[np.ndarray, "r columns"]) -> Float[np.ndarray, "r"]:
     """Potential energy of the grains in each record, as a whole [F* D]."""
     return np.asarray(_potential_energy_columns(rows).sum(axis=1))
 
 
-def summed_potential_magnitudes(rows: np.ndarray) -> np.ndarray:
+def summed_potential_magnitudes(rows: Float[np.ndarray, "r columns"]) -> Float[np.ndarray, "r"]:
     """Sum of the magnitudes of the potential energies in each record [F* D]."""
     return np.asarray(np.abs(_potential_energy_columns(rows)).sum(axis=1))
 
 
-def total_energies(rows: np.ndarray) -> np.ndarray:
+def total_energies(rows: Float[np.ndarray, "r columns"]) -> Float[np.ndarray, "r"]:
     """Energy of grains and piston in each record [F* D]."""
     terms = [rows[:, [KINETIC]], _potential_energy_columns(rows), rows[:, [PISTON]]]
     return np.asarray(np.concatenate(terms, axis=1).sum(axis=1))
 
 
-def total_energy(row: np.ndarray) -> float:
+def total_energy(row: Float[np.ndarray, "columns"]) -> float:
     """Energy of grains and piston in one record [F* D]."""
     return float(total_energies(row[None])[0])
 
 
-def total_losses(rows: np.ndarray) -> np.ndarray:
+def total_losses(rows: Float[np.ndarray, "r columns"]) -> Float[np.ndarray, "r"]:
     """Energy lost up to each record [F* D]."""
     return np.asarray(rows[:, _first_loss_column(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granular.engine import columns
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 WRONG = 1e-2
 """Residual over the energy turned over beyond which a run is stopped."""
@@ -43,7 +47,7 @@ class EnergyLedger:
         return self.worst / self.moved if self.moved > 0.0 else 0.0
 
     @classmethod
-    def from_first_record(cls, row: np.ndarray, *, coarse: bool) -> EnergyLedger:
+    def from_first_record(cls, row: Float[np.ndarray, "columns"], *, coarse: bool) -> EnergyLedger:
         """Begin a ledger with this record."""
         rows = row[None]
         return cls(
@@ -54,7 +58,9 @@ class EnergyLedger:
             wrong=WRONG * (COARSE_FACTOR if coarse else 1.0),
         )
 
-    def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def residuals(
+        self, rows: Float[np.ndarray, "r columns"]
+    ) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r"]]:
         """Imbalance of kinetic, potential and lost energy and work in each record [F* D]."""
         potential, total = columns.total_potential_energies(rows), columns.total_energies(rows)
         lost, work = columns.total_losses(rows), rows[:, columns.WORK]
@@ -68,7 +74,7 @@ class EnergyLedger:
         relative[~np.isfinite(residual)] = np.inf
         return excess, relative
 
-    def find_unbalanced_record(self, rows: np.ndarray) -> tuple[int, float] | None:
+    def find_unbalanced_record(self, rows: Float[np.ndarray, "r columns"]) -> tuple[int, float] | None:
         """Enter records, and find the first one that cannot be trusted."""
         if not len(rows):
             return None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
 from granular.compiled.hook_calls import sum_of_hooks
@@ -22,6 +24,9 @@ from granular.pairs.disc_law_tables import DiscLaw
 from granular.pairs.grain_arrays import GrainArrays, array_if_wanted, clear_sums
 from granular.pairs.stripes import CutOffSettings
 from granular.pairs.verlet_list import VerletSettings, verlet_list_sum
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @compiled(inline=True)
@@ -124,7 +129,9 @@ def _sum_times_mass(state: State, masses: Array | None) -> float:
 
 
 @compiled
-def potential_energies(bed: Bed, time: float, measurement: Measurement, energies: Array) -> float:
+def potential_energies(
+    bed: Bed, time: float, measurement: Measurement, energies: Float[Array, "laws"]
+) -> float:
     """Energy of the pairs [F* D]; also fill each law's energy and the bounds of stiffness [1/tau^2]."""
     state, constants = bed.state, bed.constants
     stiffness = measurement.stiffness
@@ -139,7 +146,7 @@ def potential_energies(bed: Bed, time: float, measurement: Measurement, energies
 
 @entry
 def evaluate_forces(
-    state: State, constants: Constants, measurement: Measurement, energies: Array
+    state: State, constants: Constants, measurement: Measurement, energies: Float[Array, "laws"]
 ) -> tuple[int, float, float]:
     """Overwrite all forces, and fill ``energies`` with that of each law, at time 0 [F* D].
 

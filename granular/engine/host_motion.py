@@ -30,6 +30,8 @@ Seen from a free cell (``mount = "piston"``), the piston is one body with the ch
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from granular.compiled import Array, compiled
 from granular.effects.excitation import evaluate_excitation, excitation_during_kick
 from granular.effects.host_structure import (
@@ -49,6 +51,9 @@ from granular.engine.piston import kick_piston
 from granular.kernel_data.state import SPEED, WORK, Bed, State
 from granular.pairs.grain_arrays import value_or_one
 from granular.protocol.piston_motion import Motion, outer_force_on_piston
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @compiled(inline=True)
@@ -85,7 +90,7 @@ def drift_host(law: HostLaw | None, workspace: HostWorkspace | None, dt: float, 
 
 @compiled
 def record_host_motion(
-    law: HostLaw | None, workspace: HostWorkspace | None, state: State, time: float, values: Array
+    law: HostLaw | None, workspace: HostWorkspace | None, state: State, time: float, values: Float[Array, "k"]
 ) -> None:
     """Enter displacements, velocity and drive of a host, where there is one; time [tau]."""
     if law is not None and workspace is not None:

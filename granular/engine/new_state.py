@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,9 +15,16 @@ from granular.pairs.mesh_far_field import FarFieldState, far_field_state
 from granular.pairs.stripes import Stripes, stripes_workspace
 from granular.pairs.verlet_list import verlet_list_workspace
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 def new_state(
-    positions: np.ndarray, velocities: np.ndarray, height: float, acting: EffectLaws, method: Method
+    positions: Float[np.ndarray, "n 2"],
+    velocities: Float[np.ndarray, "n 2"],
+    height: float,
+    acting: EffectLaws,
+    method: Method,
 ) -> State:
     """Make the state of a run, with arrays only for the effects that act.
 

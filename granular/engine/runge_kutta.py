@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import sum_of_hooks
 from granular.effects.wall_side import TOP
@@ -23,6 +25,9 @@ from granular.kernel_data.state import (
     Y,
 )
 from granular.protocol.piston_motion import Motion, driven_height_and_velocity, outer_force_on_piston
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _slow = sum_of_hooks("add_damping_to_slopes", "slopes dt bed")
 
@@ -108,7 +113,7 @@ def _move_to_stage(
 
 @compiled
 def runge_kutta_step(
-    tableau: Array,
+    tableau: Float[Array, "s+1 s"],
     slopes: StageSlopes,
     h: float,
     time: float,

@@ -9,7 +9,7 @@ so many ticks.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,9 @@ from granular.kernel_data.state import (
 )
 from granular.protocol.piston_motion import Motion
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 RUNNING, OUTSIDE, RESTING, STIFF, REACHED, REMOVED = range(6)
 """Why the loop returns: its ticks are made; a grain is where it cannot be; all is at rest; the step
 has grown too long; the force on the piston is reached; a grain has left through a gap."""
@@ -59,15 +62,17 @@ class StopCriteria(NamedTuple):
     stiff: float
     rest: float  # [D, D/tau]
     window: int
-    band: np.ndarray
-    seen: np.ndarray
+    band: Float[np.ndarray, "3"]
+    seen: Float[np.ndarray, "3"]
     potential: float  # [F* D]
     piston: float  # [F* D]
     floor: float  # [D]
 
 
 @compiled
-def fill_record_row(time: float, bed: Bed, motion: Motion, measurement: Measurement, row: Array) -> None:
+def fill_record_row(
+    time: float, bed: Bed, motion: Motion, measurement: Measurement, row: Float[Array, "columns"]
+) -> None:
     """Fill one record after a measuring pass; time [tau]."""
     state, constants = bed.state, bed.constants
     kinetic, fastest = kinetic_energy(bed)
@@ -209,7 +214,7 @@ def advance_ticks(
     motion: Motion,
     measurement: Measurement,
     watch: StopCriteria,
-    rows: Array,
+    rows: Float[Array, "r columns"],
 ) -> tuple[int, int, int]:
     """Advance the run tick by tick; no ticks are a look at the present moment alone."""
     return _advance_window(
@@ -285,7 +290,7 @@ def record_present_state(
     constants: Constants,
     motion: Motion,
     measurement: Measurement,
-    row: Array,
+    row: Float[Array, "columns"],
 ) -> bool:
     """Compute the forces and fill a record of the present moment; start [tau]."""
     status, _, _ = advance_ticks(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,13 +21,16 @@ from granular.methods import Method
 from granular.pairs.mesh_far_field import FarFieldSettings
 from granular.protocol.piston_motion import Motion
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 class StepPlan(NamedTuple):
     """The tables of a method; see `granular.methods`."""
 
     kicks: np.ndarray
     drifts: np.ndarray
-    tableau: np.ndarray | None
+    tableau: Float[np.ndarray, "s+1 s"] | None
     fraction: float | None
     far_every: int | None
 
@@ -41,7 +44,7 @@ def make_step_plan(method: Method, step: StepRequest, far: FarFieldSettings | No
 
 
 @compiled(inline=True)
-def drift_grains(rounding: Array | None, dt: float, state: State, count: int) -> None:
+def drift_grains(rounding: Float[Array, "4 m"] | None, dt: float, state: State, count: int) -> None:
     """Move the grains at their present velocities; dt [tau], state [D]."""
     if rounding is None:
         for i in range(count):
@@ -85,7 +88,7 @@ _drift_all = call_last_hook("drift", "dt bed", _drift_without_effects)
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
 @compiled(inline=True)
 def advance_one_step(
-    tableau: Array | None,
+    tableau: Float[Array, "s+1 s"] | None,
     plan: StepPlan,
     h: float,
     time: float,

@@ -12,13 +12,16 @@ them is close to the largest.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
 from granular.effects.wall_side import BOTTOM, LEFT, RIGHT, TOP
 from granular.kernel_data.constants import Constants, relative_moments
 from granular.kernel_data.state import DENSITY, HEIGHT, LEAST, SPEED, SQUARE, Bed, State
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _POWER = 4
 """Power of the mean: with 4, a thousand equal terms raise the frequency by (1000)^(1/8) = 2.4."""
@@ -36,12 +39,12 @@ def _fourth_power_and_rate(gap: float, rate: float, fraction: float, square: flo
 
 @compiled
 def step_density(
-    x: Array,
-    y: Array,
-    vx: Array,
-    vy: Array,
+    x: Float[Array, "m"],
+    y: Float[Array, "m"],
+    vx: Float[Array, "m"],
+    vy: Float[Array, "m"],
     count: int,
-    moments: Array | None,
+    moments: Float[Array, "m"] | None,
     square: float,
     least: float,
     sides: tuple[float, float, float, float],

@@ -5,12 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 BLOCK = 64
 """Frames that are read together: few enough to fit into memory with any bed."""
@@ -22,11 +25,11 @@ class BedFrame(NamedTuple):
     number: int
     time: float  # [s]
     height: float | None  # [m]
-    grains: np.ndarray
-    position: np.ndarray  # [m]
-    velocity: np.ndarray  # [m/s]
-    force: np.ndarray  # [N]
-    interaction: np.ndarray  # the force of grains and walls alone [N]: without weight
+    grains: Int[np.ndarray, "k"]
+    position: Float[np.ndarray, "k 2"]  # [m]
+    velocity: Float[np.ndarray, "k 2"]  # [m/s]
+    force: Float[np.ndarray, "k 2"]  # [N]
+    interaction: Float[np.ndarray, "k 2"]  # the force of grains and walls alone [N]: without weight
 
 
 def open_run(run: Trajectory | str | Path) -> Trajectory:
@@ -64,6 +67,6 @@ def _read_frame_block(run: Trajectory, indices: list[int]) -> Iterator[BedFrame]
         yield BedFrame(int(number), frame.time, height, grains, *(field[grains] for field in fields))
 
 
-def planar_to_spatial(plane: np.ndarray) -> np.ndarray:
+def planar_to_spatial(plane: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:
     """Append z = 0 to vectors in the plane."""
     return np.column_stack([plane, np.zeros(len(plane))])

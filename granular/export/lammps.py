@@ -15,7 +15,7 @@ import contextlib
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -44,6 +44,9 @@ from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from granular.shared.files import check_output_file, make_directory, write_atomically
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class _DeckStart(NamedTuple):
@@ -308,9 +311,9 @@ _WALLS = {"experimental": wall_experimental, "infinite": wall_infinite}
 
 
 def mode_frequency_bound(
-    positions: np.ndarray,
-    moment_ratio: np.ndarray,
-    mass_ratio: np.ndarray,
+    positions: Float[np.ndarray, "n 2"],
+    moment_ratio: Float[np.ndarray, "n"],
+    mass_ratio: Float[np.ndarray, "n"],
     walls: Mapping[str, str],
     width: float,
     height: float,

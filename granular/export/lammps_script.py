@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from granular.pairs.disc_law_tables import disc_law_continued_below_contact, for
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 ROWS = 5000
 """Rows of a table, in geometric steps: LAMMPS draws a cubic spline through them, which is exact to
@@ -38,9 +41,9 @@ class ForceTable(NamedTuple):
     """A repulsive force and its potential energy, tabulated over the distance, in SI."""
 
     name: str
-    distance: np.ndarray  # [m]
-    energy: np.ndarray  # [J]
-    force: np.ndarray  # [N]
+    distance: Float[np.ndarray, "ROWS"]  # [m]
+    energy: Float[np.ndarray, "ROWS"]  # [J]
+    force: Float[np.ndarray, "ROWS"]  # [N]
     slopes: tuple[float, float]  # d(force)/d(distance) at both ends [N/m]
 
     def section_lines(self, slope_keyword: str) -> Iterator[str]:

@@ -6,8 +6,13 @@ Integration (2006), VIII.5.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from granular.compiled import Array, compiled
 from granular.kernel_data.state import VX, VY, State
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @compiled
@@ -19,7 +24,9 @@ def compensated_sum(total: float, rounding: float, increment: float) -> tuple[fl
 
 
 @compiled
-def add_to_velocity(rounding: Array | None, state: State, i: int, by_x: float, by_y: float) -> None:
+def add_to_velocity(
+    rounding: Float[Array, "4 m"] | None, state: State, i: int, by_x: float, by_y: float
+) -> None:
     """Add to the velocity of a grain, as a compensated sum where what rounding takes is kept.
 
     by_x, by_y [D/tau].

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.pairs.disc_law_tables import STIFFNESS, DiscLaw
@@ -10,6 +10,9 @@ from granular.pairs.grain_arrays import value_or_one
 from granular.pairs.mesh_far_field import FarFieldSettings
 from granular.pairs.stripes import CutOffSettings
 from granular.pairs.verlet_list import VerletSettings
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class EffectLaws(NamedTuple):
@@ -19,11 +22,11 @@ class EffectLaws(NamedTuple):
     host: Any
     dipole: bool | None
     walls: tuple[Any, ...]
-    weight: Array | None
+    weight: Float[Array, "m"] | None
     cut: CutOffSettings | None
     listing: VerletSettings | None
     far: FarFieldSettings | None
-    nearest: Array | None  # [D]
+    nearest: Float[Array, "3"] | None  # [D]
     discs: DiscLaw | None = None
     series: Array | None = None
     shift: Array | None = None
@@ -47,8 +50,8 @@ class Constants(NamedTuple):
     """Constants of a run (but that grains may leave)."""
 
     grains: int
-    masses: Array | None
-    moments: Array | None
+    masses: Float[Array, "m"] | None
+    moments: Float[Array, "m"] | None
     least_mass: float
     least_moment: float
     least_ratio: float
@@ -62,7 +65,7 @@ class Constants(NamedTuple):
 
 
 @compiled(inline=True)
-def relative_moments(constants: Constants) -> Array | None:
+def relative_moments(constants: Constants) -> Float[Array, "m"] | None:
     """Magnetic moment of each grain over that of the first species; None where all are alike."""
     return _values_or_default(constants.moments, constants.masses)
 
@@ -80,7 +83,10 @@ def _values_or_default(values: Array | None, otherwise: Array | None) -> Array |
 
 @compiled
 def multiply_by_moment_over_mass(
-    stiffness: Array, moments: Array | None, masses: Array | None, count: int
+    stiffness: Float[Array, "m"],
+    moments: Float[Array, "m"] | None,
+    masses: Float[Array, "m"] | None,
+    count: int,
 ) -> None:
     """Turn stiffnesses of grains of moment 1 into those of the grains over their masses.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from granular.pairs.close_disc_corrections import CloseDiscList
 from granular.pairs.mesh_far_field import FarFieldState
 from granular.pairs.stripes import Stripes
 from granular.pairs.verlet_list import VerletList
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 X, Y, VX, VY = range(4)
 """Rows of what is kept of the grains: positions and velocities together."""
@@ -30,43 +33,43 @@ effect takes, in the order of the laws."""
 class StageSlopes(NamedTuple):
     """Rates of change at the stages of a Runge-Kutta step; behind them, where the step starts."""
 
-    grains: np.ndarray
-    piston: np.ndarray
+    grains: Float[np.ndarray, "s+1 4 m"]
+    piston: Float[np.ndarray, "s+1 2"]
 
 
 class State(NamedTuple):
     """The state of bed and piston, and the scratch arrays of the loop."""
 
-    x: np.ndarray
-    y: np.ndarray
-    vx: np.ndarray
-    vy: np.ndarray
-    fx: np.ndarray
-    fy: np.ndarray
-    piston: np.ndarray
-    ledger: np.ndarray
-    clock: np.ndarray
-    wall_forces: np.ndarray
-    label: np.ndarray
-    load: np.ndarray | None
+    x: Float[np.ndarray, "m"]
+    y: Float[np.ndarray, "m"]
+    vx: Float[np.ndarray, "m"]
+    vy: Float[np.ndarray, "m"]
+    fx: Float[np.ndarray, "m"]
+    fy: Float[np.ndarray, "m"]
+    piston: Float[np.ndarray, "4"]
+    ledger: Float[np.ndarray, "2+laws"]
+    clock: Float[np.ndarray, "7"]
+    wall_forces: Float[np.ndarray, "4"]
+    label: Int[np.ndarray, "m"]
+    load: Float[np.ndarray, "m"] | None
     stripes: Stripes | None
     verlet_list: VerletList | None
     far_forces: FarFieldState | None
     close: CloseDiscList | None
     workspaces: tuple[Any, ...]
     host: Any
-    scratch: np.ndarray
-    buffers: np.ndarray | None
-    rounding: np.ndarray | None
+    scratch: Float[np.ndarray, "m"]
+    buffers: Float[np.ndarray, "parts 5 m"] | None
+    rounding: Float[np.ndarray, "4 m"] | None
     slopes: StageSlopes | None
 
 
 class Measurement(NamedTuple):
     """Scratch of a measuring pass."""
 
-    stiffness: np.ndarray
-    energy_and_closest: np.ndarray
-    against_piston: np.ndarray
+    stiffness: Float[np.ndarray, "m"]
+    energy_and_closest: Float[np.ndarray, "2"]
+    against_piston: Float[np.ndarray, "m"]
 
 
 class Bed(NamedTuple):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 RATES = (-30.0, -12.0, -6.0, -3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 6.0, 12.0, 30.0)
 """Rates of the starts, over the span of x; every two of them make one."""
@@ -21,13 +24,13 @@ REFINED = 12
 class BiexponentialFit(NamedTuple):
     """A exp(l1 x) + B exp(l2 x), with l1 <= l2."""
 
-    amplitudes: np.ndarray
-    rates: np.ndarray
-    amplitude_intervals: np.ndarray
-    rate_intervals: np.ndarray
+    amplitudes: Float[np.ndarray, "2"]
+    rates: Float[np.ndarray, "2"]
+    amplitude_intervals: Float[np.ndarray, "2 2"]
+    rate_intervals: Float[np.ndarray, "2 2"]
     residual: float
 
-    def values(self, x: np.ndarray) -> np.ndarray:
+    def values(self, x: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Evaluate the fitted law A exp(l1 x) + B exp(l2 x)."""
         parts = np.exp(np.multiply.outer(np.asarray(x, dtype=np.float64), self.rates))
         return np.asarray(parts @ self.amplitudes)

@@ -38,6 +38,7 @@ from granular.shared.registry import load_entry_point
 if TYPE_CHECKING:
     import pandas
     import xarray
+    from jaxtyping import Float
 
     from granular.run.trajectory import Trajectory
 
@@ -124,13 +125,13 @@ def granular_temperature_by_species(frame: Frame) -> dict[str, float]:
 
 
 @observable("N", "force of grains and walls on the grain", name="interaction_force")
-def grain_interaction_force(frame: Frame) -> np.ndarray:
+def grain_interaction_force(frame: Frame) -> Float[np.ndarray, "n 2"]:
     """Force of grains and walls on each grain; see `interaction_forces` [N]."""
     return interaction_forces(frame)
 
 
 @observable("1", "relative fluctuation of the force on the grain", name="force_fluctuation")
-def interior_force_fluctuation(frame: Frame) -> np.ndarray:
+def interior_force_fluctuation(frame: Frame) -> Float[np.ndarray, "n"]:
     """Relative fluctuation of the force on the grains with an interior cell [D, eq. 4.35, Fig. 4.24]."""
     sizes = np.linalg.norm(interaction_forces(frame), axis=1)
     inner = voronoi_cells(frame.positions).interior
@@ -138,19 +139,19 @@ def interior_force_fluctuation(frame: Frame) -> np.ndarray:
 
 
 @observable("N", "compressive force on the grain", name="compressive_force")
-def grain_compressive_force(frame: Frame) -> np.ndarray:
+def grain_compressive_force(frame: Frame) -> Float[np.ndarray, "n"]:
     """Sum of the magnitudes of the forces of grains and walls on each grain; see `compressive_forces` [N]."""
     return compressive_forces(frame.scene, frame.positions, frame.piston_height)
 
 
 @observable("N/m", "stress of the grain, positive for compression")
-def grain_stress(frame: Frame) -> np.ndarray:
+def grain_stress(frame: Frame) -> Float[np.ndarray, "n 2 2"]:
     """Virial stress tensor of each grain over its Voronoi cell; see `grain_stresses` [N/m]."""
     return grain_stresses(frame.scene, frame.positions, frame.piston_height)
 
 
 @observable("N/m", "pressure of the grain")
-def grain_pressure(frame: Frame) -> np.ndarray:
+def grain_pressure(frame: Frame) -> Float[np.ndarray, "n"]:
     """Half the trace of the virial stress tensor of each grain; see `grain_pressures` [N/m]."""
     return grain_pressures(frame.scene, frame.positions, frame.piston_height)
 

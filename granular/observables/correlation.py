@@ -21,6 +21,7 @@ from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
+    from jaxtyping import Float, Int
 
     from granular.run.trajectory import Trajectory
 
@@ -33,10 +34,10 @@ BINS = 100
 class PairDistanceFunction(NamedTuple):
     """A function of the distance of two grains, in bins (lower edge, upper edge]."""
 
-    edges: np.ndarray  # edges of the bins [m], increasing
-    values: np.ndarray
-    pairs: np.ndarray
-    weights: np.ndarray
+    edges: Float[np.ndarray, "k+1"]  # edges of the bins [m], increasing
+    values: Float[np.ndarray, "k"]
+    pairs: Int[np.ndarray, "k"]
+    weights: Float[np.ndarray, "k"]
 
 
 def per_distance(
@@ -91,7 +92,7 @@ def per_distance(
     )
 
 
-def check_bin_edges(edges: np.ndarray) -> np.ndarray:
+def check_bin_edges(edges: Float[np.ndarray, "k+1"]) -> Float[np.ndarray, "k+1"]:
     """Check the edges of distance bins, and convert them [m]; edges [m]."""
     array = np.asarray(edges, dtype=np.float64)
     if array.ndim != 1 or len(array) < 2 or not (np.diff(array) > 0.0).all() or array[0] < 0.0:
@@ -99,7 +100,7 @@ def check_bin_edges(edges: np.ndarray) -> np.ndarray:
     return array
 
 
-def default_bin_edges(positions: np.ndarray) -> np.ndarray:
+def default_bin_edges(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "BINS+1"]:
     """Choose bins up to half the box's shorter side or `FARTHEST` spacings [m]; positions (n, 2) [m]."""
     low, high = bounding_box(positions)
     sides = high - low
@@ -110,7 +111,7 @@ def default_bin_edges(positions: np.ndarray) -> np.ndarray:
     return np.linspace(0.0, min(0.5 * float(sides.min()), FARTHEST * spacing), BINS + 1)
 
 
-def box_spanning_frames(frames: np.ndarray) -> list[np.ndarray]:
+def box_spanning_frames(frames: Float[np.ndarray, "f n 2"]) -> list[np.ndarray]:
     """Select the frames whose grains span a box; the last frames of a cell that empties do not [m].
 
     frames [m].
@@ -125,7 +126,7 @@ def box_spanning_frames(frames: np.ndarray) -> list[np.ndarray]:
     return result
 
 
-def count_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def count_pairs(points: Float[np.ndarray, "n 2"], edges: Float[np.ndarray, "k+1"]) -> Int[np.ndarray, "k"]:
     """Count the pairs i < j in each bin (lower edge, upper edge] of their distance; points, edges [m]."""
     from scipy.spatial import cKDTree
 
@@ -133,18 +134,22 @@ def count_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.diff(tree.count_neighbors(tree, edges)) // 2
 
 
-def mean_over_pairs(points: np.ndarray, products: np.ndarray, edges: np.ndarray) -> PairDistanceFunction:
+def mean_over_pairs(
+    points: Float[np.ndarray, "n 2"], products: Float[np.ndarray, "k"], edges: Float[np.ndarray, "k+1"]
+) -> PairDistanceFunction:
     """Divide sums over the pairs of each bin by the number of these pairs; points, edges [m]."""
     pairs = count_pairs(points, edges)
     return PairDistanceFunction(edges, divide_by_pair_count(products, pairs), pairs, pairs)
 
 
-def divide_by_pair_count(total: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+def divide_by_pair_count(total: Float[np.ndarray, "k"], pairs: np.ndarray) -> Float[np.ndarray, "k"]:
     """Divide sums by numbers of pairs, with NaN where there are no pairs."""
     return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0)
 
 
-def sum_pair_products(points: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def sum_pair_products(
+    points: Float[np.ndarray, "n 2"], values: Float[np.ndarray, "n"], edges: Float[np.ndarray, "k+1"]
+) -> Float[np.ndarray, "k"]:
     """Sum v_i v_j over the pairs i < j of each bin (lower edge, upper edge] of their distance.
 
     points, edges [m].

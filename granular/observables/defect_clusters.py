@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from granular.observables.defects import (
 from granular.observables.frame import check_positions
 from granular.observables.voronoi import VoronoiCells, check_cells, circumcentres
 from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 DISLOCATION, DISCLINATION, VACANCY, INTERSTITIAL, PAIR, BOUNDARY = KINDS = (
     "dislocation",
@@ -45,11 +48,11 @@ class FrameDefects(NamedTuple):
     """The defects of a frame."""
 
     kinds: tuple[str, ...]
-    positions: np.ndarray  # position of each defect [m]
-    lattice: np.ndarray
-    burgers: np.ndarray  # the same in the plane [m]
-    charge: np.ndarray
-    sizes: np.ndarray
+    positions: Float[np.ndarray, "d 2"]  # position of each defect [m]
+    lattice: Int[np.ndarray, "d 2"]
+    burgers: Float[np.ndarray, "d 2"]  # the same in the plane [m]
+    charge: Int[np.ndarray, "d"]
+    sizes: Int[np.ndarray, "d"]
     angle: float  # [rad]
     spacing: float  # [m]
 

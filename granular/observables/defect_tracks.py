@@ -24,6 +24,7 @@ from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
+    from jaxtyping import Float, Int
 
     from granular.run.trajectory import Trajectory
 
@@ -48,10 +49,10 @@ class DefectTrack(NamedTuple):
     """The path of a defect."""
 
     kind: str
-    lattice: np.ndarray
-    frames: np.ndarray
-    positions: np.ndarray  # position in each of these frames [m]
-    burgers: np.ndarray  # burgers vector, as a mean over the frames [m]
+    lattice: Int[np.ndarray, "2"]
+    frames: Int[np.ndarray, "k"]
+    positions: Float[np.ndarray, "k 2"]  # position in each of these frames [m]
+    burgers: Float[np.ndarray, "2"]  # burgers vector, as a mean over the frames [m]
 
 
 class DefectEvent(NamedTuple):
@@ -59,10 +60,10 @@ class DefectEvent(NamedTuple):
 
     kind: str
     frame: int
-    position: np.ndarray  # mean position of the ends and beginnings [m]
+    position: Float[np.ndarray, "2"]  # mean position of the ends and beginnings [m]
     ended: tuple[int, ...]
     started: tuple[int, ...]
-    missing: np.ndarray
+    missing: Int[np.ndarray, "2"]
 
 
 def link_defect_tracks(
@@ -152,7 +153,9 @@ def drop_short_tracks(tracks: Iterable[DefectTrack], frames: int) -> list[Defect
     return [track for track in tracks if len(track.frames) >= frames]
 
 
-def find_defect_events(tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float) -> list[DefectEvent]:
+def find_defect_events(
+    tracks: Sequence[DefectTrack], boxes: Float[np.ndarray, "f 2 2"], spacing: float
+) -> list[DefectEvent]:
     """Find the births, annihilations and reactions by which tracks end and begin; boxes, spacing [m]."""
     moments = [
         (int(end.frames[-1]) + 1, end.positions[-1], index, -1)
@@ -209,13 +212,13 @@ def _make_defect_event(
 class DefectMotion(NamedTuple):
     """Velocity of a defect by a line of least squares through its path."""
 
-    velocity: np.ndarray  # velocity along x and y [m/s]
+    velocity: Float[np.ndarray, "2"]  # velocity along x and y [m/s]
     speed: float  # [m/s]
     glide: float  # [m/s]
     climb: float  # [m/s]
 
 
-def motion_of_track(track: DefectTrack, times: np.ndarray) -> DefectMotion:
+def motion_of_track(track: DefectTrack, times: Float[np.ndarray, "f"]) -> DefectMotion:
     """Fit the velocity of a defect by a line of least squares through its path [m/s].
 
     track [m], times [s].
@@ -233,7 +236,7 @@ def motion_of_track(track: DefectTrack, times: np.ndarray) -> DefectMotion:
     return DefectMotion(velocity, float(np.linalg.norm(velocity)), glide, climb)
 
 
-def detect_defects_in_frames(frames: np.ndarray) -> list[FrameDefects]:
+def detect_defects_in_frames(frames: Float[np.ndarray, "f n 2"]) -> list[FrameDefects]:
     """Detect the defects of every frame, with the direction of the lattice followed in time; frames [m]."""
     array = check_frames(frames, least=1)
     defects: list[FrameDefects] = []

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from granular.observables.frame import check_positions
 from granular.observables.voronoi import VoronoiCells, check_cells
 
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
 SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
 """Nearest neighbours in the lattice, counter-clockwise from a1."""
 
 
-def nearest_lattice_bonds(arms: np.ndarray, angle: float) -> np.ndarray:
+def nearest_lattice_bonds(arms: Float[np.ndarray, "k 2"], angle: float) -> Int[np.ndarray, "k 2"]:
     """Lattice vector of a nearest neighbour whose direction is next to that of each bond.
 
     arms [m], angle [rad].
@@ -25,7 +28,7 @@ def nearest_lattice_bonds(arms: np.ndarray, angle: float) -> np.ndarray:
     return np.where(back[:, None], -SIX[index], SIX[index])
 
 
-def lattice_to_plane(vectors: np.ndarray, angle: float, spacing: float) -> np.ndarray:
+def lattice_to_plane(vectors: np.ndarray, angle: float, spacing: float) -> Float[np.ndarray, "... 2"]:
     """Convert vectors from coordinates of the hexagonal lattice to the plane [m].
 
     angle [rad], spacing [m].
@@ -35,13 +38,15 @@ def lattice_to_plane(vectors: np.ndarray, angle: float, spacing: float) -> np.nd
     return np.asarray(spacing * (np.asarray(vectors) @ basis))
 
 
-def lattice_norm_squared(vectors: np.ndarray) -> np.ndarray:
+def lattice_norm_squared(vectors: Int[np.ndarray, "... 2"]) -> Int[np.ndarray, "..."]:
     """Squared length m^2 + m n + n^2 of vectors of the hexagonal lattice."""
     m, n = np.moveaxis(np.asarray(vectors), -1, 0)
     return np.asarray(m * m + m * n + n * n)
 
 
-def orient_counter_clockwise(triangles: np.ndarray, positions: np.ndarray) -> np.ndarray:
+def orient_counter_clockwise(
+    triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"]
+) -> Int[np.ndarray, "t 3"]:
     """Order the corners of each triangle counter-clockwise; positions [m]."""
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     left = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
@@ -50,12 +55,14 @@ def orient_counter_clockwise(triangles: np.ndarray, positions: np.ndarray) -> np
     return turned
 
 
-def edges_of_triangles(triangles: np.ndarray) -> np.ndarray:
+def edges_of_triangles(triangles: Int[np.ndarray, "t 3"]) -> Int[np.ndarray, "t 3 2"]:
     """List the three edges of each triangle, from corner to corner."""
     return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1)
 
 
-def burgers_vectors(triangles: np.ndarray, positions: np.ndarray, angle: float) -> np.ndarray:
+def burgers_vectors(
+    triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"], angle: float
+) -> Int[np.ndarray, "t 2"]:
     """Burgers vector in each counter-clockwise triangle, in coordinates of the lattice.
 
     positions [m], angle [rad].
@@ -65,7 +72,9 @@ def burgers_vectors(triangles: np.ndarray, positions: np.ndarray, angle: float) 
     return np.asarray(-bonds.reshape(-1, 3, 2).sum(axis=1))
 
 
-def excess_grains(triangles: np.ndarray, positions: np.ndarray, angle: float) -> float:
+def excess_grains(
+    triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"], angle: float
+) -> float:
     """Grains in a region less its lattice sites: -1 for a vacancy, 1 for an interstitial.
 
     positions [m], angle [rad].
@@ -90,9 +99,9 @@ def excess_grains(triangles: np.ndarray, positions: np.ndarray, angle: float) ->
 class Dislocations(NamedTuple):
     """Pairs of a pentagon and a neighbouring heptagon."""
 
-    pairs: np.ndarray
-    positions: np.ndarray  # the middle of both [m]
-    burgers: np.ndarray  # burgers vectors [m]
+    pairs: Int[np.ndarray, "d 2"]
+    positions: Float[np.ndarray, "d 2"]  # the middle of both [m]
+    burgers: Float[np.ndarray, "d 2"]  # burgers vectors [m]
 
 
 def disclination_charges(cells: VoronoiCells) -> np.ndarray:

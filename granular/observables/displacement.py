@@ -22,6 +22,7 @@ from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
+    from jaxtyping import Float, Int
 
     from granular.run.trajectory import Trajectory
 
@@ -80,7 +81,7 @@ def per_lag(
     )
 
 
-def check_lags(lags: np.ndarray | None, count: int) -> np.ndarray:
+def check_lags(lags: Int[np.ndarray, "k"] | None, count: int) -> Int[np.ndarray, "k"]:
     """Check lags between frames, or choose about 30 at even ratios."""
     if lags is None:
         return np.unique(np.geomspace(1, count - 1, 30).round().astype(int))
@@ -92,7 +93,7 @@ def check_lags(lags: np.ndarray | None, count: int) -> np.ndarray:
     return array
 
 
-def check_periods(periods: tuple[float, float]) -> np.ndarray:
+def check_periods(periods: tuple[float, float]) -> Float[np.ndarray, "2"]:
     """Check the sides of a periodic cell, and convert them [m]; periods [m]."""
     array = np.asarray(periods, dtype=np.float64)
     if array.shape != (2,) or not (array > 0.0).all():
@@ -233,8 +234,8 @@ def lindemann_parameter(
 class NonAffineMotion(NamedTuple):
     """Motion of the neighbours of each grain between two frames; NaN where it is not known."""
 
-    d2min: np.ndarray  # mean square of what is left over by the best local strain [m^2]
-    strain: np.ndarray
+    d2min: Float[np.ndarray, "n"]  # mean square of what is left over by the best local strain [m^2]
+    strain: Float[np.ndarray, "n 2 2"]
 
 
 def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:

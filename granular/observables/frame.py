@@ -18,6 +18,8 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
 
@@ -124,7 +126,7 @@ def observable_metadata(function: Any) -> Observable | None:
     return result if isinstance(result, Observable) else None
 
 
-def select_frames(run: Trajectory, start: float, stop: float) -> np.ndarray:
+def select_frames(run: Trajectory, start: float, stop: float) -> Int[np.ndarray, "f"]:
     """Select the indices of the frames with start <= time <= stop; start, stop [s]."""
     times = run.dataset["frame_time"].values
     chosen = np.flatnonzero((times >= start) & (times <= stop))
@@ -134,7 +136,7 @@ def select_frames(run: Trajectory, start: float, stop: float) -> np.ndarray:
     return chosen
 
 
-def frames(run: Trajectory, indices: Sequence[int] | np.ndarray | None = None) -> Iterator[Frame]:
+def frames(run: Trajectory, indices: Sequence[int] | Int[np.ndarray, "f"] | None = None) -> Iterator[Frame]:
     """Yield frames of a run, by their indices."""
     data = run.dataset if indices is None else run.dataset.isel(frame=np.asarray(indices))
     heights = None if run.scene.piston is None else data["frame_height"].values
@@ -184,7 +186,7 @@ def species_names(scene: Scene) -> list[str]:
     return [name if names.count(name) == 1 else f"{name} {index}" for index, name in enumerate(names)]
 
 
-def check_positions(positions: np.ndarray) -> np.ndarray:
+def check_positions(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
     """Check the shape of positions, and convert them [m]; positions [m]."""
     array = np.asarray(positions, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
@@ -192,7 +194,7 @@ def check_positions(positions: np.ndarray) -> np.ndarray:
     return array
 
 
-def check_frames(frames: np.ndarray, least: int = 0) -> np.ndarray:
+def check_frames(frames: Float[np.ndarray, "f n 2"], least: int = 0) -> Float[np.ndarray, "f n 2"]:
     """Check the shape and the number of frames, and convert them [m]; frames [m]."""
     array = np.asarray(frames, dtype=np.float64)
     if array.ndim != 3 or array.shape[2] != 2:
@@ -202,12 +204,12 @@ def check_frames(frames: np.ndarray, least: int = 0) -> np.ndarray:
     return array
 
 
-def is_present(positions: np.ndarray) -> np.ndarray:
+def is_present(positions: Float[np.ndarray, "... n 2"]) -> Bool[np.ndarray, "... n"]:
     """Grains that are in the cell, by their positions; positions [m]."""
     return np.asarray(np.isfinite(positions).all(axis=-1))
 
 
-def present_positions(positions: np.ndarray) -> np.ndarray:
+def present_positions(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
     """Positions of the grains that are in the cell [m]; positions [m]."""
     array = check_positions(positions)
     return array[is_present(array)]
@@ -222,7 +224,7 @@ def check_grain_values(name: str, values: np.ndarray, count: int, width: int | N
     return array
 
 
-def bounding_box(positions: np.ndarray) -> np.ndarray:
+def bounding_box(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 2"]:
     """Box that the outermost grains' centres span [m]; positions [m]."""
     points = present_positions(positions)
     if not len(points):
@@ -230,7 +232,7 @@ def bounding_box(positions: np.ndarray) -> np.ndarray:
     return np.stack([points.min(axis=0), points.max(axis=0)])
 
 
-def sum_by_index(indices: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+def sum_by_index(indices: Int[np.ndarray, "k"], values: np.ndarray, count: int) -> np.ndarray:
     """Sum the values that have the same index."""
     total = np.zeros((count, *values.shape[1:]), dtype=values.dtype)
     np.add.at(total, indices, values)

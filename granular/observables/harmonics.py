@@ -11,6 +11,7 @@ from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
+    from jaxtyping import Float, Int
 
     from granular.protocol import Oscillate, Push
     from granular.run.trajectory import Trajectory
@@ -23,11 +24,11 @@ class HarmonicResponse(NamedTuple):
     """The steady response to a sinusoidal drive, for the harmonics k = 1 ... K."""
 
     frequency: float  # [Hz]
-    harmonics: np.ndarray
-    ratio: np.ndarray
-    phase: np.ndarray  # from -pi to pi; negative where the response lags [rad]
-    ratio_error: np.ndarray  # [rad]
-    phase_error: np.ndarray  # [rad]
+    harmonics: Int[np.ndarray, "K"]
+    ratio: Float[np.ndarray, "K"]
+    phase: Float[np.ndarray, "K"]  # from -pi to pi; negative where the response lags [rad]
+    ratio_error: Float[np.ndarray, "K"]  # [rad]
+    phase_error: Float[np.ndarray, "K"]  # [rad]
     drive_amplitude: float
     periods: int
 

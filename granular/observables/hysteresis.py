@@ -11,6 +11,7 @@ from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
+    from jaxtyping import Float
 
     from granular.run.trajectory import Trajectory
 
@@ -72,7 +73,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     return -_work_below_height(height, force, top)
 
 
-def cycle_bounds(height: np.ndarray) -> list[CompressionCycle]:
+def cycle_bounds(height: Float[np.ndarray, "n"]) -> list[CompressionCycle]:
     """Cycles of a motion, from each highest point to the next; height [m]."""
     height = np.asarray(height, dtype=np.float64)
     turns = _turning_points(height, LEAST_STROKE * np.ptp(height) if len(height) else 0.0)

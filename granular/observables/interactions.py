@@ -20,6 +20,8 @@ from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_forc
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
     from granular.scene.scene import Scene
 
 BLOCK = 512
@@ -39,9 +41,9 @@ SILENT = (
 class BranchesAndForces(NamedTuple):
     """Branches and forces of some grains with others."""
 
-    grains: np.ndarray
-    branches: np.ndarray  # from each of the m others to each of these grains [m]
-    forces: np.ndarray  # on these grains [N]
+    grains: Int[np.ndarray, "k"]
+    branches: Float[np.ndarray, "k m 2"]  # from each of the m others to each of these grains [m]
+    forces: Float[np.ndarray, "k m 2"]  # on these grains [N]
 
 
 def effects_of_unknown_pair_force(scene: Scene) -> tuple[str, ...]:
@@ -49,7 +51,7 @@ def effects_of_unknown_pair_force(scene: Scene) -> tuple[str, ...]:
     return tuple(effect.key for effect in scene.effects.acting if effect.key not in (*KNOWN, *SILENT))
 
 
-def iterate_pair_forces(scene: Scene, positions: np.ndarray) -> Iterator[BranchesAndForces]:
+def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> Iterator[BranchesAndForces]:
     """Yield the forces of all other grains on each grain, some grains at a time [m, N]; positions [m]."""
     positions, here, system = _positions_and_natural_system(scene, positions)
     scales = system.scales
@@ -83,7 +85,7 @@ def _nearest_image_branches(branches: np.ndarray, scene: Scene, unit: float) -> 
 
 
 def iterate_wall_forces(
-    scene: Scene, positions: np.ndarray, piston_height: float | None = None
+    scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: float | None = None
 ) -> BranchesAndForces:
     """Evaluate the forces of all four walls on each grain [N]; positions, piston_height [m]."""
     from granular.effects.wall_side import SIDES
@@ -136,7 +138,7 @@ def _law_in_natural_units(system: Any, key: str) -> Any:
     return None
 
 
-def relative_magnetic_moments(scene: Scene) -> np.ndarray:
+def relative_magnetic_moments(scene: Scene) -> Float[np.ndarray, "n"]:
     """Magnetic moment of each grain over that of the first species."""
     grains = scene.grains
     return np.asarray(grains.moment_ratios()[grains.species_indices()] * grains.moment_spread_factors())

@@ -20,7 +20,7 @@ Marmottant, Eur. Phys. J. E 25, 349, 2008).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -37,14 +37,17 @@ from granular.observables.frame import check_frames
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError
 
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
 
 class PlasticEvents(NamedTuple):
     """Drops of a quantity, in the order of time."""
 
-    begin: np.ndarray
-    end: np.ndarray
-    size: np.ndarray
-    time: np.ndarray  # at the top [s]
+    begin: Int[np.ndarray, "k"]
+    end: Int[np.ndarray, "k"]
+    size: Float[np.ndarray, "k"]
+    time: Float[np.ndarray, "k"]  # at the top [s]
 
 
 class DropStatistics(NamedTuple):
@@ -139,9 +142,9 @@ def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
 class DislocationSlip(NamedTuple):
     """Plastic distortion by dislocations since the first frame."""
 
-    moves: np.ndarray
-    events: np.ndarray
-    rim: np.ndarray
+    moves: Float[np.ndarray, "f 2 2"]
+    events: Float[np.ndarray, "f 2 2"]
+    rim: Float[np.ndarray, "f 2 2"]
     defects: tuple[FrameDefects, ...]
     tracks: tuple[DefectTrack, ...]
     conserved: float
@@ -152,12 +155,12 @@ class DislocationSlip(NamedTuple):
         return self.moves + self.events + self.rim
 
 
-def axial_strain_difference(strain: np.ndarray) -> np.ndarray:
+def axial_strain_difference(strain: Float[np.ndarray, "f 2 2"]) -> Float[np.ndarray, "f"]:
     """Difference yy less xx of strain tensors: the strain that a piston drives at a constant width."""
     return np.asarray(strain[:, 1, 1] - strain[:, 0, 0])
 
 
-def areal_strain(strain: np.ndarray) -> np.ndarray:
+def areal_strain(strain: Float[np.ndarray, "f 2 2"]) -> Float[np.ndarray, "f"]:
     """Trace of strain tensors; of plastic strain it is the part that climb makes, grains lost or gained."""
     return np.asarray(strain[:, 0, 0] + strain[:, 1, 1])
 
@@ -218,7 +221,9 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
     )
 
 
-def slip_area_tensor(burgers: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+def slip_area_tensor(
+    burgers: Float[np.ndarray, "2"], displacement: Float[np.ndarray, "2"]
+) -> Float[np.ndarray, "2 2"]:
     """Plastic distortion times area that a moving dislocation leaves, b_i (z x d)_j [m^2].
 
     burgers, displacement [m].
@@ -226,7 +231,9 @@ def slip_area_tensor(burgers: np.ndarray, displacement: np.ndarray) -> np.ndarra
     return np.outer(burgers, [-displacement[1], displacement[0]])
 
 
-def glide_displacement_to_edge(position: np.ndarray, burgers: np.ndarray, box: np.ndarray) -> np.ndarray:
+def glide_displacement_to_edge(
+    position: Float[np.ndarray, "2"], burgers: Float[np.ndarray, "2"], box: Float[np.ndarray, "2 2"]
+) -> Float[np.ndarray, "2"]:
     """Shortest displacement along the Burgers vector to an edge of the box [m].
 
     position, burgers, box [m].
@@ -296,7 +303,7 @@ def _log_texture(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
     return np.asarray((vectors * (0.5 * np.log(values))) @ vectors.T)
 
 
-def grains_with_interior_neighbours(cells: VoronoiCells) -> np.ndarray:
+def grains_with_interior_neighbours(cells: VoronoiCells) -> Bool[np.ndarray, "n"]:
     """Grains whose cell and whose neighbours' cells are interior: those where defects are known."""
     result = cells.interior.copy()
     result[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False

@@ -18,6 +18,7 @@ from granular.shared.plotting import COLOURS, GREY, SIDES, STYLES, axes_or_new, 
 
 if TYPE_CHECKING:
     import xarray
+    from jaxtyping import Float
     from matplotlib.axes import Axes
 
     from granular.run.trajectory import Trajectory
@@ -45,9 +46,9 @@ _PATHS = (COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[5], COLOURS[6])
 def draw_bed(
     axes: Axes,
     scene: Scene,
-    positions: np.ndarray,
+    positions: Float[np.ndarray, "n 2"],
     piston_height: float | None,
-    colours: np.ndarray | None = None,
+    colours: Float[np.ndarray, "n"] | None = None,
 ) -> Any:
     """Draw the grains to scale, the cell and the piston; positions, piston_height [m]."""
     from matplotlib.collections import EllipseCollection

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 
 class PearsonCorrelation(NamedTuple):
@@ -176,7 +179,7 @@ def dip_test(values: np.ndarray) -> DipTest:
     return DipTest(result, float((1 + (null >= result).sum()) / (1 + len(null))))
 
 
-def dip_statistic(values: np.ndarray) -> float:
+def dip_statistic(values: Float[np.ndarray, "n"]) -> float:
     """Dip of sorted values: the greatest distance of their distribution from the nearest with one mode."""
     x, heights = np.unique(values, return_counts=True)
     if len(x) == 1:
@@ -234,12 +237,12 @@ MOST_BINS = 1000
 class Histogram(NamedTuple):
     """A histogram of bins of one width."""
 
-    edges: np.ndarray
-    counts: np.ndarray
-    density: np.ndarray
+    edges: Float[np.ndarray, "k+1"]
+    counts: Int[np.ndarray, "k"]
+    density: Float[np.ndarray, "k"]
 
 
-def knuth_bin_count(values: np.ndarray) -> int:
+def knuth_bin_count(values: Float[np.ndarray, "n"]) -> int:
     """Choose the number of bins of a histogram by Knuth's rule."""
     from scipy.special import gammaln
 

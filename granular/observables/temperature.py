@@ -16,6 +16,8 @@ from granular.observables.moduli import dipole_pair_strength, first_species_mome
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
+    from jaxtyping import Float
+
     from granular.scene.scene import Scene
 
 
@@ -60,7 +62,9 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     return float(energies.mean()) if len(energies) else np.nan
 
 
-def fluctuation_energies(velocities: np.ndarray, masses: np.ndarray) -> np.ndarray:
+def fluctuation_energies(
+    velocities: Float[np.ndarray, "n 2"], masses: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "n"]:
     """Kinetic energy (1/2) m |v - V|^2 of each grain against the centre of mass of all [J].
 
     velocities [m/s], masses [kg].
@@ -145,7 +149,9 @@ def configurational_temperature(
     return square / bend if bend else np.nan
 
 
-def potential_laplacian(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> float:
+def potential_laplacian(
+    scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: float | None = None
+) -> float:
     """Laplacian of the potential energy of dipoles and walls over all grains' coordinates [N/m].
 
     positions, piston_height [m].

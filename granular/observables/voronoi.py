@@ -6,12 +6,15 @@ Only cells wholly inside the box spanned by the outermost grain centres are coun
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from granular.observables.frame import check_positions, is_present
 from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
 
 SHORTEST_SIDE = 1e-9
 """A side shorter than this, in mean spacings, is rounding: four or more grains on one circle."""
@@ -23,13 +26,13 @@ INSIDE = 1e-12
 class VoronoiCells(NamedTuple):
     """The Voronoi diagram of n grains, as arrays."""
 
-    sides: np.ndarray
-    area: np.ndarray  # area of each interior cell [m^2], NaN for the others
-    side_squares: np.ndarray  # [m^2]
-    interior: np.ndarray
-    neighbours: np.ndarray
-    triangles: np.ndarray
-    corners: np.ndarray  # their circumcentres, the corners of the cells [m]
+    sides: Int[np.ndarray, "n"]
+    area: Float[np.ndarray, "n"]  # area of each interior cell [m^2], NaN for the others
+    side_squares: Float[np.ndarray, "n"]  # [m^2]
+    interior: Bool[np.ndarray, "n"]
+    neighbours: Int[np.ndarray, "m 2"]
+    triangles: Int[np.ndarray, "t 3"]
+    corners: Float[np.ndarray, "t 2"]  # their circumcentres, the corners of the cells [m]
 
 
 class PolygonFractions(NamedTuple):
@@ -118,7 +121,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     )
 
 
-def check_cells(positions: np.ndarray, cells: VoronoiCells | None) -> VoronoiCells:
+def check_cells(positions: Float[np.ndarray, "n 2"], cells: VoronoiCells | None) -> VoronoiCells:
     """Check that Voronoi cells are those of as many grains, or find them; positions [m]."""
     if cells is None:
         return voronoi_cells(positions)
@@ -220,7 +223,9 @@ def _delaunay_triangulation(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return mesh.simplices.astype(np.intp), mesh.neighbors.astype(np.intp)
 
 
-def circumcentres(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+def circumcentres(
+    points: Float[np.ndarray, "n 2"], triangles: Int[np.ndarray, "t 3"]
+) -> Float[np.ndarray, "t 2"]:
     """Centres of the circles through the three corners of each triangle [m]; points [m]."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     p, q = b - a, c - a

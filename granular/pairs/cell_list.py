@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from granular.compiled import Array, compiled
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 PLACES_A_GRAIN = 16
 """Entries for close pairs, per grain: overlapping discs of any sizes have about three each."""
@@ -15,19 +18,19 @@ PLACES_A_GRAIN = 16
 class CellList(NamedTuple):
     """Grains in the cells of a grid, and the partners of one grain: always long enough."""
 
-    partners: np.ndarray
-    cell: np.ndarray
-    order: np.ndarray
-    begins: np.ndarray
-    shape: np.ndarray
+    partners: Int[np.ndarray, "n"]
+    cell: Int[np.ndarray, "n"]
+    order: Int[np.ndarray, "n"]
+    begins: Int[np.ndarray, "c"]
+    shape: Int[np.ndarray, "2"]
 
 
 class ClosePairs(NamedTuple):
     """Close pairs, and the cells for their search."""
 
-    first: np.ndarray
-    second: np.ndarray
-    filled: np.ndarray
+    first: Int[np.ndarray, "p"]
+    second: Int[np.ndarray, "p"]
+    filled: Int[np.ndarray, "1"]
     cells: CellList
 
 
@@ -75,7 +78,9 @@ def _grid_that_covers(
 
 
 @compiled
-def sort_into_cells(cells: CellList, x: Array, y: Array, count: int, reach: float) -> bool:
+def sort_into_cells(
+    cells: CellList, x: Float[Array, "m"], y: Float[Array, "m"], count: int, reach: float
+) -> bool:
     """Sort grains into square cells at least ``reach`` wide, by counting; x, y, reach [D]."""
     if count == 0:
         return True
@@ -117,7 +122,9 @@ def _find_partners_in_cell(
 
 
 @compiled
-def find_partners_of_grain(cells: CellList, x: Array, y: Array, i: int, reach: float) -> int:
+def find_partners_of_grain(
+    cells: CellList, x: Float[Array, "m"], y: Float[Array, "m"], i: int, reach: float
+) -> int:
     """Fill ``cells.partners`` with the grains closer to one grain than ``reach``, and count them.
 
     x, y, reach [D].
@@ -135,7 +142,12 @@ def find_partners_of_grain(cells: CellList, x: Array, y: Array, i: int, reach: f
 
 @compiled
 def find_close_pairs(
-    pairs: ClosePairs, x: Array, y: Array, count: int, reach: float, radius: Array | None
+    pairs: ClosePairs,
+    x: Float[Array, "m"],
+    y: Float[Array, "m"],
+    count: int,
+    reach: float,
+    radius: Float[Array, "m"] | None,
 ) -> None:
     """Fill ``pairs`` with all pairs closer than ``reach``; the positions fix their order.
 

@@ -8,7 +8,7 @@ a run that goes on from a checkpoint has the bits of one that was not interrupte
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,9 @@ from granular.pairs.disc_law_tables import (
 )
 from granular.pairs.grain_arrays import GrainArrays, add_to_entry_if_given, value_or_one
 
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
 SKIN = 0.15
 """Added to the reach of the list [D]: it is made anew once a grain has moved by half of it."""
 
@@ -45,13 +48,13 @@ class CloseDiscList(NamedTuple):
 
     first: np.ndarray
     second: np.ndarray
-    filled: np.ndarray
-    built: np.ndarray  # positions at which the list was made [D]
-    grains: np.ndarray
-    cell: np.ndarray
-    order: np.ndarray
-    firsts: np.ndarray
-    periods: np.ndarray | None  # sides of a periodic cell [D]
+    filled: Int[np.ndarray, "1"]
+    built: Float[np.ndarray, "2 m"]  # positions at which the list was made [D]
+    grains: Int[np.ndarray, "1"]
+    cell: Int[np.ndarray, "m"]
+    order: Int[np.ndarray, "m"]
+    firsts: Int[np.ndarray, "c"]
+    periods: Float[np.ndarray, "2"] | None  # sides of a periodic cell [D]
 
 
 def close_disc_list_workspace(size: int, reach: float, periods: tuple[float, float] | None) -> CloseDiscList:
@@ -303,7 +306,7 @@ def _pair_displacement(periods: Array | None, x: Array, y: Array, i: int, j: int
 
 
 def closest_distance_over_contact(
-    discs: DiscLaw, close: CloseDiscList, x: np.ndarray, y: np.ndarray
+    discs: DiscLaw, close: CloseDiscList, x: Float[np.ndarray, "m"], y: Float[np.ndarray, "m"]
 ) -> tuple[float, int]:
     """Find the least distance of two discs over that at which they touch; x, y [D]."""
     i, j = close.first[: close.filled[0]], close.second[: close.filled[0]]

@@ -15,10 +15,15 @@ doi:10.1002/jcc.10072).
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from granular.compiled import entry
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 STRENGTH = 0.75
 ENERGY = STRENGTH / 3.0
@@ -66,8 +71,8 @@ def _far_part_of_inverse_power(
 
 
 def far_part_of_inverse_cube(
-    square: NDArray[np.float64], radius: float, fifth: float = 0.0
-) -> NDArray[np.float64]:
+    square: Float[NDArray[np.float64], "..."], radius: float, fifth: float = 0.0
+) -> Float[NDArray[np.float64], "..."]:
     """Far part of r^-3 + ``fifth`` r^-5, smooth within the split radius (see the head of this file) [1/D^3].
 
     square, fifth [D^2], radius [D].
@@ -78,8 +83,8 @@ def far_part_of_inverse_cube(
 
 
 def far_part_of_inverse_fifth(
-    square: NDArray[np.float64], radius: float, fifth: float = 0.0
-) -> NDArray[np.float64]:
+    square: Float[NDArray[np.float64], "..."], radius: float, fifth: float = 0.0
+) -> Float[NDArray[np.float64], "..."]:
     """Far part of r^-5 + (5/3) ``fifth`` r^-7 [1/D^5], for forces; square, fifth [D^2], radius [D]."""
     u = np.asarray(square, dtype=np.float64) / radius**2
     result = _far_part_of_inverse_power(u, FIFTH, -2.5) / radius**5

@@ -6,7 +6,7 @@ comes from summing all pairs once in several steps.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,14 +18,17 @@ from granular.pairs.grain_arrays import GrainArrays, replace_energy_and_closest,
 from granular.pairs.stripe_partner_lists import positions_are_finite
 from granular.pairs.stripes import Stripes
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 class DirectFarFieldWorkspace(NamedTuple):
     """Workspace for the two sums."""
 
-    near: np.ndarray
-    energy_and_closest: np.ndarray
-    buffers: np.ndarray | None
-    load: np.ndarray | None
+    near: Float[np.ndarray, "2 m"]
+    energy_and_closest: Float[np.ndarray, "2 2"]
+    buffers: Float[np.ndarray, "parts 5 m"] | None
+    load: Float[np.ndarray, "m"] | None
 
 
 def direct_far_field_workspace(size: int, *, with_loads: bool) -> DirectFarFieldWorkspace:
@@ -53,7 +56,7 @@ def compute_direct_far_field(
     threaded: bool | None,
     grains: int,
     arrays: GrainArrays,
-    energy: Array,
+    energy: Float[Array, "1"],
 ) -> None:
     """Overwrite forces, energy and, where grains rub, loads by those of the far part.
 

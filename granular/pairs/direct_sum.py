@@ -7,6 +7,8 @@ sums of their own, which are added in a fixed order: one thread or several give 
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numba
 import numpy as np
 
@@ -29,6 +31,9 @@ from granular.pairs.grain_arrays import (
 )
 from granular.pairs.pure_python_sums import pure_python_direct_sum
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 PADDING = 1e70
 """Place of the first padding grain [D]: r^5 overflows, so its force on a grain is exactly zero."""
 
@@ -36,7 +41,7 @@ PARTED_FROM = 1024
 PARTS = 8
 
 
-def pad_coordinates(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def pad_coordinates(positions: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
     """Split positions into padded arrays of x and y [D]; positions [D]."""
     count, size = len(positions), pad_to_vectors(len(positions))
     x, y = PADDING * np.arange(1.0, size + 1.0), np.zeros(size)
@@ -44,14 +49,14 @@ def pad_coordinates(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def pad_values(values: np.ndarray) -> np.ndarray:
+def pad_values(values: np.ndarray) -> Float[np.ndarray, "m"]:
     """Pad one value a grain with zeros."""
     out = np.zeros(pad_to_vectors(len(values)))
     out[: len(values)] = values
     return out
 
 
-def partial_sum_buffers(size: int) -> np.ndarray | None:
+def partial_sum_buffers(size: int) -> Float[np.ndarray, "PARTS 5 m"] | None:
     """Allocate sums of their own for the parts that the direct sum is split into."""
     return np.zeros((PARTS, 5, size)) if size >= PARTED_FROM else None
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,9 @@ from granular.pairs.disc_law import (
 )
 from granular.pairs.simd import DISC_SCALE
 from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 TOLERANCE, RELATIVE = 9e-7, 9e-6
 """Error of the law beyond the tables: of energy and force at contact, or of these themselves."""
@@ -74,9 +77,11 @@ pieces hold the singular part, and at which the table ends; b."""
 class CloseDiscTables(NamedTuple):
     """Tables of the close pairs, for each pair of species."""
 
-    pairs: np.ndarray
-    pieces: np.ndarray  # [F*/D]
-    energies: np.ndarray  # energy at the start of each piece, without the singular part [F* D]
+    pairs: Float[np.ndarray, "p 9"]
+    pieces: Float[np.ndarray, "p n 4"]  # [F*/D]
+    energies: Float[
+        np.ndarray, "p n+1"
+    ]  # energy at the start of each piece, without the singular part [F* D]
 
 
 TOUCH, SQUARES, STIFFNESSES = range(3)
@@ -88,13 +93,13 @@ both times the mass over the squared moment. The greatest over the species, and 
 class DiscLaw(NamedTuple):
     """The grains as discs; see the head of this file."""
 
-    coefficients: np.ndarray
-    shift: np.ndarray | None  # part of each grain in b [D^2]; None where all are alike
-    species: np.ndarray | None
+    coefficients: Float[np.ndarray, "6"]
+    shift: Float[np.ndarray, "m"] | None  # part of each grain in b [D^2]; None where all are alike
+    species: Int[np.ndarray, "m"] | None
     kinds: int
     reach: float  # [D]
     close: CloseDiscTables
-    collision: np.ndarray
+    collision: Float[np.ndarray, "3 n"]
 
 
 class _ExactDiscPair(NamedTuple):
@@ -127,7 +132,7 @@ def _all_pairs_law(r: Samples, shift: float, c: float) -> tuple[Samples, Samples
     return rho**-3 + c * rho**-8, r * (3.0 * rho**-5 + 8.0 * c * rho**-10)
 
 
-def make_disc_law(discs: Sequence[Disc], species: np.ndarray, size: int) -> DiscLaw:
+def make_disc_law(discs: Sequence[Disc], species: Int[np.ndarray, "n"], size: int) -> DiscLaw:
     """Law and tables of some species of discs, in units of the first one's diameter."""
     made, alike, own = (
         _make_disc_law_of_species(tuple(discs)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba import config, types
@@ -13,21 +13,24 @@ from granular.compiled import Array, compiled
 from granular.pairs.disc_law_tables import FORCE_SCALE
 from granular.pairs.simd import DISC_SCALE, SCALE
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 class GrainArrays(NamedTuple):
     """Positions and properties of grains, and their sums over pairs; None for what is not wanted."""
 
-    x: np.ndarray  # [D]
-    y: np.ndarray  # [D]
-    fx: np.ndarray  # [F*]
-    fy: np.ndarray  # [F*]
-    moments: np.ndarray | None = None
-    stiffness: np.ndarray | None = None
-    energy_and_closest: np.ndarray | None = None
-    load: np.ndarray | None = None
-    weight: np.ndarray | None = None
-    disc_law: np.ndarray | None = None
-    shift: np.ndarray | None = None
+    x: Float[np.ndarray, "m"]  # [D]
+    y: Float[np.ndarray, "m"]  # [D]
+    fx: Float[np.ndarray, "m"]  # [F*]
+    fy: Float[np.ndarray, "m"]  # [F*]
+    moments: Float[np.ndarray, "m"] | None = None
+    stiffness: Float[np.ndarray, "m"] | None = None
+    energy_and_closest: Float[np.ndarray, "2"] | None = None
+    load: Float[np.ndarray, "m"] | None = None
+    weight: Float[np.ndarray, "m"] | None = None
+    disc_law: Float[np.ndarray, "6"] | None = None
+    shift: Float[np.ndarray, "m"] | None = None
 
 
 @compiled(inline=True)
@@ -52,7 +55,7 @@ def replace_energy_and_closest(arrays: GrainArrays, energy_and_closest: Array) -
 
 
 @compiled(inline=True)
-def clear_array_if_given(values: Array | None) -> None:
+def clear_array_if_given(values: Float[Array, "m"] | None) -> None:
     """Set an array to zero, if there is one."""
     if values is not None:
         values[:] = 0.0
@@ -69,7 +72,7 @@ def clear_sums(arrays: GrainArrays) -> None:
 
 
 @compiled(inline=True)
-def scale_array_if_given(values: Array | None, factor: float) -> None:
+def scale_array_if_given(values: Float[Array, "m"] | None, factor: float) -> None:
     """Multiply an array by a factor, if there is one."""
     if values is not None:
         for i in range(values.size):
@@ -77,25 +80,25 @@ def scale_array_if_given(values: Array | None, factor: float) -> None:
 
 
 @compiled(inline=True)
-def value_or_one(values: Array | None, i: int) -> float:
+def value_or_one(values: Float[Array, "m"] | None, i: int) -> float:
     """Value of one grain, or 1 where all grains are alike."""
     return 1.0 if values is None else values[i]
 
 
 @compiled(inline=True)
-def unscaled_sum_factor(disc_law: Array | None) -> float:
+def unscaled_sum_factor(disc_law: Float[Array, "6"] | None) -> float:
     """Factor that vectorised sums of energies, stiffnesses and loads still lack."""
     return SCALE if disc_law is None else DISC_SCALE
 
 
 @compiled(inline=True)
-def unscaled_force_factor(disc_law: Array | None) -> float:
+def unscaled_force_factor(disc_law: Float[Array, "6"] | None) -> float:
     """Factor that vectorised sums of forces still lack, besides `granular.pairs.dipole_law.STRENGTH`."""
     return SCALE if disc_law is None else disc_law[FORCE_SCALE]
 
 
 @compiled(inline=True)
-def add_to_entry_if_given(values: Array | None, i: int, amount: float) -> None:
+def add_to_entry_if_given(values: Float[Array, "m"] | None, i: int, amount: float) -> None:
     """Add an amount to one grain's entry, if there is such an array."""
     if values is not None:
         values[i] += amount

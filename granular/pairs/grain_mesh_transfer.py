@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numba
 
@@ -10,6 +11,9 @@ from granular.compiled import Array, compiled
 from granular.pairs.multilevel_mesh import LEFT, LOW, PARTS, UP, MultilevelMesh
 from granular.pairs.periodic_mesh import interpolate_on_periodic_mesh, spread_on_periodic_mesh
 from granular.pairs.spline_stencil import add_spline_weights, interpolate_with_splines
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 _STRANDS = 4
 """Grains that are spread in turn come from so many places: a sum waits for the one before it where
@@ -87,10 +91,10 @@ def _add_spread_parts_threaded(mesh: MultilevelMesh) -> None:
 def spread_grains(
     mesh: MultilevelMesh,
     threaded: bool | None,
-    x: Array,
-    y: Array,
-    amounts: Array | None,
-    order: Array,
+    x: Float[Array, "m"],
+    y: Float[Array, "m"],
+    amounts: Float[Array, "m"] | None,
+    order: Int[Array, "m"],
     grains: int,
 ) -> None:
     """Spread amounts of the grains by cubic B-splines on the finest level of a mesh; x, y [D]."""

@@ -6,7 +6,7 @@ alone, so momentum is not kept to the last bit, as it is by sums over pairs; ene
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -25,6 +25,9 @@ from granular.pairs.multilevel_mesh import (
 )
 from granular.pairs.periodic_mesh import periodic_mesh_workspace
 from granular.pairs.stripe_partner_lists import positions_are_finite
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 SPACINGS = 4.5
 """Spacings of the finest mesh in the split radius. With 4.5 the mesh takes about as long as the near part
@@ -72,17 +75,17 @@ class FarFieldState(NamedTuple):
     direct: DirectFarFieldWorkspace | None
     radius: float
     self_potential: float
-    fx: np.ndarray
-    fy: np.ndarray
-    held_forces: np.ndarray | None
-    load: np.ndarray | None
-    evaluated_at: np.ndarray | None
-    rates: np.ndarray | None  # [1/tau]
+    fx: Float[np.ndarray, "m"]
+    fy: Float[np.ndarray, "m"]
+    held_forces: Float[np.ndarray, "2 m"] | None
+    load: Float[np.ndarray, "m"] | None
+    evaluated_at: Float[np.ndarray, "2 m"] | None
+    rates: Float[np.ndarray, "3 m"] | None  # [1/tau]
     extrapolation_steps: int
     unchanged_distance: float
-    timing: np.ndarray
-    energy: np.ndarray
-    part_totals: np.ndarray
+    timing: Float[np.ndarray, "3"]
+    energy: Float[np.ndarray, "1"]
+    part_totals: Float[np.ndarray, "parts"]
 
 
 def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> FarFieldState:
@@ -227,7 +230,7 @@ def compute_mesh_far_field(
     threaded: bool | None,
     grains: int,
     arrays: GrainArrays,
-    order: Array,
+    order: Int[Array, "m"],
 ) -> int:
     """Compute force, energy and, where grains rub, load of the far part by the mesh.
 
@@ -264,7 +267,13 @@ def compute_mesh_far_field(
 
 
 @compiled
-def any_grain_moved(evaluated_at: Array, x: Array, y: Array, grains: int, unchanged_distance: float) -> bool:
+def any_grain_moved(
+    evaluated_at: Float[Array, "2 m"],
+    x: Float[Array, "m"],
+    y: Float[Array, "m"],
+    grains: int,
+    unchanged_distance: float,
+) -> bool:
     """Test whether a grain has moved so far since the last evaluation that the far field has changed.
 
     evaluated_at, x, y, unchanged_distance [D].
@@ -277,7 +286,9 @@ def any_grain_moved(evaluated_at: Array, x: Array, y: Array, grains: int, unchan
 
 
 @compiled(inline=True)
-def store_positions(evaluated_at: Array | None, x: Array, y: Array, grains: int) -> None:
+def store_positions(
+    evaluated_at: Float[Array, "2 m"] | None, x: Float[Array, "m"], y: Float[Array, "m"], grains: int
+) -> None:
     """Store the positions of this evaluation, where they are kept; evaluated_at, x, y [D]."""
     if evaluated_at is not None:
         for i in range(grains):

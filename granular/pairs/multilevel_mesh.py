@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ from granular.pairs.dipole_law import far_part_of_inverse_cube
 from granular.pairs.direct_sum import PARTED_FROM
 from granular.pairs.mesh_convolution import BESIDE, TERMS
 from granular.pairs.simd import WIDTH, pad_to_vectors
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 Samples = NDArray[np.float64]
 
@@ -174,20 +177,20 @@ class MultilevelMesh(NamedTuple):
     """The levels of a mesh, one after another in the same arrays."""
 
     spacing: float  # [D]
-    band_along: np.ndarray
-    band_across: np.ndarray
-    rest_along: np.ndarray
-    rest_across: np.ndarray
-    source: np.ndarray
-    potential: np.ndarray
-    begins: np.ndarray
-    strides: np.ndarray
+    band_along: Float[np.ndarray, "levels groups reach TERMS"]
+    band_across: Float[np.ndarray, "levels groups reach TERMS"]
+    rest_along: Float[np.ndarray, "groups reach TERMS"]
+    rest_across: Float[np.ndarray, "groups reach TERMS"]
+    source: Float[np.ndarray, "p"]
+    potential: Float[np.ndarray, "p"]
+    begins: Int[np.ndarray, "levels+1"]
+    strides: Int[np.ndarray, "levels"]
     margin: int
-    windows: np.ndarray
-    part_sources: np.ndarray
-    reached: np.ndarray
-    rows: np.ndarray
-    points_per_length: np.ndarray | None
+    windows: Int[np.ndarray, "levels 4"]
+    part_sources: Float[np.ndarray, "parts q"]
+    reached: Int[np.ndarray, "parts 2"]
+    rows: Float[np.ndarray, "PARTS r"]
+    points_per_length: Float[np.ndarray, "2"] | None
 
 
 def multilevel_mesh_workspace(
@@ -231,7 +234,9 @@ def multilevel_mesh_workspace(
 
 
 @compiled
-def fit_windows_to_grains(mesh: MultilevelMesh, x: Array, y: Array, grains: int) -> bool:
+def fit_windows_to_grains(
+    mesh: MultilevelMesh, x: Float[Array, "m"], y: Float[Array, "m"], grains: int
+) -> bool:
     """Fit the window of each level to the grains; x, y [D]."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(grains):

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import functools
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,9 @@ from granular.pairs.multilevel_mesh import (
 )
 from granular.pairs.simd import WIDTH, pad_to_vectors
 from granular.pairs.spline_stencil import add_spline_weights, interpolate_with_splines
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 Samples = NDArray[np.float64]
 
@@ -222,7 +226,7 @@ def index_of_first_mesh_point(mesh: MultilevelMesh, level: int) -> int:
 
 
 @compiled
-def copy_periodic_margin(mesh: MultilevelMesh, values: Array, level: int) -> None:
+def copy_periodic_margin(mesh: MultilevelMesh, values: Float[Array, "p"], level: int) -> None:
     """Copy the points on each side of a level to the margin beyond the opposite side."""
     across, up = mesh.windows[level, ACROSS], mesh.windows[level, UP]
     stride, margin, first = mesh.strides[level], mesh.margin, index_of_first_mesh_point(mesh, level)
@@ -258,11 +262,11 @@ def _fold_periodic_margin(mesh: MultilevelMesh, level: int) -> None:
 @compiled
 def spread_on_periodic_mesh(
     mesh: MultilevelMesh,
-    fineness: Array,
-    x: Array,
-    y: Array,
-    amounts: Array | None,
-    order: Array,
+    fineness: Float[Array, "2"],
+    x: Float[Array, "m"],
+    y: Float[Array, "m"],
+    amounts: Float[Array, "m"] | None,
+    order: Int[Array, "m"],
     grains: int,
 ) -> None:
     """Spread amounts of the grains by cubic B-splines on the finest level of a periodic mesh.
@@ -285,7 +289,7 @@ def spread_on_periodic_mesh(
 
 @compiled(inline=True)
 def interpolate_on_periodic_mesh(
-    mesh: MultilevelMesh, fineness: Array, x: float, y: float
+    mesh: MultilevelMesh, fineness: Float[Array, "2"], x: float, y: float
 ) -> tuple[float, float, float]:
     """Potential and derivatives at a point by cubic B-splines [1/D^3, 1/D^4]; fineness [1/D], x, y [D]."""
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]

@@ -5,7 +5,7 @@ Takes the same arguments; runs without compilation when ``NUMBA_DISABLE_JIT=1``.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from granular.pairs.dipole_law import (
 )
 from granular.pairs.disc_law_tables import COMMON, FAR, TERM
 from granular.pairs.grain_arrays import GrainArrays
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 PADDING = 1e60
 """Places of padding grains are beyond [D]; they have no images."""
@@ -58,7 +61,10 @@ def _energy_at_cut_off(arrays: GrainArrays, i: int, j: int, radius: float) -> fl
 
 
 def pure_python_direct_sum(
-    arrays: GrainArrays, buffers: Array | None, threaded: bool | None, periodic_cut_off: Array | None
+    arrays: GrainArrays,
+    buffers: Float[Array, "PARTS 5 m"] | None,
+    threaded: bool | None,
+    periodic_cut_off: Float[Array, "3"] | None,
 ) -> None:
     """Pair forces and sums of all grains, one pair at a time; arrays [D, F*], periodic_cut_off [D]."""
     _clear_all_sums(arrays)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from granular.compiled import Array, compiled
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 
 @compiled
-def sort_by_value(order: Array, values: Array) -> None:
+def sort_by_value(order: Int[Array, "k"], values: Float[Array, "n"]) -> None:
     """Sort numbers of grains by a value of each, smallest first."""
     gap = 1
     while gap < order.size // 9:

@@ -14,6 +14,7 @@ less than the cell is wide and high, so that each pair is met once.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from granular.compiled import Array, compiled
 from granular.pairs.cut_off_vector_loops import IMAGES, RANGES, ROWS
@@ -31,6 +32,9 @@ from granular.pairs.stripes import (
     sort_into_periodic_stripes,
     sort_into_stripes,
 )
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _ROW_COST = 3
 """Cost of two rows besides their partners, in vectors of these."""
@@ -190,7 +194,7 @@ def _lists_are_outdated(stripes: Stripes, x: Array, y: Array, grains: int) -> bo
 
 
 @compiled
-def positions_are_finite(x: Array, y: Array, grains: int) -> bool:
+def positions_are_finite(x: Float[Array, "m"], y: Float[Array, "m"], grains: int) -> bool:
     """Test whether all positions are finite numbers; x, y [D]."""
     odd = 0
     for i in range(grains):

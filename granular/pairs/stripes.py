@@ -7,7 +7,7 @@ a vector may run over its end. See `granular.pairs.stripe_partner_lists` and `gr
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from granular.pairs.cut_off_vector_loops import IMAGES, RANGES, ROWS
 from granular.pairs.direct_sum import PARTED_FROM, PARTS
 from granular.pairs.simd import WIDTH, pad_to_vectors
 from granular.pairs.sorting import sort_by_value
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 LEAST_IN_STRIPE = 8
 """Fewer grains a stripe are not worth one: stripes are made higher, and memory stays bounded."""
@@ -37,29 +40,33 @@ class CutOffSettings(NamedTuple):
 class Stripes(NamedTuple):
     """Grains in stripes, and the runs of partners."""
 
-    x: np.ndarray
-    y: np.ndarray
-    moments: np.ndarray | None
-    weight: np.ndarray | None
-    shift: np.ndarray | None
+    x: Float[np.ndarray, "s"]
+    y: Float[np.ndarray, "s"]
+    moments: Float[np.ndarray, "s"] | None
+    weight: Float[np.ndarray, "s"] | None
+    shift: Float[np.ndarray, "s"] | None
     fx: np.ndarray
     fy: np.ndarray
     stiffness: np.ndarray
     load: np.ndarray | None
-    rows: np.ndarray
-    firsts: np.ndarray
-    lows: np.ndarray
-    ends: np.ndarray
-    slot: np.ndarray
-    order: np.ndarray
-    stripe: np.ndarray
-    begins: np.ndarray
-    partner_ranges: np.ndarray
-    shifts: np.ndarray | None  # displacement of the images of each run's partners [D]
-    cell_offsets: np.ndarray | None  # displacement of each grain from its image within the periodic cell [D]
-    periods: np.ndarray | None  # its sides [D]
-    built: np.ndarray
-    memory: np.ndarray
+    rows: Int[np.ndarray, "parts+1"]
+    firsts: Int[np.ndarray, "parts+1"]
+    lows: Int[np.ndarray, "parts"]
+    ends: Int[np.ndarray, "parts"]
+    slot: Int[np.ndarray, "m"]
+    order: Int[np.ndarray, "m"]
+    stripe: Int[np.ndarray, "m"]
+    begins: Int[np.ndarray, "k"]
+    partner_ranges: Int[np.ndarray, "s/2 RANGES 2"]
+    shifts: (
+        Float[np.ndarray, "s/2 RANGES*IMAGES 2"] | None
+    )  # displacement of the images of each run's partners [D]
+    cell_offsets: (
+        Float[np.ndarray, "2 m"] | None
+    )  # displacement of each grain from its image within the periodic cell [D]
+    periods: Float[np.ndarray, "2"] | None  # its sides [D]
+    built: Float[np.ndarray, "2 m"]
+    memory: Float[np.ndarray, "6"]
 
 
 def _most_stripes(size: int) -> int:

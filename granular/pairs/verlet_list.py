@@ -9,7 +9,7 @@ de Paula's approximation, with its bias. `granular.pairs.stripe_partner_lists` m
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from granular.pairs.grain_arrays import (
     set_forces_to_nan,
     value_or_one,
 )
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 RADIUS, SKIN = 11.26, 4.13
 """De Paula's values, in diameters of the first species."""
@@ -47,8 +50,8 @@ class VerletList(NamedTuple):
     """The listed pairs, and where they were listed."""
 
     pairs: ClosePairs
-    built: np.ndarray
-    memory: np.ndarray
+    built: Float[np.ndarray, "2 m"]
+    memory: Float[np.ndarray, "3"]
 
 
 def verlet_list_workspace(size: int, radius: float) -> VerletList:

@@ -24,7 +24,7 @@ spline.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,6 +33,9 @@ from granular.effects.custom_functions import user_code_error
 from granular.protocol import KINDS
 from granular.protocol.stage import SampledStage
 from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _FUNCTIONS = ("height", "force")
 
@@ -46,7 +49,9 @@ class CustomStage(CustomSection, SampledStage):
         (name,) = self.definition.functions
         return name
 
-    def sample_values_and_slopes(self, times: np.ndarray, height: float) -> np.ndarray:
+    def sample_values_and_slopes(
+        self, times: Float[np.ndarray, "k"], height: float
+    ) -> Float[np.ndarray, "2 k"]:
         """Sample the user's function, and the slopes of the spline through it [m, N, m/s, N/s].
 
         times [s], height [m].

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 STRAIGHT, DESCENT, SINE, TABLE, SPLINE = range(5)
 _NONE = np.zeros(2)
@@ -27,7 +30,9 @@ class Motion(NamedTuple):
     push: float = 0.0  # [F*]
     bias: float = 0.0  # [F*]
     limit: float = math.inf  # [F*]
-    times: np.ndarray | None = None  # times of the table, or equidistant knots of the spline [tau]
+    times: Float[np.ndarray, "k"] | None = (
+        None  # times of the table, or equidistant knots of the spline [tau]
+    )
     heights: np.ndarray | None = None  # heights of the table [D]; of a spline the values, then their slopes
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from granular.schema.formula_parameters import SectionWithFormula
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section, choice_field, quantity, text_field
 from granular.shared.message_text import quote
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 REST_LIMIT = 60.0
 """Longest wait for rest where the stage gives no duration [s]."""
@@ -202,7 +205,9 @@ class SampledStage(Stage):
         """Duration of the stage [s]; height [m]."""
         return self.duration
 
-    def sample_values_and_slopes(self, times: np.ndarray, height: float) -> np.ndarray:
+    def sample_values_and_slopes(
+        self, times: Float[np.ndarray, "k"], height: float
+    ) -> Float[np.ndarray, "2 k"]:
         """Sample the height or force, and its slope.
 
         Parameters
@@ -273,7 +278,9 @@ class FormulaStage(SectionWithFormula, SampledStage):
         """Key of the formula, ``"height"`` or ``"force"``."""
         return self.formula_key
 
-    def sample_values_and_slopes(self, times: np.ndarray, height: float) -> np.ndarray:
+    def sample_values_and_slopes(
+        self, times: Float[np.ndarray, "k"], height: float
+    ) -> Float[np.ndarray, "2 k"]:
         """Sample the formula and its derivative [m, N, m/s, N/s]; times [s], height [m]."""
         given = [self.parameter_value_and_dimension(name)[0] for name, _ in self.values]
         parameter_names = tuple(name for name, _ in self.values)

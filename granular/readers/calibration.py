@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.message_text import quote
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _VALUE = rf"\s*({_NUMBER})\s*(?:(?:\+-|±|\+/-)\s*({_NUMBER})\s*(%(?=\s))?)?\s*"
@@ -39,13 +42,15 @@ _FEWEST_BEYOND = 2
 class Calibration(NamedTuple):
     """A polynomial in a sensor's number, and how well it is known."""
 
-    coefficients: np.ndarray
-    deviations: np.ndarray
+    coefficients: Float[np.ndarray, "k"]
+    deviations: Float[np.ndarray, "m k"]
     raw_unit: str | None
     angle: bool  # whether it gives an angle [rad]
     inside: tuple[float, float] = (-math.inf, math.inf)
 
-    def apply(self, raw: np.ndarray, unit: str | None) -> tuple[np.ndarray, np.ndarray]:
+    def apply(
+        self, raw: Float[np.ndarray, "n"], unit: str | None
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "m n"]]:
         """Convert the numbers of a sensor's column to SI [m; rad]."""
         known = None in (unit, self.raw_unit)
         ratio = 1.0 if known else _unit_ratio(str(unit), str(self.raw_unit), "heading")

@@ -7,7 +7,7 @@ import contextlib
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,9 @@ from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, RecordWarning, SceneError
 from granular.shared.files import report_read_errors as reading_file
 from granular.shared.message_text import quote, sanitize
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 MAX_BYTES = 256 * 2**20
 """Largest file; in text some six million samples: reading takes ten times as much memory."""
@@ -197,7 +200,7 @@ BINARY = {
 # A time and one other column -------------------------------------------------------------------
 
 
-def read_time_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
+def read_time_series(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
     """Read times and numbers of a file in the form of a laboratory record [s]."""
     sheet = read_sheet(path, ReadOptions())
     with _name_file_in_errors(path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from granular.readers.table_cells import LOST, parse_timestamps
 from granular.shared.errors import RecordError
 from granular.shared.message_text import quote, sanitize
 
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
 
 @dataclasses.dataclass(eq=False)
 class Column:
@@ -21,7 +24,7 @@ class Column:
 
     name: str
     unit: str | None
-    values: np.ndarray | None
+    values: Float[np.ndarray, "n"] | None
     wrong: tuple[int, str] | None = None
     clock: str = ""
     channel: bool = False
@@ -32,7 +35,7 @@ class Sheet:
     """A table of a file."""
 
     columns: list[Column]
-    lines: np.ndarray | None
+    lines: Int[np.ndarray, "n"] | None
     header: bool
     form: str
     notes: list[str] = dataclasses.field(default_factory=list)

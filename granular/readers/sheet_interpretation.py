@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.message_text import quote, sanitize
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 TICK = 0.2
 """Fraction of equal neighbours from which on times are taken for rounded to a clock's tick."""
@@ -301,7 +305,7 @@ def _unit_size_in_role(role: str, unit: str | None, angle: bool) -> float:
 # Values ----------------------------------------------------------------------------------------
 
 
-def require_numeric_values(sheet: Sheet, role: str, column: Column) -> np.ndarray:
+def require_numeric_values(sheet: Sheet, role: str, column: Column) -> Float[np.ndarray, "n"]:
     """Return the numbers of a column, and refuse one that holds anything else."""
     if column.values is None:
         if column.wrong is None:
@@ -373,7 +377,9 @@ def _ticks_are_regular(steps: np.ndarray, counts: np.ndarray) -> bool:
     return bool(even.mean() > 0.8 and counts.max() <= 2 * np.median(counts) + 1)
 
 
-def spread_rounded_times(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
+def spread_rounded_times(
+    time: Float[np.ndarray, "n"], notes: Sequence[str] | list[str]
+) -> Float[np.ndarray, "n"]:
     """Spread times that a clock has rounded to its tick evenly between its ticks [s]; time [s]."""
     steps = np.diff(time)
     same = steps == 0.0

@@ -7,13 +7,20 @@ knows no level: good for pictures, frequencies and first guesses, not for fits o
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _SLOW = 0.2  # of the strongest frequency: what is slower is taken out
 _PADDING = 0.5  # periods of the slowest that stays, laid on each end
 
 
-def integrate_without_drift(time: np.ndarray, values: np.ndarray, repeats: int) -> np.ndarray:
+def integrate_without_drift(
+    time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n"], repeats: int
+) -> Float[np.ndarray, "n"]:
     """Integrate a measured signal in time, once or twice, with its slow drift taken out; time [s]."""
     from scipy.integrate import cumulative_trapezoid
     from scipy.signal import butter, sosfiltfilt

@@ -8,7 +8,7 @@ numbers of sides between orange and purple.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.plotting import SIDES
 
+if TYPE_CHECKING:
+    from jaxtyping import Int
+
 SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
 
 
@@ -28,7 +31,7 @@ class ColouringInput(NamedTuple):
 
     frame: BedFrame
     scene: Scene
-    species: np.ndarray
+    species: Int[np.ndarray, "k"]
     cells: VoronoiCells | None
 
 

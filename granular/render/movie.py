@@ -8,7 +8,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from granular.shared.errors import InputError
 from granular.shared.files import check_output_file, write_atomically
 from granular.shared.message_text import quote
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 WIDTH = 960
 """Pixels of a movie; it may be narrower, not wider."""
@@ -205,14 +208,14 @@ FARTHEST = 0.25
 """Greatest distance [diameters] of a grain's path from a straight line between two frames."""
 
 
-def movie_picture_times(times: np.ndarray, speed: float, fps: float) -> np.ndarray:
+def movie_picture_times(times: Float[np.ndarray, "m"], speed: float, fps: float) -> Float[np.ndarray, "n"]:
     """Space the times of a movie's pictures evenly over the run [s]; times [s], fps [1/s]."""
     start, length = float(times[0]), float(times[-1] - times[0])
     return start + speed / fps * np.arange(int(length * fps / speed * (1.0 + 1e-12)) + 1)
 
 
 def interpolate_bed(
-    run: Trajectory, numbers: Sequence[int], times: np.ndarray, bar: str | None = None
+    run: Trajectory, numbers: Sequence[int], times: Float[np.ndarray, "n"], bar: str | None = None
 ) -> Iterator[BedFrame]:
     """Yield the bed at given times between the frames of a run; times [s]."""
     frames = iterate_frames(run, numbers, bar)

@@ -14,12 +14,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from granular.effects.host_structure import Host
 from granular.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from jaxtyping import Complex
 
 
 def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float]:
@@ -33,7 +36,7 @@ def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float
 
 def dynamic_stiffness_of_hanging_mass(
     frequencies: Any, mass: float, spring: float, dashpot: float
-) -> np.ndarray:
+) -> Complex[np.ndarray, "f"]:
     """Dynamic stiffness of a mass that hangs on a spring and a dashpot side by side [N/m].
 
     frequencies [Hz], mass [kg], spring [N/m], dashpot [kg/s].
@@ -45,7 +48,7 @@ def dynamic_stiffness_of_hanging_mass(
     return np.asarray(-(omega**2) * mass * held / (held - omega**2 * mass))
 
 
-def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> np.ndarray:
+def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Complex[np.ndarray, "f n"]:
     """Steady displacement of each body of a linear host over its base, for the host's sine [m].
 
     frequencies [Hz], attached [N/m].
@@ -117,7 +120,7 @@ def linear_host_comparison(
     quantity: str,
     amplitudes: Sequence[float],
     frequencies: Sequence[float],
-    swing: np.ndarray,
+    swing: Complex[np.ndarray, "s f"],
 ) -> dict[str, tuple[str, str, np.ndarray]]:
     """Amplitudes without damper and with tuned mass [m], and its values [kg, N/m, kg/s, W]."""
     omega, mass = math.tau * np.array(frequencies), damper_mass(scene)

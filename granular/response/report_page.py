@@ -17,6 +17,7 @@ from granular.shared.version import versions
 
 if TYPE_CHECKING:
     import xarray
+    from jaxtyping import Float
     from matplotlib.axes import Axes
 
 UNSTEADY = 0.05
@@ -36,7 +37,7 @@ class PageComparison:
     words: str
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
-    frequencies: np.ndarray  # frequencies of the curves [Hz]
+    frequencies: Float[np.ndarray, "f"]  # frequencies of the curves [Hz]
     curves: Mapping[str, Mapping[float, np.ndarray]]  # [m]
     notes: Sequence[str] = ()
 

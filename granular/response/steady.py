@@ -15,13 +15,16 @@ from granular.studies.cases import keep_measure_name
 
 if TYPE_CHECKING:
     import xarray
+    from jaxtyping import Float
 
 FRACTION = 0.4
 """Last part of a sine's duration, in which the swing is taken for steady."""
 LEAST_PERIODS = 4
 
 
-def complex_amplitude(time: np.ndarray, values: np.ndarray, frequency: float) -> complex:
+def complex_amplitude(
+    time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n"], frequency: float
+) -> complex:
     """Complex amplitude A of a signal Im(A exp(i omega t)) + constant + slope t, by least squares.
 
     time [s], frequency [Hz].
@@ -142,8 +145,8 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
 
 
 def swept_amplitudes(
-    time: np.ndarray, values: list[np.ndarray], sweep: tuple[float, float, float], points: int
-) -> tuple[np.ndarray, list[np.ndarray]]:
+    time: Float[np.ndarray, "n"], values: list[np.ndarray], sweep: tuple[float, float, float], points: int
+) -> tuple[Float[np.ndarray, "p"], list[np.ndarray]]:
     """Complex amplitudes in an exponential sweep by local least squares; time [s], sweep [Hz, Hz, s]."""
     low, high, length = sweep
     if points < 2:

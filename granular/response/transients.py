@@ -20,6 +20,7 @@ from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     import pandas
+    from jaxtyping import Float
     from matplotlib.axes import Axes
 
 RUN = "run"
@@ -145,8 +146,8 @@ class ImpulseResponse:
     """Swing of a host after an impulse, and its settling time."""
 
     scene: Scene
-    time: np.ndarray  # since the end of the impulse [s]
-    displacement: np.ndarray  # displacement of the last body from rest [m]
+    time: Float[np.ndarray, "n"]  # since the end of the impulse [s]
+    displacement: Float[np.ndarray, "n"]  # displacement of the last body from rest [m]
     fraction: float
     settling_time: float  # [s]
 
@@ -352,7 +353,7 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
 
 
 def settling_time_of_samples(
-    time: np.ndarray, displacement: np.ndarray, impulse_end: float, fraction: float
+    time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], impulse_end: float, fraction: float
 ) -> float:
     """Time from the end of an impulse until a displacement stays within a fraction of its peak [s].
 

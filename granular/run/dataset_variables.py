@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from granular.effects.wall_side import SIDES
 from granular.engine.columns import column_names_for_laws, energy_column, law_record_column, loss_column
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,8 +139,8 @@ def record_column_names(scene: Scene) -> tuple[str, ...]:
 
 
 def column_in_si(
-    variable: DatasetVariable, rows: np.ndarray, columns: tuple[str, ...], scales: Scales
-) -> np.ndarray:
+    variable: DatasetVariable, rows: Float[np.ndarray, "r columns"], columns: tuple[str, ...], scales: Scales
+) -> Float[np.ndarray, "r"]:
     """Convert a variable from the columns of the records to SI."""
     first, *others = (rows[:, columns.index(word)] for word in variable.column.split(" + "))
     values = sum(others, start=first)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from granular.run.dataset_variables import (
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 @dataclasses.dataclass
 class RecordBuffer:
@@ -37,7 +41,7 @@ class RecordBuffer:
     stages: list[np.ndarray] = dataclasses.field(default_factory=list)
     frames: list[dict[str, np.ndarray]] = dataclasses.field(default_factory=list)
 
-    def add_records(self, rows: np.ndarray, stage: int) -> None:
+    def add_records(self, rows: Float[np.ndarray, "r columns"], stage: int) -> None:
         """Append records of one stage."""
         self.rows.append(rows.copy())
         self.stages.append(np.full(len(rows), stage, dtype=np.int64))
@@ -92,7 +96,7 @@ class RecordBuffer:
             np.concatenate([np.empty(0, dtype=np.int64), *self.stages]),
         )
 
-    def stack_frames(self, name: str, dims: tuple[str, ...]) -> np.ndarray:
+    def stack_frames(self, name: str, dims: tuple[str, ...]) -> Float[np.ndarray, "f ..."]:
         """Join one field of all frames."""
         shape = {"grain": self.count, "axis": 2}
         rest = tuple(shape[dim] for dim in dims[1:])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,6 +36,9 @@ from granular.run.record_buffer import RecordBuffer
 from granular.scene.scene import Scene
 from granular.scene.scene_in_natural_units import SceneInNaturalUnits
 from granular.shared.errors import NotFiniteError, RunError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 ARRANGE = "place the grains apart from each other, inside the walls and below the piston"
 """The remedy for grains that stand where none can be."""
@@ -219,7 +222,7 @@ class RunState:
             return ""
         return f"dt = {self.step.seconds:g} s is {swings:.2g} periods of the stiffest swing: "
 
-    def present_record(self, remedy: str) -> np.ndarray:
+    def present_record(self, remedy: str) -> Float[np.ndarray, "columns"]:
         """Compute the forces, and a record of the present moment."""
         moved = self.progress.start, self.plan, self.state, self.constants, self.motion
         outside = record_present_state(*moved, self.measurement, self._row)
@@ -248,7 +251,7 @@ class RunState:
 
     # The step schedule ---------------------------------------------------------------------------
 
-    def set_step_schedule(self, row: np.ndarray) -> None:
+    def set_step_schedule(self, row: Float[np.ndarray, "columns"]) -> None:
         """Cut the stage into ticks and steps, by the speeds that the bed can reach from its first record."""
         output, scales, gravity = self.scene.output, self.system.scales, self.system.downward_acceleration
         # A grain may still gain what it loses in height.

@@ -22,6 +22,7 @@ from granular.shared.errors import RecordError
 
 if TYPE_CHECKING:
     import xarray
+    from jaxtyping import Float, Int
     from matplotlib.axes import Axes
 
     from granular.shared.html_pages import InteractivePage
@@ -314,7 +315,7 @@ def make_trajectory(
     return Trajectory(scene, data, stages, outcome["complete"], path)
 
 
-def separate_equal_times(times: np.ndarray) -> np.ndarray:
+def separate_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:
     """Shift the later one of two equal times, so that the times of the records increase [s]; times [s]."""
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 0.0):
@@ -322,7 +323,7 @@ def separate_equal_times(times: np.ndarray) -> np.ndarray:
     return result
 
 
-def merge_equal_times(times: np.ndarray) -> np.ndarray:
+def merge_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:
     """Undo `separate_equal_times`: give both records of a jump the same time again [s]; times [s]."""
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 2.0 * _least_time_difference(result[:-1])):
@@ -334,7 +335,7 @@ def _least_time_difference(times: np.ndarray) -> np.ndarray:
     return np.maximum(np.spacing(times), LEAST)
 
 
-def shaken_base_motion(shaking: Shaking, time: np.ndarray) -> dict[str, np.ndarray]:
+def shaken_base_motion(shaking: Shaking, time: Float[np.ndarray, "n"]) -> dict[str, np.ndarray]:
     """Vertical motion of a shaken cell [m, m/s, m/s^2]; time [s]."""
     omega = 2.0 * math.pi * shaking.frequency
     reach = shaking.amplitude * math.sin(shaking.angle)
@@ -347,8 +348,11 @@ def shaken_base_motion(shaking: Shaking, time: np.ndarray) -> dict[str, np.ndarr
 
 
 def outer_force(
-    protocol: Sequence[Stage], starts: Sequence[float], stage: np.ndarray, time: np.ndarray
-) -> np.ndarray:
+    protocol: Sequence[Stage],
+    starts: Sequence[float],
+    stage: Int[np.ndarray, "n"],
+    time: Float[np.ndarray, "n"],
+) -> Float[np.ndarray, "n"]:
     """Force from outside on the free piston in pushed stages, upwards; 0 in stages without one [N].
 
     starts, time [s].

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.field_kinds import FieldError
 from granular.schema.sections import Section, integer_field, points_field, quantity
 from granular.shared.errors import SceneError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
 """Keys of the grid, without meaning if positions are given, with their usual values."""
@@ -75,7 +79,7 @@ def periodic_grid_shape(count: int, width: float, height: float) -> tuple[int, i
 
 def initial_positions_and_velocities(
     plan: Arrangement, grains: Grains, cell: Cell, piston: Piston | None, *, overlapping: bool
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
     """Positions and velocities of the grains at the start [m; m/s]."""
     count = grains.count
     if plan.positions is not None:
@@ -129,7 +133,12 @@ def _grid_positions(
 
 
 def check_positions(
-    positions: np.ndarray, grains: Grains, cell: Cell, piston: Piston | None, *, overlapping: bool
+    positions: Float[np.ndarray, "n 2"],
+    grains: Grains,
+    cell: Cell,
+    piston: Piston | None,
+    *,
+    overlapping: bool,
 ) -> None:
     """Check that all grains stand clear of the walls, the piston and each other; positions [m]."""
     radius = grains.diameters() / 2.0

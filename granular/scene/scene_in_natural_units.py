@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba.core.errors import NumbaError
@@ -25,6 +26,9 @@ from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 
+if TYPE_CHECKING:
+    from jaxtyping import Int
+
 FAR_EVERY = 8
 """Steps from one evaluation of the far field to the next: 0.8 of the inverse of the highest angular
 frequency with the automatic step, well short of resonance with the fastest mode, at pi of it
@@ -43,7 +47,7 @@ class SceneInNaturalUnits:
 
     scales: Scales
     constants: Constants
-    species: np.ndarray
+    species: Int[np.ndarray, "n"]
     effects: tuple[Effect, ...]
 
     @property

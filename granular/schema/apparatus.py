@@ -7,7 +7,7 @@ and what is done to them the protocol.
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from granular.schema.sections import (
     section_list_field,
     text_field,
 )
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 
 class Species(Section):
@@ -114,7 +117,7 @@ class Grains(Section):
         """Fraction of the grains of each species, as the mixing rule really makes it."""
         return tuple(number / max(self.count, 1) for number in self.species_counts())
 
-    def species_indices(self) -> np.ndarray:
+    def species_indices(self) -> Int[np.ndarray, "n"]:
         """Index of the species of each grain, by the mixing rule [D, 4.2.2]."""
         if self.mixing == "every-kth":
             return _species_by_every_kth_rule(self.count, self.species[1].share)
@@ -132,31 +135,31 @@ class Grains(Section):
             counts[k] += 1
         return tuple(counts)
 
-    def diameters(self) -> np.ndarray:
+    def diameters(self) -> Float[np.ndarray, "n"]:
         """Diameter of each grain [m]."""
         return np.array([specy.diameter for specy in self.species])[self.species_indices()]
 
-    def species_values(self, name: str) -> np.ndarray:
+    def species_values(self, name: str) -> Float[np.ndarray, "s"]:
         """Thickness, density or remanence of each species."""
         own = [getattr(specy, name) for specy in self.species]
         return np.array([getattr(self, name) if value is None else value for value in own])
 
-    def masses(self) -> np.ndarray:
+    def masses(self) -> Float[np.ndarray, "n"]:
         """Mass of each grain, a flat cylinder [kg]."""
         sheet = np.pi / 4.0 * self.species_values("density") * self.species_values("thickness")
         value = self.species_indices()
         return np.asarray(sheet[value] * self.diameters() ** 2)
 
-    def mass_ratios(self) -> np.ndarray:
+    def mass_ratios(self) -> Float[np.ndarray, "s"]:
         """Mass of a grain of each species over that of the first."""
         return self._ratios_to_first_species("density")
 
-    def face_area_ratios(self) -> np.ndarray:
+    def face_area_ratios(self) -> Float[np.ndarray, "s"]:
         """Area of a face of a grain of each species over that of the first."""
         diameter = np.array([specy.diameter for specy in self.species])
         return np.asarray((diameter / diameter[0]) ** 2)
 
-    def moment_ratios(self) -> np.ndarray:
+    def moment_ratios(self) -> Float[np.ndarray, "s"]:
         """Magnetic moment of a grain of each species, without spread, over that of the first."""
         return self._ratios_to_first_species("remanence")
 
@@ -164,7 +167,7 @@ class Grains(Section):
         thickness, strength = self.species_values("thickness"), self.species_values(name)
         return self.face_area_ratios() * (thickness / thickness[0]) * (strength / strength[0])
 
-    def moment_spread_factors(self) -> np.ndarray:
+    def moment_spread_factors(self) -> Float[np.ndarray, "n"]:
         """Factor of each grain's moment over its species'."""
         if self.spread == 0.0:
             return np.ones(self.count)
@@ -212,7 +215,7 @@ class Cell(Section):
         """Width and height of a periodic cell [m]; None of a closed one."""
         return None if self.height is None else (self.width, self.height)
 
-    def wrap_positions(self, positions: np.ndarray) -> np.ndarray:
+    def wrap_positions(self, positions: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 2"]:
         """Positions of the images within a periodic cell; as given of a closed one [m]; positions [m]."""
         if self.periods is None:
             return positions
@@ -220,7 +223,9 @@ class Cell(Section):
         # A place just below 0 is rounded to the other side itself.
         return np.asarray(np.where(inside < self.periods, inside, 0.0 * inside))
 
-    def nearest_image_displacements(self, displacements: np.ndarray) -> np.ndarray:
+    def nearest_image_displacements(
+        self, displacements: Float[np.ndarray, "... 2"]
+    ) -> Float[np.ndarray, "... 2"]:
         """Displacements of the nearest images; as given in a closed cell [m]; displacements [m]."""
         if self.periods is None:
             return displacements

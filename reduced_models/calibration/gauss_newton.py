@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from granular.shared.errors import InputError
 from reduced_models.calibration.simulations import RecordFeatures, SceneSimulator, SimulatedPoint
 from reduced_models.fitting.uncertainty import OPEN
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 STRIDE = 0.1
 """Step of the differences, in logarithms."""
@@ -26,7 +29,7 @@ class GaussNewtonResult(NamedTuple):
 
     centre: SimulatedPoint
     estimate: LinearEstimate
-    scatter: np.ndarray
+    scatter: Float[np.ndarray, "d d"]
     simulations: int
     settled: bool
 
@@ -84,13 +87,13 @@ def _normalised_distance(point: SimulatedPoint, wanted: RecordFeatures, scatter:
 class LinearEstimate(NamedTuple):
     """A step of linearised features at a point, and its uncertainty."""
 
-    step: np.ndarray
-    noise: np.ndarray
-    scatter: np.ndarray
-    unknown: np.ndarray
-    information: np.ndarray
-    gain: np.ndarray
-    away: np.ndarray
+    step: Float[np.ndarray, "p"]
+    noise: Float[np.ndarray, "p p"]
+    scatter: Float[np.ndarray, "p p"]
+    unknown: Float[np.ndarray, "p p"]
+    information: Float[np.ndarray, "p p"]
+    gain: Float[np.ndarray, "p d"]
+    away: Float[np.ndarray, "d"]
 
     @property
     def standard_deviations(self) -> np.ndarray:
@@ -99,7 +102,10 @@ class LinearEstimate(NamedTuple):
 
 
 def linear_estimate(
-    centre: SimulatedPoint, slopes: np.ndarray, scatter: np.ndarray, wanted: RecordFeatures
+    centre: SimulatedPoint,
+    slopes: Float[np.ndarray, "starts d p"],
+    scatter: Float[np.ndarray, "d d"],
+    wanted: RecordFeatures,
 ) -> LinearEstimate:
     """Take a weighted Gauss-Newton step on linearised features."""
     starts = len(slopes)

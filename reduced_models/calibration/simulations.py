@@ -11,7 +11,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from reduced_models.fitting.fit import fit
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import noise_level
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 LAW = "polynomial-spring"
 STARTS = 8
 _POOR = 0.5
@@ -36,8 +39,8 @@ class RecordFeatures(NamedTuple):
     """Figures of a record, all above 0."""
 
     names: tuple[str, ...]  # [m, s, N]
-    values: np.ndarray
-    errors: np.ndarray
+    values: Float[np.ndarray, "d"]
+    errors: Float[np.ndarray, "d"]
     notes: tuple[str, ...]
 
 
@@ -116,9 +119,9 @@ def scene_parameter(scene: Scene, key: str) -> SceneParameter:
 class SimulatedPoint(NamedTuple):
     """Simulations with the same parameters."""
 
-    position: np.ndarray
+    position: Float[np.ndarray, "p"]
     records: tuple[PistonRecord, ...]
-    logs: np.ndarray
+    logs: Float[np.ndarray, "starts d"]
     failure: str = ""
 
     @property
@@ -139,7 +142,7 @@ class SceneSimulator:
     force: bool
     settings: Mapping[str, Any]
 
-    def scene_changes(self, position: np.ndarray) -> dict[str, float]:
+    def scene_changes(self, position: Float[np.ndarray, "p"]) -> dict[str, float]:
         """Return the changes of the scene at a position of the search."""
         return {
             parameter.key: float(f"{math.exp(log):.{_DIGITS}g}")

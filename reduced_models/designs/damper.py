@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import warnings
 from numbers import Real
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from granular.scene.published_beds import REFERENCE_COUNT, damper
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 GRAVITY = 9.8
 """[m/s²], as in the packaged scenes."""
@@ -182,7 +185,7 @@ def _check_figures(candidate: DamperCandidate) -> None:
         raise InputError(f"small_share = {quote(fraction)}; give a fraction from 0 to 1")
 
 
-def damper_at_coordinates(coordinates: np.ndarray) -> DamperCandidate:
+def damper_at_coordinates(coordinates: Float[np.ndarray, "4"]) -> DamperCandidate:
     """Damper at a place of the box that the maps cover; its number of grains is rounded [kg, kg/s]."""
     low, high = _logarithmic_coordinates(LOWEST), _logarithmic_coordinates(HIGHEST)
     scaled = low + 0.5 * (np.asarray(coordinates, dtype=float) + 1.0) * (high - low)
@@ -192,7 +195,7 @@ def damper_at_coordinates(coordinates: np.ndarray) -> DamperCandidate:
     return plain._replace(drag=ratio / affine_damping_ratio(plain))
 
 
-def disc_over_dipole_figures(candidate: DamperCandidate) -> np.ndarray:
+def disc_over_dipole_figures(candidate: DamperCandidate) -> Float[np.ndarray, "3"]:
     """Rest height, frequency and damping ratio of discs over those of dipoles, by theory (3,)."""
     from reduced_models.falls.predicted_law import OutsideRangeWarning, predict
 

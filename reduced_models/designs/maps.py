@@ -36,6 +36,7 @@ from reduced_models.designs.study import COMMITTED
 
 if TYPE_CHECKING:
     import pandas
+    from jaxtyping import Float
 
     from granular.shared.html_pages import InteractivePage
 
@@ -55,7 +56,7 @@ _EDGE = 1.01
 class FigureMap(NamedTuple):
     """The map of one figure."""
 
-    coefficients: np.ndarray
+    coefficients: Float[np.ndarray, "terms"]
     error: float
 
 

@@ -20,6 +20,7 @@ from reduced_models.records.first_guesses import noise_level
 
 if TYPE_CHECKING:
     import sympy
+    from jaxtyping import Float
 
 _FUNCTIONS = ("sin", "cos", "exp")
 _MOST_POINTS = 500
@@ -29,7 +30,10 @@ _MOST_NUMBERS = 16
 
 
 def discover_height_formulas(
-    time: np.ndarray, height: np.ndarray, search: SymbolicSearch, height_map: HeightMap
+    time: Float[np.ndarray, "n"],
+    height: Float[np.ndarray, "n"],
+    search: SymbolicSearch,
+    height_map: HeightMap,
 ) -> Discovery:
     """Discover formulas of z in the time t by symbolic regression; time [s], height, height_map [m]."""
     import sympy

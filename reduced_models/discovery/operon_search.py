@@ -21,6 +21,7 @@ from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import sympy
+    from jaxtyping import Float
 
 _ITERATIONS = 10  # of the least squares on the numbers of each new expression
 _EVALUATIONS = 400_000
@@ -36,7 +37,7 @@ def is_operon_installed() -> bool:
 
 def search_expressions_with_operon(
     inputs: Mapping[str, np.ndarray],
-    target: np.ndarray,
+    target: Float[np.ndarray, "n"],
     noise: float,
     functions: Sequence[str] = (),
     effort: float = 1.0,
@@ -72,8 +73,8 @@ def search_expressions_with_operon(
 class ScaledSamples:
     """Samples as a search takes them: its numbers are drawn about 1."""
 
-    matrix: np.ndarray
-    target: np.ndarray
+    matrix: Float[np.ndarray, "n inputs"]
+    target: Float[np.ndarray, "n"]
     names: tuple[str, ...]
     sizes: Mapping[str, float]
     target_size: float
@@ -107,7 +108,7 @@ class ScaledSamples:
         return expressions
 
 
-def scale_samples(inputs: Mapping[str, np.ndarray], target: np.ndarray) -> ScaledSamples:
+def scale_samples(inputs: Mapping[str, np.ndarray], target: Float[np.ndarray, "n"]) -> ScaledSamples:
     """Divide samples by their rms values, as a search takes them."""
     sizes = {name: _typical_size(values) for name, values in inputs.items()}
     matrix = np.stack([values / sizes[name] for name, values in inputs.items()], axis=1)

@@ -29,6 +29,7 @@ from reduced_models.discovery.operon_search import scale_samples
 
 if TYPE_CHECKING:
     import sympy
+    from jaxtyping import Float
 
 COMMANDS = ("pip install 'granular-damper[discover]'", 'python -c "import pysr"')
 """The commands that install PySR, and then Julia with PySR's Julia packages."""
@@ -137,7 +138,7 @@ def pysr_regressor_settings(
 
 def search_expressions_with_pysr(
     inputs: Mapping[str, np.ndarray],
-    target: np.ndarray,
+    target: Float[np.ndarray, "n"],
     noise: float,
     functions: Sequence[str] = (),
     elliptic: bool = False,

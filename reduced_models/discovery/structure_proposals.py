@@ -36,6 +36,7 @@ from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 
 if TYPE_CHECKING:
     import sympy
+    from jaxtyping import Float
 
 _MOST_POINTS = 500  # of a symbolic regression
 _EDGE = 0.02  # of the record at each end, where derivatives are poor
@@ -52,7 +53,11 @@ class SymbolicSearch(NamedTuple):
     seed: int = 0
 
     def find_expressions(
-        self, inputs: Mapping[str, np.ndarray], target: np.ndarray, noise: float, elliptic: bool = False
+        self,
+        inputs: Mapping[str, np.ndarray],
+        target: Float[np.ndarray, "n"],
+        noise: float,
+        elliptic: bool = False,
     ) -> list[sympy.Expr]:
         """Find expressions for a target by symbolic regression."""
         if self.method == "pysr":
@@ -272,7 +277,7 @@ class SparseRegression:
             supports.append(np.flatnonzero(fitted.coef_[0]).tolist())
         return supports
 
-    def inclusion_fractions(self, threshold: float, seed: int) -> np.ndarray:
+    def inclusion_fractions(self, threshold: float, seed: int) -> Float[np.ndarray, "p"]:
         """Fraction of a hundred bootstrap resamples whose sparse fit keeps each term."""
         import pysindy
 

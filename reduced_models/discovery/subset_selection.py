@@ -6,11 +6,15 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from reduced_models.discovery.terms import AnyTerm
 from reduced_models.discovery.weak_form import WeakForm
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 MOST_TERMS = 8
 _RETAINED = 3  # subsets of a size
@@ -23,7 +27,7 @@ class ScoredTerms:
     """A subset of the terms, with what its weak residuals say."""
 
     terms: tuple[AnyTerm, ...]
-    coefficients: np.ndarray
+    coefficients: Float[np.ndarray, "k"]
     misfit: float
     criterion: float
 
@@ -33,7 +37,7 @@ class EquationScorer:
     """The white weak residuals of the records, which weigh any equation."""
 
     weak: WeakForm
-    whitening: np.ndarray
+    whitening: Float[np.ndarray, "q r"]
     excess: float
     library_size: int
 
@@ -100,7 +104,7 @@ def score_subsets(
     return ranked, scorer
 
 
-def normalise_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def normalise_columns(columns: Float[np.ndarray, "n p"]) -> tuple[np.ndarray, np.ndarray]:
     """Divide columns by their Euclidean lengths."""
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     return columns / sizes, sizes
@@ -149,7 +153,7 @@ def _rank_subsets(
 
 
 def eliminate_backward(
-    white_columns: np.ndarray, target: np.ndarray, start: Sequence[int]
+    white_columns: Float[np.ndarray, "q p"], target: Float[np.ndarray, "q"], start: Sequence[int]
 ) -> list[list[int]]:
     """Eliminate terms backward: from a subset the least needed term goes, and so on."""
     columns, _ = normalise_columns(white_columns)

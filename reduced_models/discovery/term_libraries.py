@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from reduced_models.discovery.terms import (
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 from reduced_models.laws.height_map import HeightMap
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 PHYSICAL = "physical"
 """The library without another name: see `reduced_models.discovery.terms.physical_library_terms`."""
@@ -151,7 +154,9 @@ def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
     return ""
 
 
-def term_has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> bool:
+def term_has_pole(
+    term: AnyTerm, z: Float[np.ndarray, "n"], v: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"] | None
+) -> bool:
     """Tell if a term grows without bound between finite samples."""
     last = len(z) - 1
     sizes = np.abs(term.values(z, v, u))

@@ -17,6 +17,7 @@ from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     import sympy
+    from jaxtyping import Float
 
 INPUT = "u"
 
@@ -90,11 +91,13 @@ class CustomTerm:
         factor = sympy.cancel(self.expression / v)
         return None if self.is_speed_independent or factor.has(v) or factor.has(u) else factor
 
-    def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    def values(
+        self, z: Float[np.ndarray, "n"], v: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"] | None
+    ) -> Float[np.ndarray, "n"]:
         """Values of the term at samples."""
         return _evaluate_term(self.expression, z, v, u)
 
-    def antiderivative(self, z: np.ndarray) -> np.ndarray:
+    def antiderivative(self, z: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """Antiderivative G(z) of a term G'(z) z', whose rate the term is, from the least sample on."""
         order = np.argsort(z)
         steps = np.diff(z[order], prepend=z[order[:1]])
@@ -104,15 +107,19 @@ class CustomTerm:
         areas_below[order] = np.cumsum(areas)
         return areas_below
 
-    def height_factor(self, z: np.ndarray) -> np.ndarray:
+    def height_factor(self, z: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """Factor G'(z) of a term G'(z) z'."""
         return _evaluate_term(self._height_factor, z, z, None)
 
-    def derivative_by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    def derivative_by_height(
+        self, z: Float[np.ndarray, "n"], v: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"] | None
+    ) -> Float[np.ndarray, "n"]:
         """Compute the derivative of the term by z at samples; that of a jump is left out."""
         return _evaluate_term(_term_derivative(self.expression, 0), z, v, u)
 
-    def derivative_by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    def derivative_by_speed(
+        self, z: Float[np.ndarray, "n"], v: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"] | None
+    ) -> Float[np.ndarray, "n"]:
         """Compute the derivative of the term by z' at samples; that of a jump is left out."""
         return _evaluate_term(_term_derivative(self.expression, 1), z, v, u)
 
@@ -234,7 +241,9 @@ class Term(NamedTuple):
             motion = sympy.Abs(v) ** self.speed
         return z**self.power * motion * (u if self.has_input else 1)
 
-    def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    def values(
+        self, z: Float[np.ndarray, "n"], v: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"] | None
+    ) -> Float[np.ndarray, "n"]:
         """Values of the term at samples."""
         product = z**self.power * np.abs(v) ** self.speed
         if self.odd:
@@ -345,6 +354,11 @@ def complexity(expression: sympy.Expr) -> int:
     return sum(1 for _ in sympy.preorder_traversal(expression))
 
 
-def term_columns(terms: Sequence[AnyTerm], z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+def term_columns(
+    terms: Sequence[AnyTerm],
+    z: Float[np.ndarray, "n"],
+    v: Float[np.ndarray, "n"],
+    u: Float[np.ndarray, "n"] | None,
+) -> Float[np.ndarray, "n p"]:
     """Values of several terms at samples, a column each."""
     return np.stack([term.values(z, v, u) for term in terms], axis=1)

@@ -28,6 +28,7 @@ from reduced_models.records.inputs import input_column
 
 if TYPE_CHECKING:
     import sympy
+    from jaxtyping import Float
 
 _HALF_WIDTH = 0.4  # of a bump, in periods
 _SPACING = 0.25  # of bumps, in half-widths
@@ -40,12 +41,12 @@ _RANK = 1e-10
 class SmoothedMotion(NamedTuple):
     """A recorded motion with estimates of its derivatives and noise."""
 
-    time: np.ndarray
-    z: np.ndarray
-    smooth: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    drive: np.ndarray | None
+    time: Float[np.ndarray, "n"]
+    z: Float[np.ndarray, "n"]
+    smooth: Float[np.ndarray, "n"]
+    velocity: Float[np.ndarray, "n"]
+    acceleration: Float[np.ndarray, "n"]
+    drive: Float[np.ndarray, "n"] | None
     noise: float
     acceleration_noise: float
     period: float
@@ -68,9 +69,9 @@ class MotionIntegrals:
     bump: Any
     slope: Any
     curvature: Any
-    target: np.ndarray
+    target: Float[np.ndarray, "r"]
 
-    def term_integrals(self, term: AnyTerm) -> np.ndarray:
+    def term_integrals(self, term: AnyTerm) -> Float[np.ndarray, "r"]:
         """Integrals of a term against the bumps.
 
         A term G'(z) z' is integrated by parts, so that it needs no z' (Messenger & Bortz 2021,
@@ -92,7 +93,7 @@ class MotionIntegrals:
         z = motion.z if term.is_speed_independent else motion.smooth
         return np.asarray(self.bump @ term.values(z, motion.velocity, motion.drive))
 
-    def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
+    def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> Float[np.ndarray, "r p"]:
         """Integrals of several terms against the bumps.
 
         Parameters
@@ -107,7 +108,7 @@ class MotionIntegrals:
         """
         return np.stack([self.term_integrals(term) for term in terms], axis=1)
 
-    def expression_integrals(self, expression: sympy.Expr) -> np.ndarray:
+    def expression_integrals(self, expression: sympy.Expr) -> Float[np.ndarray, "r"]:
         """Integrals of any expression in z, z' and the input against the bumps.
 
         Parameters
@@ -123,7 +124,7 @@ class MotionIntegrals:
         motion = self.motion
         return np.asarray(self.bump @ evaluate_along_motion(expression, motion))
 
-    def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
+    def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]) -> Any:
         """Compute the derivatives of an equation's weak residuals by the noise of each sample of z.
 
         To first order in the noise (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
@@ -160,7 +161,9 @@ class MotionIntegrals:
         rate = np.gradient(by_speed, motion.time) - term.derivative_by_height(*here)
         return self.slope.multiply(by_speed) + self.bump.multiply(rate)
 
-    def whitening_matrix(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
+    def whitening_matrix(
+        self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]
+    ) -> Float[np.ndarray, "q r"]:
         """Matrix that makes the weak residuals of an equation white, of unit variance.
 
         Inverse square root of their covariance on its numerical range (Bortz, Messenger & Dukic 2023,
@@ -206,15 +209,17 @@ class WeakForm:
         """Integrals of z'' (or of the force) against all bumps, float64 (r,), in the unit of z over s."""
         return np.concatenate([part.target for part in self.parts])
 
-    def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
+    def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> Float[np.ndarray, "r p"]:
         """Integrals of several terms against the bumps of all motions."""
         return np.concatenate([part.term_integral_matrix(terms) for part in self.parts])
 
-    def expression_integrals(self, expression: sympy.Expr) -> np.ndarray:
+    def expression_integrals(self, expression: sympy.Expr) -> Float[np.ndarray, "r"]:
         """Integrals of any expression in z, z' and the input against the bumps of all motions."""
         return np.concatenate([part.expression_integrals(expression) for part in self.parts])
 
-    def whitening_matrix(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
+    def whitening_matrix(
+        self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]
+    ) -> Float[np.ndarray, "q r"]:
         """Matrix that makes the weak residuals of all motions white, of unit variance."""
         from scipy.linalg import block_diag
 
@@ -259,7 +264,7 @@ def _motion_integrals(motion: SmoothedMotion) -> MotionIntegrals:
     return MotionIntegrals(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
 
 
-def evaluate_along_motion(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
+def evaluate_along_motion(expression: sympy.Expr, motion: SmoothedMotion) -> Float[np.ndarray, "n"]:
     """Values of an expression along a motion."""
     function = compile_function(state_symbols(), expression)
     drive = 0.0 if motion.drive is None else motion.drive
@@ -312,7 +317,7 @@ class ForceIntegrals(MotionIntegrals):
 
     deviation: float
 
-    def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
+    def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]) -> Any:
         """Compute the derivatives of the weak residuals by the force's noise, in units of the motion's."""
         return self.bump * (self.deviation / self.motion.noise)
 

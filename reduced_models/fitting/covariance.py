@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,9 @@ from reduced_models.least_squares.residuals import (
     remove_random_walk,
 )
 
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
 LEAST_DOF = 2.0
 _AS_NOISY = 1.5  # times the variance of another record
 _RESOLVED = 1e-12  # of the greatest strength, a thousand times the rounding of an eigenvalue
@@ -43,11 +46,11 @@ _ROUNDS = 10  # of reweighting, for a middle
 class FitStatistics(NamedTuple):
     """Information of the data on a record's search vector, at the minimum of a fit."""
 
-    normal: np.ndarray
-    covariance: np.ndarray
+    normal: Float[np.ndarray, "p p"]
+    covariance: Float[np.ndarray, "p p"]
     residuals: tuple[np.ndarray, ...]
     fitted: int
-    free: np.ndarray
+    free: Bool[np.ndarray, "p"]
     independent: float
 
     @property
@@ -76,8 +79,8 @@ def joint_covariance(
     losses: Sequence[Loss],
     noise: Sequence[float | None],
     entries: Entries,
-    held: np.ndarray,
-) -> tuple[np.ndarray, float]:
+    held: Bool[np.ndarray, "q"],
+) -> tuple[Float[np.ndarray, "q q"], float]:
     """Covariance (q, q) of a joint search vector, and the number of independent samples."""
     size = len(held)
     free = np.flatnonzero(~held)
@@ -111,7 +114,9 @@ def joint_covariance(
     return result, independent
 
 
-def shifts_by_calibration_errors(joint: JointRecords, theta: np.ndarray) -> np.ndarray:
+def shifts_by_calibration_errors(
+    joint: JointRecords, theta: Float[np.ndarray, "q"]
+) -> Float[np.ndarray, "m q"]:
     """Shifts (m, q) of a joint search vector by what sensors' calibrations leave open."""
     size = len(joint.held_entries)
     free = np.flatnonzero(~joint.held_entries)
@@ -133,7 +138,7 @@ def shifts_by_calibration_errors(joint: JointRecords, theta: np.ndarray) -> np.n
     return result
 
 
-def stratified_normal_draws(shape: tuple[int, int], seed: int) -> np.ndarray:
+def stratified_normal_draws(shape: tuple[int, int], seed: int) -> Float[np.ndarray, "count columns"]:
     """Return standard normal numbers, each column with the quantiles of the normal law."""
     from scipy.stats import norm
 
@@ -151,7 +156,9 @@ def _record_variance_weights(residuals: Sequence[np.ndarray]) -> np.ndarray:
     return np.asarray((levels * counts).sum() / counts.sum() / levels)
 
 
-def sandwich_covariance(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarray:
+def sandwich_covariance(
+    bread: Float[np.ndarray, "p p"], spread: Float[np.ndarray, "p p"], variance: float
+) -> Float[np.ndarray, "p p"]:
     """Covariance (p, p) from the curvature of the loss and the spread of its gradient, both (p, p)."""
     # Scaled to a unit diagonal first. In directions that the bread hardly holds, the spread is lost
     # in its own rounding, with either sign: they keep the variance of a mean of the residuals, and
@@ -166,7 +173,9 @@ def sandwich_covariance(bread: np.ndarray, spread: np.ndarray, variance: float) 
     return np.asarray((directions @ result @ directions.T) * np.outer(scale, scale))
 
 
-def marginal_information(normal: np.ndarray, entries: np.ndarray, free: np.ndarray) -> np.ndarray:
+def marginal_information(
+    normal: Float[np.ndarray, "q q"], entries: Int[np.ndarray, "p"], free: Bool[np.ndarray, "q"]
+) -> Float[np.ndarray, "p p"]:
     """Information (p, p) on some entries of a search vector, the others that are free left open."""
     others = np.setdiff1d(np.flatnonzero(free), entries)
     if not len(others):
@@ -176,7 +185,9 @@ def marginal_information(normal: np.ndarray, entries: np.ndarray, free: np.ndarr
     return np.asarray(normal[np.ix_(entries, entries)] - cross @ inner @ cross.T)
 
 
-def bootstrap_replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) -> np.ndarray:
+def bootstrap_replicates(
+    joint: JointRecords, theta: Float[np.ndarray, "p"], count: int, seed: int
+) -> Float[np.ndarray, "count p"]:
     """Search vectors (count, p) fitted to resampled records."""
     random = np.random.default_rng(seed)
     residuals = joint.residuals(theta)
@@ -224,7 +235,7 @@ def _residual_resampler(
     return draw
 
 
-def robust_location(values: np.ndarray, loss: Loss) -> float:
+def robust_location(values: Float[np.ndarray, "n"], loss: Loss) -> float:
     """Location of the least loss of values, which outliers do not move as they move the mean."""
     result = 0.0
     for _ in range(_ROUNDS):

@@ -12,7 +12,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -41,6 +41,9 @@ from reduced_models.least_squares.stroke import (
     stroke_of_record,
 )
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 jnp = jax.numpy
 
 _DRAWS = 256
@@ -66,9 +69,9 @@ class ScaledStrokeData(NamedTuple):
     """A record as compiled code takes it: forces count in their size, parameters in their units."""
 
     stroke: Stroke
-    force: np.ndarray
-    weight: np.ndarray
-    units: np.ndarray
+    force: Float[np.ndarray, "n"]
+    weight: Float[np.ndarray, "n"]
+    units: Float[np.ndarray, "p"]
     size: float  # [N]
 
 
@@ -114,7 +117,9 @@ class ForceFitProblem:
             forces=tuple(force[::every] for force in self.forces),
         )
 
-    def scaled_strokes(self, strokes: Sequence[Stroke], units: np.ndarray) -> list[ScaledStrokeData]:
+    def scaled_strokes(
+        self, strokes: Sequence[Stroke], units: Float[np.ndarray, "p"]
+    ) -> list[ScaledStrokeData]:
         """Return each record as compiled code takes it."""
         size = self.stroke_speed_and_force_scales[2]
         pairs = zip(strokes, self.forces, strict=True)
@@ -127,7 +132,7 @@ class ForceFitProblem:
         """Stroke of each record."""
         return [stroke_of_record(record, self.field, travel) for record in self.records]
 
-    def search_bounds(self, units: np.ndarray) -> Edges:
+    def search_bounds(self, units: Float[np.ndarray, "p"]) -> Edges:
         """Least and greatest entries of the search vector."""
         size = 1 + int(self.search_vector_entries[-1].max())
         edges = np.full((2, size), [[-np.inf], [np.inf]])
@@ -152,7 +157,7 @@ class ForceFitProblem:
         )
 
     def linearised_residuals(
-        self, data: Sequence[ScaledStrokeData], theta: np.ndarray
+        self, data: Sequence[ScaledStrokeData], theta: Float[np.ndarray, "q"]
     ) -> list[tuple[np.ndarray, np.ndarray]]:
         """Residuals (n,) of each record in units of the force's size, and their derivatives (n, p)."""
         function = self._compiled_functions()[1]
@@ -206,8 +211,8 @@ def _compile_normal_equations(
 class ForceSearchResult(NamedTuple):
     """Result of a search."""
 
-    theta: np.ndarray
-    units: np.ndarray
+    theta: Float[np.ndarray, "q"]
+    units: Float[np.ndarray, "p"]
     data: list[ScaledStrokeData]
     starts: int
     converged: int

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from reduced_models.records.held_out_swings import choose_test_swings
 from reduced_models.records.inputs import Interpolation
 from reduced_models.records.sensor import Sensor
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Pairs = Mapping[str, tuple[float, float]]
 Intervals = Literal["linear", "bootstrap", "profile"]
@@ -39,7 +42,7 @@ class TrainingData(NamedTuple):
     test_swings: tuple[slice, ...]
     look: PistonRecord
     guess: FirstGuesses
-    weights: np.ndarray
+    weights: Float[np.ndarray, "n"]
     noise: float  # [m]
     fixed: Mapping[str, float] = {}
 
@@ -102,7 +105,7 @@ class FitProblem:
 def split_training_data(
     record: PistonRecord,
     test_fraction: float,
-    weights: np.ndarray | None = None,
+    weights: Float[np.ndarray, "n"] | None = None,
     noise: float | None = None,
     loss: LossName = "linear",
     fixed: Mapping[str, float] | None = None,

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from reduced_models.fitting.covariance import sandwich_covariance
 from reduced_models.fitting.uncertainty import Interval, intervals_between, search_entry_names
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 FAR = math.log(1e6)
 """An entry of the search vector that may go so far is not bounded by the data."""
@@ -32,7 +36,7 @@ _FIRST = 1.0  # longest first reach: further out, the linearisation is no guide
 
 
 def profile_intervals(
-    joint: JointRecords, theta: np.ndarray, covariance: np.ndarray, quantile: float
+    joint: JointRecords, theta: Float[np.ndarray, "q"], covariance: Float[np.ndarray, "q q"], quantile: float
 ) -> list[dict[str, Interval]]:
     """Profile intervals of each record's parameters and map."""
     unknowns = joint.unknowns
@@ -48,10 +52,10 @@ def profile_intervals(
 
 def profile_interval_ends(
     joint: JointRecords,
-    theta: np.ndarray,
+    theta: Float[np.ndarray, "p"],
     entries: Sequence[int],
-    covariance: np.ndarray,
-    variance: np.ndarray,
+    covariance: Float[np.ndarray, "p p"],
+    variance: Float[np.ndarray, "p"],
     quantile: float,
 ) -> Bounds:
     """Return ends of profile intervals: infinite where the data bound no entry, else NaN."""

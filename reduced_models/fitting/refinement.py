@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,6 +29,9 @@ from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreei
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, cost_and_weight, record_on_grid
 from reduced_models.least_squares.samples import grid_over_record
 from reduced_models.records.inputs import StepGrid, has_inputs_besides_time, input_column
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 FIRST_SWINGS = 2.0
 """Swings that a search sees first."""
@@ -53,15 +57,15 @@ class SearchResult:
 
     problem: FitProblem
     joint: JointRecords
-    trained: np.ndarray
-    theta: np.ndarray
+    trained: Float[np.ndarray, "q"]
+    theta: Float[np.ndarray, "q"]
     converged: int
     cost: float
     coarse_cost: float
     collocation: str = "none"
     solver_errors: tuple[float, ...] = ()
 
-    def with_training_fit(self, joint: JointRecords, trained: np.ndarray) -> SearchResult:
+    def with_training_fit(self, joint: JointRecords, trained: Float[np.ndarray, "q"]) -> SearchResult:
         """Return the result with another fit to the training stretches."""
         return dataclasses.replace(self, joint=joint, trained=trained, theta=trained)
 

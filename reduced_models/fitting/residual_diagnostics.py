@@ -10,9 +10,12 @@ parameter's interval depends on: hum at another frequency does not widen it.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _MOST_LAGS = 40
 _WINDOW = 5.0  # of the autocorrelation time, Sokal's rule
@@ -31,7 +34,10 @@ _MOST_OF_IT = 0.5  # of all squared residuals, that a transient holds at least
 
 
 def diagnose_residuals(
-    time: np.ndarray, residuals: np.ndarray, velocity: np.ndarray, period: float
+    time: Float[np.ndarray, "n"],
+    residuals: Float[np.ndarray, "n"],
+    velocity: Float[np.ndarray, "n"],
+    period: float,
 ) -> dict[str, float]:
     """Structure of residuals, as fields of `reduced_models.models.quality.Quality` [s].
 
@@ -59,7 +65,7 @@ def diagnose_residuals(
     }
 
 
-def ljung_box_p_value(residuals: np.ndarray) -> float:
+def ljung_box_p_value(residuals: Float[np.ndarray, "n"]) -> float:
     """Probability that white noise is correlated at least as much as residuals that are not all zero."""
     from scipy.stats import chi2
 
@@ -71,7 +77,7 @@ def ljung_box_p_value(residuals: np.ndarray) -> float:
     return float(chi2.sf(box, lags))
 
 
-def autocorrelation_time(values: np.ndarray) -> float:
+def autocorrelation_time(values: Float[np.ndarray, "n"]) -> float:
     """Integrated autocorrelation time, in samples; at least 1."""
     count = len(values)
     centred = values - values.mean()
@@ -102,7 +108,7 @@ def _runs_test_score(residuals: np.ndarray) -> float:
 class Autoregression(NamedTuple):
     """Residuals as a sum of former ones and of something new."""
 
-    weights: np.ndarray
+    weights: Float[np.ndarray, "k"]
     variance: float
 
     @property
@@ -110,17 +116,17 @@ class Autoregression(NamedTuple):
         """Weights (k + 1,) that leave what is new of a residual and the ones before it."""
         return np.concatenate([[1.0], -self.weights])
 
-    def power_spectrum(self, size: int) -> np.ndarray:
+    def power_spectrum(self, size: int) -> Float[np.ndarray, "size//2+1"]:
         """Power (size//2 + 1,) at the frequencies of a real transform of that size."""
         return np.asarray(self.variance / np.abs(np.fft.rfft(self.whitening_filter, size)) ** 2)
 
-    def innovations(self, residuals: np.ndarray) -> np.ndarray:
+    def innovations(self, residuals: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n-k"]:
         """Return the new part of residuals (n,), from the first that has enough before it on."""
         result = np.convolve(residuals, self.whitening_filter)[: len(residuals)]
         return np.asarray(result[len(self.weights) :])
 
 
-def fit_autoregression(residuals: np.ndarray) -> Autoregression:
+def fit_autoregression(residuals: Float[np.ndarray, "n"]) -> Autoregression:
     """Autoregression of residuals (n,) about zero."""
     count = len(residuals)
     power = float((residuals**2).mean())
@@ -156,7 +162,7 @@ def _correct_autoregression_bias(autoregression: Autoregression, count: int) -> 
     return autoregression._replace(weights=np.array([weight + min((1.0 + 3.0 * weight) / count, least)]))
 
 
-def gradient_covariance(slopes: np.ndarray, noise: Autoregression) -> np.ndarray:
+def gradient_covariance(slopes: Float[np.ndarray, "n p"], noise: Autoregression) -> Float[np.ndarray, "p p"]:
     """Covariance J'SJ of a gradient, for slopes J and the covariance S of the residuals."""
     from scipy.fft import next_fast_len, rfft
 
@@ -169,7 +175,9 @@ def gradient_covariance(slopes: np.ndarray, noise: Autoregression) -> np.ndarray
     return np.asarray(((weight * lines) @ lines.conj().T).real / size)
 
 
-def count_release_transient_samples(time: np.ndarray, left: np.ndarray, period: float) -> int:
+def count_release_transient_samples(
+    time: Float[np.ndarray, "n"], left: Float[np.ndarray, "n"], period: float
+) -> int:
     """Return how many samples after a release hold what it stirred up besides the swing; time, period [s]."""
     first, third = np.searchsorted(time, time[0] + period * np.array([1.0, 3.0]))
     if third >= len(time) or first < 2:

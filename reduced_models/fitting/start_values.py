@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from reduced_models.records.derivatives import fit_local_cubics
 from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses
 from reduced_models.records.inputs import input_column, interpolate_inputs
 from reduced_models.records.sensor import Sensor
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _NODES = 160
 _DRAWS = 96  # a frequency in the law has a narrow valley, that few of them fall into
@@ -73,8 +76,12 @@ def start_values(
 
 
 def fit_to_accelerations(
-    law: Law, guess: FirstGuesses, record: PistonRecord, values: np.ndarray, bounds: Pairs | None = None
-) -> np.ndarray:
+    law: Law,
+    guess: FirstGuesses,
+    record: PistonRecord,
+    values: Float[np.ndarray, "p"],
+    bounds: Pairs | None = None,
+) -> Float[np.ndarray, "p"]:
     """Parameters (p,) of a law without hidden states from accelerations in a record alone."""
     units = np.where(np.abs(values) > 0.0, values, 1.0)
     draws = _random_draws(law, guess, np.random.default_rng(0), _OTHER_DRAWS, bounds)
@@ -193,7 +200,7 @@ def _hidden_starts(
 
 
 def acceleration_function(
-    law: Law, motion: np.ndarray, drive: np.ndarray
+    law: Law, motion: Float[np.ndarray, "4 n"], drive: Float[np.ndarray, "n inputs"]
 ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Return a function of parameters that gives accelerations along a motion, and the last hidden states.
 
@@ -275,7 +282,7 @@ def start_vectors(
     random: np.random.Generator,
     near: Mapping[str, float] | None = None,
     bounds: Pairs | None = None,
-) -> np.ndarray:
+) -> Float[np.ndarray, "count p"]:
     """Start vectors (count, p) of a search, from a record and its first guesses."""
     if unknowns.map is not None:
         shift, scale = unknowns.map.shift, unknowns.map.scale
@@ -292,7 +299,9 @@ def start_vectors(
     return append_initial_state(unknowns, data, search_entries_from_draws(unknowns, draws))
 
 
-def append_initial_state(unknowns: Unknowns, data: TrainingData, free: np.ndarray) -> np.ndarray:
+def append_initial_state(
+    unknowns: Unknowns, data: TrainingData, free: Float[np.ndarray, "count k"]
+) -> Float[np.ndarray, "count p"]:
     """Parameters and map (count, k) with the initial state of record and sensor behind them."""
     count, guess = len(free), data.guess
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
@@ -315,7 +324,9 @@ def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
     return [1.0] * gain_is_open + [offset] * offset_is_open + states
 
 
-def search_entries_from_draws(unknowns: Unknowns, draws: Mapping[str, np.ndarray]) -> np.ndarray:
+def search_entries_from_draws(
+    unknowns: Unknowns, draws: Mapping[str, np.ndarray]
+) -> Float[np.ndarray, "count k"]:
     """Entries (count, k) of search vectors, initial states left out, of parameters and map."""
     result = [
         np.log(draws[name]) if name in unknowns.law.positive else draws[name] / unit

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from reduced_models.laws.linearization import JUMPS, NoSwing, harmonic_cycles, l
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.models.quality import ParameterDirection
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Interval = tuple[float, float]
 
@@ -34,11 +38,11 @@ _MOST_VARIANCE = 1e99  # of what the data leave open
 
 def interval_analysis(
     unknowns: Unknowns,
-    theta: np.ndarray,
+    theta: Float[np.ndarray, "p"],
     known: FitStatistics,
     confidence: float,
     seen: tuple[float, float],
-    shifts: np.ndarray,
+    shifts: Float[np.ndarray, "m p"],
 ) -> tuple[dict[str, Interval], AtRest | NoSwing, tuple[ParameterDirection, ...]]:
     """Intervals of a fit, its small swing at rest, and the directions that the data leave open; seen [m]."""
     quantile = known.student_quantile(confidence)
@@ -54,7 +58,11 @@ def interval_analysis(
 
 
 def bootstrap_intervals(
-    unknowns: Unknowns, replicates: np.ndarray, theta: np.ndarray, confidence: float, known: FitStatistics
+    unknowns: Unknowns,
+    replicates: Float[np.ndarray, "k p"],
+    theta: Float[np.ndarray, "p"],
+    confidence: float,
+    known: FitStatistics,
 ) -> dict[str, Interval]:
     """Percentile intervals from search vectors (k, p) that were fitted to resampled records."""
     from scipy.stats import norm
@@ -78,7 +86,9 @@ def widen_to_linear_intervals(
     }
 
 
-def intervals_between(unknowns: Unknowns, low: np.ndarray, high: np.ndarray) -> dict[str, Interval]:
+def intervals_between(
+    unknowns: Unknowns, low: Float[np.ndarray, "p"], high: Float[np.ndarray, "p"]
+) -> dict[str, Interval]:
     """Intervals between two search vectors (p,)."""
     names, _, logs = search_entry_names(unknowns, low)
     return {
@@ -90,7 +100,9 @@ def intervals_between(unknowns: Unknowns, low: np.ndarray, high: np.ndarray) -> 
     }
 
 
-def search_entry_names(unknowns: Unknowns, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:
+def search_entry_names(
+    unknowns: Unknowns, theta: Float[np.ndarray, "p"]
+) -> tuple[list[str], Float[np.ndarray, "k"], list[bool]]:
     """Names of parameters and map, their entries of a search vector, and which are logarithms."""
     law = unknowns.law
     names = [*law.parameters]
@@ -139,8 +151,8 @@ def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: FitStatist
 
 
 def physical_covariance(
-    unknowns: Unknowns, theta: np.ndarray, covariance: np.ndarray
-) -> tuple[tuple[str, ...], np.ndarray]:
+    unknowns: Unknowns, theta: Float[np.ndarray, "p"], covariance: Float[np.ndarray, "p p"]
+) -> tuple[tuple[str, ...], Float[np.ndarray, "k k"]]:
     """Names and covariance (p, p), in their units, of law, map and start of a record's motion."""
     names, values, logs = search_entry_names(unknowns, theta)
     units = [
@@ -154,7 +166,9 @@ def physical_covariance(
     return (*names, "height", "velocity", *hidden), result
 
 
-def undetermined_directions(names: Sequence[str], information: np.ndarray) -> tuple[ParameterDirection, ...]:
+def undetermined_directions(
+    names: Sequence[str], information: Float[np.ndarray, "p p"]
+) -> tuple[ParameterDirection, ...]:
     """Directions that an information matrix (p, p) on logarithms leaves open."""
     if not len(information):
         return ()
@@ -256,7 +270,7 @@ def _damping_at_two_amplitudes(
     return np.vstack([result.damping_ratio, friction])
 
 
-def small_motion_figures(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | NoSwing:
+def small_motion_figures(unknowns: Unknowns, theta: Float[np.ndarray, "p"]) -> np.ndarray | NoSwing:
     """Rest height, period and damping ratio; the reason where there is no stable level of rest [m, s]."""
     values, shift, scale, *_ = unknowns.physical_values(theta)
     result = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)

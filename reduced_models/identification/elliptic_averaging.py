@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from reduced_models.laws.elliptic_motion import (
 )
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.envelope import envelope
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _BENT = 0.01
 """Least m: below it the motion is a cosine."""
@@ -81,7 +84,7 @@ class EllipticAveraging(NamedTuple):
         )
 
 
-def average_elliptically(model: ReducedModel, time: np.ndarray) -> EllipticAveraging | None:
+def average_elliptically(model: ReducedModel, time: Float[np.ndarray, "n"]) -> EllipticAveraging | None:
     """Amplitude and frequency of a fitted law by elliptic averaging, next to those of its own solution.
 
     time [s].

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from reduced_models.fitting.residual_diagnostics import (
     diagnose_residuals,
 )
 from reduced_models.models.model import ReducedModel
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 SURE = 1e-3
 """Probability below which residuals are no white noise."""
@@ -70,7 +73,10 @@ class ResidualTests:
 
 
 def residual_tests(
-    model: ReducedModel, time: np.ndarray, height: np.ndarray, model_heights: np.ndarray
+    model: ReducedModel,
+    time: Float[np.ndarray, "n"],
+    height: Float[np.ndarray, "n"],
+    model_heights: Float[np.ndarray, "n"],
 ) -> ResidualTests:
     """Test the residuals of a model on the record that it was fitted to; time [s], height [m, rad]."""
     residuals = height - model_heights

@@ -18,13 +18,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _POINTS = 32  # of a quarter period, for the means
 _ALONG = 101  # heights of a swing at which the damping is looked at
@@ -107,8 +110,8 @@ OSCILLATORS: Mapping[str, Callable[[Mapping[str, float], HeightMap], DuffingVanD
 
 
 def averaged_amplitude(
-    time: np.ndarray, amplitude: float, oscillator: DuffingVanDerPolOscillator
-) -> np.ndarray:
+    time: Float[np.ndarray, "n"], amplitude: float, oscillator: DuffingVanDerPolOscillator
+) -> Float[np.ndarray, "n"]:
     """Amplitudes (n,) [m] at increasing times (n,) [s], from that at the first; time [s], amplitude [m]."""
     from scipy.integrate import solve_ivp
 
@@ -123,7 +126,9 @@ def averaged_amplitude(
     return np.asarray(ivp.y[0])
 
 
-def averaged_frequency(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> np.ndarray:
+def averaged_frequency(
+    amplitude: Float[np.ndarray, "n"], oscillator: DuffingVanDerPolOscillator
+) -> Float[np.ndarray, "n"]:
     """Backbone (n,) [Hz] at amplitudes (n,) [m]; amplitude [m]."""
     from scipy.special import ellipk
 
@@ -138,7 +143,7 @@ def greatest_damping_over_rate(amplitude: float, oscillator: DuffingVanDerPolOsc
     return float(np.abs(oscillator.decay + oscillator.tilt * x + oscillator.bend * x**2).max() / rate[0])
 
 
-def swings_through_rest(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> bool:
+def swings_through_rest(amplitude: Float[np.ndarray, "n"], oscillator: DuffingVanDerPolOscillator) -> bool:
     """Tell whether swings of these amplitudes go through rest and turn back; amplitude [m]."""
     stiffening = oscillator.beta * amplitude**2
     return bool((np.minimum(oscillator.k + 0.5 * stiffening, oscillator.k + stiffening) > 0.0).all())

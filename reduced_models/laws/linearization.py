@@ -18,6 +18,7 @@ from reduced_models.laws.law import Law
 
 if TYPE_CHECKING:
     import sympy
+    from jaxtyping import Float
 
 _MOST_NEWTON_STEPS = 50
 _CREEP = 1e-9  # a speed on either side of a jump: more than rounding, less than any swing
@@ -164,10 +165,10 @@ def _swing_with_hidden_states(state: np.ndarray, matrix: np.ndarray) -> SmallSwi
 class HarmonicCycles(NamedTuple):
     """Harmonic cycles, per unit of mass."""
 
-    centre: np.ndarray
-    frequency: np.ndarray  # angular [rad/s]
-    stiffness: np.ndarray  # [1/s^2]
-    damping: np.ndarray  # [1/s]
+    centre: Float[np.ndarray, "n"]
+    frequency: Float[np.ndarray, "n"]  # angular [rad/s]
+    stiffness: Float[np.ndarray, "n"]  # [1/s^2]
+    damping: Float[np.ndarray, "n"]  # [1/s]
 
     @property
     def damping_ratio(self) -> np.ndarray:
@@ -175,7 +176,7 @@ class HarmonicCycles(NamedTuple):
         with np.errstate(all="ignore"):
             return np.asarray(self.damping / (2.0 * np.sqrt(self.stiffness)))
 
-    def equivalent_friction(self, amplitude: Any) -> np.ndarray:
+    def equivalent_friction(self, amplitude: Any) -> Float[np.ndarray, "n"]:
         """Constant friction, per unit of mass, that takes as much energy from such a cycle."""
         return np.asarray(0.25 * math.pi * amplitude * self.frequency * self.damping)
 
@@ -216,7 +217,11 @@ def harmonic_cycles(
 
 
 def centre_cycles(
-    rates: Rates, hidden: int, amplitude: np.ndarray, centre: np.ndarray, omega: np.ndarray
+    rates: Rates,
+    hidden: int,
+    amplitude: Float[np.ndarray, "n"],
+    centre: Float[np.ndarray, "n"],
+    omega: Float[np.ndarray, "n"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres moved by a Newton step to no mean force; stiffness and damping before the step [1/s^2; 1/s].
 
@@ -232,8 +237,12 @@ def centre_cycles(
 
 
 def harmonic_coefficients(
-    rates: Rates, hidden: int, amplitude: np.ndarray, centre: np.ndarray, omega: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rates: Rates,
+    hidden: int,
+    amplitude: Float[np.ndarray, "..."],
+    centre: Float[np.ndarray, "..."],
+    omega: Float[np.ndarray, "..."],
+) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
     """Mean force, stiffness and damping of harmonic cycles, per unit of mass [1/s^2; 1/s]; omega [rad/s]."""
     # None of them where the velocity is zero, and its sign rounding.
     angles = 2.0 * math.pi * (np.arange(_NODES) + 0.5) / _NODES

@@ -12,7 +12,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import diffrax
 import numpy as np
@@ -23,6 +23,9 @@ from reduced_models.jax_setup import jax
 from reduced_models.laws.equation import PROGRAMS, compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import Interpolation, piecewise_cubics
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 jnp = jax.numpy
 
@@ -174,8 +177,8 @@ def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Da
 class Solution:
     """A solution at given times."""
 
-    z: np.ndarray
-    velocity: np.ndarray
+    z: Float[np.ndarray, "n"]
+    velocity: Float[np.ndarray, "n"]
     ending: Ending
 
 
@@ -223,7 +226,7 @@ def _adaptive_solver(equation: str, budget: int) -> Callable[..., tuple[jax.Arra
 
 def solve_law(
     law: Law,
-    times: np.ndarray,
+    times: Float[np.ndarray, "n"],
     z0: float,
     v0: float,
     parameters: Sequence[float],

@@ -12,12 +12,15 @@ can be known, and alpha, shift and scale are tied to each other: the fit names t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from reduced_models.laws.law import Law, NormalizedSwingLaw
 from reduced_models.records.first_guesses import FirstGuesses
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _UNEXPLAINED = 0.3
 """Fraction of the record that its quadratic damping may leave over before it says nothing."""
@@ -91,13 +94,15 @@ VAN_DER_POL_LIKE = Law(
 class QuadraticDamping(NamedTuple):
     """u'' + (c0 + c1 u + c2 u^2) u' + stiffness u = force."""
 
-    damping: np.ndarray
+    damping: Float[np.ndarray, "3"]
     stiffness: float
     force: float
     unexplained: float
 
 
-def fit_quadratic_damping(time: np.ndarray, u: np.ndarray, period: float) -> QuadraticDamping:
+def fit_quadratic_damping(
+    time: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"], period: float
+) -> QuadraticDamping:
     """Fit a quadratic damping and a linear spring to a swing u (n,) at times (n,) [1/s, 1/s^2].
 
     time, period [s].

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 from reduced_models.least_squares.residuals import GriddedRecord, Selection
 from reduced_models.least_squares.unknowns import Unknowns
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Entries = tuple[np.ndarray, ...]
 """Entries (p,) of the joint search vector that are the search vector of each record."""
@@ -33,7 +37,7 @@ def joint_vector_entries(unknowns: Unknowns, records: int, own: Sequence[str]) -
     return tuple(entries)
 
 
-def joint_vector(vectors: Sequence[np.ndarray], entries: Entries) -> np.ndarray:
+def joint_vector(vectors: Sequence[np.ndarray], entries: Entries) -> Float[np.ndarray, "... q"]:
     """Joint search vector of the search vectors of some records; shared entries are the first's."""
     joint = np.empty((*vectors[0].shape[:-1], _vector_size(entries)))
     for vector, here in zip(reversed(vectors), reversed(entries), strict=True):
@@ -85,11 +89,11 @@ class JointRecords:
         """Prior about a start, for costs of so many samples."""
         return Prior(joint_vector([self.unknowns.prior] * len(self.grids), self.entries), samples)
 
-    def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
+    def residuals(self, theta: Float[np.ndarray, "q"]) -> list[np.ndarray]:
         """Residuals (n,) of each record, in amplitudes."""
         return [grid.residuals(theta[here]) for grid, here in zip(self.grids, self.entries, strict=True)]
 
-    def linearised_residuals(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    def linearised_residuals(self, theta: Float[np.ndarray, "q"]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Weighted residuals (n,) of each record without drift, and their derivatives (n, p)."""
         return [
             grid.linearised_residuals(theta[here])
@@ -102,13 +106,13 @@ class JointRecords:
         normals = [grid.normal_equations(here) for grid, here in zip(self.grids, chosen, strict=True)]
         return joint_normal_equations(normals, self.entries)
 
-    def normal_matrix(self, theta: np.ndarray) -> np.ndarray:
+    def normal_matrix(self, theta: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q q"]:
         """Matrix J'J of all samples of all records."""
         return np.asarray(self.normal_equations()(theta[None])[2][0])
 
     def refit(
-        self, theta: np.ndarray, selections: Sequence[int | np.ndarray], tolerance: float = 1e-11
-    ) -> np.ndarray:
+        self, theta: Float[np.ndarray, "q"], selections: Sequence[int | np.ndarray], tolerance: float = 1e-11
+    ) -> Float[np.ndarray, "q"]:
         """Fit some samples of each record, from a search vector (q,) near the fit."""
         theta, _ = levenberg_marquardt(
             self.normal_equations(selections),

@@ -14,7 +14,7 @@ import functools
 import math
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import lineax
 import numpy as np
@@ -22,6 +22,9 @@ import optimistix
 
 from granular.shared.errors import TimeBudgetError
 from reduced_models.jax_setup import jax
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
 
 jnp = jax.numpy
 
@@ -72,7 +75,7 @@ def _check_budget() -> None:
 class Prior(NamedTuple):
     """A normal prior about the start of a search."""
 
-    precision: np.ndarray
+    precision: Float[np.ndarray, "p"]
     samples: float
 
 
@@ -89,14 +92,14 @@ Point = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 def levenberg_marquardt(
     normal: Normal,
-    start: np.ndarray,
+    start: Float[np.ndarray, "s p"],
     prior: Prior,
     tolerance: float = 1e-6,
     bounds: Bounds | None = None,
     *,
     trials: int = _MOST_TRIALS,
     damping: float = 1e-2,
-    waiting: np.ndarray | None = None,
+    waiting: Bool[np.ndarray, "s"] | None = None,
     patience: int = _PATIENCE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Levenberg-Marquardt on a batch."""
@@ -138,12 +141,12 @@ def _starts_have_settled(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarr
     return bool((resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(cost))
 
 
-def agreeing_cost_limit(cost: np.ndarray, samples: float) -> float:
+def agreeing_cost_limit(cost: Float[np.ndarray, "s"], samples: float) -> float:
     """Cost up to which starts have led to the best fit."""
     return float((1.0 + _AGREE) * cost.min() + samples * TIE**2)
 
 
-def promising_starts(cost: np.ndarray, samples: float) -> np.ndarray:
+def promising_starts(cost: Float[np.ndarray, "s"], samples: float) -> Bool[np.ndarray, "s"]:
     """Mask of the starts that may still lead to the best fit."""
     return np.asarray(cost <= _IN_THE_RUNNING * cost.min() + samples * TIE**2)
 

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from reduced_models.least_squares.samples import Samples, samples_on_grid
 from reduced_models.least_squares.sensor_signal import solution_signal
 from reduced_models.least_squares.unknowns import Unknowns, physical_values, sensor_values
 from reduced_models.records.inputs import Interpolation, StepGrid
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 jnp = jax.numpy
 
@@ -59,7 +62,7 @@ def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
     return np_.where(loss[1] > 0.0, huber, soft), np_.where(loss[1] > 0.0, weight, 1.0 / root)
 
 
-def half_cost_curvature(residuals: np.ndarray, loss: Loss) -> np.ndarray:
+def half_cost_curvature(residuals: Float[np.ndarray, "n"], loss: Loss) -> Float[np.ndarray, "n"]:
     """Half the second derivative (n,) of what residuals cost."""
     if loss.name == "linear":
         return np.ones_like(residuals)
@@ -68,7 +71,7 @@ def half_cost_curvature(residuals: np.ndarray, loss: Loss) -> np.ndarray:
     return np.asarray((1.0 + (residuals / loss.scale) ** 2) ** -1.5)
 
 
-def remove_random_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
+def remove_random_walk(residuals: Float[np.ndarray, "n ..."], gain: float) -> Float[np.ndarray, "n ..."]:
     """Residuals (n, ...) less what exponential smoothing of the ones before them foresees."""
     if gain == 0.0:
         return residuals
@@ -77,7 +80,7 @@ def remove_random_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
     return np.asarray(lfilter([1.0, -1.0], [1.0, gain - 1.0], residuals, axis=0))
 
 
-def add_random_walk(left: np.ndarray, gain: float) -> np.ndarray:
+def add_random_walk(left: Float[np.ndarray, "n"], gain: float) -> Float[np.ndarray, "n"]:
     """Residuals (n,) of which `remove_random_walk` leaves these."""
     if gain == 0.0:
         return left
@@ -195,21 +198,21 @@ class GriddedRecord:
     grid: StepGrid
     samples: Samples
     interpolation: Interpolation
-    weights: np.ndarray
+    weights: Float[np.ndarray, "n"]
     loss: Loss
     gain: float = 0.0
 
-    def residuals(self, theta: np.ndarray) -> np.ndarray:
+    def residuals(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
         """Residuals (n,) of all samples, in amplitudes; not weighted."""
         linear = residual_function(self.unknowns, "linear")
         left = linear(theta, self._selected_samples(None, weighted=False), self.unknowns.scales)[0]
         return np.asarray(left)[: len(self.record)]
 
-    def fitted_signal(self, theta: np.ndarray) -> np.ndarray:
+    def fitted_signal(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
         """Signal (n,), or heights [m], by a search vector."""
         return self.record.height + self.unknowns.residual_unit * self.residuals(theta)
 
-    def fitted_heights(self, theta: np.ndarray) -> np.ndarray:
+    def fitted_heights(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
         """Heights (n,) [m] by a search vector."""
         unknowns = self.unknowns
         if unknowns.sensor is None:
@@ -223,7 +226,9 @@ class GriddedRecord:
         plain = plain.with_heights(np.full(len(self.record), unknowns.rest))
         return plain.fitted_signal(theta[: len(theta) - unknowns.sensor_entry_count])
 
-    def linearised_residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def linearised_residuals(
+        self, theta: Float[np.ndarray, "p"]
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n p"]]:
         """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
         return self._linearised_samples(theta, self._selected_samples(None), slice(None))
 
@@ -256,7 +261,7 @@ class GriddedRecord:
         weight[: len(self.record)][here] = self.weights[here] if weighted else 1.0
         return self.samples.with_weights(weight)
 
-    def with_heights(self, height: np.ndarray) -> GriddedRecord:
+    def with_heights(self, height: Float[np.ndarray, "n"]) -> GriddedRecord:
         """Return the same with other heights (n,)."""
         padded = self.samples.height.copy()
         padded[: len(height)] = height
@@ -264,7 +269,7 @@ class GriddedRecord:
         samples = self.samples._replace(height=padded)
         return dataclasses.replace(self, record=record, samples=samples)
 
-    def with_column_deviation(self, name: str, deviation: np.ndarray) -> GriddedRecord:
+    def with_column_deviation(self, name: str, deviation: Float[np.ndarray, "n"]) -> GriddedRecord:
         """Return the same with a deviation (n,) added to a column of the record."""
         record = self.record
         if name in record.extra:
@@ -289,7 +294,7 @@ def record_on_grid(
     record: PistonRecord,
     grid: StepGrid,
     how: Interpolation = "spline",
-    weights: np.ndarray | None = None,
+    weights: Float[np.ndarray, "n"] | None = None,
     loss: Loss = Loss(),  # noqa: B008
 ) -> GriddedRecord:
     """Put all samples of a record that starts at time 0 on a grid; record, grid [s]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from reduced_models.records.inputs import (
 )
 from reduced_models.records.sensor import Sensor
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 LEAST_SAMPLES = 1024
 """Least length of arrays of samples; see `reduced_models.laws.solution.padded_length`."""
 
@@ -40,13 +43,13 @@ class Samples(NamedTuple):
     step: float  # [s]
     point: np.ndarray
     fraction: np.ndarray
-    height: np.ndarray  # [m]
-    weight: np.ndarray  # [m]
-    drive: np.ndarray
+    height: Float[np.ndarray, "n"]  # [m]
+    weight: Float[np.ndarray, "n"]  # [m]
+    drive: Float[np.ndarray, "points stages inputs"]
     chunks: int
     sensor: SensorSignalTables | None = None
 
-    def with_weights(self, weight: np.ndarray) -> Samples:
+    def with_weights(self, weight: Float[np.ndarray, "n"]) -> Samples:
         """Return the same with other weights; the solution ends behind the last that is not zero."""
         used = self.point[weight > 0.0]
         last = int(used.max()) + 1 if len(used) else 1
@@ -103,7 +106,7 @@ def means_on_grid(
     grid: StepGrid,
     names: tuple[str, ...],
     how: Interpolation,
-    weights: np.ndarray | None = None,
+    weights: Float[np.ndarray, "n"] | None = None,
 ) -> Samples:
     """Weighted means of the samples around each grid point, weighted by how many there are [m].
 

@@ -9,13 +9,16 @@ the filter is): all of these are numbers that the times alone tell.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from reduced_models.jax_setup import jax
 from reduced_models.records.inputs import StepGrid
 from reduced_models.records.sensor import Sensor
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 jnp = jax.numpy
 
@@ -25,15 +28,15 @@ _DEGREE = 5
 class SensorSignalTables(NamedTuple):
     """Numbers that turn a solution on a grid into a sensor's signal."""
 
-    weights: np.ndarray
-    base: np.ndarray
-    state_weights: np.ndarray
-    advance: np.ndarray
-    advance_input: np.ndarray
+    weights: Float[np.ndarray, "n c"]
+    base: Float[np.ndarray, "n"]
+    state_weights: Float[np.ndarray, "n m"]
+    advance: Float[np.ndarray, "m m"]
+    advance_input: Float[np.ndarray, "m c"]
 
 
 def sensor_signal_tables(
-    sensor: Sensor, grid: StepGrid, fraction: np.ndarray, base: np.ndarray
+    sensor: Sensor, grid: StepGrid, fraction: Float[np.ndarray, "n"], base: Float[np.ndarray, "n"]
 ) -> SensorSignalTables:
     """Tables that turn a solution on a grid into a sensor's signal at the samples; grid [s]."""
     size = _DEGREE + 1 - sensor.derivative_order
@@ -59,8 +62,12 @@ def sensor_signal_tables(
 
 
 def motion_signal(
-    sensor: Sensor, time: np.ndarray, height: np.ndarray, velocity: np.ndarray, base: np.ndarray
-) -> np.ndarray:
+    sensor: Sensor,
+    time: Float[np.ndarray, "n"],
+    height: Float[np.ndarray, "n"],
+    velocity: Float[np.ndarray, "n"],
+    base: Float[np.ndarray, "n"],
+) -> Float[np.ndarray, "n"]:
     """Signal (n,) of a motion whose base adds a quantity (n,), behind a filter that has settled.
 
     time [s], height [m], velocity [m/s].
@@ -74,7 +81,9 @@ def motion_signal(
     return sensor.nominal_gain * seen + sensor.nominal_offset
 
 
-def filter_by_sensor(sensor: Sensor, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+def filter_by_sensor(
+    sensor: Sensor, time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "n"]:
     """Pass values through a sensor's filter that has settled at the first of them; time [s]."""
     from scipy.signal import StateSpace, lsim
 

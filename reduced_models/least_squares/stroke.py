@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from reduced_models.laws.law import Law
 from reduced_models.records.derivatives import derivatives
 from reduced_models.records.inputs import input_column
 
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
 jnp = jax.numpy
 
 FINE = 0.02
@@ -31,20 +34,20 @@ FINE = 0.02
 class StrokeSteps(NamedTuple):
     """Steps of the hidden states, with the stroke at the start, the middle and the end of each."""
 
-    length: np.ndarray  # [s]
-    z: np.ndarray
-    velocity: np.ndarray
-    drive: np.ndarray
+    length: Float[np.ndarray, "k"]  # [s]
+    z: Float[np.ndarray, "k 3"]
+    velocity: Float[np.ndarray, "k 3"]
+    drive: Float[np.ndarray, "k 3 inputs"]
 
 
 class Stroke(NamedTuple):
     """A prescribed motion, as compiled code takes it."""
 
-    z: np.ndarray
-    velocity: np.ndarray
-    drive: np.ndarray
+    z: Float[np.ndarray, "n"]
+    velocity: Float[np.ndarray, "n"]
+    drive: Float[np.ndarray, "n inputs"]
     steps: StrokeSteps
-    point: np.ndarray
+    point: Int[np.ndarray, "n"]
 
 
 def stroke_of_record(record: PistonRecord, law: Law, travel: float = FINE) -> Stroke:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.records.sensor import Sensor
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _PRIOR_SPREAD = 3.0
 
@@ -74,12 +77,12 @@ class Unknowns:
         """Number of parameters, and of entries of the map."""
         return len(self.law.parameters) + (2 if self.map is None else 0)
 
-    def physical_values(self, theta: np.ndarray) -> Any:
+    def physical_values(self, theta: Float[np.ndarray, "p"]) -> Any:
         """Parameters, shift and scale of the map; z, its velocity and hidden states at first [m]."""
         motion = theta[: len(theta) - self.sensor_entry_count]
         return physical_values(motion, self.scales, self.logarithmic_parameters, self.map is None, np)
 
-    def gain_and_offset(self, theta: np.ndarray) -> tuple[float, float]:
+    def gain_and_offset(self, theta: Float[np.ndarray, "p"]) -> tuple[float, float]:
         """Gain and offset of the sensor by a search vector (p,)."""
         gain, offset, _ = sensor_values(
             theta[len(theta) - self.sensor_entry_count :], self.scales, self.open_gain_and_offset

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from reduced_models.machines.response import ORDER, CoupledSystem
 from reduced_models.models.export import write_code
 from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.ports import ForcePort
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 def export_bed(scene: Scene, path: str | Path, *, fmi: int = 2) -> str:
@@ -80,7 +84,7 @@ def bed_force_port(scene: Scene) -> ForcePort:
     return ForcePort(model, system.moving, load)
 
 
-def mass_matrix(system: CoupledSystem) -> np.ndarray:
+def mass_matrix(system: CoupledSystem) -> Float[np.ndarray, "2 2"]:
     """Mass matrix [kg] of host and piston over the cell."""
     swing = system.piston + 0.5 * system.bed
     return np.array([[system.host + system.piston + system.bed, swing], [swing, system.moving]])

@@ -20,7 +20,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -37,6 +37,9 @@ from reduced_models.falls.predicted_law import (
     predict_bed_parameters,
 )
 from reduced_models.laws.annealing_bed import HARDENING, MODULUS, PLASTIC, STIFFENING, STRENGTH, TIME
+
+if TYPE_CHECKING:
+    from jaxtyping import Complex, Float
 
 RANGE = (0.5, 2.0)
 """Amplitudes of the piston over the cell [D] in which the peak of the packaged machine is within
@@ -118,7 +121,7 @@ class CoupledSystem(NamedTuple):
 
     def linear_response(
         self, frequencies: Sequence[float], force: float, swing: LinearSwing | None = None
-    ) -> np.ndarray:
+    ) -> Complex[np.ndarray, "f"]:
         """Displacement of the host (f,) [m] with a linear law in place of the bed's.
 
         frequencies [Hz], force [N].
@@ -150,13 +153,15 @@ def _state_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -
 
 
 @entry
-def fill_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
+def fill_rates(law: CoupledSystem, force: float, state: Float[Array, "6"], rates: Float[Array, "6"]) -> None:
     """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]; state [m, m/s]."""
     _state_rates(law, force, state, rates)
 
 
 @entry
-def squared_amplitudes(law: CoupledSystem, force: float, omega: float, steps: int, last: int) -> Array:
+def squared_amplitudes(
+    law: CoupledSystem, force: float, omega: float, steps: int, last: int
+) -> Float[Array, "2"]:
     """Squared amplitudes of host and piston over the last steps [m^2], by classical Runge-Kutta."""
     h = 2.0 * math.pi / omega / STEPS_A_PERIOD
     state, middle = np.zeros(6), np.zeros(6)
@@ -188,10 +193,10 @@ def squared_amplitudes(law: CoupledSystem, force: float, omega: float, steps: in
 class PredictedResponse:
     """The response of a host by the law."""
 
-    frequencies: np.ndarray  # [Hz]
-    displacement: np.ndarray  # [m]
-    stroke: np.ndarray  # [m]
-    linear: np.ndarray  # amplitude of the host by the law's small swing [m]
+    frequencies: Float[np.ndarray, "f"]  # [Hz]
+    displacement: Float[np.ndarray, "f"]  # [m]
+    stroke: Float[np.ndarray, "f"]  # [m]
+    linear: Float[np.ndarray, "f"]  # amplitude of the host by the law's small swing [m]
     outside: bool
 
     @property

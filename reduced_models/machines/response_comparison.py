@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.text_tables import align_columns
 from reduced_models.falls.predicted_law import OutsideRangeWarning
 from reduced_models.machines.response import predicted_response
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 POINTS = 201
 """Frequencies at which the law is solved for each force."""
@@ -46,7 +50,7 @@ class ResponseComparison:
     """The law's curves next to a response."""
 
     peaks: tuple[PeakComparison, ...]
-    frequencies: np.ndarray  # [Hz]
+    frequencies: Float[np.ndarray, "f"]  # [Hz]
     law: dict[float, np.ndarray]  # [m]
     linear: dict[float, np.ndarray]  # [m]
 

@@ -31,6 +31,7 @@ from reduced_models.records.inputs import TIME, Interpolation, input_column
 
 if TYPE_CHECKING:
     import sympy
+    from jaxtyping import Float
 
     from reduced_models.laws.solution import Solution
 
@@ -240,7 +241,7 @@ class FittedLaw:
 
     def simulate(
         self,
-        t: np.ndarray,
+        t: Float[np.ndarray, "n"],
         z0: float | None = None,
         v0: float | None = None,
         inputs: Mapping[str, np.ndarray] | None = None,
@@ -289,7 +290,7 @@ class FittedLaw:
         inputs = {name: input_column(record, name) for name in self.law.inputs}
         return self.simulate(record.time, inputs=inputs)
 
-    def predict(self, t: np.ndarray) -> np.ndarray:
+    def predict(self, t: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """Heights of the motion that starts where the record did [m, rad]; t [s]."""
         return self.simulate(t).height
 

@@ -12,6 +12,7 @@ from granular.shared.errors import InputError
 from reduced_models.models.fitted_law import FittedLaw
 
 if TYPE_CHECKING:
+    from jaxtyping import Float
     from matplotlib.axes import Axes
 
 M = TypeVar("M", bound=FittedLaw)
@@ -24,15 +25,15 @@ _ROUNDS = 60  # tenfold shorter steps, before a direction is given up
 class PredictionBand(NamedTuple):
     """A prediction with its confidence band."""
 
-    time: np.ndarray  # [s], [m]; the band of the motion itself
-    height: np.ndarray  # [s], [m]; the band of the motion itself
-    low: np.ndarray  # [s], [m]; the band of the motion itself
-    high: np.ndarray  # [s], [m]; the band of the motion itself
+    time: Float[np.ndarray, "n"]  # [s], [m]; the band of the motion itself
+    height: Float[np.ndarray, "n"]  # [s], [m]; the band of the motion itself
+    low: Float[np.ndarray, "n"]  # [s], [m]; the band of the motion itself
+    high: Float[np.ndarray, "n"]  # [s], [m]; the band of the motion itself
     noise: float  # [m]
     confidence: float
 
 
-def correlation_matrix(covariance: np.ndarray) -> np.ndarray:
+def correlation_matrix(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
     """Correlation matrix of a covariance; zero for entries that do not vary."""
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     inverse = np.divide(1.0, spread, out=np.zeros_like(spread), where=spread > 0.0)
@@ -41,12 +42,12 @@ def correlation_matrix(covariance: np.ndarray) -> np.ndarray:
 
 def predict_with_deviations(
     model: M,
-    covariance: np.ndarray,
+    covariance: Float[np.ndarray, "p p"],
     names: Sequence[str],
     moved: Callable[[M, str, float], M],
-    times: np.ndarray,
+    times: Float[np.ndarray, "n"],
     inputs: Mapping[str, np.ndarray] | None,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
     """Heights from the fitted start on, and the standard deviations that a covariance leaves [m].
 
     times [s].
@@ -107,7 +108,11 @@ def parameter_value(model: FittedLaw, name: str) -> float:
 
 
 def plot_model(
-    model: FittedLaw, time: np.ndarray, height: np.ndarray, recorded: np.ndarray | None, ax: Axes
+    model: FittedLaw,
+    time: Float[np.ndarray, "n"],
+    height: Float[np.ndarray, "n"],
+    recorded: Float[np.ndarray, "n"] | None,
+    ax: Axes,
 ) -> Axes:
     """Draw a model's heights over time, over recorded ones where they are given.
 
@@ -125,7 +130,9 @@ def plot_model(
     return ax
 
 
-def plot_residuals(model: FittedLaw, time: np.ndarray, left: np.ndarray, ax: Axes) -> None:
+def plot_residuals(
+    model: FittedLaw, time: Float[np.ndarray, "n"], left: Float[np.ndarray, "n"], ax: Axes
+) -> None:
     """Draw the residuals of a record over time; time [s], left [m, rad]."""
     from granular.shared.plotting import COLOURS
 

@@ -7,7 +7,7 @@ are harmonic ones; see `reduced_models.laws.linearization`.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from reduced_models.laws.linearization import (
     law_rates,
 )
 from reduced_models.models.fitted_law import FittedLaw
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _AMPLITUDES = 240
 _PER_PERIOD = 64
@@ -47,9 +50,9 @@ class HarmonicCycle(NamedTuple):
 class SteadyAmplitudes(NamedTuple):
     """Steady amplitudes under a harmonic force, by describing functions."""
 
-    frequency: np.ndarray  # angular [rad/s]
-    low: np.ndarray  # [m]
-    high: np.ndarray  # [m]
+    frequency: Float[np.ndarray, "n"]  # angular [rad/s]
+    low: Float[np.ndarray, "n"]  # [m]
+    high: Float[np.ndarray, "n"]  # [m]
 
 
 def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRecord:

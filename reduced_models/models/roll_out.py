@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.held_out_swings import error_on_swings, find_whole_swings
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _STEPS = 128  # of a period
 START_PERIODS = 1.0
@@ -106,7 +109,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
 
 def search_vector_of_model(
     model: FittedLaw, guess: FirstGuesses | None, unknowns: Unknowns | None = None
-) -> tuple[Unknowns, np.ndarray]:
+) -> tuple[Unknowns, Float[np.ndarray, "p"]]:
     """Search vector of a model, with the unknowns that scale it."""
     law, values = model.law, [model.parameters[name] for name in model.law.parameters]
     logs = [name in law.positive for name in law.parameters]

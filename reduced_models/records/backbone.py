@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models.records.derivatives import derivatives
 from reduced_models.records.envelope import LEAST_EXTREMES, envelope, find_alternating_extremes
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1)
 """Amplitudes that are looked at, over the greatest one of the record."""
@@ -46,11 +49,11 @@ class Backbone:
     """Backbone and damping curves of a record, one row a cycle, by rising amplitude."""
 
     method: str
-    amplitude: np.ndarray
-    frequency: np.ndarray
-    damping_ratio: np.ndarray
-    frequency_error: np.ndarray
-    damping_error: np.ndarray
+    amplitude: Float[np.ndarray, "n"]
+    frequency: Float[np.ndarray, "n"]
+    damping_ratio: Float[np.ndarray, "n"]
+    frequency_error: Float[np.ndarray, "n"]
+    damping_error: Float[np.ndarray, "n"]
     drive: float | None = None  # [rad/s]
 
     def interpolate_at(self, amplitude: float) -> BackbonePoint:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from granular.shared.message_text import quote
 from reduced_models.records.first_guesses import noise_level
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 DerivativeMethod = Literal["savitzky-golay", "smoothing-spline", "finite-differences"]
 DERIVATIVE_METHODS: tuple[DerivativeMethod, ...] = (
@@ -57,10 +60,10 @@ class Derivatives(NamedTuple):
     """A smoothed record."""
 
     method: str
-    time: np.ndarray  # [s]
-    height: np.ndarray  # [m]
-    velocity: np.ndarray  # [m/s]
-    acceleration: np.ndarray  # [m/s^2]
+    time: Float[np.ndarray, "n"]  # [s]
+    height: Float[np.ndarray, "n"]  # [m]
+    velocity: Float[np.ndarray, "n"]  # [m/s]
+    acceleration: Float[np.ndarray, "n"]  # [m/s^2]
     width: float  # [s]
     record_noise: float  # [m]
     noise: DerivativeNoise
@@ -139,7 +142,7 @@ def _choose_local_polynomials(time: np.ndarray, height: np.ndarray, sigma: float
     return smoother, chosen * step
 
 
-def is_evenly_sampled(time: np.ndarray) -> bool:
+def is_evenly_sampled(time: Float[np.ndarray, "n"]) -> bool:
     """Return whether times are evenly spaced, to a thousandth of a step; time [s]."""
     steps = np.diff(time)
     return bool(np.ptp(steps) < 1e-3 * steps.mean())
@@ -231,8 +234,8 @@ def _central_differences(heights: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def fit_local_cubics(
-    time: np.ndarray, height: np.ndarray, period: float, nodes: np.ndarray | int
-) -> np.ndarray:
+    time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], period: float, nodes: np.ndarray | int
+) -> Float[np.ndarray, "4 m"]:
     """Height, velocity and acceleration at nodes [s] by local cubics [m, m/s, m/s^2]; period [s]."""
     half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
     if isinstance(nodes, int):

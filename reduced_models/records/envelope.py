@@ -10,12 +10,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models.records.derivatives import DerivativeMethod, Derivatives, derivatives
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 __all__ = ["Envelope", "envelope"]
 
@@ -139,7 +143,9 @@ def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-gola
     )
 
 
-def find_alternating_extremes(smooth: Derivatives) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def find_alternating_extremes(
+    smooth: Derivatives,
+) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
     """Crests and troughs of a smoothed motion in turn, located by its derivatives [s; m; rad]."""
     from scipy.signal import find_peaks
 

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granular.shared.errors import RecordError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 LEAST_SAMPLES = 20
 LARGEST, SMALLEST = 1e12, 1e-18
@@ -175,7 +179,9 @@ class FirstGuesses:
         return np.asarray(self.decay * np.exp(random.uniform(-1.5, 1.5, count)))
 
 
-def zero_crossing_times(time: np.ndarray, swing: np.ndarray, threshold: float) -> np.ndarray:
+def zero_crossing_times(
+    time: Float[np.ndarray, "n"], swing: Float[np.ndarray, "n"], threshold: float
+) -> Float[np.ndarray, "k"]:
     """Return the times at which a swing passes zero, counted once it has gone beyond a threshold [s].
 
     time [s], swing [m, rad].
@@ -190,7 +196,7 @@ def zero_crossing_times(time: np.ndarray, swing: np.ndarray, threshold: float) -
     return np.asarray(time[before] + fraction * (time[after] - time[before]))
 
 
-def first_guesses(time: np.ndarray, height: np.ndarray) -> FirstGuesses:
+def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> FirstGuesses:
     """First guesses of the parameters of a recorded swing; time [s], height [m, rad]."""
     time = time - time[0]
     if len(time) < LEAST_SAMPLES:
@@ -239,7 +245,7 @@ def _alternative_frequencies(
     return tuple(result)
 
 
-def spectral_peak_frequency(time: np.ndarray, swing: np.ndarray) -> float:
+def spectral_peak_frequency(time: Float[np.ndarray, "n"], swing: Float[np.ndarray, "n"]) -> float:
     """Angular frequency of the strongest line of a swing [rad/s]; time [s], swing [m]."""
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, swing)
@@ -248,7 +254,7 @@ def spectral_peak_frequency(time: np.ndarray, swing: np.ndarray) -> float:
     return 2.0 * math.pi * peak * (count - 1) / (4 * count * float(time[-1] - time[0]))
 
 
-def noise_level(height: np.ndarray, time: np.ndarray) -> float:
+def noise_level(height: Float[np.ndarray, "n"], time: Float[np.ndarray, "n"]) -> float:
     """Return the standard deviation of white noise on a smooth record, from its third differences.
 
     time [s].

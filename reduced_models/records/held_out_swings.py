@@ -9,11 +9,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from reduced_models.records.first_guesses import noise_level, zero_crossing_times
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _LEAST_SWING, _NOISES = 0.01, 4.0
 """Amplitude that a swing must have, over the greatest one, and in noise levels."""
@@ -24,7 +27,9 @@ _FEWEST_SWINGS = 10
 _FEWEST_TESTED = 2
 
 
-def find_whole_swings(time: np.ndarray, height: np.ndarray, moving_samples: int) -> tuple[slice, ...]:
+def find_whole_swings(
+    time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], moving_samples: int
+) -> tuple[slice, ...]:
     """Return the samples of the whole swings that are above the noise, in the first ``moving_samples``.
 
     time [s], height [m, rad].
@@ -40,7 +45,7 @@ def find_whole_swings(time: np.ndarray, height: np.ndarray, moving_samples: int)
 
 
 def choose_test_swings(
-    time: np.ndarray, height: np.ndarray, fraction: float, moving_samples: int
+    time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], fraction: float, moving_samples: int
 ) -> tuple[slice, ...]:
     """Return the samples of a fraction of the whole swings, evenly spread over them.
 
@@ -62,7 +67,10 @@ class SwingTestError(NamedTuple):
 
 
 def error_on_swings(
-    residuals: np.ndarray, displacement: np.ndarray, swings: Sequence[slice], rms_swing: float
+    residuals: Float[np.ndarray, "n"],
+    displacement: Float[np.ndarray, "n"],
+    swings: Sequence[slice],
+    rms_swing: float,
 ) -> SwingTestError:
     """Return the test error of a law, with its standard error; residuals [m, rad]."""
     counts = np.array([swing.stop - swing.start for swing in swings])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError
 from granular.shared.message_text import quote
 from reduced_models.records.derivatives import is_evenly_sampled
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 STAGE_TIMES = (0.0, 1 / 3, 2 / 3, 1 / 3, 5 / 6, 1 / 6, 1.0)
 """Nodes of the stages of a step of the grid's Runge-Kutta method, in steps."""
@@ -40,7 +43,7 @@ class StepGrid(NamedTuple):
         return StepGrid(0.5 * self.step, 2 * self.steps)
 
 
-def input_column(record: PistonRecord, name: str) -> np.ndarray:
+def input_column(record: PistonRecord, name: str) -> Float[np.ndarray, "n"]:
     """Column of a record that an input of a law names [s]."""
     result = record.force if name == "force" else record.extra.get(name)
     if result is None and name == TIME:
@@ -66,7 +69,7 @@ def has_inputs_besides_time(names: Sequence[str]) -> bool:
 
 def inputs_on_grid(
     record: PistonRecord, names: tuple[str, ...], grid: StepGrid, interpolation: Interpolation = "spline"
-) -> np.ndarray:
+) -> Float[np.ndarray, "steps+1 stages inputs"]:
     """Interpolate the inputs of a law at the stages of the Runge-Kutta steps of a grid."""
     nodes = grid.step * (np.arange(grid.steps + 1)[:, None] + np.array(STAGE_TIMES))
     columns = [input_column(record, name) for name in names]
@@ -82,7 +85,10 @@ def inputs_on_grid(
 
 
 def interpolate_inputs(
-    time: np.ndarray, columns: list[np.ndarray], times: np.ndarray, interpolation: Interpolation = "spline"
+    time: Float[np.ndarray, "n"],
+    columns: list[np.ndarray],
+    times: np.ndarray,
+    interpolation: Interpolation = "spline",
 ) -> np.ndarray:
     """Values of columns at other times than those of their samples; time, times [s]."""
     if not columns:
@@ -94,12 +100,12 @@ def interpolate_inputs(
 class PiecewiseCubics(NamedTuple):
     """Columns as cubics between the samples: a + b s + c s^2 + d s^3 behind each of them."""
 
-    length: np.ndarray  # lengths of the intervals [s]
-    cubics: np.ndarray
+    length: Float[np.ndarray, "n-1"]  # lengths of the intervals [s]
+    cubics: Float[np.ndarray, "n-1 4 columns"]
 
 
 def piecewise_cubics(
-    time: np.ndarray, columns: list[np.ndarray], interpolation: Interpolation = "spline"
+    time: Float[np.ndarray, "n"], columns: list[np.ndarray], interpolation: Interpolation = "spline"
 ) -> PiecewiseCubics:
     """Columns as cubics between their samples; a band-limited one by a spline of finer samples [s].
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordWarning
 from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, noise_level
 from reduced_models.records.release import has_active_input
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool
 
 KEEP = "to keep them: --between :"
 _LEAST_CLIPPED = 6
@@ -114,7 +118,7 @@ def _sensor_noise(time: np.ndarray, height: np.ndarray) -> float:
     return math.hypot(noise_level(height, time), rounding / math.sqrt(12.0) if few else 0.0)
 
 
-def clipped_sample_mask(record: PistonRecord) -> np.ndarray:
+def clipped_sample_mask(record: PistonRecord) -> Bool[np.ndarray, "n"]:
     """Mask of the samples at the limits of a sensor, where runs of them stand at a peak."""
     height = record.height
     at_limit = np.zeros(len(height), dtype=bool)

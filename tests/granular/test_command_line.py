@@ -14,7 +14,7 @@ import pytest
 
 from granular.commands.console import launch
 
-Command = Callable[..., "subprocess.CompletedProcess[str]"]  # noqa: F821
+Command = Callable[..., "subprocess.CompletedProcess[str]"]
 
 SMALL = (
     "--set",

@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from granular.scene.scene import Scene
 from granular.schema.apparatus import Grains
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 DIGITS = 50
 """Working precision; the results keep more than thirty digits of it."""
@@ -59,8 +62,8 @@ def natural_units(grains: Grains) -> NaturalUnits:
 class GrainStates(NamedTuple):
     """The grains at one time."""
 
-    positions: np.ndarray  # [m]
-    velocities: np.ndarray  # [m/s]
+    positions: Float[np.ndarray, "n 2"]  # [m]
+    velocities: Float[np.ndarray, "n 2"]  # [m/s]
     steps: int | None = None
 
 
