@@ -55,7 +55,7 @@ def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new
         ("effects/drag.py", "z = rate * dt", "z = rate + dt"),
         ("pairs/dipole_law.py", "STRENGTH = 0.75", "STRENGTH = 0.76"),
         ("pairs/dipole_law.py", "CUBE = (6.5625", "CUBE = (6.5626"),  # a constant of kernels elsewhere
-        ("kernel_data/state.py", "    vx: np.ndarray\n    vy", "    vy: np.ndarray\n    vx"),
+        ("kernel_data/state.py", "    vx: Float", "    vz: Float"),
         ("pairs/simd.py", "WIDTH = 8", "WIDTH = 4"),
         ("compiled/__init__.py", 'fastmath={"contract"}', 'fastmath={"reassoc"}'),
     ],
