@@ -1,11 +1,13 @@
-"""Validate the docstrings of all public names by numpydoc: ``python docs/docstrings.py``.
+"""Hold public docstrings to numpydoc, refuse blocks on other names: ``python docs/docstrings.py``.
 
 Exits with 1, and a line for each fault, unless every public function, class and method has a
-summary, parameters, returns and what else numpydoc asks for.
+summary, parameters, returns and what else numpydoc asks for, and every other name one line. Sections
+of scene files, whose keys users write, and base classes, whose hooks others implement, keep blocks.
 """
 
 from __future__ import annotations
 
+import ast
 import importlib
 import re
 import sys
@@ -15,7 +17,8 @@ from types import FunctionType
 
 from numpydoc.validate import validate
 
-PAGE = Path(__file__).parent / "reference" / "public.md"
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "reference" / "public.md"
 PACKAGES = ("granular", "reduced_models", "validation")
 
 METHODS = (FunctionType, classmethod, staticmethod, property)
@@ -28,6 +31,15 @@ EXCEPTIONS = {
     "SS05": "takes a plural, such as in 'Forces on each grain', for a verb",
 }
 """Checks that are left out, and why."""
+
+
+BASES = {
+    *("Effect", "ForceEffect", "DissipativeEffect", "MovingFrameEffect", "EffectContext", "RecordedVariable"),
+    *("Stage", "SampledStage", "FieldKind", "MotionIntegrals", "PlainData"),
+}
+"""Base classes, with the data that their hooks take: these say what an implementation has to do."""
+
+BLOCK = re.compile(r"\n\s*(Parameters|Attributes|Returns|Yields|Raises)\n\s*-{3,}")
 
 
 def public_objects() -> Iterator[str]:
@@ -47,10 +59,47 @@ def public_objects() -> Iterator[str]:
                         yield f"{path}.{method}"
 
 
+def section_names(trees: list[ast.Module]) -> set[str]:
+    """Names of all classes derived from `granular.schema.sections.Section`."""
+    classes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    names, before = {"Section"}, 0
+    while len(names) > before:
+        before = len(names)
+        names |= {node.name for node in classes if names & {ast.unparse(base) for base in node.bases}}
+    return names
+
+
+def blocks_on_others(public: set[str]) -> Iterator[str]:
+    """Yield file, line and name of each block on a name that is neither public nor a base class."""
+    paths = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+    allowed = BASES | section_names(list(trees.values()))
+
+    def walk(node: ast.AST, owner: str, path: Path, keeps: bool) -> Iterator[str]:
+        for child in ast.iter_child_nodes(node):
+            if not isinstance(child, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                yield from walk(child, owner, path, keeps)
+                continue
+            name = f"{owner}.{child.name}"
+            kept = keeps or name in public or (isinstance(child, ast.ClassDef) and child.name in allowed)
+            if not kept and BLOCK.search(ast.get_docstring(child, clean=False) or ""):
+                yield f"{path.relative_to(ROOT)}:{child.lineno}: {name}: a block on a name that is not public"
+            inner = kept and (child.name in BASES or name in public)
+            yield from walk(child, name, path, isinstance(child, ast.ClassDef) and inner)
+
+    for path, tree in trees.items():
+        module = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        yield from walk(tree, module, path, False)
+
+
 def main() -> int:
     """Print every fault; return the exit code."""
     faults = 0
-    for path in sorted(set(public_objects())):
+    public = set(public_objects())
+    for fault in blocks_on_others(public):
+        print(fault)
+        faults += 1
+    for path in sorted(public):
         result = validate(path)
         for code, message in result["errors"]:
             described = code == "PR01" and ("\nAttributes\n" in result["docstring"] or path.endswith("Error"))

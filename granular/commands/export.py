@@ -40,18 +40,7 @@ examples:
   %(prog)s bed --format lammps -o deck               # also of a scene""",
 )
 def export(options: Any) -> None:
-    """Write a run in a format of other programs, or a LAMMPS deck of a scene or run.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of ``granular export``.
-
-    Raises
-    ------
-    InputError
-        If the run or scene cannot be read or exported, or a file exists or cannot be written.
-    """
+    """Write a run in a format of other programs, or a LAMMPS deck of a scene or run."""
     from granular.user_code import import_user_code
 
     import_user_code(options.user_files)

@@ -55,19 +55,7 @@ colours:
   fluctuation   |F - mean|/mean of the force, within the species""",
 )
 def render(options: Any) -> None:
-    """Draw a still or a movie of a run to a file, by the ending of its name.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of ``granular render``.
-
-    Raises
-    ------
-    InputError
-        If the run cannot be read, an option is not possible or does not go with the kind of file, or the
-        file exists or cannot be written.
-    """
+    """Draw a still or a movie of a run to a file, by the ending of its name."""
     from granular.render.movie import WRITERS
     from granular.user_code import import_user_code
 

@@ -109,18 +109,7 @@ examples:
 Each sine is a run; --sweep makes one run of all. report.html in DIR shows what was found.""",
 )
 def response(options: Any) -> None:
-    """Measure the response of a machine with its damper to sines, a sweep or an impulse.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of ``granular response``.
-
-    Raises
-    ------
-    InputError
-        If the scene has no such machine, or an option is missing or not possible.
-    """
+    """Measure the response of a machine with its damper to sines, a sweep or an impulse."""
     if options.impulse:
         _measure_impulse_response(options)
     else:

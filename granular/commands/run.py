@@ -102,20 +102,7 @@ study.toml:
   "piston.mass" = "9 kg" """,
 )
 def sweep(options: Any) -> None:
-    """Run a study, a scene under many changes, and write its table and report.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of ``granular sweep``.
-
-    Raises
-    ------
-    InputError
-        If the study or an option is not possible.
-    GranularError
-        If cases could not be computed.
-    """
+    """Run a study, a scene under many changes, and write its table and report."""
     from granular.studies.executors import cluster_executor
     from granular.studies.study_page import study_page
     from granular.studies.sweep import load_study

@@ -132,18 +132,7 @@ examples:
   %(prog)s --of study -o study.schema.json""",
 )
 def schema(options: Any) -> None:
-    """Print the JSON schema of scene or study files, or write it to a file.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Parsed options of ``granular schema``.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Print the JSON schema of scene or study files, or write it to a file."""
     from granular.scene.json_schema import scene_schema, study_schema
     from granular.shared.files import write_text
 

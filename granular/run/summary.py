@@ -17,20 +17,7 @@ _SHOWN = 1.0
 
 
 def packing_fraction(scene: Scene, height: float) -> float:
-    """Packing fraction: area of the grains over that of the cell below the piston [D, eq. 2.2].
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene with grains and a cell.
-    height : float
-        Height of the piston, or of a periodic cell [m].
-
-    Returns
-    -------
-    float
-        Packing fraction, without unit.
-    """
+    """Packing fraction, the grains' area over the cell's below the piston at ``height`` [m] [D, eq. 2.2]."""
     area = float((math.pi / 4.0 * scene.grains.diameters() ** 2).sum())
     return area / (scene.cell.width * height)
 

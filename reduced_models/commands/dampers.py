@@ -85,13 +85,7 @@ examples:
       --parameter effects.drag.coefficient --parameter grains.remanence -o out""",
 )
 def calibrate(options: Any) -> None:
-    """Fit numbers of a scene to a record.
-
-    Parameters
-    ----------
-    options : Namespace
-        Parsed options of the command.
-    """
+    """Fit numbers of a scene to a record."""
     from granular.run.piston_record import PistonRecord
     from granular.scene.scene import Scene
     from granular.user_code import import_user_code
@@ -171,18 +165,7 @@ examples:
   %(prog)s --maps --simulate -o out   # the study behind them, anew""",
 )
 def design(options: Any) -> None:
-    """Propose a damper and check it, or show the maps.
-
-    Parameters
-    ----------
-    options : Namespace
-        Parsed options of the command.
-
-    Raises
-    ------
-    InputError
-        If an option is missing, does not go with another, or is out of its range.
-    """
+    """Propose a damper and check it, or show the maps."""
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}; give 1 or more")
     if options.maps:

@@ -109,13 +109,7 @@ examples:
   %(prog)s lab.csv --law linear --law "z'' + c*z' + k*(z - r)**3 = 0\"""",
 )
 def identify(options: Any) -> None:
-    """Identify a scene, a run or a CSV file.
-
-    Parameters
-    ----------
-    options : Namespace
-        Parsed options of the command.
-    """
+    """Identify a scene, a run or a CSV file."""
     from granular.schema.units import si_value
     from granular.shared.progress_bars import print_above_bar
     from granular.user_code import import_user_code
@@ -197,13 +191,7 @@ examples:
       --measured "velocity gain=20:30 high_pass=4.5 damping_ratio=0.6\"""",
 )
 def fit(options: Any) -> None:
-    """Fit a law to the records of some sources, or list the laws of the package.
-
-    Parameters
-    ----------
-    options : Namespace
-        Parsed options of the command.
-    """
+    """Fit a law to the records of some sources, or list the laws of the package."""
     from reduced_models.fitting.fit import fit as fit_law
     from reduced_models.laws.catalogue import LAWS
     from reduced_models.laws.force_law import FORCE_LAWS
@@ -316,18 +304,7 @@ examples:
   %(prog)s lab.csv --method operon --functions sin --effort 2 --seed 1 --json""",
 )
 def discover(options: Any) -> None:
-    """Discover a law in the records of some sources.
-
-    Parameters
-    ----------
-    options : Namespace
-        Parsed options of the command.
-
-    Raises
-    ------
-    InputError
-        If a file was asked for and the equation has no model.
-    """
+    """Discover a law in the records of some sources."""
     from reduced_models.discovery.discover import discover as discover_law
     from reduced_models.discovery.term_libraries import AUTO
 
@@ -398,13 +375,7 @@ examples:
   %(prog)s --response out/machine        # after 'response machine ... -o out/machine'""",
 )
 def compare(options: Any) -> None:
-    """Compare laws on the records of some sources, or the bed's law with a response.
-
-    Parameters
-    ----------
-    options : Namespace
-        Parsed options of the command.
-    """
+    """Compare laws on the records of some sources, or the bed's law with a response."""
     if options.response is None:
         require_options(options, sources="SOURCE")
         _compare_laws(options)

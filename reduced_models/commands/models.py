@@ -32,13 +32,7 @@ examples:
   %(prog)s model.json --until 3 --height "60 mm" --velocity 0""",
 )
 def simulate(options: Any) -> None:
-    """Predict a motion by a saved model.
-
-    Parameters
-    ----------
-    options : Namespace
-        Parsed options of the command.
-    """
+    """Predict a motion by a saved model."""
     import numpy as np
 
     from granular.schema.units import si_value

@@ -100,31 +100,7 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
 def frequency_response(
     model: FittedLaw, force: float, frequencies: np.ndarray, largest: float | None = None
 ) -> SteadyAmplitudes:
-    """Steady amplitudes under a force of so many newtons per kilogram, by describing functions.
-
-    Parameters
-    ----------
-    model : FittedLaw
-        Law with numbers.
-    force : float
-        Amplitude of the force per kilogram [m/s^2].
-    frequencies : float (n,)
-        Angular, above 0 [rad/s].
-    largest : float, optional
-        Greatest amplitude to look for [m]; ten times the farthest swing of the record without.
-
-    Returns
-    -------
-    SteadyAmplitudes
-        Least and greatest amplitude (n,) [m] at each frequency, which differ where the response folds
-        over; NaN where there is none up to the greatest amplitude.
-
-    Raises
-    ------
-    InputError
-        If the force, a frequency or the greatest amplitude is not above zero and finite, the frequencies
-        are no array (n,), or the law has no level of rest.
-    """
+    """Steady amplitudes [m] by describing functions; force [m/s^2], frequencies [rad/s], largest [m]."""
     if not 0.0 < force < math.inf:
         raise InputError(f"force = {quote(force)} N/kg; give one above 0")
     if largest is not None and not 0.0 < largest < math.inf:

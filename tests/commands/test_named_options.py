@@ -98,15 +98,12 @@ def test_options_that_messages_name_are_there(path: Path) -> None:
                 assert any(word in OPTIONS[name] for name in group), (text, word, group)
 
 
-CURRENT = [page for page in PAGES if page.name != "renamed.md"]
-
-
 def test_there_are_messages_that_name_options() -> None:
     named = {word for path in FILES for text in texts(path) for word in OPTION.findall(text)}
     assert {"--columns", "--between", "--release", "--import", "--force", "--drift"} <= named
 
 
-@pytest.mark.parametrize("page", CURRENT, ids=lambda page: page.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_options_that_pages_name_are_there(page: Path) -> None:
     """One within a command that is shown is on that command, one alone on some command."""
     every = set().union(
