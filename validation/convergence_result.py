@@ -39,15 +39,34 @@ class FittedSlope(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class ConvergenceResult(PlainData):
-    """Errors of one method on one exact problem."""
+    """Errors of one method on one exact problem.
+
+    Attributes
+    ----------
+    problem, method : str
+    order : int
+        The order that the method declares.
+    smooth : bool
+        Whether the problem lets a method show its order.
+    steps : tuple of float
+        Time steps, from coarse to fine [s].
+    errors : tuple of float
+        Greatest error of a coordinate at the problem's time [m].
+    rounding : float
+        What rounding does at the finest step [m].
+    fit : FittedSlope or None
+        None where too few errors stand clear of rounding, or no step was short enough.
+    seconds : tuple of float
+        Wall time of a run with each step.
+    """
 
     problem: str
     method: str
     order: int
     smooth: bool
-    steps: tuple[float, ...]  # time steps, from coarse to fine [s]
-    errors: tuple[float, ...]  # greatest error of a coordinate at the problem's time [m]
-    rounding: float  # [m]
+    steps: tuple[float, ...]
+    errors: tuple[float, ...]
+    rounding: float
     fit: FittedSlope | None
     seconds: tuple[float, ...]
 

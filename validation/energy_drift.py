@@ -49,19 +49,37 @@ class EnergyRun(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class EnergyStudy(PlainData):
-    """The energy of one run."""
+    """The energy of one run.
+
+    Attributes
+    ----------
+    system, method : str
+    keeps : bool
+        Whether it is symplectic, or reversible with variable steps: such a method shows no trend.
+    dt : float or str
+        [s], or a multiple of the automatic step.
+    steps : int
+    stopped : str or None
+        The error that stopped it.
+    times, errors : tuple of float
+        Samples of the energy's error over the energy turned over.
+    trend : EnergyTrend
+        Of all samples.
+    heights, velocities : tuple of float
+        Phase portrait of the first grain, from its frames [D], [m/s]; empty for a bed.
+    """
 
     system: str
     method: str
     keeps: bool
-    dt: float | str  # [s], or a multiple of the automatic step
+    dt: float | str
     steps: int
     stopped: str | None
     times: tuple[float, ...]
     errors: tuple[float, ...]
     trend: EnergyTrend
-    heights: tuple[float, ...] = ()  # [D]
-    velocities: tuple[float, ...] = ()  # [m/s]
+    heights: tuple[float, ...] = ()
+    velocities: tuple[float, ...] = ()
 
 
 def report_energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:

@@ -31,7 +31,25 @@ OVERLAP = "less than a diameter"
 
 @dataclasses.dataclass(frozen=True)
 class HardCaseOutcome(PlainData):
-    """Ending of a case."""
+    """Ending of a case.
+
+    Attributes
+    ----------
+    case, method, dt : str
+    kind : str
+        `ACCURATE`, `DEGRADED`, `STOPPED`, `SILENT` or `CRASHED`.
+    error : float
+        As measured; NaN where the run did not end.
+    limit : float
+    said : str
+        The typed error's class and message, or the warnings.
+    allowed : bool
+        Whether the case may end like this.
+    seconds : float
+        Wall time, the compilation of a new kind of scene included.
+    measured : str
+        What the error is of, with its unit.
+    """
 
     case: str
     method: str

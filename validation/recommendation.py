@@ -53,7 +53,27 @@ APART = 2
 
 @dataclasses.dataclass(frozen=True)
 class Recommendation(PlainData):
-    """A setting that reaches a tolerance, by one run or by many starts."""
+    """A setting that reaches a tolerance, by one run or by many starts.
+
+    Attributes
+    ----------
+    scene, quantity : str
+    tolerance, error : float
+        What was asked for, and what was measured.
+    seconds : float
+        What one run takes.
+    keywords : dict
+        For ``simulate(scene.replace(**found.changes), **found.keywords)``.
+    changes : dict
+        Keys of the scene.
+    study : WorkPrecision
+        All settings that were tried.
+    doubt : float
+        Standard error of the error.
+    starts : int
+        How many random starts to average over: 1 unless the scatter of the starts forbids a single
+        run to be that accurate.
+    """
 
     scene: str
     quantity: str

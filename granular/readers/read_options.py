@@ -44,7 +44,46 @@ ROLES = ("time", "height", "velocity", "force", "acceleration", "base_height", "
 
 @dataclasses.dataclass(frozen=True)
 class ReadOptions:
-    """Instructions on reading a file. What is not said is guessed."""
+    """Instructions on reading a file. What is not said is guessed.
+
+    Attributes
+    ----------
+    columns : mapping of str to str
+        Which column is the time, the height (or any other coordinate), the angle, the stroke (a
+        height that is prescribed, of a record whose force is measured), the velocity, the force,
+        the acceleration, and height or acceleration of the base: by its name in the file, or by its
+        number from 1. Any other name calls a column so, as an input of a law.
+    units : mapping of str to str
+        Units by those names, or by names in the file.
+    decimal : str or None
+        ``"."`` or ``","``.
+    skip : int
+        Lines at the head of the file that are no part of the table.
+    sheet : str or None
+        Of a workbook, or the variable of a MATLAB file.
+    flip : bool
+        Whether the coordinate grows downwards, as the distance from a sensor above does.
+    between : tuple of float or None
+        The samples from this time to that one [s].
+    scale, zero : str, mapping of str to str, or None
+        Calibration of the height's column, such as ``"2.4894 mm/V"`` and ``"2.513 V"``, or of
+        several by their roles or names; see `granular.readers.calibration`.
+    calibration : mapping of str to any
+        The same with its other forms, ``coefficients`` or ``points``, of the height or by columns;
+        as in a description, where ``points`` names a file.
+    release : int, str or None
+        Which of several releases is the record, from 1, or ``"all"`` for all of them; heeded where
+        the motion in a record is looked for (`reduced_models.records.free_motion`).
+    rate : str, float or None
+        Samples a second [Hz] of a file without times.
+    sort : bool
+        Whether rows are put in the order of their times.
+
+    Raises
+    ------
+    RecordError
+        If a key or a value is none of these.
+    """
 
     columns: Mapping[str, str | int] = dataclasses.field(default_factory=dict)
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)
@@ -52,12 +91,12 @@ class ReadOptions:
     skip: int = 0
     sheet: str | None = None
     flip: bool = False
-    between: tuple[float, float] | None = None  # the samples from this time to that one [s]
+    between: tuple[float, float] | None = None
     scale: str | Mapping[str, str] | None = None
     zero: str | Mapping[str, str] | None = None
     calibration: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     release: int | str | None = None
-    rate: str | float | None = None  # samples a second [Hz] of a file without times
+    rate: str | float | None = None
     sort: bool = False
 
     def __post_init__(self) -> None:

@@ -41,11 +41,27 @@ AMPLITUDES = ("force", "acceleration", "displacement")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """A host's response to sines."""
+    """A host's response to sines.
+
+    Attributes
+    ----------
+    scene : Scene
+        Scene of the damper and its host.
+    dataset : xarray.Dataset
+        On ``amplitude`` (of the force or the base) and ``frequency`` [Hz], in SI: ``displacement``
+        of the last body (of the load, where the cell stands on the base), ``alone`` without damper
+        and ``ideal`` with Den Hartog's tuned mass of the damper's weight; ``stroke`` of the piston
+        over the cell; ``effective_mass``, ``added_damping``, ``added_stiffness`` and
+        ``loss_factor`` of the damper; ``transmissibility``; energies taken in a period;
+        ``unsteady``.
+    settings : dict
+        Settings of the simulation: ``dt``, ``duration`` [s], and ``sweep``, the first and last
+        frequency [Hz], where one sweep gave it.
+    """
 
     scene: Scene
-    dataset: xarray.Dataset  # [Hz]
-    settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # [s, Hz]
+    dataset: xarray.Dataset
+    settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def peak(self) -> float:

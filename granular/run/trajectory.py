@@ -33,14 +33,27 @@ LEAST = 1e-18
 
 @dataclasses.dataclass(frozen=True)
 class StageResult:
-    """A stage that was run."""
+    """A stage that was run.
+
+    Attributes
+    ----------
+    name : str
+    start, end : float
+        [s]
+    reason : str
+        Why it ended: ``"duration"``, ``"rest"``, ``"force"``, or ``"cut"`` where the run was.
+    height : float
+        Piston height at the end [m]; over the window of rest, its middle.
+    spread : float
+        Range of the height in the window of rest [m]; 0 otherwise.
+    """
 
     name: str
-    start: float  # [s]
-    end: float  # [s]
+    start: float
+    end: float
     reason: str
-    height: float  # [m]
-    spread: float  # [m]
+    height: float
+    spread: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)

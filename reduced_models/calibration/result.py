@@ -21,7 +21,22 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class CalibratedValue:
-    """A number of a scene as a record has it."""
+    """A number of a scene as a record has it.
+
+    Attributes
+    ----------
+    key, unit : str
+    value : float
+    interval : (float, float)
+        From the record's noise and the scatter over random starts together.
+    start : float
+        In the scene that was given.
+    noise, scatter : float
+        Standard deviations, relative to the value, that the record's residual leaves, and that
+        the random starts make (of the record's bed, and of the mean of the simulated ones).
+    step : float or None
+        Estimated error of the simulation's time step, relative.
+    """
 
     key: str
     unit: str
@@ -55,7 +70,26 @@ class FeatureMatch:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Calibration:
-    """Numbers of a scene as a record has them."""
+    """Numbers of a scene as a record has them.
+
+    Attributes
+    ----------
+    parameters : tuple of Calibrated
+    confidence : float
+        Of the intervals.
+    matches : tuple of FeatureMatch
+    undetermined : tuple of ParameterDirection
+        Directions in which the parameters can move without the features noticing; along them, the
+        values are those of the scene that was given.
+    scene : Scene
+        With the values.
+    record : PistonRecord
+    motions : tuple of PistonRecord
+        Of the last simulations, one a random start.
+    simulations : int
+    notes : tuple of str
+        What is to be doubted, in plain words.
+    """
 
     parameters: tuple[CalibratedValue, ...]
     confidence: float

@@ -31,12 +31,31 @@ FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 
 
 class DesignCheck(NamedTuple):
-    """A simulation of a proposal."""
+    """A simulation of a proposal.
+
+    Attributes
+    ----------
+    seed : int
+        Of its random start.
+    rest_height, frequency, damping_ratio : float
+        [m]; [Hz], without damping; fraction of the critical damping.
+    lam, k1, k2, k3 : float
+        Of z'' + 2 lam z' + k1 (z - h) + k2 (z - h)^2 + k3 (z - h)^3 = 0, h the rest height (SI).
+    misfit : float
+        Rms error of the law over the rms swing.
+    rest_gap, fall_gap : float
+        Least distance of two grains at rest over that of their contact, and in the whole run over
+        the large diameter.
+    ledger : float
+        Error of the energy ledger over the energy turned over.
+    times, heights : list of float
+        The motion after the release [s], [m].
+    """
 
     seed: int
-    rest_height: float  # [m]; [Hz], without damping; fraction of the critical damping
-    frequency: float  # [m]; [Hz], without damping; fraction of the critical damping
-    damping_ratio: float  # [m]; [Hz], without damping; fraction of the critical damping
+    rest_height: float
+    frequency: float
+    damping_ratio: float
     lam: float
     k1: float
     k2: float
@@ -45,8 +64,8 @@ class DesignCheck(NamedTuple):
     rest_gap: float
     fall_gap: float
     ledger: float
-    times: Sequence[float]  # [s]
-    heights: Sequence[float]  # [m]
+    times: Sequence[float]
+    heights: Sequence[float]
 
 
 class DesignRound(NamedTuple):

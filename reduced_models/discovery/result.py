@@ -68,7 +68,25 @@ class CandidateEquation:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Discovery:
-    """Equations that were discovered in a record, or in several."""
+    """Equations that were discovered in a record, or in several.
+
+    Attributes
+    ----------
+    method : str
+    candidates : tuple of CandidateEquation
+        The Pareto front and close rivals that were polished, from the simplest on.
+    chosen : int
+        Place of the chosen one.
+    map : HeightMap
+        How z in the equations comes from the height.
+    inclusion_fractions : mapping of str to float
+        Fraction of resampled records in which each term was needed; empty without an ensemble.
+    notes : tuple of str
+        What is to be doubted, in plain words.
+    criterion_increases : mapping of str to float
+        By how much the information criterion rises where a term of the chosen sum is left out;
+        above about 10 the record calls for it. Empty where it is no sum of terms.
+    """
 
     method: str
     candidates: tuple[CandidateEquation, ...]

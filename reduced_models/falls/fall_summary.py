@@ -42,15 +42,34 @@ TOLERANCE = 1e-8
 
 
 class FallSummary(NamedTuple):
-    """Figures of a fall that begins at rest."""
+    """Figures of a fall that begins at rest.
 
-    height: float  # [m]
-    rest: float  # [m]
-    settling_time: float  # [s]
-    greatest_force: float  # [N]
-    deepest: float  # [m]
-    affine_loss: float  # [J]
-    excess_loss: float  # [J]
+    Attributes
+    ----------
+    height, rest : float
+        Of the start, and where it ends [m].
+    settling_time : float
+        From which on the piston stays within 5 % of the drop about its level of rest [s]; infinite
+        where the fall is not followed for so long.
+    greatest_force : float
+        Of the bed on the piston [N].
+    deepest : float
+        Least height of the piston [m].
+    affine_loss : float
+        Energy that the drag of grains takes that follow the piston affinely [J].
+    excess_loss : float
+        Energy lost beyond that, by grains that rearrange [J].
+    simulated : FallSummary or None
+        The same of a simulation, where one was run.
+    """
+
+    height: float
+    rest: float
+    settling_time: float
+    greatest_force: float
+    deepest: float
+    affine_loss: float
+    excess_loss: float
     simulated: FallSummary | None = None
 
     @property

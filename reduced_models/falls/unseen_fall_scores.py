@@ -28,7 +28,19 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DropScore:
-    """A law, fitted to one fall."""
+    """A law, fitted to one fall.
+
+    Attributes
+    ----------
+    name : str
+    model : ReducedModel or None
+        None where the fit failed.
+    errors : tuple of float
+        Of each unseen fall: rms difference of the heights over the height of the drop; infinite
+        where the law diverges.
+    failure : str
+        Why the fit failed.
+    """
 
     name: str
     model: ReducedModel | None
@@ -48,10 +60,26 @@ class DropScore:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DropScores:
-    """Laws fitted to one fall, and judged on others."""
+    """Laws fitted to one fall, and judged on others.
+
+    Attributes
+    ----------
+    record : PistonRecord
+        The fall that was fitted.
+    rest : float
+        Where the piston comes to rest [m].
+    labels : tuple of str
+        What each unseen fall differs by.
+    unseen : tuple of PistonRecord
+    rows : tuple of DropScore
+        The law with the least median first.
+    scatter : tuple of float
+        Of unseen falls from the same height: rms difference from the fitted one over the height of
+        the drop. No law can be expected to do better.
+    """
 
     record: PistonRecord
-    rest: float  # [m]
+    rest: float
     labels: tuple[str, ...]
     unseen: tuple[PistonRecord, ...]
     rows: tuple[DropScore, ...]

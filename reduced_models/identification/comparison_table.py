@@ -24,7 +24,31 @@ NOISE_TIE = 1.25
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ComparisonRow:
-    """One law."""
+    """One law.
+
+    Attributes
+    ----------
+    name : str
+    models : tuple of ReducedModel
+        One a record; empty where the fit failed.
+    parameters : int
+        Free numbers of the law and its map, the initial states not counted.
+    stretches : tuple of float
+        Error of the simulation over the test swings of each record, in rms swings of the record;
+        infinite where it diverges. Empty without any.
+    records : tuple of RollOut
+        One a held-out record.
+    error : float
+        The test error: root mean square over all that was held out; the residual of the fit without
+        any.
+    standard_error : float
+        Of the test error, from how it differs between the test swings; 0 where these are too few.
+    deviance, aic, bic : float
+        n log of the mean squared residual of the fit to all of the records (n the number of
+        independent samples), and with twice, or log n times, the number of parameters added.
+    failure : str
+        Why there is no model; empty where there is one.
+    """
 
     name: str
     models: tuple[ReducedModel, ...] = ()

@@ -43,7 +43,40 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Identification:
-    """The laws of a motion, judged."""
+    """The laws of a motion, judged.
+
+    Attributes
+    ----------
+    record : PistonRecord
+    models : tuple of ReducedModel
+        One a law, in the order asked for.
+    comparison : Comparison
+        Table of the laws, and the verdict.
+    run : Trajectory or None
+        Where the record comes from a simulation.
+    figures : tuple of QuantityWithError
+        Rest, frequency, damping, stiffness of the swing about rest, with their errors.
+    figures_law : str
+        The law whose fit they come from.
+    notes : tuple of str
+        What is to be doubted in the run or its checks, and what was not used.
+    seconds : mapping of str to float
+        Wall time of each part.
+    mass : float or None
+        Of what moves [kg], where it is known.
+    left_out : tuple of str
+        Laws that were not fitted, and why.
+    residuals : mapping of str to ResidualTests
+        Of each law, what it leaves over of the record.
+    advice : tuple of str
+        What to try where even the best law is poor.
+    lift : PistonRecord or None
+        A lift that no law has seen.
+    falls : DropScores or None
+        Laws of the whole fall, judged on falls that no law has seen.
+    own : MeasuredSwing or None
+        Frequency and damping against amplitude of the record itself, without a law.
+    """
 
     record: PistonRecord
     models: tuple[ReducedModel, ...]
@@ -53,7 +86,7 @@ class Identification:
     figures_law: str
     notes: tuple[str, ...]
     seconds: Mapping[str, float]
-    mass: float | None = None  # [kg]
+    mass: float | None = None
     left_out: tuple[str, ...] = ()
     residuals: Mapping[str, ResidualTests] = dataclasses.field(default_factory=dict)
     advice: tuple[str, ...] = ()

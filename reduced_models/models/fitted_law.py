@@ -64,11 +64,28 @@ class EquivalentDamping:
 
 @dataclasses.dataclass(frozen=True)
 class AtRest:
-    """Small motions by a law about its level of rest, with intervals."""
+    """Small motions by a law about its level of rest, with intervals.
 
-    height: float  # [m, s]
-    period: float  # [m, s]
-    damping_ratio: float  # [m, s]
+    Attributes
+    ----------
+    height, period, damping_ratio : float
+        [m], period of the undamped small swing [s], fraction of critical damping. Where that of
+        small swings is far from what the record's swings can show, as with dry friction, it is the
+        energy lost in a harmonic cycle of the amplitude ``equivalent.amplitude``, over 4 pi times
+        that of its swing.
+    intervals : mapping of str to (float, float)
+    equivalent : EquivalentDamping or None
+        None where the damping ratio is that of small swings.
+    peaks : PeakDamping or None
+        Damping ratios by how the record's own peaks fall, where they contradict the law's: they are
+        what is printed then.
+    calibration : mapping of str to float
+        Part of half the intervals that a sensor's calibration makes, where there is one.
+    """
+
+    height: float
+    period: float
+    damping_ratio: float
     intervals: Mapping[str, tuple[float, float]]
     equivalent: EquivalentDamping | None = None
     peaks: PeakDamping | None = None
@@ -134,18 +151,38 @@ def _value_with_interval_text(value: float, unit: str, interval: tuple[float, fl
 
 
 class FittedLaw:
-    """A law with numbers, as a `ReducedModel` has it; the attributes are those of the model."""
+    """A law with numbers, as a `ReducedModel` has it; the attributes are those of the model.
+
+    Attributes
+    ----------
+    law : Law
+    parameters : mapping of str to float
+        In the units of ``law.units``.
+    map : HeightMap
+    initial : (float, float)
+        Height [m] and velocity [m/s] at the record's start.
+    at_rest : AtRest or None
+    domain : mapping of str to (float, float)
+        Range of heights [m] and velocities [m/s] seen.
+    provenance : mapping of str to str
+    hidden : mapping of str to float
+        Hidden states at the record's start, where they are not zero.
+    input_interpolation : str
+        Interpolation of the inputs between samples.
+    angle : bool
+        Whether the height is an angle: [rad] stands for [m] then.
+    """
 
     law: Law
     parameters: Mapping[str, float]
     map: HeightMap
-    initial: tuple[float, float]  # height [m] and velocity [m/s] at the record's start
+    initial: tuple[float, float]
     at_rest: AtRest | None
-    domain: Mapping[str, tuple[float, float]]  # range of heights [m] and velocities [m/s] seen
+    domain: Mapping[str, tuple[float, float]]
     provenance: Mapping[str, str]
     hidden: Mapping[str, float]
     input_interpolation: Interpolation
-    angle: bool  # whether the height is an angle: [rad] stands for [m] then
+    angle: bool
 
     @property
     def unit(self) -> str:

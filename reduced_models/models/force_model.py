@@ -30,13 +30,29 @@ _MOST_ROWS = 12
 
 
 class ForceCycle(NamedTuple):
-    """A cycle of a stroke: energy that it takes, and the stiffness and the damping that it shows."""
+    """A cycle of a stroke: energy that it takes, and the stiffness and the damping that it shows.
 
-    amplitude: float  # [m]
-    frequency: float  # [Hz]
-    loss: float  # [J]
-    stiffness: float  # [N/m]
-    damping: float  # [N s/m]
+    Attributes
+    ----------
+    amplitude, frequency : float
+        [m], [Hz]
+    loss : float
+        Area of its loop [J].
+    stiffness : float
+        In-phase force over the stroke [N/m].
+    damping : float
+        Of the dashpot that takes as much energy [N s/m].
+    errors : (float, float, float)
+        Half-widths of the intervals of the three.
+    cycles : int
+        Number of cycles that were measured; 0 of a law.
+    """
+
+    amplitude: float
+    frequency: float
+    loss: float
+    stiffness: float
+    damping: float
     errors: tuple[float, float, float]
     cycles: int = 0
 

@@ -36,12 +36,57 @@ class ParameterDirection:
 
 @dataclasses.dataclass(frozen=True)
 class Quality:
-    """Quality of a model's fit to the data."""
+    """Quality of a model's fit to the data.
 
-    residual: float  # [m]
+    Attributes
+    ----------
+    residual : float
+        Root mean square of height minus model over the record [m].
+    relative : float
+        The same over the rms swing of the record.
+    test_error : float or None
+        Rms error of the simulation over the test swings by a model that has not seen them, over the
+        rms swing of the whole record; infinite where that model diverges. To be compared with
+        ``test_error_at_rest``.
+    test_swings : sequence of (float, float)
+        Start and end of these swings, since the record's start [s]; one is the motion's end, where
+        there are too few swings to spread them.
+    starts, converged : int
+        Random starts, and how many of them led to the best fit.
+    samples : int
+    solver_error : float
+        Greatest difference of the solution that was fitted and an adaptive one at a tolerance of
+        1e-10, over the amplitude.
+    test_error_at_rest : float or None
+        The same error of a piston that stays at the level of rest of the other samples: what a
+        prediction has to beat.
+    test_standard_error : float or None
+        Standard error of ``test_error``, from how it differs between the swings; None for one.
+    shifts : mapping of str to float
+        How far period and damping ratio of the small swing at rest move, over themselves, where the
+        test swings are left out of the fit: how much it matters what a law misses.
+    noise : float
+        Standard deviation of white noise in the record, from its third differences [m].
+    correlation : float
+        Integrated autocorrelation time of the residuals, in samples.
+    collocation : str
+        Result of a fit to accelerations in the record, which solves nothing: ``"same"`` fit,
+        ``"worse"``, ``"better"`` (which is then this fit), or ``"none"`` where there is no such.
+    whiteness, signs : float
+        Probabilities that white noise is correlated as much as the residuals, and that its sign
+        changes as seldom, or as often (tests of Ljung & Box, and of Wald & Wolfowitz).
+    lag : float
+        Time by which the solution comes late [s].
+    slow, swinging : float
+        Fraction of the residuals' power that is slower than the swing, and that is about as fast.
+    drift : float
+        Their slow power, over what white noise of the same power has there.
+    """
+
+    residual: float
     relative: float
     test_error: float | None
-    test_swings: Sequence[tuple[float, float]]  # [s]
+    test_swings: Sequence[tuple[float, float]]
     starts: int
     converged: int
     samples: int
@@ -49,12 +94,12 @@ class Quality:
     test_error_at_rest: float | None = None
     test_standard_error: float | None = None
     shifts: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    noise: float = 0.0  # [m]
+    noise: float = 0.0
     correlation: float = 1.0
     collocation: str = "none"
     whiteness: float = 1.0
     signs: float = 1.0
-    lag: float = 0.0  # [s]
+    lag: float = 0.0
     slow: float = 0.0
     swinging: float = 0.0
     drift: float = 1.0

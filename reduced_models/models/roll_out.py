@@ -27,10 +27,25 @@ START_PERIODS = 1.0
 
 
 class RollOut(NamedTuple):
-    """Prediction of a record by a model."""
+    """Prediction of a record by a model.
+
+    Attributes
+    ----------
+    motion : PistonRecord
+        At the record's times, up to where it diverges.
+    error : float
+        Rms difference of the heights over the whole record [m]; infinite where it diverges.
+    relative : float
+        The same over the rms swing of the record.
+    at_rest : float
+        The same for a piston that stays at the model's level of rest (the record's, where it has
+        none).
+    standard_error : float or None
+        Standard error of ``relative``, from how it differs between the swings.
+    """
 
     motion: PistonRecord
-    error: float  # [m]
+    error: float
     relative: float
     at_rest: float
     standard_error: float | None = None

@@ -32,15 +32,32 @@ _WIDTH, _ROWS = 68, 12
 
 @dataclasses.dataclass(frozen=True)
 class RecordOverview:
-    """A record, and what is to be known of it before a law is fitted."""
+    """A record, and what is to be known of it before a law is fitted.
+
+    Attributes
+    ----------
+    record : PistonRecord
+    meaning : SheetInterpretation
+        Role of each column.
+    rate : float
+        Samples a second [1/s].
+    gaps : int
+        Steps in time of more than 2.5 times the usual one.
+    noise : float
+        Standard deviation of the coordinate's white noise, in its unit.
+    level : float or None
+        The least step of a sensor that rounds, in the coordinate's unit.
+    useful : float
+        Time after which the motion is hardly more than noise about its rest [s].
+    """
 
     record: PistonRecord
     meaning: SheetInterpretation
-    rate: float  # [1/s]
+    rate: float
     gaps: int
     noise: float
     level: float | None
-    useful: float  # [s]
+    useful: float
 
     def to_plain(self) -> dict[str, Any]:
         """Return what was understood of the file, and the figures, as plain data."""

@@ -28,12 +28,26 @@ LEVELS = {"1 %": 1e-2, "0.1 %": 1e-3, "1e-6": 1e-6}
 
 @dataclasses.dataclass(frozen=True)
 class WorkPrecision(PlainData):
-    """Errors and wall times of many settings."""
+    """Errors and wall times of many settings.
+
+    Attributes
+    ----------
+    scene, quantity, unit : str
+        ``unit`` of the errors: ``"1"`` where they are relative.
+    horizon : float or None
+        Until when the scene was run [s]; None for its whole protocol.
+    points : tuple of WorkPrecisionPoint
+    floor : float
+        Standard deviation of the quantity over the starts, as an error; 0 for one start, and where
+        each start has a value of its own.
+    reference : str
+        What the errors are measured against.
+    """
 
     scene: str
     quantity: str
     unit: str
-    horizon: float | None  # [s]
+    horizon: float | None
     points: tuple[WorkPrecisionPoint, ...]
     floor: float
     reference: str
