@@ -115,10 +115,7 @@ class ContactLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the energy of the contacts, and add their stiffness.
-
-        time [tau], stiffness [1/tau^2], energies [F* D].
-        """
+        """Enter the energy of the contacts [F* D], and add their stiffness [1/tau^2]."""
         state, constants = bed.state, bed.constants
         total = 0.0
         masses = constants.masses
@@ -129,6 +126,8 @@ class ContactLaw(NamedTuple):
             if overlap > 0.0:
                 k = hertz_spring_constant(law, law.radius[i], law.radius[j])
                 total += hertz_energy(k, overlap)
+                # A row sum of the Hessian has the pair's block twice: on the diagonal and beside it
+                # (Gershgorin).
                 slope = 2.0 * _hertz_stiffness(k, overlap)
                 stiffness[i] += slope / value_or_one(masses, i)
                 stiffness[j] += slope / value_or_one(masses, j)
@@ -144,6 +143,7 @@ class ContactLaw(NamedTuple):
         state, constants = bed.state, bed.constants
         masses = constants.masses
         for turn in range(workspace.filled[0]):
+            # In the opposite order when a step closes: dashpots that share a grain do not commute.
             p = turn if opens_step else workspace.filled[0] - 1 - turn
             i, j = workspace.first[p], workspace.second[p]
             dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
@@ -170,10 +170,7 @@ class ContactLaw(NamedTuple):
     def squared_head_on_impact_frequency(
         law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
-        """Square of the highest angular frequency in an impact of two grains at that speed [1/tau^2].
-
-        speed [D/tau].
-        """
+        """Squared highest angular frequency in an impact of two grains [1/tau^2]; speed [D/tau]."""
         barrier = 0.0
         if constants.acting.dipole is not None:
             barrier = _magnetic_energy_at_touch(constants.acting.discs, law) * constants.least_moment**2
@@ -211,23 +208,21 @@ def _hertz_stiffness(k: float, overlap: float) -> float:
 
 @compiled
 def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float, dt: float) -> float:
-    """Fraction of the normal velocity that the dashpot leaves after ``dt``.
-
-    k [F*/D^(3/2)], overlap [D], mass [m], dt [tau].
-    """
+    """Fraction of the normal velocity after ``dt`` of dashpot; k [F*/D^(3/2)], overlap [D], dt [tau]."""
+    # eta/m* with eta = alpha sqrt(m* k) d^(1/4) (Antypov and Elliott 2011): the head of this file.
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * dt)
 
 
 @compiled
 def squared_head_on_impact_frequency(law: ContactLaw, speed: float, mass: float, barrier: float) -> float:
-    """Square of the highest angular frequency in a head-on impact of two alike grains [1/tau^2].
-
-    speed [D/tau], mass [m], barrier [F* D].
-    """
+    """Squared angular frequency at the deepest overlap of two alike grains [1/tau^2]; barrier [F* D]."""
     reduced = 0.5 * mass
+    # Both grains move at ``speed``, so the relative one is twice that: (1/2) m* (2 v)^2 in their centre of
+    # mass.
     left = 2.0 * reduced * speed * speed - barrier
     if left <= 0.0:
         return 0.0
     k = hertz_spring_constant(law, 0.5 * law.widest, 0.5 * law.widest)
+    # The largest overlap d follows from (2/5) k d^(5/2) = left.
     return _hertz_stiffness(k, (2.5 * left / k) ** 0.4) / reduced

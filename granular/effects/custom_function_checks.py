@@ -16,9 +16,12 @@ from granular.effects.effect import EffectContext
 from granular.shared.errors import InputError
 from granular.shared.message_text import one_line
 
+# Far above the error of the difference quotient, some 1e-11, and far below that of a wrong factor.
 CLOSE = 1e-5
 """Relative difference between a derivative and what a function says."""
+# Fourth-order differences at this step err by 1e-16 by truncation and 1e-12 by rounding.
 _STEP = 1e-4
+# Neither round nor symmetric, lest a wrong function be right by chance; a zero crossing hides an error.
 _POINTS, _TIMES = ((0.31, 0.17), (0.52, 0.83), (0.77, 0.44)), (0.0, 0.37, 1.9)
 _DISTANCES = (0.83, 1.21, 1.94)
 
@@ -128,6 +131,8 @@ def _check_force(definition: CustomDefinition, p: Any, grain: Grain, time: float
     size = 1e-6 * abs(energy(grain, time))
     across = _numerical_derivative(lambda x: energy(grain._replace(x=x), time), grain.x)
     along = _numerical_derivative(lambda y: energy(grain._replace(y=y), time), grain.y)
+    # One part in 1e3 of the other component counts as size: near a zero of this one, rounding of both
+    # remains.
     _compare_with_derivative(definition, "force", fx, -across, size + 1e-3 * abs(fy))
     _compare_with_derivative(definition, "force", fy, -along, size + 1e-3 * abs(fx))
     rate = _numerical_derivative(lambda moment: energy(grain, moment), time)
@@ -162,10 +167,12 @@ def _check_pair_force(definition: CustomDefinition, p: Any, r: float, grains: li
 def _check_flow(definition: CustomDefinition, p: Any, grain: Grain) -> None:
     for vx, vy, dt in ((0.3, -0.2, 0.1), (0.0, 0.5, 0.02)):
         wx, wy = _call_user_function(definition, "flow", p, grain, vx, vy, dt, count=2)
+        # 1e-12: what rounding may add to a flow that takes nothing, a rotation for example.
         if wx * wx + wy * wy > (vx * vx + vy * vy) * (1.0 + 1e-12):
             raise InputError(
                 f"{definition.display_name}: 'flow' makes a grain faster; it may only take energy"
             )
+        # Half a step before and half behind the drift must be a whole one, or the splitting loses its order.
         twice = _call_user_function(definition, "flow", p, grain, wx, wy, dt, count=2)
         total = _call_user_function(definition, "flow", p, grain, vx, vy, 2.0 * dt, count=2)
         if not np.allclose(twice, total, rtol=1e-9, atol=1e-14):

@@ -25,9 +25,9 @@ class CustomLaw(NamedTuple):
     """An own effect as the kernels take it."""
 
     kind: Any
-    values: tuple[float, ...]
-    reach: float  # [D]
-    factor: Float[Array, "m"] | None
+    values: tuple[float, ...]  # parameters in natural units
+    reach: float  # pairs from this distance on do nothing [D]; infinite: all pairs count
+    factor: Float[Array, "m"] | None  # energy and force of each grain are multiplied by it
 
     def workspace(self, size: int, count: int) -> CellList | None:
         """Make cells for the search of grains within reach."""
@@ -53,10 +53,7 @@ class CustomLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the energies of grains and pairs by the user's functions, and add their stiffness.
-
-        time [tau], stiffness [1/tau^2], energies [F* D].
-        """
+        """Enter the energies by the user's functions [F* D], and add their stiffness [1/tau^2]."""
         state, constants = bed.state, bed.constants
         energies[index] = _grain_energy(law.kind, law, state, constants, time, stiffness)
         energies[index] += _pair_energy(law.kind, law, workspace, state, constants, stiffness)
@@ -76,10 +73,7 @@ class CustomLaw(NamedTuple):
     def record_external_work(
         law: CustomLaw, workspace: CellList | None, index: int, dt: float, bed: Bed, time: float
     ) -> int:
-        """Enter ``dt`` times the user's ``power`` of all grains as work from outside [F* D].
-
-        dt, time [tau].
-        """
+        """Enter dt [tau] times the user's ``power`` of all grains as work from outside [F* D]."""
         state, constants = bed.state, bed.constants
         _work(law.kind, law, dt, state, constants, time)
         return 0
@@ -89,7 +83,7 @@ class CustomLaw(NamedTuple):
 def make_grain(
     state: State, masses: Float[Array, "m"] | None, moments: Float[Array, "m"] | None, i: int
 ) -> Grain:
-    """Grain as the user's functions see it [D]."""
+    """Grain as the user's functions see it: x, y [D], and mass and moment over the first species'."""
     return Grain(state.x[i], state.y[i], value_or_one(masses, i), value_or_one(moments, i))
 
 
@@ -257,6 +251,7 @@ def _make_pair_energy(definition: CustomDefinition) -> Loop:
                 if r < law.reach:
                     second = make_grain(state, masses, moments, j)
                     total += energy(p, r, first, second)
+                    # Twice: Gershgorin's row sum has the pair's block on the diagonal and beside it.
                     slope = 2.0 * abs(stiffness(p, r, first, second))
                     slopes[i] += slope / first.mass
                     slopes[j] += slope / second.mass
@@ -304,11 +299,9 @@ class CustomWallLaw(NamedTuple):
     @staticmethod
     @compiled
     def turning_point_stiffness(law: CustomWallLaw, speed: float) -> float:
-        """Stiffness where a grain of this speed turns, by bisection of the logarithmic distance [1/tau^2].
-
-        speed [D/tau].
-        """
+        """Stiffness where a grain turns, by bisection in log(distance) [1/tau^2]; speed [D/tau]."""
         near, far = math.log(NEAREST), math.log(FARTHEST)
+        # log(1e3/1e-4)/2^60 is below the rounding of the logarithm.
         for _ in range(60):
             middle = 0.5 * (near + far)
             if _wall_energy(law.kind, law.values, math.exp(middle)) > 0.5 * speed * speed:

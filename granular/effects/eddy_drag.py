@@ -93,6 +93,7 @@ class Eddy(DissipativeEffect):
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
         """Check that discs do not reach into the plate."""
+        # A thin plate lies at ``distance`` as a sheet, whatever its thickness.
         half = 0.5 * self.thickness if self.plate == "thick" else 0.0
         tallest = 0.5 * float(grains.species_values("thickness").max())
         if grains.magnets == "cylinders" and self.distance <= half + tallest:
@@ -117,7 +118,7 @@ class Eddy(DissipativeEffect):
         return Plate(self.distance / scales.length, thickness / scales.length)
 
     def includes_mutual_currents(self, count: int, scales: Scales) -> bool:
-        """Return whether the currents of other grains are counted."""
+        """Return whether others' currents count; by default if they change a lattice's drag by a tenth."""
         if self.mutual is not None or count < 2:
             return bool(self.mutual) and count > 1
         return abs(lattice_drag_factor(self._plate_in_natural_units(scales), SPACING) - 1.0) > TENTH
@@ -126,6 +127,7 @@ class Eddy(DissipativeEffect):
         """Drag coefficient of a grain of the first species, as a dipole over the plates [kg/s]."""
         moment = scales.current * scales.length**2
         sheet = self.plates * self.conductivity * self.thickness
+        # Reitz 1970, doi:10.1063/1.1659172: the head of this file.
         strength = 3.0 * scales.permeability**2 * sheet * moment**2
         thin = strength / (128.0 * math.pi * self.distance**4)
         return thin * self._plate_in_natural_units(scales).thickness_drag_factor()
@@ -150,8 +152,8 @@ class Eddy(DissipativeEffect):
 class EddyLaw(NamedTuple):
     """Eddy-current drag as the kernels take it."""
 
-    rate: float  # [1/tau]
-    factors: Float[Array, "m"] | None
+    rate: float  # [1/tau], of a dipole of the first species
+    factors: Float[Array, "m"] | None  # drag of each disc over a dipole's; None of dipoles
 
     @staticmethod
     @compiled(inline=True)
@@ -177,10 +179,7 @@ class EddyLaw(NamedTuple):
     def add_damping_to_slopes(
         law: EddyLaw, workspace: None, index: int, slopes: Float[Array, "4 m"], dt: float, bed: Bed
     ) -> int:
-        """Add the drag as a force, for Runge-Kutta methods; enter the loss with the weight ``dt``.
-
-        slopes [D/tau, D/tau^2], dt [tau].
-        """
+        """Take the drag off the slopes of velocities [D/tau^2]; enter the loss with the weight dt [tau]."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, relative_moments(constants), 0.0
         for i in range(constants.grains):

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 SINE, SWEEP, IMPULSE, TABLE = range(4)
 
+# The cubic between such knots errs by (2 pi/24)^4/384 = 1.2e-5 of a sine.
 KNOTS_A_PERIOD = 24
 """Knots of the tabled noise in a period of its highest frequency."""
 MOST_LINES, MOST_KNOTS = 2048, 2**20
@@ -147,8 +148,10 @@ class Excitation(Section):
     def highest_frequency(self) -> float:
         """Highest frequency that a step has to resolve [Hz]."""
         if self.kind == "table":
+            # Ten rows a period: the cubic between fewer does not resolve a sine.
             return 0.1 / float(np.diff(self.times).min())
         if self.kind == "impulse":
+            # A half sine of this duration is half a period.
             return 0.5 / (self.duration or 1.0)
         return self.to or self.frequency or 0.0
 
@@ -192,15 +195,15 @@ class ExcitationLaw(NamedTuple):
 
     kind: int
     base: bool  # whether it is an acceleration of the base [D/tau^2]; otherwise a force [F*]
-    size: float
+    size: float  # amplitude [F*, D/tau^2], or [D] with ``swings``
     swings: bool  # whether ``size`` is that of a displacement [D]
-    omega: float  # [1/tau]
-    ratio: float
+    omega: float  # first angular frequency [1/tau]
+    ratio: float  # log(last frequency/first)
     start: float  # [tau]
     duration: float  # [tau]
-    times: Float[np.ndarray, "k"]
-    values: Float[np.ndarray, "k"]
-    slopes: Float[np.ndarray, "k"]
+    times: Float[np.ndarray, "k"]  # of a table [tau], equidistant; cubic between
+    values: Float[np.ndarray, "k"]  # over ``size``
+    slopes: Float[np.ndarray, "k"]  # [1/tau]
 
 
 @compiled
@@ -212,15 +215,14 @@ def evaluate_excitation(drive: ExcitationLaw, time: float) -> float:
 
 @compiled
 def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_step: bool) -> float:
-    """Excitation for a kick that begins at ``time`` or, where it closes a step, ends there [F*, D/tau^2].
-
-    time, dt [tau].
-    """
+    """Drive for a kick from time [tau] over dt, or to it where it closes a step [F*, D/tau^2]."""
     t = time - drive.start
     other = t + dt if opens_step else t - dt
     first, last = min(t, other), max(t, other)
     if first >= 0.0 and last <= drive.duration:
         return _value_during_excitation(drive, t)
+    # Begin and end, where the drive may jump, can fall within a kick. It counts for its part of the kick: all
+    # or nothing would cost the second order.
     fraction = (min(last, drive.duration) - max(first, 0.0)) / (last - first)
     if not fraction > 0.0:
         return 0.0

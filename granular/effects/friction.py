@@ -83,7 +83,7 @@ class Friction(DissipativeEffect):
             )
 
     def normal_force_factors(self, grains: Grains, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
-        """Per species, A_i and B_j of the normal force, with q_i q_j K_ij = A_i B_j."""
+        """Per species, A_i (s,) and B_j (s,) of the normal force, with q_i q_j K_ij = A_i B_j."""
         diameter = np.array([specy.diameter for specy in grains.species])
         thickness, gap = grains.species_values("thickness"), cell.separation
         if gap < thickness.max():
@@ -94,6 +94,7 @@ class Friction(DissipativeEffect):
             )
         diagonal = np.hypot(diameter, thickness)
         if (diagonal <= gap).any():
+            # D^2 + eps^2 = E^2: the diagonal fits upright between the plates.
             least = math.sqrt(gap**2 - thickness[diagonal <= gap][0] ** 2)
             raise FieldError(
                 f"{diameter[diagonal <= gap][0]:g} m must be above {least:.3g} m, or the grain "
@@ -101,9 +102,12 @@ class Friction(DissipativeEffect):
                 "grains",
                 "species",
             )
+        # [D, eqs. 2.15, 4.11], without the misprint of [D, eq. 4.10]: the head of this file.
         moments = grains.moment_ratios()
         lean = np.arctan(thickness / diameter)
         tilt = np.arcsin(gap / diagonal) - lean
+        # (1/3) of sin(th_j): half of the (2/3) by which the second-order torque [D, eq. 3.2] exceeds the
+        # first.
         arm = np.cos(tilt) + (1.0 / 3.0 if self.torque == "second" else 0.0)
         own = moments * 0.75 * diameter[0] * arm / (np.cos(lean + tilt) * diagonal)
         return own, moments * np.sin(tilt)

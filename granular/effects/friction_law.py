@@ -18,14 +18,14 @@ class FrictionLaw(NamedTuple):
 
     static: float
     dynamic: float
-    threshold: float | None  # [D/tau]
-    load: float  # [F*]
-    factor: Float[Array, "m"]
-    rate: float | None  # [1/tau]
-    kind: Float[Array, "m"] | None
+    threshold: float | None  # [D/tau], of the regularised law; None: the velocity scheme
+    load: float  # constant normal force [F*]
+    factor: Float[Array, "m"]  # N_i = load + factor_i sum_j weight_j / r_ij^3 [F* D^3]
+    rate: float | None  # [1/tau], of the drag that is solved along; None without
+    kind: Float[Array, "m"] | None  # index of each grain's rate in ``rates``
     rates: drag.DragRateTable | None
-    entry: int
-    drag: int | None
+    entry: int  # index in the ledger of the loss to friction
+    drag: int | None  # index in the ledger of the loss to drag
 
     @staticmethod
     @compiled(inline=True)
@@ -61,7 +61,7 @@ def velocity_factor_after_friction(speed: float, loss: float) -> float:
 
 @compiled(inline=True)
 def _vector_length(x: float, y: float) -> float:
-    """Length of a vector whose squares neither overflow nor matter where they vanish."""
+    """Length of a vector. `math.hypot`, which guards against overflow, took a third of a step."""
     return math.sqrt(x * x + y * y)
 
 
@@ -137,8 +137,11 @@ def _kick_creeping_grain(
     decay, gain, a, b, c = flow
     ax, ay = state.fx[i] / mass, state.fy[i] / mass
     vx, vy = state.vx[i], state.vy[i]
+    # Direction of v before plus v after. One after the other, as fast grains take them, force and friction
+    # would give a creeping grain more energy in each step than it has.
     ux, uy = (1.0 + decay) * vx + gain * ax, (1.0 + decay) * vy + gain * ay
     length = _vector_length(ux, uy)
+    # Motion before and after cancel: the grain turns within dt, so it stops on the way.
     if length == 0.0:
         _bring_grain_to_rest(law, rate, dt, state, i, mass, load)
         return
@@ -218,6 +221,8 @@ def _grain_sticks(
     """Return whether force and friction stop the grain within ``dt``, and friction then holds it."""
     vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
     against = -(vx * fx + vy * fy)
+    # It must not be carried through rest to the other side: dynamic friction would release it there, though
+    # static friction holds it.
     if against <= 0.0 or _vector_length(fx, fy) > law.static * load:
         return False
     return speed * mass <= dt * (against / speed + law.dynamic * load)

@@ -44,7 +44,7 @@ class Gravity(ForceEffect):
 class GravityLaw(NamedTuple):
     """Gravity as the kernels take it."""
 
-    pull: float  # [F*/m]
+    pull: float  # G [F*/m]
 
     @staticmethod
     @compiled(inline=True)
@@ -65,7 +65,7 @@ class GravityLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the sum of m g y over the grains [F* D], zero at the bottom; time [tau], energies [F* D]."""
+        """Enter the sum of m g y over the grains, zero at the bottom [F* D]."""
         state, constants = bed.state, bed.constants
         energies[index] = _weight_energy(law.pull, constants.grains, constants.masses, state.y)
         return 0

@@ -176,6 +176,7 @@ class Host(MovingFrameEffect):
         drive = 0.0 if self.excitation is None else self.excitation.highest_frequency()
         masses = [body.mass for body in self.bodies]
         stiffness = [body.stiffness for body in self.bodies] + [0.0]
+        # Row sums of the chain's stiffness over the masses bound its squared frequencies (Gershgorin).
         rows = [2.0 * (stiffness[k] + stiffness[k + 1]) / mass for k, mass in enumerate(masses)]
         return RESOLVED * max(math.tau * drive, math.sqrt(max(rows, default=0.0))) * scales.time
 
@@ -232,22 +233,22 @@ def _effect_dissipates(effect: Effect) -> bool:
 class HostChain(NamedTuple):
     """The bodies, from the base upwards."""
 
-    masses: Float[np.ndarray, "n"]
-    stiffness: Float[np.ndarray, "n"]
-    damping: Float[np.ndarray, "n"]
-    fraction: Float[np.ndarray, "n"]
+    masses: Float[np.ndarray, "n"]  # [m]
+    stiffness: Float[np.ndarray, "n"]  # [F*/D]
+    damping: Float[np.ndarray, "n"]  # [F* tau/D]
+    fraction: Float[np.ndarray, "n"]  # fraction of the outer force on each body
 
 
 class HostWorkspace(NamedTuple):
     """The motion of the host, and scratch."""
 
-    persistent: Float[np.ndarray, "2 n"]
-    present: Float[np.ndarray, "2"]
-    forces: Float[np.ndarray, "n"]
-    changes: Float[np.ndarray, "n"]
-    diagonal: Float[np.ndarray, "n"]
-    speeds: Float[np.ndarray, "2 m"]
-    push: Float[np.ndarray, "m"]
+    persistent: Float[np.ndarray, "2 n"]  # displacements [D], velocities [D/tau]; last: the frame
+    present: Float[np.ndarray, "2"]  # `PUSH` [D/tau^2], `PULL` [F*]
+    forces: Float[np.ndarray, "n"]  # [F*]
+    changes: Float[np.ndarray, "n"]  # [D/tau]
+    diagonal: Float[np.ndarray, "n"]  # [m]
+    speeds: Float[np.ndarray, "2 m"]  # velocities x, y of the grains before a kick [D/tau]
+    push: Float[np.ndarray, "m"]  # vertical forces on the grains, without inertia [F*]
     ledger: Float[np.ndarray, "k"]
 
 
@@ -257,12 +258,12 @@ class HostLaw(NamedTuple):
     mount: int
     chain: HostChain
     drive: ExcitationLaw
-    frame_mass: float  # [m]
-    piston_mass: float  # [m]
+    frame_mass: float  # [m], fixed to the frame while the piston is free
+    piston_mass: float  # [m], with the body that carries it; 0: none
     bed_mass: float  # [m]
-    reacts: bool
-    entry: int
-    driven: bool
+    reacts: bool  # something dissipates, on either side of the frame
+    entry: int  # index in the ledger of the loss to the dashpots
+    driven: bool  # something shakes it
 
     def workspace(self, size: int, count: int) -> HostWorkspace:
         """Make the workspace for the motion of the host, all at rest."""
@@ -289,10 +290,7 @@ class HostLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the energy of bodies and springs, and of the frame's motion [F* D].
-
-        time [tau], energies [F* D].
-        """
+        """Enter the energy of bodies and springs, and of the frame's motion [F* D]."""
         state = bed.state
         chain, last = law.chain, law.chain.masses.size - 1
         total, below = 0.0, 0.0

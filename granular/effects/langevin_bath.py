@@ -37,9 +37,11 @@ from granular.schema.natural_units import Scales
 from granular.schema.sections import integer_field, quantity
 
 LOW, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
+# Multipliers, Weyl increments and rounds of Philox 4x32-10 (Salmon et al., SC'11).
 _FIRST, _SECOND = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _WEYL, _OTHER_WEYL = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 _ROUNDS = 10
+# 32 - 5 = 27 and 32 - 6 = 26 bits: together the 53 of a double's significand.
 _TOP, _REST = np.uint64(5), np.uint64(6)
 _SCALE = 1.0 / 2.0**53
 
@@ -74,6 +76,7 @@ class Bath(MovingFrameEffect, DissipativeEffect):
 
     def greatest_imparted_speed(self, scales: Scales) -> float:
         """Speed that a grain of a few hundred has now and then [D/tau]."""
+        # Four standard deviations of a component: in one state of twenty, one grain of 368 is faster.
         return 4.0 * math.sqrt(self.temperature / scales.energy)
 
     def check_compatibility(
@@ -149,5 +152,6 @@ def draw_normal_pair(seed: np.uint64, step: np.uint64, label: np.uint64) -> tupl
     # Above 0 and up to 1, by 53 bits: 27 of one word, 26 of another.
     first = (float((a >> _TOP) << np.uint64(26)) + float(b >> _REST) + 1.0) * _SCALE
     second = (float((c >> _TOP) << np.uint64(26)) + float(d >> _REST)) * _SCALE
+    # Box and Muller, Ann. Math. Stat. 29 (1958) 610; log(0) is excluded by the + 1 above.
     size, turn = math.sqrt(-2.0 * math.log(first)), 2.0 * math.pi * second
     return size * math.cos(turn), size * math.sin(turn)

@@ -33,9 +33,11 @@ if TYPE_CHECKING:
 LEFT_OUT = 0.01
 """Drag of a lone grain, at most, that grains beyond the reach take or add."""
 
+# 2/sqrt(3), and that over 1.375^2 (see `granular.effects.eddy_drag.SPACING`).
 DENSEST, USUAL = 1.155, 0.61
 """Grains per D^2 that touch each other, and at the packaged damper's spacing."""
 
+# 1 - A + A^2/2 is off by 0.019 at 0.5; from 2 on a step would gain energy.
 LONGEST = 0.5
 """Largest eigenvalue of A in a step: the error of its exponential is 2 % there."""
 
@@ -47,27 +49,27 @@ from there on the moments of each kind of grain, 0 for those of other kinds."""
 class PairDragTable(NamedTuple):
     """The tensor of each pair of kinds of grains."""
 
-    series: Float[np.ndarray, "k k 2 ORDER"] | None
+    series: Float[np.ndarray, "k k 2 ORDER"] | None  # coefficients of P, Q by pairs of kinds; None: both 1
     shifts: Float[np.ndarray, "s 2"]  # displacements of the images of the cell, its own first [D]
 
 
 class EddyWorkspace(NamedTuple):
     """Scratch of the sums."""
 
-    rows: Float[np.ndarray, "8+k m"]
-    order: Int[np.ndarray, "m"]
+    rows: Float[np.ndarray, "8+k m"]  # see `PX` and the others [D, D/tau]
+    order: Int[np.ndarray, "m"]  # grains by their height
 
 
 class MutualEddyLaw(NamedTuple):
     """Eddy-current drag of all grains as the kernels take it."""
 
-    rate: float  # [1/tau]
-    square: float  # [D^2]
-    reach: float  # [D]
-    spare: float
-    stiffest: float
-    kinds: int
-    kind: Float[Array, "m"] | None
+    rate: float  # [1/tau], of a lone dipole of the first species along a thin plate
+    square: float  # H^2 [D^2]
+    reach: float  # largest difference in height of grains that meet [D]
+    spare: float  # drag for those beyond the reach, over a lone grain's
+    stiffest: float  # bound of the eigenvalues of M^-1 T, over ``rate``
+    kinds: int  # 1 of dipoles; of discs one per species
+    kind: Float[Array, "m"] | None  # kind of each grain; None of one kind
     table: PairDragTable
 
     def workspace(self, size: int, count: int) -> EddyWorkspace:
@@ -118,10 +120,7 @@ class MutualEddyLaw(NamedTuple):
         dt: float,
         bed: Bed,
     ) -> int:
-        """Add the drag as a force, for Runge-Kutta methods; enter the loss with the weight ``dt``.
-
-        slopes [D/tau, D/tau^2], dt [tau].
-        """
+        """Take the drag off the slopes of velocities [D/tau^2]; enter the loss with the weight dt [tau]."""
         rows, count, lost = workspace.rows, bed.constants.grains, 0.0
         _load_grains_into_workspace(law, workspace, bed)
         for i in range(count):
@@ -276,6 +275,8 @@ def make_mutual_eddy_law(
         numbers = [range(-math.ceil(FARTHEST / side), math.ceil(FARTHEST / side) + 1) for side in sides]
         shifts = np.array([(i * sides[0], j * sides[1]) for i in numbers[0] for j in numbers[1]])
     else:
+        # Far away T ~ 4 H^5/r^5. Over all grains higher or lower by more than R that is 4 (8/9) rho H^5/R^3;
+        # set to LEFT_OUT.
         reach = (32.0 / 9.0 * USUAL * square**2.5 / LEFT_OUT) ** (1.0 / 3.0)
         height = context.grains.count / USUAL / (context.cell.width / length)
         if height < 2.0 * reach:
@@ -292,6 +293,8 @@ def make_mutual_eddy_law(
         square=square,
         reach=reach,
         spare=0.0 if reach == math.inf else LEFT_OUT * factor,
+        # 1 for grains far apart, rho H^2 for dense ones. Touching, with H = 4/3 D, 3.05 bounds 2.47 (summed
+        # over the lattice).
         stiffest=heaviest * factor * (1.0 + DENSEST * square),
         kinds=max(len(discs), 1),
         kind=pad_values(context.species) if discs else None,

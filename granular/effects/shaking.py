@@ -65,9 +65,9 @@ class Shaking(MovingFrameEffect):
 class ShakingLaw(NamedTuple):
     """Apparent acceleration (x, y) sin(omega t), in natural units."""
 
-    x: float
-    y: float
-    omega: float
+    x: float  # [D/tau^2]
+    y: float  # [D/tau^2]
+    omega: float  # [1/tau]
 
     @staticmethod
     @compiled(inline=True)
@@ -88,7 +88,7 @@ class ShakingLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the sum of -m A(t) . r over the grains [F* D]; time [tau], energies [F* D]."""
+        """Enter the sum of -m A(t) . r over the grains [F* D]; time [tau]."""
         energies[index] = _inertia_energy(law, time, bed)
         return 0
 
@@ -99,6 +99,8 @@ class ShakingLaw(NamedTuple):
     ) -> int:
         """Enter the work that the shaking does on grains and piston in ``dt`` [F* D]; dt, time [tau]."""
         state, constants = bed.state, bed.constants
+        # The energy -m A(t) . r depends on time: the work from outside is its rate at fixed positions, -m
+        # A'(t) . r.
         rx, ry = _apparent_acceleration_rate(law, time)
         mx, my = _mass_moment(constants.grains, constants.masses, state.x, state.y)
         state.ledger[WORK] -= dt * (rx * mx + ry * my)

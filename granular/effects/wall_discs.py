@@ -41,12 +41,12 @@ far away, over the mean one."""
 class DiscWallTables(NamedTuple):
     """The row as each species sees it."""
 
-    pieces: Float[Array, "kinds terms PIECES 6"]  # [F* D^3]
-    per_piece: float  # [D]
+    pieces: Float[Array, "kinds terms PIECES 6"]  # W^2 A_m: powers of the part of a piece [F* D^3]
+    per_piece: float  # pieces per 1/W [D]
     smooth: Float[Array, "kinds"]  # 1/W below which the first term alone counts [1/D]
-    wave: float  # [1/D]
-    depth: float  # [D]
-    turning: Float[Array, "2 n"]
+    wave: float  # 2 pi/pitch [1/D]
+    depth: float  # distance of the row's line behind the face [D]
+    turning: Float[Array, "2 n"]  # squared speeds [D^2/tau^2], rising; largest stiffness up to there
 
 
 @compiled(inline=True)
@@ -130,10 +130,7 @@ class DiscWall(NamedTuple):
         normal: Float[Array, "m"],
         tangential: Float[Array, "m"],
     ) -> int:
-        """Add the forces away from the wall; those along it are left in ``tangential``.
-
-        force, normal, tangential [F*].
-        """
+        """Add the forces away from the wall [F*]; those along it are put into ``tangential`` [F*]."""
         outside = 0
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
@@ -166,10 +163,7 @@ class DiscWall(NamedTuple):
     def measure_energy_and_stiffness(
         law: DiscWall, count: int, side: WallSide, slopes: Float[Array, "m"], energies: Float[Array, "m"]
     ) -> None:
-        """Fill in the energies at the wall of grains of moment 1, and add bounds of their stiffness.
-
-        slopes [F*/D], energies [F* D].
-        """
+        """Fill in energies of grains of moment 1 [F* D], and add bounds of their stiffness [F*/D]."""
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
             kind = _grain_species(law.species, i)
@@ -179,10 +173,7 @@ class DiscWall(NamedTuple):
     @staticmethod
     @compiled
     def turning_point_stiffness(law: DiscWall, speed: float) -> float:
-        """Greatest stiffness up to where a grain of any species turns, between two magnets [1/tau^2].
-
-        speed [D/tau].
-        """
+        """Largest stiffness up to where a grain turns, between two magnets [1/tau^2]; speed [D/tau]."""
         squares = law.tables.turning[0]
         return law.tables.turning[1, min(np.searchsorted(squares, speed * speed), squares.size - 1)]
 
@@ -228,6 +219,7 @@ def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -
     """W^2 A_m at those 1/W (PHASES / 2 + 1, n), over that of one dipole at D."""
     shift, w = pair_squared_distance_shift(disc, magnet), 1.0 / v[1:]
     energy = _disc_pair_energy(disc, magnet)
+    # Beyond 60 D a disc's energy is a dipole's with the first correction, which the integral has.
     each_way = int(np.ceil(SUMMED / pitch))
     offsets = pitch * (np.arange(PHASES)[:, None] / PHASES + np.arange(-each_way, each_way + 1))
     sums = np.empty((PHASES, len(v)))
@@ -235,6 +227,7 @@ def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -
         r2 = offsets**2 + distance**2
         # Beyond, the sum is an integral.
         a = distance**2 - shift
+        # Half a pitch beyond the last magnet: the midpoint rule for the sum.
         ends = np.abs(np.array([offsets[:, -1], offsets[:, 0]])) + 0.5 * pitch
         if a > 0.0:
             root = np.sqrt(ends**2 + a)
@@ -242,6 +235,7 @@ def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -
         else:
             rest = (0.5 / ends**2).sum(axis=0) / pitch
         sums[:, k + 1] = distance**2 * (energy(np.sqrt(r2)).sum(axis=1) + rest)
+    # W^2 times the row of dipoles r^-3 tends to 2/pitch as W grows: the infinite wall.
     sums[:, 0] = 2.0 / pitch
     result = np.fft.rfft(sums, axis=0).real / PHASES
     # The corner lies half way between two magnets.

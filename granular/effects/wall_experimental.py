@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from granular.compiled import compiled, entry
 
+# [D, eq. 2.8]; energy and stiffness are its integral and slope.
 STRENGTH = 0.5
 ENERGY = STRENGTH / 2.5
 STIFFNESS = STRENGTH * 3.5
@@ -31,10 +32,7 @@ def energy(w: float) -> float:
 
 @entry
 def stiffness(w: float) -> float:
-    """Minus the slope of the force, 7/(4 w^4.5), of a grain of the first species, [D, eq. 2.8] [F*/D].
-
-    w [D].
-    """
+    """Minus the slope of the force, 7/(4 w^4.5), of a grain of the first species [F*/D]; w [D]."""
     w2 = w * w
     return STIFFNESS / (w2 * w2 * math.sqrt(w))
 
@@ -69,17 +67,11 @@ class ExperimentalWall(NamedTuple):
     @staticmethod
     @compiled
     def stiffness(law: ExperimentalWall, w: float) -> float:
-        """Minus the slope of the force, 7/(4 w^4.5), of a grain of the first species, [D, eq. 2.8] [F*/D].
-
-        w [D].
-        """
+        """Minus the slope of the force, 7/(4 w^4.5), of a grain of the first species [F*/D]; w [D]."""
         return stiffness(w)
 
     @staticmethod
     @compiled
     def turning_point_stiffness(law: ExperimentalWall, speed: float) -> float:
-        """Stiffness per mass where a grain of this speed turns: its energy at the wall is v^2/2 [1/tau^2].
-
-        speed [D/tau].
-        """
+        """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: U(w) = v^2/2."""
         return turning_point_stiffness(speed)

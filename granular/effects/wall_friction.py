@@ -86,10 +86,10 @@ class WallFrictionLaw(NamedTuple):
     coefficient: float
     left: Any
     right: Any
-    rate: float | None  # [1/tau]
-    kind: Float[Array, "m"] | None
+    rate: float | None  # [1/tau], of the drag that is solved along; None without
+    kind: Float[Array, "m"] | None  # index of each grain's rate in ``rates``
     rates: drag.DragRateTable | None
-    drag: int | None
+    drag: int | None  # index in the ledger of the loss to drag
 
     @staticmethod
     @compiled
@@ -135,7 +135,7 @@ def _wall_normal_force(law: Any, w: float) -> float:
 
 @compiled
 def _move_with_drag(rate: float, dt: float, v: float, push: float) -> tuple[float, float, float]:
-    """Velocity after ``dt`` under acceleration and drag; path, and loss to drag per mass."""
+    """Velocity [D/tau] after dt under a push and drag; path [D], and loss to drag per mass [D^2/tau^2]."""
     decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
     displacement = drag.displacement_under_drag(rate, dt, gain, abs(v), math.copysign(1.0, v) * push)
     return decay * v + gain * push, displacement, a * v * v + b * v * push + c * push * push
@@ -145,10 +145,7 @@ def _move_with_drag(rate: float, dt: float, v: float, push: float) -> tuple[floa
 def slide_along_wall(
     rate: float, dt: float, v: float, push: float, hold: float
 ) -> tuple[float, tuple[float, float]]:
-    """Motion along a line under an acceleration, drag and friction, solved exactly [D/tau, D, D^2/tau^2].
-
-    rate [1/tau], dt [tau], v [D/tau], push, hold [D/tau^2].
-    """
+    """Exact velocity [D/tau], path [D] and loss to drag per mass [D^2/tau^2]; push, hold [D/tau^2]."""
     displacement, dragged = 0.0, 0.0
     if v != 0.0:
         sign = math.copysign(1.0, v)

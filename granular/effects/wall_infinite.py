@@ -54,17 +54,11 @@ class InfiniteWall(NamedTuple):
     @staticmethod
     @compiled
     def stiffness(law: InfiniteWall, w: float) -> float:
-        """Minus the slope of the force, 3/w^4, of a grain of the first species, [D, eq. 3.3] [F*/D].
-
-        w [D].
-        """
+        """Minus the slope of the force, 3/w^4, of a grain of the first species [F*/D]; w [D]."""
         return stiffness(w)
 
     @staticmethod
     @compiled
     def turning_point_stiffness(law: InfiniteWall, speed: float) -> float:
-        """Stiffness per mass where a grain of this speed turns: its energy at the wall is v^2/2 [1/tau^2].
-
-        speed [D/tau].
-        """
+        """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: 1/(2 w^2) = v^2/2."""
         return turning_point_stiffness(speed)

@@ -77,11 +77,9 @@ class WallLaws(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the energy of the grains at the walls, and add their stiffness.
-
-        time [tau], stiffness [1/tau^2], energies [F* D].
-        """
+        """Enter the energy of the grains at the walls [F* D], and add their stiffness [1/tau^2]."""
         state, constants = bed.state, bed.constants
+        # Before the walls, so that what the other effects entered is whole again after the multiplication.
         _undo_moment_over_mass(stiffness, constants.moments, constants.masses, constants.grains)
         energies[index] = _measure_wall_energies(
             law,
@@ -102,10 +100,9 @@ class WallLaws(NamedTuple):
     def squared_head_on_impact_frequency(
         law: WallLaws, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
-        """Largest stiffness over mass that a grain of this speed meets at any wall [1/tau^2].
-
-        speed [D/tau].
-        """
+        """Largest stiffness over mass of a grain at any wall [1/tau^2], at that speed [D/tau]."""
+        # Energy q U(w) = m v^2/2: per moment a grain of small q/m comes as near as one of the first species
+        # at v/sqrt(q/m).
         ratio = constants.least_ratio
         speed /= math.sqrt(ratio)
         return ratio * max(

@@ -25,9 +25,9 @@ LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))
 class WallSide(NamedTuple):
     """A wall's position, and the grains' coordinates as seen from it."""
 
-    position: Float[Array, "m"]  # [D]
-    along: Float[Array, "m"]  # [D]
-    offset: float
+    position: Float[Array, "m"]  # coordinates across the wall [D]
+    along: Float[Array, "m"]  # coordinates along it [D]
+    offset: float  # [D]; w = sign * (position - offset)
     sign: float
 
 
@@ -73,10 +73,7 @@ def add_normal_wall_forces(
 def add_wall_energies(
     law: Any, count: int, side: WallSide, stiffness: Float[Array, "m"], energies: Float[Array, "m"]
 ) -> None:
-    """Fill in the energies at a wall of grains of moment 1, and add their stiffness.
-
-    stiffness [F*/D], energies [F* D].
-    """
+    """Fill in the energies at a wall of grains of moment 1 [F* D], and add their stiffness [F*/D]."""
     for i in range(count):
         w = side.sign * (side.position[i] - side.offset)
         energies[i] = _energy(law, w)

@@ -58,6 +58,7 @@ def normal_force(w: float, a: float, b: float) -> float:
     if a >= 0.0 and b >= 0.0:
         w2 = w * w
         ra, rb = math.sqrt(w2 + a * a), math.sqrt(w2 + b * b)
+        # [D, eq. 3.17]; eq. 3.16 misprints a power.
         near = a * (3.0 * w2 + 2.0 * a * a) / (ra * ra * ra)
         far = b * (3.0 * w2 + 2.0 * b * b) / (rb * rb * rb)
         return 0.25 * (near + far) / (w2 * w)
@@ -68,10 +69,7 @@ def normal_force(w: float, a: float, b: float) -> float:
 
 @entry
 def tangential_force(w: float, a: float, b: float) -> float:
-    """Force of a slab on a grain of the first species along it, in the direction in which a grows [F*].
-
-    w, a, b [D].
-    """
+    """Force of a slab on a grain of the first species along it, in the direction of growing a [F*]."""
     w2 = w * w
     ra, rb = math.sqrt(w2 + a * a), math.sqrt(w2 + b * b)
     return 0.25 * (1.0 / (rb * rb * rb) - 1.0 / (ra * ra * ra))
@@ -88,9 +86,9 @@ def stiffness(w: float, a: float, b: float) -> float:
 class SlabWall(NamedTuple):
     """One or two slabs in a line, as the kernels take them."""
 
-    starts: Float[Array, "k"]  # [D]
+    starts: Float[Array, "k"]  # of each slab along the wall [D]
     ends: Float[Array, "k"]  # [D]
-    closed: bool
+    closed: bool  # no gap: no grain can come behind it
 
     @staticmethod
     @compiled(inline=True)
@@ -103,10 +101,7 @@ class SlabWall(NamedTuple):
         normal: Float[Array, "m"],
         tangential: Float[Array, "m"],
     ) -> int:
-        """Add the forces away from the slabs; those along them are left in ``tangential``.
-
-        force, normal, tangential [F*].
-        """
+        """Add the forces away from the slabs [F*]; those along them are put into ``tangential`` [F*]."""
         outside = 0
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
@@ -143,10 +138,7 @@ class SlabWall(NamedTuple):
     def measure_energy_and_stiffness(
         law: SlabWall, count: int, side: WallSide, slopes: Float[Array, "m"], energies: Float[Array, "m"]
     ) -> None:
-        """Fill in the energies at the wall of grains of moment 1, and add bounds of their stiffness.
-
-        slopes [F*/D], energies [F* D].
-        """
+        """Fill in energies of grains of moment 1 [F* D], and add bounds of their stiffness [F*/D]."""
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
             energies[i] = 0.0
@@ -159,4 +151,6 @@ class SlabWall(NamedTuple):
     @compiled
     def turning_point_stiffness(law: SlabWall, speed: float) -> float:
         """Bound of the stiffness where a grain of this speed turns [1/tau^2]; speed [D/tau]."""
+        # At its end a slab has half the infinite wall's energy: a grain comes sqrt(2) nearer, and 3/w^4 is 4
+        # times as large.
         return 4.0 * wall_infinite.turning_point_stiffness(speed)

@@ -232,6 +232,7 @@ class Walls(ForceEffect):
 
     def _check_pitch(self, diameter: float) -> None:
         for side, wall in zip(SIDES, self.walls_in_order, strict=True):
+            # 1e-12: rounding of a pitch that is written as one diameter.
             if wall is not None and wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
                 raise FieldError(
                     f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m", side, "pitch"

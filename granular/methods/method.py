@@ -182,6 +182,8 @@ def _parse_fractions(method: Method, what: str, values: Any) -> tuple[float, ...
     for value in result:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"{words} hold {quote(value)}; give numbers")
+        # Fractions in print are below 2; products of ten as large as this would drown the conditions'
+        # tolerance.
         if not math.isfinite(value) or abs(value) > 1e3:
             raise InputError(f"{words} hold {value:g}; give fractions of a step")
     return tuple(map(float, result))

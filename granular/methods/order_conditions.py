@@ -21,6 +21,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+# The tables here fail by 2e-15 at most; 1/10! is 3e-7.
 TOLERANCE = 1e-10
 """Coefficients are printed with 12 digits or more, and the least condition checked is 1/10!."""
 
@@ -48,7 +49,7 @@ def failed_composition_condition(kicks: Sequence[float], drifts: Sequence[float]
 
 
 def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> str | None:
-    """First condition up to an order that a Runge-Kutta method fails, in words."""
+    """First condition up to an order that a Runge-Kutta tableau (s + 1, s) fails, in words."""
     rows, weights = np.array(tableau[:-1]), np.array(tableau[-1])
     for nodes in range(1, order + 1):
         for tree in _rooted_trees(nodes):
@@ -79,6 +80,7 @@ def _multiply_by_exponential(result: list[np.ndarray], letter: int, duration: fl
         total = np.zeros(1 << length)
         for more in range(length + 1):
             last = (1 << more) - 1 if letter else 0
+            # All words that end in ``more`` letters of this kind: their bits end in as many zeros or ones.
             total[last :: 1 << more] += duration**more / math.factorial(more) * result[length - more]
         made.append(total)
     return made

@@ -51,6 +51,7 @@ def _blanes_moan(name: str, order: int, outer: tuple[float, ...], inner: tuple[f
     return Method(name, order, source, kicks=_append_mirror_image(kicks), drifts=(*drifts, *reversed(drifts)))
 
 
+# Three steps a, 1 - 2a, a cancel Verlet's third-order error if 2 a^3 + (1 - 2a)^3 = 0: a = 1/(2 - 2^(1/3)).
 _CUBE_ROOT = 2.0 ** (1.0 / 3.0)
 _KAHAN_LI = "Kahan and Li 1997, doi:10.1090/S0025-5718-97-00873-9"
 
