@@ -20,35 +20,77 @@ from reduced_models.records.first_guesses import LEAST_SAMPLES, noise_level, zer
 from reduced_models.records.release import cut_at_release, has_active_input
 from reduced_models.records.sensor_artefacts import clipped_sample_mask, cut_noise_tail, drop_lost_samples
 
+# Thresholds. Durations are in half periods of the record's motion, displacements over its largest one.
+# The values come from the records of tests/reduced_models/records/test_motion.py: decays of damping ratio
+# 0.05 under 1 % of noise that are held, lifted by hand, released two or three times, knocked or clipped,
+# and beats, which are one motion. What breaks was found by changing one value at a time on these and on
+# decays of damping ratio 0.005 to 0.6, knocks of 0.2 to 1.5, beats, sweeps, oscillators with two wells or a
+# one-sided spring, and random drives.
+
+# Parts of a record, at its end, whose median may be the equilibrium. A record held for most of its time
+# asks for the short ones (a fifth alone misses two of three releases), one that ends held for the fifth.
 _ENDS = (5, 10, 20, 40)
-"""Parts of a record, at its end, whose middle may be the level of rest; a fifth may be held."""
-_LARGE, _SMALL = 0.4, 0.16
-"""Displacements over the largest one that count as large and as small."""
-_BEFORE, _AFTER = (-2.0, -0.2), (1.0, 4.0)
-"""Start and end, in half periods about a release, of the time in which nothing moves much; and of
-that in which no swing is larger than the first one."""
-_PAUSE, _CALM, _LEAST_PASSAGES = 2.0, 0.4, 4
-"""Half periods without a large displacement before another release; fraction of them with small
-ones; and number of passages through rest from which on there is a period."""
-_STILL, _FLAT, _SIGMAS = 1.2, 0.02, 6.0
-"""Least length of a hold in half periods, and its height over the largest displacement and in
-standard deviations of the noise; a turning point leaves 2 % of its height after 0.06 periods."""
+# Large displacement. 0.25: a sweep through resonance and a fall from one well into another are cut in two;
+# 0.6: a release from half the height of the first is missed.
+_LARGE = 0.4
+# Small displacement, three times `_NOISIEST`, that noise alone does not leave a calm. 0.12: the end of
+# a decay hides a knock of 0.7; 0.3: decays of damping ratio 0.2 are small from their first cycle on.
+_SMALL = 0.16
+# Start and end of the time before a release in which nothing is large. From -1 on, steps from one hold to
+# another are taken for releases; from -6 on, the motion after a knock 1.5 s into a decay is missed; until 0,
+# the slope of a knock or a quick lift is in it; until -0.5, an oscillation in two wells is cut.
+_BEFORE = (-2.0, -0.2)
+# Start and end of the time after a release in which no half cycle may be larger than the first. Beats and
+# random drives grow for longer: they are cut in two if it starts at 2 or ends at 2.
+_AFTER = (1.0, 4.0)
+# Time without a large displacement before another release. A free oscillation is large again after 1, so
+# 0.5 to 4 do the same on all these records; 16: a release at 5 % of the last amplitude is missed.
+_PAUSE = 2.0
+# Fraction of a pause with small displacements. 0 to 0.4 do the same; 0.6: a motion after a knock is missed; 0.8:
+# so are releases, since the end of the last decay is itself seen.
+_CALM = 0.4
+# Passages through equilibrium that give a period. Two to six do the same; none or one: no half period, NaN;
+# eight: the three releases of damping ratio 0.2 are taken for one motion.
+_LEAST_PASSAGES = 4
+# Shortest hold. 0.4: turning points under 3 % of noise are taken for holds; 2.0: holds of 0.2 s before
+# motions of period 0.24 s are missed, and the last decay keeps the lift.
+_STILL = 1.2
+# Height of a hold: a turning point leaves 2 % of its height after 0.06 periods. 0: holds that creep by 15 %
+# are cut late; 0.05: slow turning points of a one-sided spring are taken for holds.
+_FLAT = 0.02
+# The same in standard deviations of the noise, as a range of many samples is. 2: holds under 4.5 % of noise
+# are missed; 12: slow beats are cut. Also the growth by which a knock rises above the noise.
+_SIGMAS = 6.0
+# Longest fall from a hold or a lift to a small displacement; a released motion needs half of one. 0.6: a
+# lift of 0.5 s whose top is flat is missed; from 0.8 up nothing changes here.
 _FALLS = 1.2
-"""Half periods after a hold or a lift within which the displacement is small, where it was a release."""
-_SLOW, _LEFT = 0.75, 3.0
-"""Least duration of a lift, where a swing rises in half of one; and part of a motion before a lift, in
-which it may have begun. Both in half periods."""
+# Shortest lift; an oscillation rises in 0.5. Up to 0.5, knocks are taken for lifts and the motion before
+# loses 0.3 s; from 1.0 on, lifts of 0.15 s are part of the decay before them.
+_SLOW = 0.75
+# End of a motion in which the lift behind it may have begun. 0: the last decay lasts 0.36 s longer, into
+# the lift; longer: good samples are lost.
+_LEFT = 3.0
+# Large half cycles that make a motion of what is before a hold. 2: a hand that slips before the release
+# makes one; 4: the first of three releases of damping ratio 0.1 is lost.
 _LEAST_SWINGS = 3
-"""Large half swings from which on what stands before a hold is a motion of its own."""
-_GROWN, _STEADY = 1.25, 1.05
-"""Growth of a swing that a knock makes, and most of those before and behind it."""
+# Growth of a cycle that shows a knock. 1.15: beats of 0.8 Hz and sums of two modes are cut; 1.35: a release
+# 0.9 s after another is missed.
+_GROWN = 1.25
+# Largest growth of the cycles before and after a knock, as noise makes it. 1.02: the motion after the
+# second of two knocks is missed; 1.1: a random drive is cut.
+_STEADY = 1.05
+# Noise above which nothing is concluded. 0.02: three releases under 3 % of noise are taken for one motion;
+# 0.1: noise of 10 % cuts one decay into four.
 _NOISIEST = 0.05
-"""Noise over the largest displacement in which nothing is concluded."""
+# Middle of a cycle over its height. 0.05: knocks on asymmetric springs are missed; 0.5: beats are cut; 1.0:
+# a jump between two wells, which changes the middle, is taken for a knock.
 _CENTRED = 0.35
-"""Middle of a swing, over its height, up to which it goes about the level of rest: what changes
-from one well into another swings about another level before."""
-_LEAST_PERIODS, _LEAST_HALVES = 3, 4.0
-"""Periods before or behind a knock, and half periods of a motion, at least."""
+# Periods between two knocks, and half of the periods of a record that can show one. 1 to 5 do the same;
+# 7: a knock in a record of 3 s, twelve periods, is missed.
+_LEAST_PERIODS = 3
+# Shortest motion in half periods. 2: the last tenth of a random drive is taken for a motion; 12: decays cut
+# short by a knock are lost.
+_LEAST_HALVES = 4.0
 
 
 def find_free_motion(record: PistonRecord, release: int | str | None = None) -> PistonRecord:
