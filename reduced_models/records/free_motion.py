@@ -44,10 +44,10 @@ _BEFORE = (-2.0, -0.2)
 # random drives grow for longer: they are cut in two if it starts at 2 or ends at 2.
 _AFTER = (1.0, 4.0)
 # Time without a large displacement before another release. A free oscillation is large again after 1, so
-# 0.5 to 4 do the same on all these records; 16: a release at 5 % of the last amplitude is missed.
+# 0.5 to 4 do the same on all these records; 16: a release 20 after another is missed.
 _PAUSE = 2.0
-# Fraction of a pause with small displacements. 0 to 0.4 do the same; 0.6: a motion after a knock is missed; 0.8:
-# so are releases, since the end of the last decay is itself seen.
+# Fraction of a pause with small displacements. 0 to 0.4 do the same; 0.6: the motion after a knock is
+# missed; 0.8: so are releases, since the end of the last decay is itself seen.
 _CALM = 0.4
 # Passages through equilibrium that give a period. Two to six do the same; none or one: no half period, NaN;
 # eight: the three releases of damping ratio 0.2 are taken for one motion.
