@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 RATES = (-30.0, -12.0, -6.0, -3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 6.0, 12.0, 30.0)
 """Rates of the starts, over the span of x; every two of them make one."""
 
+# Faster, an exponential is over within a sixtieth of the span, between two samples.
 LARGEST_RATE = 60.0
 """Bound of the rates, over the span of x."""
 
@@ -24,11 +25,11 @@ REFINED = 12
 class BiexponentialFit(NamedTuple):
     """A exp(l1 x) + B exp(l2 x), with l1 <= l2."""
 
-    amplitudes: Float[np.ndarray, "2"]
-    rates: Float[np.ndarray, "2"]
-    amplitude_intervals: Float[np.ndarray, "2 2"]
-    rate_intervals: Float[np.ndarray, "2 2"]
-    residual: float
+    amplitudes: Float[np.ndarray, "2"]  # (A, B), in the unit of y
+    rates: Float[np.ndarray, "2"]  # (l1, l2), in one over the unit of x
+    amplitude_intervals: Float[np.ndarray, "2 2"]  # 95 %: lower and upper end, for A and B
+    rate_intervals: Float[np.ndarray, "2 2"]  # the same for l1 and l2; infinite: open
+    residual: float  # standard deviation with n - 4 degrees of freedom, in the unit of y
 
     def values(self, x: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Evaluate the fitted law A exp(l1 x) + B exp(l2 x)."""
@@ -97,6 +98,7 @@ def _exponential_basis(u: np.ndarray, rates: np.ndarray) -> np.ndarray:
 
 def _best_amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndarray:
     basis = _exponential_basis(u, rates)
+    # Columns of one length: beside exp(60) the rank test of `lstsq` would drop the other.
     sizes = np.linalg.norm(basis, axis=0)
     return np.asarray(np.linalg.lstsq(basis / sizes, y, rcond=None)[0] / sizes)
 

@@ -115,7 +115,7 @@ def granular_temperature(frame: Frame) -> float:
 
 @observable("J", "kinetic temperature of the species", name="species_temperature")
 def granular_temperature_by_species(frame: Frame) -> dict[str, float]:
-    """Mean kinetic energy of the fluctuations per degree of freedom, for each species [J]."""
+    """Mean fluctuation energy per degree of freedom of each species, against the mean motion of all [J]."""
     energies = fluctuation_energies(frame.velocities, frame.masses)
     means = {}
     for k, name in enumerate(species_names(frame.scene)):

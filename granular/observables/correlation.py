@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 FARTHEST = 10.0
 """Default of the greatest distance, in mean spacings: farther, large beds would be slow."""
 
+# Together a tenth of a spacing a bin.
 BINS = 100
 
 
@@ -35,9 +36,9 @@ class PairDistanceFunction(NamedTuple):
     """A function of the distance of two grains, in bins (lower edge, upper edge]."""
 
     edges: Float[np.ndarray, "k+1"]  # edges of the bins [m], increasing
-    values: Float[np.ndarray, "k"]
-    pairs: Int[np.ndarray, "k"]
-    weights: Float[np.ndarray, "k"]
+    values: Float[np.ndarray, "k"]  # NaN in bins without pairs, if it is a mean over pairs
+    pairs: Int[np.ndarray, "k"]  # pairs i < j in each bin
+    weights: Float[np.ndarray, "k"]  # of frames in a mean over them: the pairs, or those expected
 
 
 def per_distance(
@@ -112,10 +113,7 @@ def default_bin_edges(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, 
 
 
 def box_spanning_frames(frames: Float[np.ndarray, "f n 2"]) -> list[np.ndarray]:
-    """Select the frames whose grains span a box; the last frames of a cell that empties do not [m].
-
-    frames [m].
-    """
+    """Select the frames (n, 2) whose grains span a box, as the last ones of an emptying cell do not [m]."""
     result = []
     for frame in frames:
         present = frame[is_present(frame)]
@@ -150,14 +148,12 @@ def divide_by_pair_count(total: Float[np.ndarray, "k"], pairs: np.ndarray) -> Fl
 def sum_pair_products(
     points: Float[np.ndarray, "n 2"], values: Float[np.ndarray, "n"], edges: Float[np.ndarray, "k+1"]
 ) -> Float[np.ndarray, "k"]:
-    """Sum v_i v_j over the pairs i < j of each bin (lower edge, upper edge] of their distance.
-
-    points, edges [m].
-    """
+    """Sum v_i v_j over the pairs i < j in each bin (lower edge, upper edge] of distance; edges [m]."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)
     sums = tree.count_neighbors(tree, edges, weights=(values, values), cumulative=False)
+    # Entry 0 holds the distances up to the first edge; each pair is counted from both ends.
     return np.asarray(0.5 * sums[1:])
 
 
@@ -231,6 +227,8 @@ def _expected_pair_counts(count: int, sides: np.ndarray, edges: np.ndarray) -> n
             f"the last edge, {edges[-1]:.6g} m, is beyond the shorter side of the box, "
             f"{min(a, b):.6g} m, up to which g(r) is exact; give smaller edges"
         )
+    # The overlap (a - |x|)(b - |y|) of the box with itself, moved by (x, y), over the disc of radius r: exact
+    # while r is below both sides.
     nearer = np.pi * a * b * edges**2 - 4.0 / 3.0 * (a + b) * edges**3 + 0.5 * edges**4
     return np.asarray(0.5 * count * (count - 1) * np.diff(nearer) / (a * b) ** 2)
 

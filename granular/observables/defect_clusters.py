@@ -31,6 +31,7 @@ DISLOCATION, DISCLINATION, VACANCY, INTERSTITIAL, PAIR, BOUNDARY = KINDS = (
     "grain boundary",
 )
 
+# Dislocations this far apart turn the lattice by 1/7 rad, 8 degrees.
 LINKED = 7.0
 """Dislocations nearer than this to each other, in spacings, can belong to one boundary."""
 
@@ -38,6 +39,7 @@ LEAST_OF_BOUNDARY = 5
 """Dislocations of a grain boundary, with Burgers vectors that do not cancel."""
 
 
+# The shells at 1, sqrt(3) and 2 spacings count, the next, at sqrt(7), does not.
 CORE = 2.6
 """Radius of the disorder that counts for a dislocation's position, in spacings."""
 
@@ -47,14 +49,14 @@ _CENTRINGS = 3
 class FrameDefects(NamedTuple):
     """The defects of a frame."""
 
-    kinds: tuple[str, ...]
+    kinds: tuple[str, ...]  # of `KINDS`
     positions: Float[np.ndarray, "d 2"]  # position of each defect [m]
-    lattice: Int[np.ndarray, "d 2"]
+    lattice: Int[np.ndarray, "d 2"]  # Burgers vector in the lattice, see `granular.observables.defects`
     burgers: Float[np.ndarray, "d 2"]  # the same in the plane [m]
-    charge: Int[np.ndarray, "d"]
-    sizes: Int[np.ndarray, "d"]
-    angle: float  # [rad]
-    spacing: float  # [m]
+    charge: Int[np.ndarray, "d"]  # sum of 6 minus the number of neighbours
+    sizes: Int[np.ndarray, "d"]  # grains that have not six neighbours
+    angle: float  # direction of the lattice [rad]
+    spacing: float  # of the lattice of the mean cell area [m]
 
 
 class _DefectCluster(NamedTuple):
@@ -158,6 +160,8 @@ def _cluster_defects(
         charge = int((6 - degree[members]).sum())
         kind = _defect_kind(lattice, charge, region, positions, angle)
         if at_rim[members].any():
+            # Clusters at the rim are known by half; only the end of a boundary has a vector this long, and is
+            # kept to be joined to it.
             if kind != BOUNDARY and lattice_norm_squared(lattice) < LEAST_OF_BOUNDARY**2 / 4:
                 continue
             kind = DISLOCATION
@@ -177,10 +181,12 @@ def _dislocation_core_position(
     started = position
     for _ in range(_CENTRINGS):
         along = np.linalg.norm(positions - position, axis=1) / (CORE * spacing)
+        # Weight and slope are zero at the edge: grains enter and leave without a jump.
         weight = np.where(along < 1.0, disorder * (1.0 - along**2) ** 2, 0.0)
         if not weight.sum() > 0.0:
             return started
         position = np.nansum(weight[:, None] * positions, axis=0) / weight.sum()
+    # Farther off the centre has run into the disorder of another defect.
     return position if np.linalg.norm(position - started) < spacing else started
 
 
@@ -225,6 +231,7 @@ def _join_grain_boundaries(clusters: list[_DefectCluster], spacing: float) -> li
 def _merge_grain_boundary(members: list[_DefectCluster]) -> list[_DefectCluster]:
     lengths = [math.sqrt(lattice_norm_squared(member.lattice)) for member in members]
     total = np.sum([member.lattice for member in members], axis=0)
+    # A dislocation is two grains that have not six neighbours.
     dislocations = sum(member.size for member in members) / 2.0
     if dislocations < LEAST_OF_BOUNDARY or math.sqrt(lattice_norm_squared(total)) < 0.5 * max(
         sum(lengths), LEAST_OF_BOUNDARY

@@ -34,6 +34,7 @@ REACH = 2.5
 MEMORY = 2
 """Default of how many frames a defect may be out of sight."""
 
+# Two ends of tracks, each as far from their event as a defect goes in a frame.
 MEETING = 2.0 * REACH
 """Defects that end and begin nearer than this to each other, in spacings, take part in one event;
 and a defect that is nearer than this to the rim can leave."""
@@ -49,21 +50,21 @@ class DefectTrack(NamedTuple):
     """The path of a defect."""
 
     kind: str
-    lattice: Int[np.ndarray, "2"]
-    frames: Int[np.ndarray, "k"]
+    lattice: Int[np.ndarray, "2"]  # Burgers vector in the lattice
+    frames: Int[np.ndarray, "k"]  # frames in which it was seen
     positions: Float[np.ndarray, "k 2"]  # position in each of these frames [m]
-    burgers: Float[np.ndarray, "2"]  # burgers vector, as a mean over the frames [m]
+    burgers: Float[np.ndarray, "2"]  # Burgers vector, as a mean over the frames [m]
 
 
 class DefectEvent(NamedTuple):
     """Ends and beginnings of tracks at one position and time."""
 
-    kind: str
-    frame: int
+    kind: str  # birth, annihilation, reaction, entry or leaving
+    frame: int  # the first frame after it
     position: Float[np.ndarray, "2"]  # mean position of the ends and beginnings [m]
-    ended: tuple[int, ...]
-    started: tuple[int, ...]
-    missing: Int[np.ndarray, "2"]
+    ended: tuple[int, ...]  # indices of tracks
+    started: tuple[int, ...]  # indices of tracks
+    missing: Int[np.ndarray, "2"]  # Burgers vectors started minus ended: zero away from the rim
 
 
 def link_defect_tracks(
@@ -77,6 +78,7 @@ def link_defect_tracks(
     for number, defects in enumerate(frames):
         closed += [growing for growing in open_tracks if number - growing.frames[-1] > memory + 1]
         open_tracks = [growing for growing in open_tracks if number - growing.frames[-1] <= memory + 1]
+        # Heat makes bound pairs and takes them back: they have no tracks.
         known = [k for k, kind in enumerate(defects.kinds) if kind != PAIR]
         taken = _assign_defects_to_tracks(open_tracks, defects, known, number, reach)
         for k in known:
@@ -125,8 +127,11 @@ def _assign_defects_to_tracks(
         for column, k in enumerate(known):
             if track.kind == defects.kinds[k] and _same_burgers_vector(track, defects.lattice[k]):
                 square = _squared_displacement(track, defects.positions[k])
+                # The squared displacement of a walk grows with the frames that a defect was out of sight.
                 if square <= farthest * (number - track.frames[-1]):
+                    # Below 2 in any case, or after a gap it would cost more than leaving both alone.
                     costs[row, column] = min(square, 1.9 * farthest)
+    # Least sum of squared displacements (Crocker and Grier, J. Colloid Interface Sci. 179, 298, 1996).
     rows, columns = linear_sum_assignment(costs)
     return {
         known[column]: row
@@ -196,6 +201,7 @@ def _make_defect_event(
 ) -> DefectEvent:
     ended = tuple(position for _, _, position, sign in together if sign < 0)
     started = tuple(position for _, _, position, sign in together if sign > 0)
+    # Only the rim gives or takes Burgers vectors; elsewhere a sum means that something was missed.
     missing = np.sum([sign * tracks[position].lattice for _, _, position, sign in together], axis=0)
     positions = np.array([event[1] for event in together])
     low, high = boxes[[event[0] for event in together]].transpose(1, 0, 2)
@@ -214,15 +220,12 @@ class DefectMotion(NamedTuple):
 
     velocity: Float[np.ndarray, "2"]  # velocity along x and y [m/s]
     speed: float  # [m/s]
-    glide: float  # [m/s]
-    climb: float  # [m/s]
+    glide: float  # along the Burgers vector [m/s]; NaN without one
+    climb: float  # along it turned by +90 degrees [m/s]; NaN without one
 
 
 def motion_of_track(track: DefectTrack, times: Float[np.ndarray, "f"]) -> DefectMotion:
-    """Fit the velocity of a defect by a line of least squares through its path [m/s].
-
-    track [m], times [s].
-    """
+    """Fit the velocity of a defect by a line of least squares through its path [m/s]; times [s]."""
     if len(track.frames) < 2:
         return DefectMotion(np.full(2, np.nan), math.nan, math.nan, math.nan)
     seen = np.asarray(times)[track.frames]

@@ -17,10 +17,7 @@ SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
 
 
 def nearest_lattice_bonds(arms: Float[np.ndarray, "k 2"], angle: float) -> Int[np.ndarray, "k 2"]:
-    """Lattice vector of a nearest neighbour whose direction is next to that of each bond.
-
-    arms [m], angle [rad].
-    """
+    """Lattice vector of the nearest neighbour next in direction to each bond; arms [m], angle [rad]."""
     # An arm and its opposite get opposite vectors, to the last bit: one of them is looked at.
     back = (arms[:, 1] < 0.0) | ((arms[:, 1] == 0.0) & (arms[:, 0] < 0.0))
     x, y = np.where(back[:, None], -arms, arms).T
@@ -29,10 +26,7 @@ def nearest_lattice_bonds(arms: Float[np.ndarray, "k 2"], angle: float) -> Int[n
 
 
 def lattice_to_plane(vectors: np.ndarray, angle: float, spacing: float) -> Float[np.ndarray, "... 2"]:
-    """Convert vectors from coordinates of the hexagonal lattice to the plane [m].
-
-    angle [rad], spacing [m].
-    """
+    """Convert vectors (..., 2) from lattice coordinates to the plane [m]; angle [rad], spacing [m]."""
     turned = angle + np.pi / 3.0
     basis = np.array([[np.cos(angle), np.sin(angle)], [np.cos(turned), np.sin(turned)]])
     return np.asarray(spacing * (np.asarray(vectors) @ basis))
@@ -63,22 +57,18 @@ def edges_of_triangles(triangles: Int[np.ndarray, "t 3"]) -> Int[np.ndarray, "t 
 def burgers_vectors(
     triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"], angle: float
 ) -> Int[np.ndarray, "t 2"]:
-    """Burgers vector in each counter-clockwise triangle, in coordinates of the lattice.
-
-    positions [m], angle [rad].
-    """
+    """Burgers vector in each counter-clockwise triangle, in the lattice; positions [m], angle [rad]."""
     edges = edges_of_triangles(triangles).reshape(-1, 2)
     bonds = nearest_lattice_bonds(positions[edges[:, 1]] - positions[edges[:, 0]], angle)
+    # The integral of du over the circuit, u the displacement from the perfect lattice (FS/RH, Hirth and Lothe
+    # 1982). A region has the sum over its triangles.
     return np.asarray(-bonds.reshape(-1, 3, 2).sum(axis=1))
 
 
 def excess_grains(
     triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"], angle: float
 ) -> float:
-    """Grains in a region less its lattice sites: -1 for a vacancy, 1 for an interstitial.
-
-    positions [m], angle [rad].
-    """
+    """Grains in a region less its lattice sites: -1 for a vacancy, 1 for an interstitial."""
     edges = edges_of_triangles(triangles).reshape(-1, 2)
     have = {(int(i), int(j)) for i, j in edges}
     rim = {i: j for i, j in have if (j, i) not in have}
@@ -93,15 +83,17 @@ def excess_grains(
             position, here = position + bond, there
             if here == start:
                 break
+    # t triangles, n grains inside and k at the rim: t = 2 n + k - 2; the lattice has n + k/2 - 1 cells in the
+    # rim (Pick's theorem).
     return 0.5 * len(triangles) - area
 
 
 class Dislocations(NamedTuple):
     """Pairs of a pentagon and a neighbouring heptagon."""
 
-    pairs: Int[np.ndarray, "d 2"]
+    pairs: Int[np.ndarray, "d 2"]  # the grain with five neighbours, and the one with seven
     positions: Float[np.ndarray, "d 2"]  # the middle of both [m]
-    burgers: Float[np.ndarray, "d 2"]  # burgers vectors [m]
+    burgers: Float[np.ndarray, "d 2"]  # Burgers vectors [m]
 
 
 def disclination_charges(cells: VoronoiCells) -> np.ndarray:

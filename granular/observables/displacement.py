@@ -228,14 +228,15 @@ def lindemann_parameter(
     area = np.concatenate(areas)
     if not len(area) or not number.all():
         raise InputError("no neighbours have interior cells in both frames; give a larger bed")
+    # 2 a^2, a^2 = (2/sqrt(3)) times the area of a hexagonal cell.
     return np.asarray(total / number / (2.0 * 2.0 / np.sqrt(3.0) * area.mean()))
 
 
 class NonAffineMotion(NamedTuple):
     """Motion of the neighbours of each grain between two frames; NaN where it is not known."""
 
-    d2min: Float[np.ndarray, "n"]  # mean square of what is left over by the best local strain [m^2]
-    strain: Float[np.ndarray, "n 2 2"]
+    d2min: Float[np.ndarray, "n"]  # mean square that the best local strain leaves [m^2]
+    strain: Float[np.ndarray, "n 2 2"]  # best local deformation gradient minus 1
 
 
 def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
@@ -278,6 +279,7 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     mixed = sum_by_index(i, after[:, :, None] * before[:, None, :], count)
     square = sum_by_index(i, before[:, :, None] * before[:, None, :], count)
     number = np.bincount(i, minlength=count)
+    # Two bonds have four components, as the gradient: it would fit them exactly, with D2min 0.
     able = cells.interior & (number > 2) & is_present(second)
     gradient = np.full((count, 2, 2), np.nan)
     gradient[able] = np.linalg.solve(square[able], mixed[able].transpose(0, 2, 1)).transpose(0, 2, 1)

@@ -16,21 +16,22 @@ if TYPE_CHECKING:
     from granular.protocol import Oscillate, Push
     from granular.run.trajectory import Trajectory
 
+# The errors are the scatter of single periods: two leave one degree of freedom.
 LEAST_PERIODS = 3
 """Whole periods that are needed after the transient."""
 
 
 class HarmonicResponse(NamedTuple):
-    """The steady response to a sinusoidal drive, for the harmonics k = 1 ... K."""
+    """Response mean + sum_k ratio_k U cos(k p + phase_k) to a drive U cos(p), for k = 1 ... K."""
 
     frequency: float  # [Hz]
     harmonics: Int[np.ndarray, "K"]
-    ratio: Float[np.ndarray, "K"]
+    ratio: Float[np.ndarray, "K"]  # amplitude over U, in the unit of the response over the drive's
     phase: Float[np.ndarray, "K"]  # from -pi to pi; negative where the response lags [rad]
-    ratio_error: Float[np.ndarray, "K"]  # [rad]
-    phase_error: Float[np.ndarray, "K"]  # [rad]
-    drive_amplitude: float
-    periods: int
+    ratio_error: Float[np.ndarray, "K"]  # standard error, in the unit of ``ratio``
+    phase_error: Float[np.ndarray, "K"]  # standard error [rad]; infinite if the ratio is 0
+    drive_amplitude: float  # U, in the unit of the drive
+    periods: int  # whole periods that were used
 
 
 def harmonic_response(
@@ -111,6 +112,7 @@ def harmonic_response(
     since = time - middle
     into, out = (_fit_harmonics(since, values, frequency, harmonics) for values in (drive, response))
     transfer = _transfer_function(into.amplitudes, out.amplitudes)
+    # Without drift: within one period a drift and a sine are too alike to be fitted together.
     spread = _transfer_of_each_period(
         since, drive - into.drift * since, response - out.drift * since, frequency, harmonics, periods
     )
@@ -204,6 +206,7 @@ def _count_whole_periods(time: np.ndarray, frequency: float, discard: float | No
 
 
 def _check_samples_per_period(samples: int, periods: int, harmonics: int) -> None:
+    # Two unknowns a harmonic, a mean and a drift, and one sample to spare.
     least = 2 * harmonics + 3
     if samples < periods * least:
         raise InputError(
@@ -262,6 +265,7 @@ def _errors_of_ratio_and_phase(transfer: np.ndarray, spread: np.ndarray) -> tupl
         direction = np.where(transfer == 0.0, 1.0, transfer / np.abs(transfer))
     turned = spread * direction.conj()
     number = np.sqrt(len(spread))
+    # Along the mean the scatter is that of the amplitude, across it that of the phase.
     return turned.real.std(axis=0, ddof=1) / number, turned.imag.std(axis=0, ddof=1) / number
 
 

@@ -69,6 +69,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
             f"height has the shape {height.shape} and force {force.shape}; both must be (n,) with "
             "at least 3 samples"
         )
+    # The loop is closed up to the lower of its two highest points only.
     top = min(height[0], height[-1])
     return -_work_below_height(height, force, top)
 

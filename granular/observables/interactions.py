@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from granular.scene.scene import Scene
 
+# Vectors of 512 rows take 50 MB with 6,000 grains.
 BLOCK = 512
 """Grains whose pairs are in memory simultaneously."""
 
@@ -41,7 +42,7 @@ SILENT = (
 class BranchesAndForces(NamedTuple):
     """Branches and forces of some grains with others."""
 
-    grains: Int[np.ndarray, "k"]
+    grains: Int[np.ndarray, "k"]  # the grains that the forces act on
     branches: Float[np.ndarray, "k m 2"]  # from each of the m others to each of these grains [m]
     forces: Float[np.ndarray, "k m 2"]  # on these grains [N]
 
@@ -52,7 +53,7 @@ def effects_of_unknown_pair_force(scene: Scene) -> tuple[str, ...]:
 
 
 def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> Iterator[BranchesAndForces]:
-    """Yield the forces of all other grains on each grain, some grains at a time [m, N]; positions [m]."""
+    """Yield branches (k, m, 2) [m] and forces [N] of all m grains on k at a time; positions [m]."""
     positions, here, system = _positions_and_natural_system(scene, positions)
     scales = system.scales
     points = positions[here] / scales.length
@@ -87,7 +88,7 @@ def _nearest_image_branches(branches: np.ndarray, scene: Scene, unit: float) -> 
 def iterate_wall_forces(
     scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: float | None = None
 ) -> BranchesAndForces:
-    """Evaluate the forces of all four walls on each grain [N]; positions, piston_height [m]."""
+    """Evaluate branches (k, m, 2) [m] and forces [N] of the m walls on each grain; positions [m]."""
     from granular.effects.wall_side import SIDES
 
     positions, here, system = _positions_and_natural_system(scene, positions)

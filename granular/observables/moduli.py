@@ -26,9 +26,9 @@ SHEAR_OF_PRESSURE = 1.0 / 4.0
 class Moduli(NamedTuple):
     """Pressure and moduli of a layer."""
 
-    pressure: float  # [N/m]
-    bulk: float  # [N/m]
-    shear: float  # [N/m]
+    pressure: float  # in two dimensions [N/m]
+    bulk: float  # rho dp/drho [N/m]
+    shear: float  # of a shear at constant area under this pressure [N/m]
 
     @property
     def young_modulus(self) -> float:
@@ -40,6 +40,7 @@ def hexagonal_lattice_sum(power: float = 3.0) -> float:
     """Sum of r^-power over the hexagonal lattice of spacing 1; 11.0342 for r^-3."""
     from scipy.special import zeta
 
+    # 6 zeta(s) L(s), with L of the character mod 3 (Borwein et al., Lattice Sums Then and Now, 2013, 1.4).
     s = 0.5 * power
     beyond = (zeta(s, 1.0 / 3.0) - zeta(s, 2.0 / 3.0)) / 3.0**s
     return float(6.0 * zeta(s) * beyond)
@@ -181,10 +182,10 @@ _POINTS = 64
 class BedModuli(NamedTuple):
     """Moduli of the inner part of a bed."""
 
-    affine: Moduli
-    relaxed: Moduli
-    density: float  # [1/m^2]
-    grains: int
+    affine: Moduli  # every grain moves with the strain
+    relaxed: Moduli  # inner grains move to rest again, the others stay strained
+    density: float  # inner grains over the area of their cells [1/m^2]
+    grains: int  # inner grains
 
 
 def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> BedModuli:
@@ -243,6 +244,8 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     density = len(inner) / area
     energies, forces, matrix = _strained_lattice_sums(positions, moments, here, inner, length, density)
     affine = _affine_moduli(strength, energies, area)
+    # At rest again, d2E/ds2 is less by f.K^-1.f. A strain s of each kind is an area or shear strain of 2 s,
+    # hence 1/4.
     lost = 0.25 / area * strength * np.einsum("ik,ik->k", forces, np.linalg.solve(matrix, forces))
     relaxed = Moduli(affine.pressure, affine.bulk - lost[0], affine.shear - 0.5 * (lost[1] + lost[2]))
     return BedModuli(affine, relaxed, density, len(inner))
@@ -314,6 +317,7 @@ def _strained_lattice_sums(
         both = moments[i] * moments[others] * _cutoff_weight(r, reach)
         energies[k] = 0.5 * (float((both / r**3).sum()) + moments[i] * beyond)
         along = branch / r[:, None]
+        # The Hessian of r^-3 is (15 n n^T - 3)/r^5.
         blocks = (both / r**5)[:, None, None] * (
             15.0 * along[:, :, None] * along[:, None, :] - 3.0 * np.eye(2)
         )

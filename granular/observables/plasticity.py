@@ -44,19 +44,19 @@ if TYPE_CHECKING:
 class PlasticEvents(NamedTuple):
     """Drops of a quantity, in the order of time."""
 
-    begin: Int[np.ndarray, "k"]
-    end: Int[np.ndarray, "k"]
-    size: Float[np.ndarray, "k"]
+    begin: Int[np.ndarray, "k"]  # sample at the top of each drop
+    end: Int[np.ndarray, "k"]  # sample at its foot
+    size: Float[np.ndarray, "k"]  # in the unit of the quantity
     time: Float[np.ndarray, "k"]  # at the top [s]
 
 
 class DropStatistics(NamedTuple):
     """Sizes of drops."""
 
-    exponent: float
-    error: float
+    exponent: float  # tau of a density ~ size^-tau above the least size
+    error: float  # standard error of tau
     events: int
-    mean: float
+    mean: float  # in the unit of the drops
 
 
 def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -> PlasticEvents:
@@ -142,12 +142,12 @@ def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
 class DislocationSlip(NamedTuple):
     """Plastic distortion by dislocations since the first frame."""
 
-    moves: Float[np.ndarray, "f 2 2"]
-    events: Float[np.ndarray, "f 2 2"]
-    rim: Float[np.ndarray, "f 2 2"]
+    moves: Float[np.ndarray, "f 2 2"]  # by displacements, against the grains around
+    events: Float[np.ndarray, "f 2 2"]  # by births, annihilations and reactions that conserve vectors
+    rim: Float[np.ndarray, "f 2 2"]  # by stretches between the edge and where a defect came in or left
     defects: tuple[FrameDefects, ...]
     tracks: tuple[DefectTrack, ...]
-    conserved: float
+    conserved: float  # fraction of events away from the rim that conserve the vectors
 
     @property
     def total(self) -> np.ndarray:
@@ -224,20 +224,14 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
 def slip_area_tensor(
     burgers: Float[np.ndarray, "2"], displacement: Float[np.ndarray, "2"]
 ) -> Float[np.ndarray, "2 2"]:
-    """Plastic distortion times area that a moving dislocation leaves, b_i (z x d)_j [m^2].
-
-    burgers, displacement [m].
-    """
+    """Plastic distortion times area of a moving dislocation, b_i (z x d)_j (Orowan 1940) [m^2]."""
     return np.outer(burgers, [-displacement[1], displacement[0]])
 
 
 def glide_displacement_to_edge(
     position: Float[np.ndarray, "2"], burgers: Float[np.ndarray, "2"], box: Float[np.ndarray, "2 2"]
 ) -> Float[np.ndarray, "2"]:
-    """Shortest displacement along the Burgers vector to an edge of the box [m].
-
-    position, burgers, box [m].
-    """
+    """Shortest displacement along the Burgers vector to an edge of the box [m]; box [m]."""
     if (position <= box[0]).any() or (position >= box[1]).any():
         return np.zeros(2)
     along = burgers / np.linalg.norm(burgers)
@@ -250,6 +244,7 @@ def _add_track_slip(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, s
     for k in range(1, len(track.frames)):
         before, after = track.frames[k - 1], track.frames[k]
         position = track.positions[k - 1]
+        # Against the grains around it: a defect that the bed carries along does not slip.
         near = np.linalg.norm(frames[before] - position, axis=1) < CORE * spacing
         carried = np.nanmean(frames[after, near] - frames[before, near], axis=0)
         moves[after] += slip_area_tensor(track.burgers, track.positions[k] - position - carried)

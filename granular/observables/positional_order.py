@@ -17,10 +17,13 @@ from granular.observables.frame import observable, present_positions
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
+# The next ring of peaks is a factor sqrt(3) away; strain and defects shift this one far less.
 RING = 0.15
 """Half width of the search for a peak about the length in the hexagonal lattice of the mean cell area."""
 
+# In a wavelength: counting by meshes leaves sinc(pi/5) = 0.94 of a peak's amplitude.
 _MESHES = 5
+# Halvings: the peak is known to 1/4096 of its width at last.
 _NARROWINGS = 12
 
 

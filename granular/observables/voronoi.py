@@ -26,12 +26,12 @@ INSIDE = 1e-12
 class VoronoiCells(NamedTuple):
     """The Voronoi diagram of n grains, as arrays."""
 
-    sides: Int[np.ndarray, "n"]
+    sides: Int[np.ndarray, "n"]  # of each cell, the number of neighbours; 0: absent
     area: Float[np.ndarray, "n"]  # area of each interior cell [m^2], NaN for the others
-    side_squares: Float[np.ndarray, "n"]  # [m^2]
-    interior: Bool[np.ndarray, "n"]
-    neighbours: Int[np.ndarray, "m 2"]
-    triangles: Int[np.ndarray, "t 3"]
+    side_squares: Float[np.ndarray, "n"]  # sum over the sides of each interior cell [m^2]
+    interior: Bool[np.ndarray, "n"]  # the cell lies wholly in the box of the outermost centres
+    neighbours: Int[np.ndarray, "m 2"]  # every pair once
+    triangles: Int[np.ndarray, "t 3"]  # Delaunay triangles
     corners: Float[np.ndarray, "t 2"]  # their circumcentres, the corners of the cells [m]
 
 
@@ -103,6 +103,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
 
     count = len(points)
     gap = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    # Each side and its grain make a triangle of height gap/2.
     area = np.where(
         interior, _sum_pairs_per_grain(pairs, np.where(outer, 0.0, gap * lengths / 4.0), count), 0.0
     )

@@ -18,11 +18,11 @@ PLACES_A_GRAIN = 16
 class CellList(NamedTuple):
     """Grains in the cells of a grid, and the partners of one grain: always long enough."""
 
-    partners: Int[np.ndarray, "n"]
-    cell: Int[np.ndarray, "n"]
-    order: Int[np.ndarray, "n"]
-    begins: Int[np.ndarray, "c"]
-    shape: Int[np.ndarray, "2"]
+    partners: Int[np.ndarray, "n"]  # of the grain of the last search
+    cell: Int[np.ndarray, "n"]  # cell of each grain
+    order: Int[np.ndarray, "n"]  # grains in the order of cells
+    begins: Int[np.ndarray, "c"]  # index in ``order`` at which each cell begins
+    shape: Int[np.ndarray, "2"]  # columns, rows
 
 
 class ClosePairs(NamedTuple):
@@ -30,7 +30,7 @@ class ClosePairs(NamedTuple):
 
     first: Int[np.ndarray, "p"]
     second: Int[np.ndarray, "p"]
-    filled: Int[np.ndarray, "1"]
+    filled: Int[np.ndarray, "1"]  # number of pairs; -1: no room, or a position is NaN
     cells: CellList
 
 
@@ -81,7 +81,7 @@ def _grid_that_covers(
 def sort_into_cells(
     cells: CellList, x: Float[Array, "m"], y: Float[Array, "m"], count: int, reach: float
 ) -> bool:
-    """Sort grains into square cells at least ``reach`` wide, by counting; x, y, reach [D]."""
+    """Sort grains into cells at least reach [D] wide, by counting (Allen and Tildesley 1987, 5.3.2)."""
     if count == 0:
         return True
     left, low, size, columns, rows = _grid_that_covers(x, y, count, reach, cells.begins.size - 2)
@@ -125,10 +125,7 @@ def _find_partners_in_cell(
 def find_partners_of_grain(
     cells: CellList, x: Float[Array, "m"], y: Float[Array, "m"], i: int, reach: float
 ) -> int:
-    """Fill ``cells.partners`` with the grains closer to one grain than ``reach``, and count them.
-
-    x, y, reach [D].
-    """
+    """Fill ``cells.partners`` with the grains within reach [D]; each pair is met from one end only."""
     columns, rows = cells.shape[0], cells.shape[1]
     column, row = cells.cell[i] % columns, cells.cell[i] // columns
     result = _find_partners_in_cell(cells, x, y, i, cells.cell[i], reach, 0)
@@ -149,10 +146,7 @@ def find_close_pairs(
     reach: float,
     radius: Float[Array, "m"] | None,
 ) -> None:
-    """Fill ``pairs`` with all pairs closer than ``reach``; the positions fix their order.
-
-    x, y, reach, radius [D].
-    """
+    """Fill ``pairs`` with the pairs within reach [D], or whose radii [D] overlap; positions fix the order."""
     pairs.filled[0] = 0
     if not sort_into_cells(pairs.cells, x, y, count, reach):
         pairs.filled[0] = -1

@@ -46,14 +46,14 @@ _PARTNERS = 24
 class CloseDiscList(NamedTuple):
     """The list of close pairs, and what makes it."""
 
-    first: np.ndarray
-    second: np.ndarray
-    filled: Int[np.ndarray, "1"]
+    first: np.ndarray  # the lower grain of each pair (p,), uint32
+    second: np.ndarray  # the other one (p,), uint32; in order
+    filled: Int[np.ndarray, "1"]  # number of pairs
     built: Float[np.ndarray, "2 m"]  # positions at which the list was made [D]
-    grains: Int[np.ndarray, "1"]
-    cell: Int[np.ndarray, "m"]
-    order: Int[np.ndarray, "m"]
-    firsts: Int[np.ndarray, "c"]
+    grains: Int[np.ndarray, "1"]  # number of grains then; -1 before
+    cell: Int[np.ndarray, "m"]  # cell of each grain
+    order: Int[np.ndarray, "m"]  # grains in the order of cells
+    firsts: Int[np.ndarray, "c"]  # index in ``order`` at which each cell begins
     periods: Float[np.ndarray, "2"] | None  # sides of a periodic cell [D]
 
 
@@ -173,6 +173,7 @@ def _list_close_pairs(close: CloseDiscList, x: Array, y: Array, grains: int, rea
 @compiled
 def _refresh_pair_list(close: CloseDiscList, x: Array, y: Array, grains: int, reach: float) -> bool:
     """Make the list hold every pair within the reach; False where it cannot."""
+    # Two grains that moved by half the skin each may have come nearer by all of it.
     moved, most = 0, 0.25 * SKIN * SKIN
     for i in range(grains):
         dx, dy = x[i] - close.built[0, i], y[i] - close.built[1, i]
@@ -212,6 +213,7 @@ def _find_spline_piece(
 ) -> tuple[np.uint64, float]:
     """Piece of a table at r^2 = u, and the fraction of it that is passed."""
     passed = min(max((u - start) * per_piece, 0.0), tables.pieces.shape[1] - 1.0)
+    # An index without a sign takes no look at whether it counts from the end.
     piece = np.uint64(passed)
     return piece, passed - np.floor(passed)
 
@@ -271,6 +273,7 @@ def _stiffness_above_bound(discs: DiscLaw, row: int, u: float) -> float:
     if u < tables.pairs[row, SMOOTH]:
         more, _, by_u = _singular_contact_part(tables, row, u)
         ratio, slope = ratio + more, slope + by_u
+    # The sum over all pairs has this much already.
     bound = 3.0 * discs.coefficients[STIFFNESS] * fifth
     return max(abs(ratio + 2.0 * u * slope), abs(ratio)) - bound
 
@@ -284,13 +287,11 @@ def _tabulated_energy(tables: CloseDiscTables, row: int, u: float) -> float:
 
 @compiled
 def head_on_disc_frequency_squared(discs: DiscLaw, speed: float, mass: float, moment: float) -> float:
-    """Square of the angular frequency at the closest approach of two discs that meet head-on [1/tau^2].
-
-    speed [D/tau].
-    """
+    """Squared frequency at the closest approach of two discs, by a table [1/tau^2]; speed [D/tau]."""
     strength = moment * (moment / mass)
     squares = discs.collision[SQUARES]
     square = speed * speed / strength
+    # Slower discs turn beyond the table, where they are dipoles.
     if square < squares[0]:
         return head_on_frequency_squared(speed, mass, moment)
     last = min(np.searchsorted(squares, square), squares.size - 1)

@@ -47,7 +47,7 @@ class _RowSums(NamedTuple):
 
 
 def _add_eight_partners(code: VectorBuilder, row_sums: _RowSums, j: ir.Value, *, own: bool) -> None:
-    """Rows against the partners from j on."""
+    """Rows against the partners from j on; with ``own`` j is the second row, a partner of the first alone."""
     pointers = computed_sums(row_sums.arrays.sums)
     partners = load_eight_grains(code, row_sums.arrays, j)
     reactions = [code.load_vector(pointer, j) for pointer in pointers]
@@ -87,6 +87,7 @@ def _sum_two_rows(
 ) -> None:
     b, row_sums = code.builder, all_rows
     second = b.add(first, ir.Constant(INDEX, 1))
+    # The first row's partners begin with the second row; the seven behind that are met here too, unlisted.
     _add_eight_partners(code, row_sums, second, own=True)
     number = RANGES if shifts is None else RANGES * IMAGES
     many, item = ir.Constant(INDEX, number), ir.Constant(INDEX, 1)
@@ -154,10 +155,7 @@ def sum_row_ranges(
     smooth: Any,
     shifts: Any,
 ) -> Any:
-    """Sum the pairs of rows of grains with their listed ranges of partners (Numba intrinsic).
-
-    arrays, radius, shifts [D].
-    """
+    """Sum rows with partners in ranges (rows/2, runs, 2) (intrinsic); radius, shifts (same shape) [D]."""
     signature = types.void(
         arrays, partner_ranges, types.intp, types.intp, types.intp, types.float64, smooth, shifts
     )

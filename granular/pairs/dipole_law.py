@@ -25,6 +25,7 @@ from granular.compiled import entry
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+# 3 mu0 m^2/(4 pi r^4) (Jackson, Classical Electrodynamics, 5.6) over F* = mu0 m^2/(pi D^4).
 STRENGTH = 0.75
 ENERGY = STRENGTH / 3.0
 
@@ -47,15 +48,19 @@ def head_on_frequency_squared(speed: float, mass: float, moment: float) -> float
     # The quotient first: it is exactly 1 where all grains are of one material.
     strength = moment * (moment / mass)
     square = 4.0 * speed * speed
+    # Both come at v: q^2/(4 r^3) = m v^2 at the closest approach, and the stiffness there gives 6 q^2/(m
+    # r^5).
     return 6.0 * strength / (strength / square) ** (5.0 / 3.0) if square > 0.0 else 0.0
 
 
+# The polynomials in t of the head of this file, multiplied out.
 CUBE = (6.5625, -11.8125, 8.4375, -2.1875)
 """Coefficients in (r/r_c)^2 of the far part of r^-3, over r_c^-3."""
 
 FIFTH = (7.875, -11.25, 4.375)
 """The same of r^-5, over r_c^-5."""
 
+# Likewise 1 - (5/2) t + (35/8) t^2 - (105/16) t^3 for the energy, one order higher than in a force.
 FIFTH_ENERGY = (14.4375, -30.9375, 24.0625, -6.5625)
 """Coefficients of the far part of r^-5 in the energy of discs, over r_c^-5."""
 
@@ -73,10 +78,7 @@ def _far_part_of_inverse_power(
 def far_part_of_inverse_cube(
     square: Float[NDArray[np.float64], "..."], radius: float, fifth: float = 0.0
 ) -> Float[NDArray[np.float64], "..."]:
-    """Far part of r^-3 + ``fifth`` r^-5, smooth within the split radius (see the head of this file) [1/D^3].
-
-    square, fifth [D^2], radius [D].
-    """
+    """Far part of r^-3 + ``fifth`` r^-5, smooth within a radius [1/D^3]; square, fifth [D^2], radius [D]."""
     u = np.asarray(square, dtype=np.float64) / radius**2
     result = _far_part_of_inverse_power(u, CUBE, -1.5) / radius**3
     return result + _far_part_of_inverse_power(u, FIFTH_ENERGY, -2.5) * fifth / radius**5 if fifth else result

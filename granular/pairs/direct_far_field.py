@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 class DirectFarFieldWorkspace(NamedTuple):
     """Workspace for the two sums."""
 
-    near: Float[np.ndarray, "2 m"]
-    energy_and_closest: Float[np.ndarray, "2 2"]
-    buffers: Float[np.ndarray, "parts 5 m"] | None
-    load: Float[np.ndarray, "m"] | None
+    near: Float[np.ndarray, "2 m"]  # forces of the near part, along x and y [F*]
+    energy_and_closest: Float[np.ndarray, "2 2"]  # of all pairs; of the near ones
+    buffers: Float[np.ndarray, "parts 5 m"] | None  # see `partial_sum_buffers`
+    load: Float[np.ndarray, "m"] | None  # near part of the sums behind the normal force [1/D^3]
 
 
 def direct_far_field_workspace(size: int, *, with_loads: bool) -> DirectFarFieldWorkspace:
@@ -58,10 +58,7 @@ def compute_direct_far_field(
     arrays: GrainArrays,
     energy: Float[Array, "1"],
 ) -> None:
-    """Overwrite forces, energy and, where grains rub, loads by those of the far part.
-
-    radius [D], arrays [D, F*], energy [F* D].
-    """
+    """Overwrite forces [F*], energy [F* D] and, if wanted, loads [1/D^3] by the far part; radius [D]."""
     if not positions_are_finite(arrays.x, arrays.y, grains):
         set_forces_to_nan(arrays, grains)
         return

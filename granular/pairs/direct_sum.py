@@ -37,7 +37,9 @@ if TYPE_CHECKING:
 PADDING = 1e70
 """Place of the first padding grain [D]: r^5 overflows, so its force on a grain is exactly zero."""
 
+# From here on a sum takes 0.2 ms, several times as long as threads need to start (50 us).
 PARTED_FROM = 1024
+# Fixed, so that the order of the sums does not depend on the number of threads.
 PARTS = 8
 
 

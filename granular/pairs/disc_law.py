@@ -105,6 +105,7 @@ def contact_force_singularity(
         if height == z
     )
     reduced = first.radius * second.radius / (first.radius + second.radius)
+    # In the units of `disc_energy_and_force`. The nearest faces alone: others are smooth at contact.
     factor = many * 8.0 * np.pi / 3.0 * np.sqrt(2.0 * reduced)
     return float(factor / _disc_volumes(first, second)), z
 

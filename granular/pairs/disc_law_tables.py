@@ -77,11 +77,9 @@ pieces hold the singular part, and at which the table ends; b."""
 class CloseDiscTables(NamedTuple):
     """Tables of the close pairs, for each pair of species."""
 
-    pairs: Float[np.ndarray, "p 9"]
-    pieces: Float[np.ndarray, "p n 4"]  # [F*/D]
-    energies: Float[
-        np.ndarray, "p n+1"
-    ]  # energy at the start of each piece, without the singular part [F* D]
+    pairs: Float[np.ndarray, "p 9"]  # see `START` and the others
+    pieces: Float[np.ndarray, "p n 4"]  # F/r over the moments [F*/D]: powers of the part of a piece
+    energies: Float[np.ndarray, "p n+1"]  # at the start of each piece, singular part aside [F* D]
 
 
 TOUCH, SQUARES, STIFFNESSES = range(3)
@@ -93,13 +91,13 @@ both times the mass over the squared moment. The greatest over the species, and 
 class DiscLaw(NamedTuple):
     """The grains as discs; see the head of this file."""
 
-    coefficients: Float[np.ndarray, "6"]
+    coefficients: Float[np.ndarray, "6"]  # see `COMMON` and the others
     shift: Float[np.ndarray, "m"] | None  # part of each grain in b [D^2]; None where all are alike
-    species: Int[np.ndarray, "m"] | None
-    kinds: int
-    reach: float  # [D]
+    species: Int[np.ndarray, "m"] | None  # species of each grain; None: all alike
+    kinds: int  # number of species
+    reach: float  # distance at which the longest table ends [D]
     close: CloseDiscTables
-    collision: Float[np.ndarray, "3 n"]
+    collision: Float[np.ndarray, "3 n"]  # see `TOUCH` and the others
 
 
 class _ExactDiscPair(NamedTuple):
@@ -218,13 +216,13 @@ def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
 
 
 def _complete_the_square(c: float) -> tuple[float, float]:
-    """Return c, changed in its last digits, and g / `DISC_SCALE`, whose square is exact for that."""
+    """Return c, changed in its last digits, and g / `DISC_SCALE` whose square is exact: padding adds 0."""
     centre = float(np.float32(3.0 / (16.0 * c * DISC_SCALE)))
     return 3.0 / (16.0 * centre * DISC_SCALE), centre
 
 
 def _law_validity_distance(pair: _ExactDiscPair, c: float) -> float:
-    """Distance from which on the law with that c is good enough."""
+    """Distance from which on the law with that c is good enough [D]."""
     wrong = np.abs(pair.errors_over_tolerance(0.0, c)).reshape(2, -1).max(axis=0) > 1.0
     return float(pair.r[np.flatnonzero(wrong).max(initial=0) + 1])
 
@@ -297,14 +295,14 @@ def _force_over_distance_difference(u: Samples, discs: tuple[Disc, Disc], c: flo
 
 
 def disc_over_dipole_stiffness(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
-    """Stiffness of two discs over that of dipoles at the same distance; r [D]."""
+    """Stiffness of two discs over dipoles' at the same distance (n,); r (n,) [D]."""
     grid = contact_distance(*discs) * np.geomspace(CLOSEST, _BEYOND, 300)
     slopes = np.gradient(disc_law_continued_below_contact(grid, discs)[1], grid)
     return np.asarray(np.interp(r, grid, np.abs(slopes) * grid**5 / 12.0))
 
 
 def disc_law_continued_below_contact(r: Samples, discs: tuple[Disc, Disc]) -> tuple[Samples, Samples]:
-    """Energy and force of two discs, the force continued below contact as its tangent; r [D]."""
+    """Energy and force (n,) of two discs, the force continued below contact as its tangent; r (n,) [D]."""
     contact = contact_distance(*discs)
     energy, force = disc_energy_and_force(np.maximum(r, contact), *discs)
     below, slope = np.minimum(r - contact, 0.0), force_slope_at_contact(*discs)
@@ -318,6 +316,7 @@ def force_slope_at_contact(first: Disc, second: Disc) -> float:
     step = 1e-4 * contact
     x: Samples = step * np.arange(3.0)
     force = disc_energy_and_force(contact + x, first, second)[1]
+    # The singular part, whose second derivative is infinite, would spoil the difference quotient.
     smooth = force - factor * _real_part_of_power(x, z, 1.5)
     slope = (-1.5 * smooth[0] + 2.0 * smooth[1] - 0.5 * smooth[2]) / step
     return float(slope + 1.5 * factor * _real_part_of_power(np.array([0.0]), z, 0.5)[0])

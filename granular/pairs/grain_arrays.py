@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 class GrainArrays(NamedTuple):
     """Positions and properties of grains, and their sums over pairs; None for what is not wanted."""
 
-    x: Float[np.ndarray, "m"]  # [D]
-    y: Float[np.ndarray, "m"]  # [D]
-    fx: Float[np.ndarray, "m"]  # [F*]
-    fy: Float[np.ndarray, "m"]  # [F*]
-    moments: Float[np.ndarray, "m"] | None = None
-    stiffness: Float[np.ndarray, "m"] | None = None
-    energy_and_closest: Float[np.ndarray, "2"] | None = None
-    load: Float[np.ndarray, "m"] | None = None
+    x: Float[np.ndarray, "m"]  # padded [D]
+    y: Float[np.ndarray, "m"]  # padded [D]
+    fx: Float[np.ndarray, "m"]  # overwritten by the forces [F*]
+    fy: Float[np.ndarray, "m"]  # overwritten by the forces [F*]
+    moments: Float[np.ndarray, "m"] | None = None  # over the first species'; None: all alike
+    stiffness: Float[np.ndarray, "m"] | None = None  # sum_j q_j / r^5 [1/D^5]
+    energy_and_closest: Float[np.ndarray, "2"] | None = None  # sum q_i q_j / r^3; largest r^-5
+    load: Float[np.ndarray, "m"] | None = None  # sum_j weight_j / r^3 [1/D^3]
     weight: Float[np.ndarray, "m"] | None = None
-    disc_law: Float[np.ndarray, "6"] | None = None
-    shift: Float[np.ndarray, "m"] | None = None
+    disc_law: Float[np.ndarray, "6"] | None = None  # instead of 1/r^3 and its slope; None: dipoles
+    shift: Float[np.ndarray, "m"] | None = None  # of unlike discs, see `DiscLaw` [D^2]
 
 
 @compiled(inline=True)

@@ -97,7 +97,7 @@ def spread_grains(
     order: Int[Array, "m"],
     grains: int,
 ) -> None:
-    """Spread amounts of the grains by cubic B-splines on the finest level of a mesh; x, y [D]."""
+    """Spread amounts by cubic B-splines on the finest level, quickest in an order of neighbours; x, y [D]."""
     _spread_on_window(mesh.points_per_length, mesh, threaded, x, y, amounts, order, grains)
 
 
@@ -126,10 +126,7 @@ def _spread_on_window(
 
 @compiled(inline=True)
 def interpolate_potential(mesh: MultilevelMesh, x: float, y: float) -> tuple[float, float, float]:
-    """Interpolate the potential of the mesh and its derivatives at a point by cubic B-splines [1/D^3, 1/D^4].
-
-    x, y [D].
-    """
+    """Potential of the mesh and its derivatives at a point by cubic B-splines [1/D^3, 1/D^4]; x, y [D]."""
     return _interpolate_on_window(mesh.points_per_length, mesh, x, y)
 
 

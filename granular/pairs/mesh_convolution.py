@@ -82,7 +82,7 @@ def _add_distances_to_line_sums(
     distances: int,
     sums: list[Any],
 ) -> None:
-    """Add some distances, from ``apart`` on, to the sums of lines that follow each other."""
+    """Add distances to the sums of lines; what lines share is loaded once, as loads take longest here."""
     b = code.builder
     block = TERMS * WIDTH
     down = b.sub(begin, b.mul(apart, ir.Constant(INDEX, block)))

@@ -60,32 +60,32 @@ MOST_POINTS = 1e8
 class FarFieldSettings(NamedTuple):
     """The far field of a scene."""
 
-    radius: float  # [D]
-    size: tuple[float, float] | None  # [D]
-    every: int | None
-    rubbing: int | None = None
-    periodic: bool = False
-    inverse_fifth_factor: float = 0.0
+    radius: float  # distance at which the near part ends [D]
+    size: tuple[float, float] | None  # width and height of the mesh [D]; None: all pairs less the near ones
+    every: int | None  # steps between impulses; None: the far force is a part of every force
+    rubbing: int | None = None  # steps between evaluations while grains slide; None: every force
+    periodic: bool = False  # the mesh goes round a periodic cell of that size
+    inverse_fifth_factor: float = 0.0  # of discs: factor of r^-5 beside r^-3 [D^2]
 
 
 class FarFieldState(NamedTuple):
     """Forces and energy of the last evaluation, and the arrays that compute them."""
 
     mesh: MultilevelMesh | None
-    direct: DirectFarFieldWorkspace | None
-    radius: float
-    self_potential: float
-    fx: Float[np.ndarray, "m"]
-    fy: Float[np.ndarray, "m"]
-    held_forces: Float[np.ndarray, "2 m"] | None
-    load: Float[np.ndarray, "m"] | None
-    evaluated_at: Float[np.ndarray, "2 m"] | None
-    rates: Float[np.ndarray, "3 m"] | None  # [1/tau]
-    extrapolation_steps: int
-    unchanged_distance: float
-    timing: Float[np.ndarray, "3"]
-    energy: Float[np.ndarray, "1"]
-    part_totals: Float[np.ndarray, "parts"]
+    direct: DirectFarFieldWorkspace | None  # instead of the mesh: all pairs less the near ones
+    radius: float  # [D]
+    self_potential: float  # of a grain of moment 1 at its own position [1/D^3]
+    fx: Float[np.ndarray, "m"]  # [F*]
+    fy: Float[np.ndarray, "m"]  # [F*]
+    held_forces: Float[np.ndarray, "2 m"] | None  # [F*], act all the time; impulses add the rest
+    load: Float[np.ndarray, "m"] | None  # far part of the sums behind the normal force [1/D^3]
+    evaluated_at: Float[np.ndarray, "2 m"] | None  # positions then [D]; None: each force
+    rates: Float[np.ndarray, "3 m"] | None  # of fx, fy [F*/tau] and load while grains slide; None: not needed
+    extrapolation_steps: int  # steps that the rates are used for
+    unchanged_distance: float  # see `STILL` [D]
+    timing: Float[np.ndarray, "3"]  # see `TIME` and the others
+    energy: Float[np.ndarray, "1"]  # [F* D]
+    part_totals: Float[np.ndarray, "parts"]  # twice the energy of each part
 
 
 def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> FarFieldState:
@@ -103,6 +103,7 @@ def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> 
         + FIFTH_ENERGY[0] * field.inverse_fifth_factor / field.radius**5,
         fx=np.zeros(size),
         fy=np.zeros(size),
+        # Without it grains at rest would be pushed to and fro by the impulses.
         held_forces=None if field.every is None else np.zeros((2, size)),
         load=np.zeros(size) if with_loads else None,
         evaluated_at=None if field.rubbing is None else np.full((2, size), np.nan),
@@ -119,15 +120,15 @@ class MeshFarFieldArrays(NamedTuple):
     """Grains for a far field, and the arrays for its results; see `compute_mesh_far_field`."""
 
     grains: int
-    x: np.ndarray
-    y: np.ndarray
+    x: np.ndarray  # [D]
+    y: np.ndarray  # [D]
     moments: np.ndarray | None
     weight: np.ndarray | None
     order: np.ndarray
-    self_potential: float
-    fx: np.ndarray
-    fy: np.ndarray
-    load: np.ndarray | None
+    self_potential: float  # of a grain of moment 1 at its own position [1/D^3]
+    fx: np.ndarray  # [F*]
+    fy: np.ndarray  # [F*]
+    load: np.ndarray | None  # [1/D^3]
     part_totals: np.ndarray
 
 
@@ -232,10 +233,7 @@ def compute_mesh_far_field(
     arrays: GrainArrays,
     order: Int[Array, "m"],
 ) -> int:
-    """Compute force, energy and, where grains rub, load of the far part by the mesh.
-
-    far [F* D, D], arrays [D, F*].
-    """
+    """Compute force [F*], energy [F* D] and, where grains rub, load [1/D^3] of the far part by the mesh."""
     if grains == 0:
         return 0
     x, y = arrays.x, arrays.y
@@ -274,10 +272,7 @@ def any_grain_moved(
     grains: int,
     unchanged_distance: float,
 ) -> bool:
-    """Test whether a grain has moved so far since the last evaluation that the far field has changed.
-
-    evaluated_at, x, y, unchanged_distance [D].
-    """
+    """Test whether a grain has moved by more than a distance [D] since the last evaluation."""
     moved = 0
     for i in range(grains):
         dx, dy = x[i] - evaluated_at[0, i], y[i] - evaluated_at[1, i]

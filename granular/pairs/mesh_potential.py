@@ -105,6 +105,7 @@ def _convolve_columns_of_part(mesh: MultilevelMesh, part: int) -> None:
         for column in range(0, _column_count(mesh, level), WIDTH):
             middle = 2 * done + cost
             done += cost
+            # A column falls to the part that holds the middle of its cost: parts take about equally long.
             if part * total * 2 <= middle * PARTS < (part + 1) * total * 2:
                 _convolve_columns(mesh, level, column, part)
 
@@ -132,6 +133,7 @@ def _convolve_columns(mesh: MultilevelMesh, level: int, column: int, part: int) 
         at,
         mesh.strides[level],
         up,
+        # The law is r^-3, and the spacing doubles from level to level.
         0.125**level,
         mesh.points_per_length,
     )

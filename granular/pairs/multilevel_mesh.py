@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 Samples = NDArray[np.float64]
 
+# 2 - sqrt(3) = 0.27, the pole of the inverse of a cubic B-spline's samples.
 REACH = 4
 """Points of a table behind the end of its band: the division spreads it by 0.27 a point."""
 
@@ -79,10 +80,7 @@ def _pad_groups(table: Samples, groups: int) -> Samples:
 
 
 def mesh_level_count(extent: float, radius: float, spacing: float) -> int:
-    """Count the levels until the table of the coarsest one covers the whole bed.
-
-    extent, radius, spacing [D].
-    """
+    """Count the levels until the coarsest table covers the whole bed; extent, radius, spacing [D]."""
     reach = _reach_in_points(radius, spacing)
     return 1 + max(0, math.ceil(math.log2(extent / (spacing * reach))))
 
@@ -133,10 +131,7 @@ def _factor_into_products(table: Samples) -> SeparableTable:
 
 @functools.cache
 def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor: float = 0.0) -> MeshTables:
-    """Tables of the multilevel summation: one band for each level, and the rest on the coarsest one [1/D^3].
-
-    radius, spacing [D], inverse_fifth_factor [D^2].
-    """
+    """Tables of the levels' bands and of the rest on the coarsest [1/D^3]; inverse_fifth_factor [D^2]."""
     reach = _reach_in_points(radius, spacing)
     most = reach + _EDGES
     n = np.arange(-most - _MARGIN, most + _MARGIN + 1) * spacing
@@ -176,30 +171,27 @@ _EDGE = 3
 class MultilevelMesh(NamedTuple):
     """The levels of a mesh, one after another in the same arrays."""
 
-    spacing: float  # [D]
+    spacing: float  # of the finest level [D]
     band_along: Float[np.ndarray, "levels groups reach TERMS"]
     band_across: Float[np.ndarray, "levels groups reach TERMS"]
     rest_along: Float[np.ndarray, "groups reach TERMS"]
     rest_across: Float[np.ndarray, "groups reach TERMS"]
-    source: Float[np.ndarray, "p"]
-    potential: Float[np.ndarray, "p"]
-    begins: Int[np.ndarray, "levels+1"]
-    strides: Int[np.ndarray, "levels"]
-    margin: int
-    windows: Int[np.ndarray, "levels 4"]
-    part_sources: Float[np.ndarray, "parts q"]
-    reached: Int[np.ndarray, "parts 2"]
-    rows: Float[np.ndarray, "PARTS r"]
-    points_per_length: Float[np.ndarray, "2"] | None
+    source: Float[np.ndarray, "p"]  # lines of each level, zeros on both sides; a line of zeros at the end
+    potential: Float[np.ndarray, "p"]  # likewise [1/D^3]
+    begins: Int[np.ndarray, "levels+1"]  # index at which each level begins, and the end
+    strides: Int[np.ndarray, "levels"]  # from a line of a level to its next
+    margin: int  # zeros before a line
+    windows: Int[np.ndarray, "levels 4"]  # see `LEFT` and the others
+    part_sources: Float[np.ndarray, "parts q"]  # what each part of the grains puts on the finest level
+    reached: Int[np.ndarray, "parts 2"]  # its first line there, and the one behind its last
+    rows: Float[np.ndarray, "PARTS r"]  # scratch of the convolution
+    points_per_length: Float[np.ndarray, "2"] | None  # of a periodic cell, along x and y [1/D]
 
 
 def multilevel_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, grains: int, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
-    """Allocate a mesh of several levels for grains in a closed cell.
-
-    width, height, radius, spacing [D], inverse_fifth_factor [D^2].
-    """
+    """Allocate a mesh of levels for a closed cell; width ... spacing [D], inverse_fifth_factor [D^2]."""
     levels = mesh_level_count(max(width, height), radius, spacing)
     tables = mesh_tables(radius, spacing, levels, inverse_fifth_factor)
     bands = tables.stack_band_tables()

@@ -25,6 +25,7 @@ from granular.pairs.simd import (
     rough_inverse_fifth_power,
 )
 
+# Only the padding of `granular.pairs.direct_sum`, at 1e70 D, is farther.
 _AWAY = 1e100
 """Square of a displacement [D^2] that no two grains are apart."""
 
@@ -121,8 +122,8 @@ class CutOffVectors(NamedTuple):
 
     square: Any
     cube: Any
-    smooth: FarPartCoefficients | None = None
-    rest: list[Any] | None = None
+    smooth: FarPartCoefficients | None = None  # far part to be taken off; None: the law just ends
+    rest: list[Any] | None = None  # of discs: coefficients in b of their energy there
 
 
 def make_cut_off_vectors(
@@ -157,10 +158,7 @@ class PeriodicCellVectors(NamedTuple):
     def nearest_image_displacement(
         self, code: VectorBuilder, dx: ir.Value, dy: ir.Value
     ) -> tuple[ir.Value, ir.Value]:
-        """Emit the displacement to the nearest image in a periodic cell (minimum image convention) [D].
-
-        dx, dy [D].
-        """
+        """Emit the displacement to the nearest image [D] (Allen and Tildesley 1987, section 1.5)."""
         b, result = code.builder, []
         for displacement, side, per in ((dx, self.width, self.per_width), (dy, self.height, self.per_height)):
             turns = code.round_to_integers(b.fmul(displacement, per))
@@ -179,10 +177,7 @@ class EnergyAndClosestPair:
         self.closest = pointer and code.new_variable(broadcast_constant(0.0))
 
     def include_pairs(self, s: ir.Value, energy: ir.Value) -> None:
-        """Emit the addition of eight pairs to the energy, and their comparison with the closest pair.
-
-        s [1/D^5], energy [F* D].
-        """
+        """Emit the addition of eight energies, and the comparison of s [1/D^5] with the closest pair."""
         if self.pointer is not None:
             code, b = self.code, self.code.builder
             code.add_to_variable(self.energy, energy)
@@ -262,10 +257,7 @@ def pair_contributions(
     images: PeriodicCellVectors | None = None,
     disc_law: DiscLawVectors | None = None,
 ) -> tuple[PairSums, PairSums]:
-    """Emit the contributions of eight pairs to the sums of both grains; see the head of this file.
-
-    first, second [D].
-    """
+    """Emit what eight pairs add to the sums of both grains, in the given lanes (8,) or all; see the head."""
     b = code.builder
     zero = broadcast_constant(0.0)
     dx, dy = b.fsub(first.x, second.x), b.fsub(first.y, second.y)

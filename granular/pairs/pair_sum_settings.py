@@ -10,6 +10,7 @@ MESH_REACH = 0.39
 """Greatest radius of mesh and cut-off over the shorter side of a periodic cell: a pair is met in
 one of five stripes and its two neighbours alone, with something left for the lists' skin."""
 
+# Five times `granular.pairs.stripes.LEAST_IN_STRIPE`.
 LEAST = 40
 """Grains of a periodic cell that fill five stripes."""
 
@@ -138,10 +139,7 @@ class PairSumSettings(Section):
             )
 
     def verlet_list_settings(self, diameter: float) -> VerletSettings:
-        """Radius and skin of de Paula's list [D, 5.1] in units of the first species' diameter.
-
-        diameter [m].
-        """
+        """Radius and skin of de Paula's list [D, 5.1] in diameters of the first species; diameter [m]."""
         skin = SKIN if self.skin is None else self.skin / diameter
         return VerletSettings(self._radius_or_default(diameter, RADIUS), skin)
 

@@ -69,10 +69,7 @@ change forces by less than 1e-7, where 1e-6 is asked for. Digits as in
 
 
 def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tuple[int, int]]:
-    """Count the mesh points along both sides of a periodic cell, level by level from the finest.
-
-    width, height, spacing [D].
-    """
+    """Count the mesh points along both sides, level by level from the finest; width, height, spacing [D]."""
     wanted = [math.ceil(side / spacing) for side in (width, height)]
     levels = 1 + max(0, math.floor(math.log2(min(wanted) / FEWEST)))
     across, up = (max(FEWEST, math.ceil(quantity / 2 ** (levels - 1))) for quantity in wanted)
@@ -82,10 +79,7 @@ def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tu
 def sum_far_part_over_images(
     dx: Samples, dy: Samples, width: float, height: float, radius: float, inverse_fifth_factor: float = 0.0
 ) -> Samples:
-    """Sum the far part of a point and all its periodic images by Ewald's method, for r^-3 and r^-5 [1/D^3].
-
-    dx, dy, width, height, radius [D], inverse_fifth_factor [D^2].
-    """
+    """Sum the far part (...) over all images (Ewald 1921, doi:10.1002/andp.19213690304) [1/D^3]; dx [D]."""
     from scipy.special import erfc, gammainc, gammaincc
 
     sharp = _SHARPNESS / math.sqrt(width * height)
@@ -97,6 +91,7 @@ def sum_far_part_over_images(
             square = (dx + column * width) ** 2 + (dy + row * height) ** 2
             cube = np.maximum(square, 1e-12) ** 1.5
             lower = gammainc(1.5, sharp**2 * square) / cube
+            # At r = 0 the lower part has the limit a^3 4/(3 sqrt(pi)).
             lower = np.where(square < 1e-12, sharp**3 * 4.0 / (3.0 * math.sqrt(math.pi)), lower)
             upper = gammaincc(1.5, sharp**2 * square) / cube
             near = far_part_of_inverse_cube(square, radius) - lower
@@ -194,10 +189,7 @@ def _coarsest_level_table(
 def periodic_mesh_tables(
     width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MeshTables:
-    """Tables of the multilevel summation on a mesh that goes round a periodic cell [1/D^3].
-
-    width, height, radius, spacing [D], inverse_fifth_factor [D^2].
-    """
+    """Tables of a mesh that goes round a periodic cell [1/D^3]; inverse_fifth_factor [D^2], lengths [D]."""
     points = periodic_mesh_points(width, height, spacing)
     fine, coarse = points[0], points[-1]
     scale = 2.0 ** (len(points) - 1)
@@ -269,10 +261,7 @@ def spread_on_periodic_mesh(
     order: Int[Array, "m"],
     grains: int,
 ) -> None:
-    """Spread amounts of the grains by cubic B-splines on the finest level of a periodic mesh.
-
-    fineness [1/D], x, y [D].
-    """
+    """Spread amounts by cubic B-splines on a periodic mesh's finest level; fineness [1/D], x, y [D]."""
     mesh.source[: mesh.begins[1]] = 0.0
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
     corner = index_of_first_mesh_point(mesh, 0) - 1 - stride
@@ -355,10 +344,7 @@ def prolong_periodic_potential(mesh: MultilevelMesh, level: int) -> None:
 def periodic_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
-    """Allocate a mesh that goes round a periodic cell.
-
-    width, height, radius, spacing [D], inverse_fifth_factor [D^2].
-    """
+    """Allocate a mesh that goes round a periodic cell; width ... spacing [D], inverse_fifth_factor [D^2]."""
     tables = periodic_mesh_tables(width, height, radius, spacing, inverse_fifth_factor)
     bands = tables.stack_band_tables()
     points = periodic_mesh_points(width, height, spacing)

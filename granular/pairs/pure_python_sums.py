@@ -95,10 +95,7 @@ def pure_python_cut_off_sum(
     grains: int,
     arrays: GrainArrays,
 ) -> None:
-    """Pair forces and sums within a radius, where the energy of a pair is zero.
-
-    stripes, radius [D], arrays [D, F*].
-    """
+    """Pair forces [F*] and sums within a radius [D], at which the energy is zero; of stripes only periods."""
     _clear_all_sums(arrays)
     periods = getattr(stripes, "periods", None)
     fifth = 0.0 if arrays.disc_law is None else float(arrays.disc_law[FAR])

@@ -50,6 +50,7 @@ _MOST_REACH = 0.4
 @compiled
 def _list_partner_ranges(stripes: Stripes, number: int, reach: float) -> None:
     """List the runs of every two rows."""
+    # No pair at the reach itself is lost to rounding.
     far = reach * (1.0 + 1e-12)
     for k in range(number):
         for up in range(RANGES):
@@ -168,6 +169,8 @@ def _adapt_skin(memory: Array, radius: float) -> None:
     """Bring the skin nearer to where making lists costs as much as the partners in it."""
     if memory[SKIN] == 0.0:
         memory[SKIN] = _FIRST_SKIN * radius
+    # A list costs `_COST` sums in CALLS, its pairs beyond the radius 2 skin/radius of a sum. CALLS grows as
+    # the skin, so their total is least where both are equal.
     elif memory[CALLS] * memory[SKIN] < _COST * radius / 2.0:
         memory[SKIN] = min(1.25 * memory[SKIN], _MOST_SKIN * radius)
     else:
@@ -204,10 +207,7 @@ def positions_are_finite(x: Float[Array, "m"], y: Float[Array, "m"], grains: int
 
 @compiled
 def refresh_partner_lists(stripes: Stripes, arrays: GrainArrays, grains: int, radius: float) -> bool:
-    """Make the lists hold every pair within the radius, anew where a grain has moved by half the skin.
-
-    arrays, radius [D].
-    """
+    """Hold all pairs within the radius [D]; list anew once a grain moved by half the skin (Verlet 1967)."""
     x, y = arrays.x, arrays.y
     if _lists_are_outdated(stripes, x, y, grains):
         if not positions_are_finite(x, y, grains):
@@ -232,10 +232,7 @@ _HERE, _RIGHT, _LEFT = range(IMAGES)
 
 @compiled
 def list_periodic_partner_ranges(stripes: Stripes, number: int, reach: float) -> None:
-    """List the ranges of partners of every two rows in a periodic cell, and the displacement of their images.
-
-    stripes, reach [D].
-    """
+    """List the ranges of partners of every two rows in a periodic cell, and their shifts [D]; reach [D]."""
     far = reach * (1.0 + 1e-12)
     for k in range(number):
         for up in range(RANGES):

@@ -32,41 +32,37 @@ class CutOffSettings(NamedTuple):
     """Pairs end at a distance."""
 
     radius: float  # [D]
-    moments: bool
-    smooth: bool | None
+    moments: bool  # the grains' moments differ
+    smooth: bool | None  # None: pairs just end; else the far part of their law is taken off
     periods: tuple[float, float] | None = None  # width and height of a periodic cell [D]
 
 
 class Stripes(NamedTuple):
     """Grains in stripes, and the runs of partners."""
 
-    x: Float[np.ndarray, "s"]
-    y: Float[np.ndarray, "s"]
+    x: Float[np.ndarray, "s"]  # in the order of stripes, with far points between [D]
+    y: Float[np.ndarray, "s"]  # [D]
     moments: Float[np.ndarray, "s"] | None
     weight: Float[np.ndarray, "s"] | None
-    shift: Float[np.ndarray, "s"] | None
-    fx: np.ndarray
-    fy: np.ndarray
-    stiffness: np.ndarray
-    load: np.ndarray | None
-    rows: Int[np.ndarray, "parts+1"]
-    firsts: Int[np.ndarray, "parts+1"]
-    lows: Int[np.ndarray, "parts"]
-    ends: Int[np.ndarray, "parts"]
-    slot: Int[np.ndarray, "m"]
-    order: Int[np.ndarray, "m"]
-    stripe: Int[np.ndarray, "m"]
-    begins: Int[np.ndarray, "k"]
-    partner_ranges: Int[np.ndarray, "s/2 RANGES 2"]
-    shifts: (
-        Float[np.ndarray, "s/2 RANGES*IMAGES 2"] | None
-    )  # displacement of the images of each run's partners [D]
-    cell_offsets: (
-        Float[np.ndarray, "2 m"] | None
-    )  # displacement of each grain from its image within the periodic cell [D]
+    shift: Float[np.ndarray, "s"] | None  # [D^2]
+    fx: np.ndarray  # (parts, s), sums of each part
+    fy: np.ndarray  # (parts, s)
+    stiffness: np.ndarray  # (parts, s)
+    load: np.ndarray | None  # (parts, s)
+    rows: Int[np.ndarray, "parts+1"]  # first row of each part
+    firsts: Int[np.ndarray, "parts+1"]  # index in ``order`` of each part's first grain
+    lows: Int[np.ndarray, "parts"]  # first entry that a part adds to
+    ends: Int[np.ndarray, "parts"]  # the entry behind the last
+    slot: Int[np.ndarray, "m"]  # entry of each grain in ``order``
+    order: Int[np.ndarray, "m"]  # grains in the order of stripes; before, as they come
+    stripe: Int[np.ndarray, "m"]  # scratch
+    begins: Int[np.ndarray, "k"]  # of each stripe, a multiple of the vector width
+    partner_ranges: Int[np.ndarray, "s/2 RANGES 2"]  # start and stop of each run
+    shifts: Float[np.ndarray, "s/2 RANGES*IMAGES 2"] | None  # of the images of each run [D]
+    cell_offsets: Float[np.ndarray, "2 m"] | None  # of each grain from its image in the periodic cell [D]
     periods: Float[np.ndarray, "2"] | None  # its sides [D]
-    built: Float[np.ndarray, "2 m"]
-    memory: Float[np.ndarray, "6"]
+    built: Float[np.ndarray, "2 m"]  # positions of the last listing [D]; part of a checkpoint
+    memory: Float[np.ndarray, "6"]  # see `LISTED` and the others; part of a checkpoint
 
 
 def _most_stripes(size: int) -> int:
@@ -81,10 +77,7 @@ def stripes_workspace(
     shifted: bool = False,
     periods: tuple[float, float] | None = None,
 ) -> Stripes:
-    """Allocate stripes for the pairs within a cut-off radius; memory is linear in the number of grains.
-
-    periods [D].
-    """
+    """Allocate stripes for pairs within a radius; memory is linear in the number of grains; periods [D]."""
     around = periods is not None
     runs = RANGES * IMAGES if around else RANGES
     most = _most_stripes(size)
@@ -131,6 +124,7 @@ def sort_into_stripes(stripes: Stripes, grains: int, reach: float) -> int:
     for i in range(grains):
         low, high = min(low, y[i]), max(high, y[i])
     most = max(1, min(stripes.begins.size - 2, grains // LEAST_IN_STRIPE))
+    # Half the reach: then all partners lie in the stripe itself and the two above it.
     height = max(reach / (RANGES - 1), (high - low) / most)
     number = min(int((high - low) / height) + 1, most)
     _sort_into_equal_stripes(stripes, stripes.built[0], y, grains, low, height, number)
@@ -168,10 +162,7 @@ def _sort_into_equal_stripes(
 
 @compiled
 def sort_into_periodic_stripes(stripes: Stripes, grains: int, reach: float) -> int:
-    """Sort the grains' images within a periodic cell into stripes of one height, and by x within each.
-
-    stripes, reach [D].
-    """
+    """Sort the grains' images in a periodic cell into equal stripes, and by x within each; reach [D]."""
     periods, cell_offsets = stripes.periods, stripes.cell_offsets
     assert periods is not None
     assert cell_offsets is not None

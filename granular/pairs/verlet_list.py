@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 RADIUS, SKIN = 11.26, 4.13
 """De Paula's values, in diameters of the first species."""
 
+# Touching discs, 2/sqrt(3) per D^2, have pi/sqrt(3) = 1.8.
 _MOST_PARTNERS = 4.0
 """Pairs that there is room for, per grain and square of the radius [D]: the densest bed of discs
 has 1.8."""
@@ -50,8 +51,8 @@ class VerletList(NamedTuple):
     """The listed pairs, and where they were listed."""
 
     pairs: ClosePairs
-    built: Float[np.ndarray, "2 m"]
-    memory: Float[np.ndarray, "3"]
+    built: Float[np.ndarray, "2 m"]  # positions of the last listing [D]; part of a checkpoint
+    memory: Float[np.ndarray, "3"]  # see `LISTED` and the others; likewise
 
 
 def verlet_list_workspace(size: int, radius: float) -> VerletList:
@@ -83,10 +84,7 @@ def _refresh_verlet_list(
 
 @compiled
 def verlet_list_sum(pair_list: VerletList, listing: VerletSettings, grains: int, arrays: GrainArrays) -> None:
-    """Compute forces and sums over the listed pairs; list them anew where a grain has moved by the skin.
-
-    listing [D], arrays [D, F*].
-    """
+    """Compute forces [F*] and sums over the listed pairs; list anew where a grain has moved by the skin."""
     _refresh_verlet_list(pair_list, listing, arrays.x, arrays.y, grains)
     clear_sums(arrays)
     rest = pair_energy(listing.radius)
