@@ -34,12 +34,12 @@ begun to move from rest has a large relative error of no consequence."""
 class EnergyLedger:
     """Memory of the energy ledger from record to record, in natural units."""
 
-    start: float
-    potential: float
-    piston: float
-    wrong: float = WRONG
-    moved: float = 0.0
-    worst: float = 0.0
+    start: float  # energy at the start [F* D]
+    potential: float  # at the start [F* D]
+    piston: float  # at the start [F* D]
+    wrong: float = WRONG  # relative residual that stops the run
+    moved: float = 0.0  # energy turned over so far [F* D]
+    worst: float = 0.0  # largest residual so far [F* D]
 
     @property
     def worst_relative_residual(self) -> float:
@@ -64,6 +64,7 @@ class EnergyLedger:
         """Imbalance of kinetic, potential and lost energy and work in each record [F* D]."""
         potential, total = columns.total_potential_energies(rows), columns.total_energies(rows)
         lost, work = columns.total_losses(rows), rows[:, columns.WORK]
+        # The largest sum so far of the kinetic energy, the changes of potential and piston, losses and work.
         moved = np.maximum(rows[:, columns.TURNED], self.moved)
         residual = total - self.start + lost - work
         floor = _ROUNDING * (np.abs(potential) + np.abs(total) + lost + np.abs(work))
@@ -75,7 +76,7 @@ class EnergyLedger:
         return excess, relative
 
     def find_unbalanced_record(self, rows: Float[np.ndarray, "r columns"]) -> tuple[int, float] | None:
-        """Enter records, and find the first one that cannot be trusted."""
+        """Enter records, and find the first one that cannot be trusted: its index and relative residual."""
         if not len(rows):
             return None
         residual, relative = self.residuals(rows)

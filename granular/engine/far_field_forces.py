@@ -65,10 +65,7 @@ def _find_far_forces_of_bed(
 
 @compiled(inline=True)
 def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
-    """Find the far field where it is a part of every force; where it acts in impulses, it stays.
-
-    time [tau].
-    """
+    """Find the far field if it is a part of every force; impulses leave it as it is; time [tau]."""
     if far is None:
         return 0
     return _refresh_if_moved(far.held_forces, far, bed, time)
@@ -89,6 +86,7 @@ def _refresh_rates_if_moved(met: Array | None, far: FarFieldState, bed: Bed, tim
     far.timing[CALLS] += 1.0
     if far.timing[CHANGING] > 0.0 and far.timing[CALLS] < far.extrapolation_steps:
         return 0
+    # While nothing has moved further, grains at rest feel the same force to the last bit.
     if any_grain_moved(met, state.x, state.y, constants.grains, far.unchanged_distance):
         return _update_far_field_rates(far.rates, far, bed, time)
     far.timing[CHANGING] = 0.0
@@ -128,10 +126,7 @@ def _store_far_force_rates(rates: Array, far: FarFieldState, lapse: float) -> No
 
 @compiled(inline=True)
 def add_far_field(far: FarFieldState | None, state: State, count: int, time: float) -> None:
-    """Add the far field to the forces and loads; where it acts in impulses, the held one.
-
-    state [F*], time [tau].
-    """
+    """Add the far field to forces and loads [F*]; where it acts in impulses, the held one; time [tau]."""
     if far is not None:
         _add_held_forces(far.held_forces, far, state.load, state, count)
         if far.timing[CHANGING] > 0.0:
@@ -207,13 +202,15 @@ def update_held_far_field(state: State) -> None:
     """Hold the present far field from now on, where it acts in impulses."""
     far = state.far_forces
     if far is not None and far.held_forces is not None:
+        # The energy stays, but what a symplectic step conserves changes a little: seldom, if nothing
+        # dissipates.
         state.fx[:] += far.fx - far.held_forces[0]
         state.fy[:] += far.fy - far.held_forces[1]
         far.held_forces[0], far.held_forces[1] = far.fx, far.fy
 
 
 def force_with_far_field(state: State) -> tuple[Array, Array]:
-    """Force on the grains, with all of a far field that acts in impulses [F*]."""
+    """Force on the grains (m,), (m,), with all of a far field that acts in impulses [F*]."""
     far = state.far_forces
     if far is None or far.held_forces is None:
         return state.fx, state.fy

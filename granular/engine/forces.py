@@ -135,6 +135,7 @@ def potential_energies(
     """Energy of the pairs [F* D]; also fill each law's energy and the bounds of stiffness [1/tau^2]."""
     state, constants = bed.state, bed.constants
     stiffness = measurement.stiffness
+    # Gershgorin: the pair's stiffness 3 q_i q_j/r^5 enters the row of i twice, on the diagonal and beside it.
     bound = 6.0 * pair_stiffness_bound(constants.acting.discs)
     for i in range(constants.grains):
         stiffness[i] *= bound
@@ -148,10 +149,7 @@ def potential_energies(
 def evaluate_forces(
     state: State, constants: Constants, measurement: Measurement, energies: Float[Array, "laws"]
 ) -> tuple[int, float, float]:
-    """Overwrite all forces, and fill ``energies`` with that of each law, at time 0 [F* D].
-
-    energies [F* D].
-    """
+    """Overwrite all forces, at time 0; grains outside, energy of the pairs and kinetic energy [F* D]."""
     bed = by_reference(Bed(state, constants))
     measurement = by_reference(measurement)
     outside = compute_and_measure_forces(bed, 0.0, measurement)

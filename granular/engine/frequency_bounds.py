@@ -24,16 +24,14 @@ _squared_impact_frequency = greatest_of_hooks("squared_head_on_impact_frequency"
 
 @entry
 def evaluate_highest_impact_frequency(constants: Constants, speed: float) -> float:
-    """Highest angular frequency of a collision, for Python; see `highest_impact_frequency` [1/tau].
-
-    speed [D/tau].
-    """
+    """Highest angular frequency of a collision [1/tau], for Python; speed [D/tau]."""
     return highest_impact_frequency(by_reference(constants), speed)
 
 
 @compiled
 def highest_impact_frequency(constants: Constants, speed: float) -> float:
     """Highest angular frequency of a collision at a speed [1/tau]; speed [D/tau]."""
+    # Energy fixes the closest approach, so a step is short before a collision, not after it.
     square = 0.0
     if constants.acting.dipole is not None and constants.grains > 1:
         square = _head_on_pair_stiffness(
@@ -62,12 +60,10 @@ def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None
 
 @compiled
 def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement: Measurement) -> float:
-    """Bound of the highest angular frequency of bed and free piston, and of collisions [1/tau].
-
-    speed [D/tau].
-    """
+    """Bound of the highest angular frequency of bed, free piston and collisions [1/tau]; speed [D/tau]."""
     constants = bed.constants
     highest = 0.0
+    # Row sums of the Hessian over the masses bound its eigenvalues (Gershgorin).
     for i in range(constants.grains):
         highest = max(highest, measurement.stiffness[i])
     if motion.free:
@@ -75,5 +71,7 @@ def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement:
         slopes[:] = 0.0
         add_piston_stiffness(constants.acting.walls[TOP], bed, slopes)
         total, largest = _total_and_largest_stiffness(slopes, constants.grains, constants.masses)
+        # The piston's row has each grain's stiffness on the diagonal and beside it; a grain's row the
+        # piston's.
         highest = max(highest + largest, 2.0 * total / constants.piston_mass)
     return max(math.sqrt(highest), highest_impact_frequency(constants, speed))

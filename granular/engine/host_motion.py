@@ -157,6 +157,7 @@ def _secant_factor(first: float, second: float) -> float:
     """Factor of the second correction that makes the third vanish (secant rule)."""
     if first == second:
         return 1.0
+    # Grains that stop or start bend the residual: a steeper secant would overshoot.
     return min(max(first / (first - second), 0.0), 2.0)
 
 
@@ -327,7 +328,7 @@ def _fill_chain_forces(chain: HostChain, workspace: HostWorkspace, force: float)
 def _solve_body_velocity_changes(
     chain: HostChain, workspace: HostWorkspace, dt: float, base: float, change: float, dashpots: bool
 ) -> float:
-    """Fill in what the bodies below the last one gain, where that gains ``change``."""
+    """Fill in the velocity changes of the chain, from the base upwards; force of the last dashpot [F*]."""
     last, half = chain.masses.size - 1, 0.5 * dt
     for k in range(last):
         own, above = chain.damping[k], chain.damping[k + 1]

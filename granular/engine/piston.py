@@ -65,6 +65,8 @@ def _kick_against_resistance(
 ) -> None:
     if resistance is None:
         _add_to_piston_speed(state.rounding, dt * force / mass, state)
+    # One after the other, force and friction would stop a piston for good that is pushed on, and give a
+    # creeping one more energy than it has.
     elif _stops_within_step(resistance, force, dt, mass, state):
         _slide_with_friction(resistance, force, dt, mass, state)
     elif opens_step:
@@ -135,8 +137,9 @@ def _slow_by_friction(resistance: PistonResistance, dt: float, mass: float, stat
 
 @compiled
 def _prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) -> float:
-    """Speed on the path [D/tau]."""
+    """Speed on the path [D/tau]; dt, time [tau]."""
     if motion.kind == TABLE:
+        # A table's speed jumps from row to row: the mean over the half step that the kick stands for.
         before = time if opens_step else time - dt
         return (
             driven_height_and_velocity(motion, before + dt)[0] - driven_height_and_velocity(motion, before)[0]
@@ -146,10 +149,7 @@ def _prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) 
 
 @compiled(inline=True)
 def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, opens_step: bool) -> None:
-    """Change the piston's velocity by its forces; enter the work done from outside meanwhile.
-
-    dt, time, start [tau].
-    """
+    """Change the piston's velocity by its forces; enter the work from outside; dt, time, start [tau]."""
     state, constants = bed.state, bed.constants
     if motion.free:
         swing = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
@@ -159,6 +159,7 @@ def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, 
         ) - _inertial_force(state.host, constants)
         before = state.piston[SPEED]
         _kick_against_resistance(constants.resistance, force, dt, constants.piston_mass, state, opens_step)
+        # Force times mean velocity: the ledger then has the method's order.
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
         state.ledger[WORK] -= dt * state.wall_forces[TOP] * _prescribed_speed(motion, time, dt, opens_step)

@@ -103,10 +103,7 @@ def unbalanced_energy_error(
 def not_at_rest_error(
     stage: str, limit: float, speeds: tuple[float, float], tolerance: float, step: int, time: float
 ) -> NotAtRestError:
-    """Make the error for a piston that does not come to rest.
-
-    limit, time [s], speeds [m/s], tolerance [m].
-    """
+    """Error for a piston that does not come to rest; limit, time [s], speeds [m/s], tolerance [m]."""
     piston, grain = speeds
     remedy = "give the stage a longer duration, a greater tolerance or more dissipation"
     if not grain:
@@ -139,6 +136,7 @@ def report_arithmetic_errors_as(failure: Callable[[], Exception]) -> Iterator[No
     try:
         yield
     except (ArithmeticError, ValueError) as error:
+        # Compiled code goes on with infinities, and the loop reports them.
         if not numba.config.DISABLE_JIT or isinstance(error, InputError):
             raise
         raise failure() from error

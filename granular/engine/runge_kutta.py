@@ -123,10 +123,7 @@ def runge_kutta_step(
     measurement: Measurement,
     measuring: bool,
 ) -> int:
-    """Make one step of an explicit Runge-Kutta method; work and losses are integrated alike.
-
-    h, time, start [tau].
-    """
+    """Make one explicit Runge-Kutta step (Hairer, Norsett and Wanner 1993, II.1); h, time, start [tau]."""
     state, constants = bed.state, bed.constants
     stages = tableau.shape[1]
     count = constants.grains
@@ -138,6 +135,7 @@ def runge_kutta_step(
         if k > 0:
             _move_to_stage(tableau[k, :k], slopes, h, instant, state, count, motion)
             outside += compute_forces(bed, start + instant)
+        # Work and losses are integrated with the weights of the last row, as the positions are.
         dt = h * tableau[stages, k]
         _fill_grain_slopes(slopes.grains[k], dt, bed)
         _fill_piston_slopes(slopes.piston[k], dt, instant, start, bed, motion)

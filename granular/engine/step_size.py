@@ -56,10 +56,10 @@ def auto_step_text(factor: float) -> str:
 class StepRequest:
     """Requested time step."""
 
-    seconds: float | None = None
-    factor: float = 1.0
-    grains: int = 368
-    dry: bool = False
+    seconds: float | None = None  # None: automatic [s]
+    factor: float = 1.0  # of the automatic step
+    grains: int = 368  # number of grains
+    dry: bool = False  # grains rub by the velocity scheme, and nothing stiffer acts
 
     @property
     def automatic(self) -> bool:
@@ -85,6 +85,7 @@ class StepRequest:
 
     def steps_per_tick(self, length: float, frequency: float) -> int:
         """Automatic steps of a tick, for a highest frequency; length [tau], frequency [1/tau]."""
+        # 1e-9: rounding of a ratio that is a whole number makes no further step.
         return max(1, math.ceil(length * frequency / self.step_times_frequency - 1e-9))
 
     def divide_stage(self, record: float, frame: float, frequency: float, tau: float) -> StepSchedule:
@@ -110,12 +111,12 @@ def _limit_tick_count(ticks: int) -> int:
 class StepSchedule(NamedTuple):
     """Ticks and steps of a stage, as the compiled loop takes them."""
 
-    length: float  # [tau]
-    h: float  # A step [tau]
-    every: int
-    frames_every: int
-    steps: int
-    given: int
+    length: float  # a tick [tau]; the mean one of a given step
+    h: float  # a step [tau]
+    every: int  # ticks from record to record
+    frames_every: int  # ticks from frame to frame
+    steps: int  # of a tick
+    given: int  # steps from record to record of a given step; 0: automatic
 
     def with_steps(self, steps: int) -> StepSchedule:
         """Return the same ticks with another automatic step."""
@@ -133,6 +134,7 @@ def tick_start_time(schedule: StepSchedule, tick: int) -> float:
 @compiled
 def steps_before_tick(schedule: StepSchedule, tick: int) -> int:
     """Return the number of given steps from the stage's start to a tick's start."""
+    # tick * given // every, whose product may pass 64 bits.
     total, part = tick // schedule.every, tick % schedule.every
     return total * schedule.given + part * schedule.given // schedule.every
 

@@ -59,14 +59,14 @@ STIFFEST, LATEST, TURNED = range(3)
 class StopCriteria(NamedTuple):
     """Criteria that the loop checks at every tick."""
 
-    stiff: float
-    rest: float  # [D, D/tau]
-    window: int
-    band: Float[np.ndarray, "3"]
-    seen: Float[np.ndarray, "3"]
-    potential: float  # [F* D]
-    piston: float  # [F* D]
-    floor: float  # [D]
+    stiff: float  # step times highest angular frequency that ends a call
+    rest: float  # range of heights [D], speed [D/tau]; negative: not looked for
+    window: int  # ticks that the rest must last
+    band: Float[np.ndarray, "3"]  # tick at which the band began; its bounds [D]
+    seen: Float[np.ndarray, "3"]  # highest frequency, last one [1/tau]; largest turnover [F* D]
+    potential: float  # at the run's start [F* D]
+    piston: float  # at the run's start [F* D]
+    floor: float  # lowest height of the piston [D]
 
 
 @compiled
@@ -124,11 +124,11 @@ def _has_come_to_rest(watch: StopCriteria, tick: int, row: Array) -> bool:
 class TickRange(NamedTuple):
     """Range of ticks to advance by."""
 
-    start: float  # [tau]
-    origin: float  # [tau]
-    limit: float  # [tau]
-    first: int
-    ticks: int
+    start: float  # time at the start of the stage [tau]
+    origin: float  # from there to tick 0 [tau]
+    limit: float  # time in the stage that variable steps do not pass [tau]
+    first: int  # index of the first tick
+    ticks: int  # number of ticks
 
 
 @compiled
@@ -174,6 +174,8 @@ def _advance_one_tick(
         if every is not None and step == span_end:
             duration += 1
             span_end = duration * steps // durations
+            # Half before and half after the interval (Tuckerman, Berne and Martyna 1992,
+            # doi:10.1063/1.463137).
             impulse = 0.5 * (span_end - step) * h
             kick_by_far_field(state.far_forces, impulse, bed)
         if fraction is None:
@@ -185,6 +187,7 @@ def _advance_one_tick(
             h = advance_step_density(fraction, bed)
             next_time = time + h
             last = next_time >= end
+            # Only a stage's last step is cut, and counts for no shortest one.
             if next_time >= window.limit:
                 h, next_time = window.limit - time, window.limit
             else:
@@ -292,7 +295,7 @@ def record_present_state(
     measurement: Measurement,
     row: Float[Array, "columns"],
 ) -> bool:
-    """Compute the forces and fill a record of the present moment; start [tau]."""
+    """Fill a record of the present moment by a loop without ticks: no kernel more to compile; start [tau]."""
     status, _, _ = advance_ticks(
         TickRange(start, 0.0, math.inf, 0, 0),
         StepSchedule(1.0, 1.0, 1, 1, 1, 0),

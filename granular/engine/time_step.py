@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 class StepPlan(NamedTuple):
     """The tables of a method; see `granular.methods`."""
 
-    kicks: np.ndarray
-    drifts: np.ndarray
-    tableau: Float[np.ndarray, "s+1 s"] | None
-    fraction: float | None
-    far_every: int | None
+    kicks: np.ndarray  # fractions of the step (s + 1,)
+    drifts: np.ndarray  # fractions of the step (s,)
+    tableau: Float[np.ndarray, "s+1 s"] | None  # weights in the last row; None: a composition
+    fraction: float | None  # of variable steps: step times frequency; None: equal steps
+    far_every: int | None  # steps from impulse to impulse; None: none
 
 
 def make_step_plan(method: Method, step: StepRequest, far: FarFieldSettings | None) -> StepPlan:

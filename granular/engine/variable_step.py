@@ -51,10 +51,8 @@ def step_density(
     piston_speed: float,
     pairs: bool,
 ) -> tuple[float, float]:
-    """Density of steps of a bed, a smooth frequency omega, and its logarithmic rate [1/tau].
-
-    x, y [D], vx, vy, square, piston_speed [D/tau], least [1/tau].
-    """
+    """Smooth frequency of the bed, and its logarithmic rate [1/tau]; speeds [D/tau], least [1/tau]."""
+    # omega^8 = sum of kappa^4 + least^8, with kappa a squared frequency, over all pairs and walls.
     total, rate = least**8, 0.0
     left, right, bottom, top = sides
     for i in range(count):
@@ -131,5 +129,7 @@ def advance_step_density(fraction: float, bed: Bed) -> float:
     """Advance the density of steps by one step [tau]."""
     state = bed.state
     _, rate = _bed_step_density(bed)
+    # rho_{n+1/2} = rho_{n-1/2} + eps d ln(omega)/dt; half the least: a fast retreat must not make it
+    # negative.
     state.clock[DENSITY] = max(state.clock[DENSITY] + fraction * rate, 0.5 * state.clock[LEAST])
     return fraction / state.clock[DENSITY]

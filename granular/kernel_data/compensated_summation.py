@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @compiled
 def compensated_sum(total: float, rounding: float, increment: float) -> tuple[float, float]:
-    """Sum of a total and an increment, and what rounding took from it."""
+    """Sum of a total and an increment, and what rounding took from it (Kahan 1965)."""
     wanted = increment + rounding
     new = total + wanted
     return new, wanted - (new - total)
@@ -27,10 +27,7 @@ def compensated_sum(total: float, rounding: float, increment: float) -> tuple[fl
 def add_to_velocity(
     rounding: Float[Array, "4 m"] | None, state: State, i: int, by_x: float, by_y: float
 ) -> None:
-    """Add to the velocity of a grain, as a compensated sum where what rounding takes is kept.
-
-    by_x, by_y [D/tau].
-    """
+    """Add to a velocity [D/tau], as a compensated sum where what rounding takes is kept."""
     if rounding is None:
         state.vx[i] += by_x
         state.vy[i] += by_y

@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 class EffectLaws(NamedTuple):
     """The effects that act; what does not is None, or no law, and compiled away."""
 
-    laws: tuple[Any, ...]
-    host: Any
+    laws: tuple[Any, ...]  # one for each effect but the dipole, in loop order
+    host: Any  # the one that carries the cell, and moves all others
     dipole: bool | None
-    walls: tuple[Any, ...]
-    weight: Float[Array, "m"] | None
-    cut: CutOffSettings | None
-    listing: VerletSettings | None
-    far: FarFieldSettings | None
-    nearest: Float[Array, "3"] | None  # [D]
-    discs: DiscLaw | None = None
-    series: Array | None = None
-    shift: Array | None = None
+    walls: tuple[Any, ...]  # in the order of `SIDES`; no named tuple, as kernels take each whole
+    weight: Float[Array, "m"] | None  # where friction bears: weight_j of the sums over 1/r^3
+    cut: CutOffSettings | None  # where pairs end; None, as the next: all pairs
+    listing: VerletSettings | None  # de Paula's list
+    far: FarFieldSettings | None  # far field beyond the radius where pairs end smoothly
+    nearest: Float[Array, "3"] | None  # of a periodic direct sum: sides, and the radius [D]
+    discs: DiscLaw | None = None  # instead of the law of dipoles
+    series: Array | None = None  # ``coefficients`` of ``discs``
+    shift: Array | None = None  # ``shift`` of ``discs`` [D^2]
 
     @property
     def periods(self) -> tuple[float, float] | None:
@@ -42,26 +42,27 @@ class EffectLaws(NamedTuple):
 class PistonResistance(NamedTuple):
     """Resistance to the motion of a free piston."""
 
-    rate: float  # [1/tau]
-    force: float  # [F*]
+    rate: float  # decay rate of the velocity [1/tau]
+    force: float  # Coulomb friction [F*]
 
 
 class Constants(NamedTuple):
     """Constants of a run (but that grains may leave)."""
 
-    grains: int
-    masses: Float[Array, "m"] | None
-    moments: Float[Array, "m"] | None
-    least_mass: float
-    least_moment: float
-    least_ratio: float
+    grains: int  # number of grains
+    masses: Float[Array, "m"] | None  # over the first species'; None: all alike, moments too
+    # A second array in here made a step of 92 grains 10 % slower. Kernels ask `relative_moments`.
+    moments: Float[Array, "m"] | None  # likewise; None: same numbers as the masses
+    least_mass: float  # of the grain that others come closest to
+    least_moment: float  # likewise
+    least_ratio: float  # least moment over mass
     width: float  # [D]
-    piston_mass: float  # [m]
+    piston_mass: float  # [m]; inf: none is given
     piston_weight: float  # [F*]
     resistance: PistonResistance | None
-    exit: float  # [D]
+    exit: float  # height below which a grain has left [D]; -inf: no gap
     acting: EffectLaws
-    threaded: bool | None
+    threaded: bool | None  # None: one thread
 
 
 @compiled(inline=True)
@@ -88,10 +89,7 @@ def multiply_by_moment_over_mass(
     masses: Float[Array, "m"] | None,
     count: int,
 ) -> None:
-    """Turn stiffnesses of grains of moment 1 into those of the grains over their masses.
-
-    stiffness [F*/D, 1/tau^2].
-    """
+    """Turn stiffness of grains of moment 1 [F*/D] into that of the grains over mass [1/tau^2]."""
     if moments is not None:
         for i in range(count):
             stiffness[i] *= moments[i] / value_or_one(masses, i)

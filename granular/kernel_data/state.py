@@ -33,43 +33,43 @@ effect takes, in the order of the laws."""
 class StageSlopes(NamedTuple):
     """Rates of change at the stages of a Runge-Kutta step; behind them, where the step starts."""
 
-    grains: Float[np.ndarray, "s+1 4 m"]
-    piston: Float[np.ndarray, "s+1 2"]
+    grains: Float[np.ndarray, "s+1 4 m"]  # rows x, y [D/tau], vx, vy [D/tau^2]; last: the start
+    piston: Float[np.ndarray, "s+1 2"]  # height [D/tau], speed [D/tau^2]; last: the start
 
 
 class State(NamedTuple):
     """The state of bed and piston, and the scratch arrays of the loop."""
 
-    x: Float[np.ndarray, "m"]
-    y: Float[np.ndarray, "m"]
-    vx: Float[np.ndarray, "m"]
-    vy: Float[np.ndarray, "m"]
-    fx: Float[np.ndarray, "m"]
-    fy: Float[np.ndarray, "m"]
-    piston: Float[np.ndarray, "4"]
-    ledger: Float[np.ndarray, "2+laws"]
-    clock: Float[np.ndarray, "7"]
-    wall_forces: Float[np.ndarray, "4"]
-    label: Int[np.ndarray, "m"]
-    load: Float[np.ndarray, "m"] | None
+    x: Float[np.ndarray, "m"]  # padded [D]
+    y: Float[np.ndarray, "m"]  # [D]
+    vx: Float[np.ndarray, "m"]  # [D/tau]
+    vy: Float[np.ndarray, "m"]  # [D/tau]
+    fx: Float[np.ndarray, "m"]  # magnetic, weight, contact, inertia [F*]
+    fy: Float[np.ndarray, "m"]  # [F*]
+    piston: Float[np.ndarray, "4"]  # height [D], speed [D/tau], what rounding took from each
+    ledger: Float[np.ndarray, "2+laws"]  # work from outside; losses of the piston, to each law [F* D]
+    clock: Float[np.ndarray, "7"]  # entries `TIME` to `STEPS`
+    wall_forces: Float[np.ndarray, "4"]  # in the order of `granular.effects.wall_side.SIDES` [F*]
+    label: Int[np.ndarray, "m"]  # index in the scene of each grain
+    load: Float[np.ndarray, "m"] | None  # sums behind the normal force of friction [1/D^3]
     stripes: Stripes | None
     verlet_list: VerletList | None
     far_forces: FarFieldState | None
     close: CloseDiscList | None
-    workspaces: tuple[Any, ...]
-    host: Any
-    scratch: Float[np.ndarray, "m"]
-    buffers: Float[np.ndarray, "parts 5 m"] | None
-    rounding: Float[np.ndarray, "4 m"] | None
+    workspaces: tuple[Any, ...]  # scratch of each law, or None; zero behind the grains
+    host: Any  # workspace of what carries the cell
+    scratch: Float[np.ndarray, "m"]  # for sums over the grains; zero behind them
+    buffers: Float[np.ndarray, "parts 5 m"] | None  # scratch of the direct sum
+    rounding: Float[np.ndarray, "4 m"] | None  # errors of x, y [D], vx, vy [D/tau]; None: plain sums
     slopes: StageSlopes | None
 
 
 class Measurement(NamedTuple):
     """Scratch of a measuring pass."""
 
-    stiffness: Float[np.ndarray, "m"]
-    energy_and_closest: Float[np.ndarray, "2"]
-    against_piston: Float[np.ndarray, "m"]
+    stiffness: Float[np.ndarray, "m"]  # bounds of the squared frequencies [1/tau^2]
+    energy_and_closest: Float[np.ndarray, "2"]  # see `granular.pairs.grain_arrays.GrainArrays`
+    against_piston: Float[np.ndarray, "m"]  # stiffness of each grain against the piston [1/tau^2]
 
 
 class Bed(NamedTuple):
