@@ -97,7 +97,7 @@ class ConvergenceResult(PlainData):
         return math.log10(self.steps[self.fit.first] / self.steps[self.fit.last])
 
     def table_row(self) -> tuple[str, ...]:
-        """Row of this result in a table of results; see `HEADER` [s, m]."""
+        """Row of this result in a table of results; see `HEADER`."""
         measured = "exact to rounding" if self.is_exact else "too few steps above rounding"
         interval = steps_range = ""
         if self.fit is not None:
@@ -186,11 +186,13 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
 
 # In the report ----------------------------------------------------------------------------------
 
+# An error of order p falls through all sixteen digits in 16/p decades of steps, so that high orders leave few
+# points between rounding and the next term of the error.
 TOLERANCES = {2: 0.02, 6: 0.1, 10: 0.3}
 """Greatest distance of a slope from the declared order, by orders up to which it holds."""
 
+# Decades of steps that a slope is to span, for orders up to six; numbers of steps are whole.
 FULL = 0.99
-"""Decades of steps that a slope is to span, for orders up to six; numbers of steps are whole."""
 
 OUTSIDE_REACH = 1e-12
 """Distance from the exact place that an outside reference must reach [m]."""

@@ -37,6 +37,7 @@ PLAIN, COMPENSATED, TOOLKIT = "position form", "compensated increments", "toolki
 PRINTED_PEAKS = 6.8e-9
 """Greatest difference of two peaks as de Paula prints it [m]."""
 
+# Places for peaks; 2 s hold four, at a period of 0.402 s.
 _PEAKS = 16
 _SAMPLES = 200
 
@@ -142,17 +143,19 @@ class DepaulaStepTest(PlainData):
         return float(np.expm1(np.abs(away).max()))
 
     def rounding_errors(self) -> dict[float, float]:
-        """Effect of rounding on the height after 2 s in the position form, at each step [m, s]."""
+        """Effect of rounding [m] on the height after 2 s in the position form, by the step [s]."""
         clean = {run.step: run.end for run in self.runs_of_form(COMPENSATED)}
         return {run.step: abs(run.end - clean[run.step]) for run in self.runs_of_form(PLAIN)}
 
     def greatest_form_difference(self) -> float:
         """Greatest difference of the heights of position form and velocity form, both compensated [m]."""
+        # In exact numbers they are one sequence: y_{n+1} - 2 y_n + y_{n-1} = h^2 a(y_n) follows from two
+        # steps of the velocity form (Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144, sec. 1).
         ends = {run.step: run.end for run in self.runs_of_form(COMPENSATED)}
         return max(abs(run.end - ends[run.step]) for run in self.runs_of_form(TOOLKIT))
 
     def table(self) -> TextTable:
-        """One row a run [s, m]."""
+        """One row a run: step [s], error, rounding and peak difference [m]."""
         rounding = self.rounding_errors()
         rows = [
             (
@@ -200,7 +203,7 @@ class DepaulaStepTest(PlainData):
         return axes
 
     def plot_path(self, ax: Axes | None = None) -> Axes:
-        """Draw the height over time at the finest step, next to free fall [s, mm]."""
+        """Draw the height [mm] over time [s] at the finest step, next to free fall."""
         axes = axes_or_new(ax)
         run = self.runs_of_form(COMPENSATED)[-1]
         time = np.arange(len(run.path)) * bounce.TIME / len(run.path)
@@ -251,7 +254,7 @@ def _slope(steps: list[float], errors: list[float]) -> float:
 
 
 def run_depaula_experiment(*, full: bool = True) -> DepaulaStepTest:
-    """Run de Paula's test of its method: a bouncing grain at seven steps, in three forms [m, s]."""
+    """Run de Paula's test of its method: a bouncing grain at seven steps, in three forms."""
     steps = STEPS if full else STEPS[:4]
     problem = bounce.bounce_problem()
     exact = float(problem.exact(bounce.TIME).positions[0, 1])

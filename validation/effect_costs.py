@@ -64,8 +64,9 @@ STILL = 1e-5
 """Time step [tau]: so short that grains stay in the cell, also without walls."""
 
 ROUNDS = 40
+# About the time of one timing [s]: a million times the clock's resolution, and short against what disturbs
+# the machine.
 BURST = 4e-3
-"""About how long one timing takes [s]."""
 
 _HELD: dict[str, Any] = {
     "protocol": [{"kind": "hold", "name": "hold", "duration": 60.0}],
@@ -83,6 +84,8 @@ AGREE = 0.2
 
 def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[str, Any]:
     """Microseconds a step of a scene, by effect and by sum over pairs [us]."""
+    # Steps are timed in turn, so that a slow minute of the machine hits all alike; the cost is the median
+    # over the rounds of the difference of two steps timed in one round.
     names = active_effect_names(scene)
     held = scene.replace(**_HELD)
     builds = _scenes_to_time(held, names)

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 SHOWN = 800
 """Points of a line that are kept."""
 
+# 64 a block: a period of the 40 to 64 that are run then has 32 samples or more.
 SAMPLES = 64 * BLOCKS
 _ENERGIES = ("kinetic_energy", "pair_energy", "wall_energy", "weight_energy")
 
@@ -83,7 +84,7 @@ class EnergyStudy(PlainData):
 
 
 def report_energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
-    """Return the runs of the report [s]."""
+    """Return the runs of the report."""
     swings = tuple(
         wall_oscillation_run(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable
     )
@@ -93,7 +94,9 @@ def report_energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     return (*swings, *bounces, variable_step_bounce_run(), *(_bed_run(*bounce) for bounce in _BEDS))
 
 
+# The controls at steps at which their trend shows, and is still within what the ledger lets pass.
 _STEPS = {"explicit-euler": 1e-6, "symplectic-euler": 5e-6, "runge-kutta-4": 6e-3}
+# 1e8 steps of de Paula's bouncing grain by Verlet's method, and the controls next to it.
 _BOUNCES = (
     ("stormer-verlet", 1e-6, 100.0),
     ("stormer-verlet+compensated", 1e-6, 100.0),
@@ -105,7 +108,7 @@ _BEDS = (("stormer-verlet", 2e-5, 20.0), ("explicit-euler", 5e-7, 0.1), ("runge-
 
 
 def wall_oscillation_run(method: str, periods: int) -> EnergyRun:
-    """Run of a grain that swings above the wall with half its height of rest [s]."""
+    """Run of a grain that oscillates above the wall by half its height at rest."""
     start, dt = bounce.oscillation_problem(0.5), _STEPS.get(method, 2e-3)
     time = periods * bounce.harmonic_period(start.scene, 0.5)
     return EnergyRun("swing above the wall", _set_record_intervals(start.scene, dt, time), method, dt, time)
@@ -117,7 +120,7 @@ def _bounce_run(method: str, dt: float, time: float) -> EnergyRun:
 
 
 def variable_step_bounce_run() -> EnergyRun:
-    """Run of 1e4 bounces with variable steps, some 160 a bounce [s]."""
+    """Run of 1e4 bounces with variable steps, some 160 a bounce."""
     scene = bounce.bounce_problem().scene
     time = 1e4 * float(bounce.bounce_period(scene))
     records = {"output.scalars": time / SAMPLES, "output.frames": time / SAMPLES}
@@ -195,7 +198,7 @@ def _step_text(dt: float | str) -> str:
 
 
 def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
-    """Return a table with a row a study [s]."""
+    """Return a table with a row a study."""
     rows = [
         (
             study.system,
@@ -237,6 +240,7 @@ CONTROLS = {"explicit-euler": "gains", "runge-kutta-4": "loses"}
 
 def trend_is_as_expected(study: EnergyStudy) -> bool:
     """Tell if a run is of its kind: without a trend, or with a control's."""
+    # Nothing is claimed for a user's method that is not symplectic.
     if not study.keeps and study.method not in CONTROLS:
         return True
     return study.trend.verdict() == ("none" if study.keeps else CONTROLS[study.method])

@@ -27,6 +27,7 @@ SCIPY, DIFFRAX = "SciPy DOP853", "diffrax Tsit5"
 ORDERS = {SCIPY: 8, DIFFRAX: 5}
 """The outside references and their orders."""
 
+# diffrax ends a run beyond it with an error, which the report shows, instead of crawling on.
 MOST_STEPS = 2**20
 
 Rate = Callable[[Any, Any], Any]
@@ -68,7 +69,8 @@ def initial_state(scene: Scene) -> IntegratorStart:
 
 
 def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
-    """Equations of motion of a scene in natural units, in NumPy or in ``jax.numpy`` [tau, D, D/tau]."""
+    """Equations of motion of a scene in natural units, in NumPy or ``jax.numpy``."""
+    # Pairs repel by (3/4)/r^4, walls by (1/2) w^-3.5 [D, eqs 2.6 and 2.8], written here once more.
     scales, effects, count = Scales.from_grains(scene.grains), scene.effects, scene.grains.count
     weight = effects.gravity.acceleration / scales.acceleration if effects.gravity else 0.0
     decay = effects.drag.coefficient * scales.time / scales.mass if effects.drag else 0.0
@@ -122,7 +124,7 @@ def external_solver(name: str) -> Callable[[ExactProblem, int], GrainStates]:
 
 
 def solve_adaptively(name: str, scene: Scene, time: float, tolerance: float) -> GrainStates:
-    """Integrate a scene by an outside integrator that chooses its steps by a tolerance [m, m/s]; time [s]."""
+    """Integrate a scene up to a time [s] by an outside integrator that chooses its steps by a tolerance."""
     solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
     return solve(scene, time, None, tolerance)
 

@@ -199,7 +199,7 @@ def _ending_text(outcome: HardCaseOutcome) -> str:
 
 
 def outcome_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
-    """Table of outcomes, one row a run [s]."""
+    """Table of outcomes, one row a run."""
     rows = [
         (
             outcome.case,

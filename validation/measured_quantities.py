@@ -13,6 +13,7 @@ from granular.schema.field_kinds import unknown_word_message
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RecordError
 
+# Six half cycles; a line through fewer logarithms leaves the damping ratio to single turning points.
 _LEAST_SWINGS = 3
 
 
@@ -52,6 +53,8 @@ def _height_at_rest(run: Trajectory) -> float:
 
 def swing_period_and_damping(record: PistonRecord) -> tuple[float, float]:
     """Period [s] and damping ratio of a swing that dies out; record [s, m]."""
+    # Turning points need no equilibrium: the period comes from their times, the damping from the logarithm of
+    # the way between them. Non-linearity shows in both where the amplitude is not small.
     times, heights = _turning_points(record)
     displacements = np.abs(np.diff(heights))
     clear = displacements > 0.02 * displacements.max(
@@ -68,6 +71,7 @@ def swing_period_and_damping(record: PistonRecord) -> tuple[float, float]:
 
 
 def _turning_points(record: PistonRecord) -> tuple[np.ndarray, np.ndarray]:
+    # Vertices of the parabolas through three samples about each turn.
     t, z = record.time, record.height
     slope = np.sign(np.diff(z))
     turns = np.flatnonzero(slope[1:] * slope[:-1] < 0.0) + 1

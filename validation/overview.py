@@ -137,6 +137,8 @@ def plan_runs(
     random = depends_on_seed(scene)
     many = random and MANY_STARTS * took * 2.0**6 <= seconds
     starts = (MANY_STARTS if many else FEW_STARTS) if random else 1
+    # Each halving takes twice the time of the run before: n runs take 2^n - 1 times the first, and the
+    # reference, one halving further, as long as all of them.
     entries = math.floor(math.log2(seconds / (starts * took) + 1.0)) - 1
     entries = min(max(entries, 2), len(steps) - 1)
     ladder = [SolverSettings("stormer-verlet", dt) for dt in steps[:entries]]
@@ -165,6 +167,7 @@ def _check_with_fresh_start(
     until: float | None,
 ) -> list[dict[str, Any]]:
     """One more start, run with each setting that a single run is advised of."""
+    # Its value is compared with the mean of the reference over the other starts, or with the exact one.
     last = scenes[-1].arrangement.seed
     other = scenes[0].replace(**{"arrangement.seed": last + 1})
     runs: dict[str, Any] = {}

@@ -38,9 +38,9 @@ from validation.report_tasks import PlainData
 SEEDS = 4
 """Further starts of a scene that has random ones: five show a scatter to a third of itself."""
 
+# A family is given up, or not begun, if its next step costs this many times the best setting so far. 1 would
+# do if times were exact; the rest is room for their scatter.
 HOPELESS = 2.0
-"""A family is given up, or not begun, where its next step would cost this many times what was
-found."""
 
 REFERENCE = "stormer-verlet"
 REFERENCES = (*STEPS[2:], "auto/16")
@@ -190,6 +190,8 @@ def _study_by_halving(
     scenes: Sequence[Scene], quantity: MeasuredQuantity, tolerance: float, until: float | None, progress: bool
 ) -> WorkPrecision:
     """Study against the longest reference step that tells whether a tolerance is met."""
+    # The step halved `APART` times to give a reference must be accurate enough itself: by second order the
+    # reference then errs by a fifteenth of the tolerance at most.
     study = None
     steps = (*STEPS, REFERENCES[-1])
     for dt in REFERENCES:
@@ -263,6 +265,7 @@ def _family_too_dear(
     setting: SolverSettings, tried: Sequence[WorkPrecisionPoint], best: AdvisedSetting
 ) -> bool:
     """Tell if already a family's longest step must cost far more than the best one so far."""
+    # By its force calls: the time of a run is that of its steps times those of each.
     known = [latest for latest in tried if not latest.has_failed and latest.setting.dt in STEPS]
     if not known or best.point is None or setting.dt not in STEPS:
         return False
@@ -274,7 +277,7 @@ def _family_too_dear(
 
 
 def recommend_from_study(study: WorkPrecision, tolerance: float) -> Recommendation:
-    """Return what a study recommends for a tolerance [s]."""
+    """Return the setting that a study recommends for a tolerance."""
     advised = study.advise(tolerance)
     if advised.point is None:
         front = study.pareto_front()

@@ -56,6 +56,7 @@ USUAL = ("stormer-verlet", "auto")
 @cache
 def confidence_factor(starts: int) -> float:
     """Return the number of standard errors to add to a mean for a one-sided 95 % bound, two at least."""
+    # Student's quantile, since the scatter is estimated from the same starts; one start shows none.
     if starts < 2:
         return 0.0
     from scipy.stats import t as student
@@ -173,6 +174,8 @@ def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance
 
 def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> list[WorkPrecisionPoint]:
     """Points of a family that are accurate to a tolerance, and not so by luck."""
+    # The bound of the error must be within the tolerance, and no point of the family with more steps clearly
+    # above it: an error that is small by chance at a long step grows again.
     result = []
     for point in reversed(family):
         if point.has_failed or not point.lower_error_bound <= tolerance:

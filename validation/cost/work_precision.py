@@ -21,6 +21,7 @@ from validation.cost.work_precision_result import WorkPrecision
 from validation.external_integrators import solve_adaptively
 from validation.measured_quantities import MeasuredQuantity, quantity_named
 
+# The least time of two counts, since the first one may read code and tables from the disk.
 REPEATS = 2
 LONG = 1.0
 """A run of this length is timed well enough, and not repeated [s]."""
@@ -252,6 +253,8 @@ def deviation_over_starts(
     quantity: MeasuredQuantity, values: Sequence[Value], references: Sequence[Value]
 ) -> tuple[float, float]:
     """Error of a quantity over the starts, and its standard error."""
+    # Single starts that are off to either side are scatter, which no setting corrects: the mean counts. A
+    # quantity with a value of its own in each start has the greatest error.
     if quantity.differs_by_start or len(values) == 1:
         errors = [quantity.error(*pair) for pair in zip(values, references, strict=True)]
         return max(errors), float(np.std(errors, ddof=1)) if len(errors) > 1 else 0.0

@@ -90,6 +90,7 @@ def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
 
 def potential_well(scene: Scene) -> PotentialWell:
     """Potential well [D^2/tau^2] of a lone grain over the wall, with its turning points [D]."""
+    # Call within mpmath's working precision, as natural units and turning points are taken in it.
     from mpmath import findroot, mpf
 
     units = natural_units(scene.grains)
@@ -118,10 +119,7 @@ def bounce_period(scene: Scene) -> Number:
 
 
 def exact_bounce(scene: Scene, time: float) -> GrainStates:
-    """Compute the place and velocity of a bouncing grain, for a start at the upper turning point [m, m/s].
-
-    time [s].
-    """
+    """Compute the place [m] and velocity [m/s] at a time [s], for a start at the upper turning point."""
     from mpmath import floor, mpf, workdps
 
     with workdps(DIGITS):
@@ -143,8 +141,9 @@ def exact_bounce(scene: Scene, time: float) -> GrainStates:
 AMPLITUDE = 0.05
 """Start above the place of rest, in units of its height."""
 
+# 0.71 periods [s]: neither a turn nor a passage through rest, at which errors of phase or of amplitude
+# vanish.
 OSCILLATION_TIME = 0.12
-"""[s]"""
 
 
 def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_TIME) -> ExactProblem:

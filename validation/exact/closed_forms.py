@@ -22,6 +22,7 @@ from validation.exact.problem import (
 
 def free_fall_problem(time: float = 0.25) -> ExactProblem:
     """Grain thrown upwards and sideways: y = y0 + v0 t - g t^2/2 ([D, 2.18] prints g t^2); time [s]."""
+    # Exact in every method of order two or more, but for rounding; order one misses by g t h/2.
     arrangement = {"positions": [["20 D", "40 D"]], "velocities": [[0.1, 0.5]]}
     scene = few_grains_scene("free-fall", time, {"gravity": {}}, arrangement=arrangement)
     return ExactProblem(
@@ -51,6 +52,8 @@ COEFFICIENT = 0.02
 
 def drag_problem(time: float = 0.1) -> ExactProblem:
     """Viscous drag alone: v = v0 e^(-c t), x = x0 + v0 (1 - e^(-c t))/c, c = gamma/m; time [s]."""
+    # The velocity is exact in every method that takes drag by its flow. The place is not: between two half
+    # steps of drag the drift goes at the speed of their middle, and so the order shows.
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[2.0, 1.0]]}
     effects = {"drag": {"coefficient": COEFFICIENT}}
     scene = few_grains_scene("drag", time, effects, arrangement=arrangement)
@@ -93,6 +96,8 @@ LOAD = 0.01
 
 def sliding_problem(time: float = SLIDING_TIME) -> ExactProblem:
     """Grain stopped by Coulomb friction under a constant normal load N; time [s]."""
+    # It loses a = mu_d N/m of its speed per time and stops at t_s = v0/a, after v0^2/(2 a). The step of the
+    # stop misses the place by a part of a h^2/8 whatever the order, so the worst error falls like h^2.
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[0.4, 0.3]]}
     scene = few_grains_scene("sliding", time, {"friction": {"load": LOAD}}, arrangement=arrangement)
     return ExactProblem(

@@ -26,8 +26,8 @@ from validation.exact.quadrature import position_after_turning, time_from_turnin
 TIME = 0.05
 SPEED = 0.5
 """V [m/s]"""
+# Distance of grain and piston at the start [D].
 GAP = 4.0
-"""Distance of grain and piston at the start [D]."""
 
 
 def driven_piston_problem(speed: float = SPEED, time: float = TIME) -> ExactProblem:
@@ -53,7 +53,7 @@ def driven_piston_problem(speed: float = SPEED, time: float = TIME) -> ExactProb
 
 
 def exact_driven_piston(scene: Scene, time: float) -> GrainStates:
-    """Compute the place and velocity of a grain that a piston drives at constant speed [m, m/s]; time [s]."""
+    """Compute place [m] and velocity [m/s], at a time [s], of a grain that a piston drives steadily."""
     from mpmath import findroot, mpf, sqrt, workdps
 
     from granular.protocol import Move

@@ -30,10 +30,10 @@ Number = Any
 class NaturalUnits(NamedTuple):
     """Sizes of the natural units in SI, for grains of the first species."""
 
-    length: Number
-    mass: Number
-    force: Number
-    time: Number
+    length: Number  # D [m]
+    mass: Number  # m [kg]
+    force: Number  # F* [N]
+    time: Number  # tau [s]
 
     @property
     def velocity(self) -> Number:
@@ -47,7 +47,7 @@ class NaturalUnits(NamedTuple):
 
 
 def natural_units(grains: Grains) -> NaturalUnits:
-    """Compute the natural units in SI, in mpmath's working precision [m, kg, N, s]."""
+    """Compute the natural units in SI, in mpmath's working precision."""
     from mpmath import mpf, pi, sqrt
 
     diameter = mpf(grains.species[0].diameter)
@@ -82,6 +82,8 @@ class ExactProblem:
 
     def perturb_start(self, last_place_units: int) -> ExactProblem:
         """Return the same problem with its start moved by a few units in the last place."""
+        # The exact motion is not moved along: the difference of both simulations is the rounding that they
+        # suffer.
         plan = self.scene.arrangement
         factor = 1.0 + last_place_units * np.finfo(float).eps
         moved = {
@@ -116,7 +118,7 @@ BOTTOM_ONLY = {"left": "none", "right": "none", "top": "none"}
 
 
 def grain_start_state(scene: Scene, grain: int = 0) -> tuple[Sequence[float], Sequence[float]]:
-    """Position and velocity that a grain starts with [m, m/s]."""
+    """Position [m] and velocity [m/s] that a grain starts with."""
     plan = scene.arrangement
     assert plan.positions is not None
     velocity = (0.0, 0.0) if plan.velocities is None else plan.velocities[grain]

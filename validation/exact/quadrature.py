@@ -30,6 +30,7 @@ def integrate_from_zero(integrand: Potential, end: Number) -> Number:
 
 def _invert_integral(integrand: Potential, time: Number, guess: Number) -> Number:
     """Upper end at which the integral from zero equals the time."""
+    # Five of the working digits are left to the rounding of quadrature and integrand.
     from mpmath import mp, mpf
 
     end = guess
@@ -43,6 +44,7 @@ def _invert_integral(integrand: Potential, time: Number, guess: Number) -> Numbe
 
 def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
     """First guess of the upper end, by Simpson's rule over ever longer stretches."""
+    # The integrand is 0/0 at zero itself.
     width, end, reached = scale / 64, 0 * scale, 0 * scale
     before = integrand(width / 10**6)
     while True:
@@ -54,10 +56,7 @@ def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
 
 
 def time_integrand_past_turning(potential: Potential, turning: Number) -> Potential:
-    """Integrand dt/ds of the time for q = turning + s^2, beyond one turning point [tau/D^(1/2), D^(1/2)].
-
-    potential [D^2/tau^2], turning [D].
-    """
+    """Integrand dt/ds [tau/D^(1/2)] for q = turning + s^2; potential [D^2/tau^2], turning [D]."""
     from mpmath import sqrt
 
     energy = potential(turning)
@@ -65,20 +64,14 @@ def time_integrand_past_turning(potential: Potential, turning: Number) -> Potent
 
 
 def time_from_turning(potential: Potential, turning: Number, position: Number) -> Number:
-    """Compute the time between a turning point and a place beyond it [tau].
-
-    potential [D^2/tau^2], turning, position [D].
-    """
+    """Compute the time [tau] between a turning point and a place beyond it [D]; potential [D^2/tau^2]."""
     from mpmath import sqrt
 
     return integrate_from_zero(time_integrand_past_turning(potential, turning), sqrt(position - turning))
 
 
 def position_after_turning(potential: Potential, turning: Number, time: Number) -> Number:
-    """Compute the place at a time before or after the turn; the motion is even in time [D].
-
-    potential [D^2/tau^2], turning [D], time [tau].
-    """
+    """Compute the place [D] at a time [tau] after or before the turn [D]; potential [D^2/tau^2]."""
     integrand = time_integrand_past_turning(potential, turning)
     time = abs(time)
     if time == 0:
@@ -89,10 +82,7 @@ def position_after_turning(potential: Potential, turning: Number, time: Number) 
 
 
 def time_integrand_between_turnings(potential: Potential, turning: Number, other: Number) -> Potential:
-    """Integrand dt/dphi of the time between two turning points [tau, rad].
-
-    potential [D^2/tau^2], turning, other [D].
-    """
+    """Integrand dt/dphi [tau] for q = a + (b - a) sin^2(phi/2), a and b the turning points [D]."""
     from mpmath import sin, sqrt
 
     energy = potential(turning)
@@ -106,10 +96,7 @@ def time_integrand_between_turnings(potential: Potential, turning: Number, other
 
 
 def oscillation_period(potential: Potential, low: Number, high: Number) -> Number:
-    """Compute the period of a motion between two turning points [tau].
-
-    potential [D^2/tau^2], low, high [D].
-    """
+    """Compute the period [tau] between two turning points [D]; potential [D^2/tau^2]."""
     from mpmath import pi
 
     half = +pi / 2
@@ -118,10 +105,7 @@ def oscillation_period(potential: Potential, low: Number, high: Number) -> Numbe
 
 
 def position_after_upper_turning(potential: Potential, low: Number, high: Number, time: Number) -> Number:
-    """Compute the place at a time after the upper turning point [D].
-
-    potential [D^2/tau^2], low, high [D], time [tau].
-    """
+    """Compute the place [D] at a time [tau] after the upper turning point [D]; potential [D^2/tau^2]."""
     from mpmath import floor, pi, sin
 
     total = oscillation_period(potential, low, high)

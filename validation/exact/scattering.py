@@ -34,6 +34,7 @@ from validation.exact.quadrature import (
     time_integrand_past_turning,
 )
 
+# Twice the time to the closest approach, 12.7 ms at 1.92 D: the grains are as far apart again [s].
 TIME = 0.025
 SPEED = 1.0
 """Speed of each grain [m/s]."""
@@ -44,19 +45,16 @@ APART, ASIDE = 6.0, 0.5
 class Orbit(NamedTuple):
     """The relative motion, in natural units."""
 
-    potential: Potential
-    closest_distance: Number
-    angular_momentum: Number
-    time_to_closest: Number
+    potential: Potential  # [D^2/tau^2] of a distance [D]
+    closest_distance: Number  # [D]
+    angular_momentum: Number  # [D^2/tau]
+    time_to_closest: Number  # [tau]
 
 
 def scattering_problem(
     speed: float = SPEED, impact_parameter: float = ASIDE, time: float = TIME
 ) -> ExactProblem:
-    """Make the problem of two grains that pass and repel each other.
-
-    speed [m/s], impact_parameter [D], time [s].
-    """
+    """Make the problem of two grains that pass and repel; speed [m/s], impact_parameter [D], time [s]."""
     across, along = impact_parameter / 2.0, APART / 2.0
     arrangement = {
         "positions": [
@@ -77,7 +75,8 @@ def scattering_problem(
 
 
 def relative_orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
-    """Compute the relative motion of two grains, and their direction at the start [rad, D]."""
+    """Compute the relative motion of two grains, and their direction [rad] and distance [D] at the start."""
+    # Call within mpmath's working precision.
     from mpmath import atan2, findroot, mpf, sqrt
 
     units = natural_units(scene.grains)
@@ -110,7 +109,7 @@ def _swept_angle(orbit: Orbit, distance: Number) -> Number:
 
 
 def exact_scattering(scene: Scene, time: float) -> GrainStates:
-    """Compute places and velocities of two grains that scatter [m, m/s]; time [s]."""
+    """Compute places [m] and velocities [m/s] of two grains that scatter, at a time [s]."""
     from mpmath import cos, mpf, sin, sqrt, workdps
 
     with workdps(DIGITS):

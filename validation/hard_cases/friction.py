@@ -19,7 +19,7 @@ from validation.hard_cases.hard_case import (
 
 
 def _loaded_grain(load: float) -> Scene:
-    """Grain under its weight, pressed on the plates [N]."""
+    """Grain under its weight, pressed on the plates; load [N]."""
     arrangement = {"positions": [["30 D", "30 D"]]}
     return few_grains_scene(
         "loaded", 0.5, {"gravity": {}, "friction": {"load": load}}, arrangement=arrangement

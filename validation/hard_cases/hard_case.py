@@ -94,6 +94,7 @@ def greatest_displacement(run: Trajectory) -> float:
 
 def terminal_fall_error(run: Trajectory) -> float:
     """Relative error of an overdamped grain's fall."""
+    # Against y = y0 - v t + (v/c)(1 - e^(-c t)), v = g/c, c = gamma/m.
     drag, gravity = run.scene.effects.drag, run.scene.effects.gravity
     assert drag is not None
     assert gravity is not None
@@ -112,6 +113,7 @@ def terminal_fall_error(run: Trajectory) -> float:
 
 def energy_or_momentum_change(run: Trajectory) -> float:
     """Compute the greater of the relative changes of energy and momentum over a run."""
+    # Grains are equally thick: their masses go with the squares of their diameters.
     charge = (run.scene.grains.diameters() / run.scene.grains.species[0].diameter) ** 2
     momenta = charge[:, None] * run.dataset["velocity"].values
     scale = np.abs(momenta[0]).sum()

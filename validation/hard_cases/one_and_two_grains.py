@@ -66,7 +66,7 @@ def head_on_collision(closest: float) -> ExactProblem:
 
 
 def _shot_at_wall(speed: float) -> Scene:
-    """Grain shot at the bottom wall from 20 D [D/tau], and away again."""
+    """Grain shot at the bottom wall from 20 D, and away again; speed [D/tau]."""
     scales = Scales.from_grains(load_scene("single-particle").grains)
     arrangement = {
         "positions": [["30 D", "20 D"]],
@@ -283,6 +283,8 @@ def scene_near_stability_limit(
 
 def distance_from_verlet_swing(fraction: float, step: float) -> Callable[[Trajectory], float]:
     """Make the measure of the distance from Verlet's own swing in a linear mode; step [s]."""
+    # In a linear mode Verlet's places are A cos(n theta) with cos(theta) = 1 - 2 fraction^2, bounded for ever
+    # up to a fraction of one (Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144, sec. 5.1).
     angle = math.acos(1.0 - 2.0 * fraction * fraction)
 
     def measure(run: Trajectory) -> float:
