@@ -37,10 +37,10 @@ _SURE = 2.0  # standard deviations
 class BackbonePoint(NamedTuple):
     """Frequency and damping at one amplitude."""
 
-    amplitude: float  # [m, rad/s]
-    frequency: float  # [m, rad/s]
-    damping_ratio: float  # [m, rad/s]
-    frequency_error: float
+    amplitude: float  # [m], or [rad] of an angle
+    frequency: float  # angular [rad/s]; a driven one by its stiffness
+    damping_ratio: float
+    frequency_error: float  # two standard deviations [rad/s]
     damping_error: float
 
 
@@ -49,15 +49,15 @@ class Backbone:
     """Backbone and damping curves of a record, one row a cycle, by rising amplitude."""
 
     method: str
-    amplitude: Float[np.ndarray, "n"]
-    frequency: Float[np.ndarray, "n"]
+    amplitude: Float[np.ndarray, "n"]  # [m, rad]
+    frequency: Float[np.ndarray, "n"]  # angular [rad/s]
     damping_ratio: Float[np.ndarray, "n"]
-    frequency_error: Float[np.ndarray, "n"]
+    frequency_error: Float[np.ndarray, "n"]  # [rad/s]
     damping_error: Float[np.ndarray, "n"]
     drive: float | None = None  # [rad/s]
 
     def interpolate_at(self, amplitude: float) -> BackbonePoint:
-        """Frequency and damping at an amplitude, between the nearest rows [rad/s]; amplitude [m, rad]."""
+        """Frequency [rad/s] and damping at an amplitude [m, rad], between the nearest rows."""
 
         def between(row: np.ndarray) -> float:
             return float(np.interp(amplitude, self.amplitude, row))
@@ -71,13 +71,16 @@ class Backbone:
 
     def amplitudes_to_show(self, scale: float) -> tuple[float, ...]:
         """Amplitudes of a table of the curves, the greatest first [m, rad]."""
+        # The last cycles before a motion stops are cut short, and would show too small an amplitude.
         least, greatest = scale * float(self.amplitude[0]), scale * float(self.amplitude[-1])
         rounded = [float(f"{fraction * greatest:.2g}") for fraction in FRACTIONS]
         return tuple(size / scale for size in dict.fromkeys(rounded) if size >= min(_CUT * least, rounded[0]))
 
 
 def free_backbone(record: PistonRecord) -> Backbone:
-    """Backbone and damping curves of a free swing, from its extremes [m, rad/s]; record [m, rad]."""
+    """Backbone [m or rad, rad/s] and damping curves of a free swing, from its extremes."""
+    # Frequency from the time between extremes, damping from the fall of the amplitude, by local polynomials
+    # over neighbouring cycles (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003).
     cycles = envelope(record)
     count = _count_swinging_cycles(cycles.frequency)
     size, turn = cycles.amplitude[:count], math.pi * np.arange(count)
@@ -89,6 +92,7 @@ def free_backbone(record: PistonRecord) -> Backbone:
             away, cycles.frequency[near], cycles.frequency_noise[near], 1
         )
         per_radian = fall / size[k]
+        # zeta = d/sqrt(1 + d^2), d the logarithmic decrement per radian.
         rows.append((value, per_radian / math.hypot(1.0, per_radian), spread, error / size[k]))
     return _sorted_backbone("envelope", size, rows, None)
 
@@ -103,6 +107,7 @@ def _amplitude_loss_per_radian(
     turn: np.ndarray, size: np.ndarray, noise: np.ndarray, k: int
 ) -> tuple[slice, tuple[float, float]]:
     """Neighbours of a cycle, and the fall of the amplitude there with its error [m/rad]."""
+    # As few neighbours as give the fall to `_PRECISE`, and none of a very different amplitude.
     result = None
     for width in _WIDTHS:
         first = min(max(0, k - width), max(0, len(size) - 2 * width - 1))
@@ -126,10 +131,9 @@ def _amplitude_loss_per_radian(
 def driven_backbone(
     record: PistonRecord, drive_acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> Backbone:
-    """Backbone and damping curves of a driven swing, from its restoring force [m, rad/s].
-
-    record [m, rad], drive_acceleration [m, m/s, m/s^2].
-    """
+    """Backbone and damping curves of a driven swing; drive_acceleration [m/s^2] of heights and velocities."""
+    # Restoring force method (Masri & Caughey 1979, doi:10.1115/1.3424568): drive minus acceleration is fitted
+    # in each cycle by a stiffness and a damping.
     smooth = derivatives(record)
     time, height, velocity = smooth.time, smooth.height, smooth.velocity
     force = drive_acceleration(height, velocity) - smooth.acceleration
@@ -145,6 +149,7 @@ def driven_backbone(
         (stiffness, damping, _), *_ = np.linalg.lstsq(parts, force[here], rcond=None)
         if stiffness > 0.0:
             omega = math.sqrt(stiffness)
+            # The second difference of three extremes is four amplitudes, wherever they are centred.
             sizes.append(abs(heights[k] - 2.0 * heights[k + 1] + heights[k + 2]) / 4.0)
             rows.append((omega, damping / (2.0 * omega)))
     if len(rows) < LEAST_EXTREMES - 2:
@@ -184,6 +189,7 @@ def _fit_local_polynomial(
     x: np.ndarray, y: np.ndarray, noise: np.ndarray | None, degree: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients, from the constant on, of a low polynomial through points, and their errors."""
+    # Errors are two standard deviations; the scatter of the points counts if it exceeds their noise.
     degree = min(degree, len(x) - 1)
     weight = np.ones(len(x))
     if noise is not None:

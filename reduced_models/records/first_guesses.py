@@ -22,6 +22,8 @@ LEAST_CROSSINGS = 3
 """Passages through rest below which frequency and rest level are hardly better than guesses."""
 _APART = 0.05  # of logarithms of frequencies that are clearly others
 _FARTHEST = 8.0  # times the frequency, or a part of it: a rival further away is none
+# Half-widths of the logarithm of starting frequencies: 15 % if the passages give a period, a factor of six
+# either way if there are fewer than three.
 _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 
 
@@ -182,10 +184,7 @@ class FirstGuesses:
 def zero_crossing_times(
     time: Float[np.ndarray, "n"], swing: Float[np.ndarray, "n"], threshold: float
 ) -> Float[np.ndarray, "k"]:
-    """Return the times at which a swing passes zero, counted once it has gone beyond a threshold [s].
-
-    time [s], swing [m, rad].
-    """
+    """Return the times [s] at which a swing passes zero, each counted once it is beyond a threshold."""
     beyond = np.flatnonzero(np.abs(swing) > threshold)
     if len(beyond) < 2:
         return np.empty(0)
@@ -198,6 +197,8 @@ def zero_crossing_times(
 
 def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> FirstGuesses:
     """First guesses of the parameters of a recorded swing; time [s], height [m, rad]."""
+    # Equilibrium: mean of the last third. Frequency: median time between passages. Decay: slope of the
+    # logarithm of each half period's maximum. Initial motion: a parabola over a twentieth of a period.
     time = time - time[0]
     if len(time) < LEAST_SAMPLES:
         raise RecordError(
@@ -246,7 +247,8 @@ def _alternative_frequencies(
 
 
 def spectral_peak_frequency(time: Float[np.ndarray, "n"], swing: Float[np.ndarray, "n"]) -> float:
-    """Angular frequency of the strongest line of a swing [rad/s]; time [s], swing [m]."""
+    """Angular frequency [rad/s] of the strongest line of a swing; time [s]."""
+    # Hann's window against leakage, fourfold zeros against the coarse grid of a short record.
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, swing)
     spectrum = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count))
@@ -255,10 +257,9 @@ def spectral_peak_frequency(time: Float[np.ndarray, "n"], swing: Float[np.ndarra
 
 
 def noise_level(height: Float[np.ndarray, "n"], time: Float[np.ndarray, "n"]) -> float:
-    """Return the standard deviation of white noise on a smooth record, from its third differences.
-
-    time [s].
-    """
+    """Return the standard deviation of white noise on a smooth record, from third differences; time [s]."""
+    # Divided differences, which a smooth motion leaves small at uneven times too, each scaled to the noise.
+    # The median is not led by outliers; 0.6745 is that of a normal number's modulus.
     if len(height) < 4:
         return 0.0
     quadruples = np.lib.stride_tricks.sliding_window_view(height, 4)

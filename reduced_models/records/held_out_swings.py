@@ -24,16 +24,15 @@ _MOST_BLOCKS = 60
 """Swings of a record, above which several together are one block."""
 _FEWEST_SWINGS = 10
 """Whole swings of a motion; half swings are taken where there are fewer."""
+# One swing has no standard error.
 _FEWEST_TESTED = 2
 
 
 def find_whole_swings(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], moving_samples: int
 ) -> tuple[slice, ...]:
-    """Return the samples of the whole swings that are above the noise, in the first ``moving_samples``.
-
-    time [s], height [m, rad].
-    """
+    """Return the samples of the whole swings above the noise; time [s], height [m, rad]."""
+    # From a passage through equilibrium to the one after next; halves if there are few, blocks if many.
     swing = height[:moving_samples] - height[-len(height) // 3 :].mean()
     largest = float(np.abs(swing).max())
     least = max(_LEAST_SWING * largest, _NOISES * noise_level(height, time))
@@ -47,10 +46,8 @@ def find_whole_swings(
 def choose_test_swings(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], fraction: float, moving_samples: int
 ) -> tuple[slice, ...]:
-    """Return the samples of a fraction of the whole swings, evenly spread over them.
-
-    time [s], height [m, rad].
-    """
+    """Return the samples of a fraction of the whole swings, evenly spread; time [s], height [m, rad]."""
+    # The first one is not among them: it fixes the initial state.
     swings = find_whole_swings(time, height, moving_samples)
     passed = np.floor(fraction * np.arange(len(swings) + 1) + 0.5 + 1e-9)
     chosen = tuple(swing for swing, step in zip(swings, np.diff(passed), strict=True) if step > 0.0)
@@ -73,6 +70,9 @@ def error_on_swings(
     rms_swing: float,
 ) -> SwingTestError:
     """Return the test error of a law, with its standard error; residuals [m, rad]."""
+    # Squared errors are summed, so each swing counts by its size. The standard error is of their ratio to the
+    # swings' own squares (a wrong law) or lengths (noise), whichever scatters less (ratio estimator, Cochran
+    # 1977, Sampling Techniques, ch. 6).
     counts = np.array([swing.stop - swing.start for swing in swings])
     lost = np.array([float((residuals[swing] ** 2).sum()) for swing in swings])
     at_stake = np.array([float((displacement[swing] ** 2).sum()) for swing in swings])

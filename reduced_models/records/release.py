@@ -23,12 +23,15 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordWarning
 from reduced_models.records.first_guesses import LEAST_SAMPLES, noise_level
 
+# Levels of the growth, over the largest displacement (a full stroke): lowest, ratio, highest. A cosine
+# reaches 0.05 and 0.2 of it within 4 % of the time of a square, so both lead back to the release.
 _LOWEST, _RATIO, _HIGHEST = 0.05, 4.0, 0.6
-"""Fractions of the greatest displacement at which its growth is judged: least, ratio, greatest."""
+# The lowest level that noise may ask for: four standard deviations. The highest is six times it, 0.84; from
+# 0.167 on it would be beyond the largest displacement.
 _NOISIEST = 0.14
-"""Fraction that noise may raise the lowest level to; in more noise nothing is concluded."""
+# Shortest hold over the rise to the highest level. A record that starts just before a crest looks as if it
+# were held for a shorter time.
 _SHORTEST = 0.3
-"""Hold over the time in which the motion then reaches the highest level: a shorter one is none."""
 _LATER = 0.25
 """Fraction of the time between the first two levels: a release put later by others is none."""
 _STRAIGHT, _SEEN = 0.1, 0.6
@@ -87,7 +90,7 @@ def record_from_sample(record: PistonRecord, start: int) -> PistonRecord:
 
 
 def release_cut_text(record: PistonRecord, start: int) -> str:
-    """Sentence of the warning that a record is cut at its release [s]."""
+    """Sentence of the warning that a record is cut at its release."""
     until = round(float(record.time[start]), 9)
     return (
         f"the record stands still until {until:.4g} s and is cut there, at the release; to keep "
@@ -97,6 +100,7 @@ def release_cut_text(record: PistonRecord, start: int) -> str:
 
 def release_sample(record: PistonRecord) -> int:
     """Index of the sample at which a resting record starts to move; 0 where it never rests."""
+    # Carried back from two of its levels, the square of the growth starts at the release (see the module).
     if len(record) < LEAST_SAMPLES:
         return 0
     time = record.time - record.time[0]
@@ -184,6 +188,8 @@ def _is_straight_within_noise(time: np.ndarray, height: np.ndarray, curvature: f
     x = (time - time.mean()) / (duration := float(np.ptp(time)))
     fitted = np.polyfit(x, height, 2)
     sigma = max(noise, float((height - np.polyval(fitted, x)).std()))
+    # Standard errors over n even samples: sigma sqrt(180/n)/T^2 of a curvature's coefficient, and below sigma
+    # sqrt(12/n)/T of a slope.
     error = 3.0 * sigma * math.sqrt(180.0 / len(time)) / duration**2
     if error <= _SEEN * curvature:
         return bool(abs(fitted[0]) / duration**2 <= max(error, _STRAIGHT * curvature))

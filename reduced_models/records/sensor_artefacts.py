@@ -21,8 +21,9 @@ _LEAST_CLIPPED = 6
 """Samples at a sensor's limit from which on a record is clipped."""
 _RUN = 3
 """Least number of equal samples in a row: two may be the same by chance of rounding."""
+# Samples at a limit over those of the next number inside, from which on a peak is cut off there. A crest that
+# is rounded has 1/(sqrt(2) - 1) = 2.4 times as many on its last step as on the one before.
 _RARE = 4.0
-"""Samples at a limit over those of the next number inside, from which on a peak is cut off there."""
 _LEAST_NOISE, _SAME = 1e-4, 0.3
 """Noise over the range of a record that hides no hold, and fraction of equal neighbours in a sensor that
 rounds: from there on a single run of equal samples may be a hold."""
@@ -111,6 +112,7 @@ def _spike_mask(time: np.ndarray, height: np.ndarray) -> np.ndarray:
 
 def _sensor_noise(time: np.ndarray, height: np.ndarray) -> float:
     """Noise of a sensor, its rounding among it."""
+    # Rounding errors are uniform over a step: step/sqrt(12).
     steps = np.abs(np.diff(height))
     extent = float(np.ptp(height))
     rounding = float(steps[steps > 1e-9 * extent].min(initial=extent))

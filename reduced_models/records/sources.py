@@ -33,7 +33,7 @@ class RunOptions(NamedTuple):
 def load_record(
     source: str | Path | Scene | Trajectory | PistonRecord, out: Path | None, options: RunOptions
 ) -> tuple[PistonRecord, Trajectory | None]:
-    """Record of a source, and the run it comes from [s; m]."""
+    """Record of a source, and the run it comes from."""
     opened = open_and_check_source(source, options)
     if isinstance(opened, PistonRecord):
         return opened, None
@@ -220,7 +220,7 @@ def is_record_file(path: Path) -> bool:
 
 
 def check_run_options(options: RunOptions) -> None:
-    """Raise `InputError` unless there is a method of the name, and the time step is one; options [s]."""
+    """Raise `InputError` unless there is a method of the name, and the time step is one."""
     if (options.method, options.dt) == (METHOD, STEP):
         return
     from granular.methods import resolve_method
@@ -246,10 +246,7 @@ def _refuse_run_options(options: RunOptions) -> None:
 
 
 def run_scene(scene: Scene, out: Path | None, options: RunOptions) -> Trajectory:
-    """Run a scene in the folder ``run`` of a directory, or go on with the run that lies there already.
-
-    options [s].
-    """
+    """Run a scene in the folder ``run`` of a directory, or continue the run that is there already."""
     from granular.run.simulation import simulate
 
     return simulate(
@@ -264,7 +261,7 @@ def run_scene(scene: Scene, out: Path | None, options: RunOptions) -> Trajectory
 
 
 def incomplete_run_notes(run: Trajectory) -> tuple[str, ...]:
-    """Return notes on a run that was cut, as the source of a record [s]."""
+    """Return notes on a run that was cut, as the source of a record."""
     if run.complete:
         return ()
     last = run.stages[-1] if run.stages else None
