@@ -111,6 +111,8 @@ def entry(function: Any = None, *, inline: bool = False) -> Any:
 
 
 def _compile_kernel(function: Any, compiler: type[Compiler], **options: bool) -> Any:
+    # ``contract`` allows a b + c in one rounding and nothing else: with reordered sums one thread and several
+    # would not have the same bits, and compensated sums would be lost.
     kernel = numba.njit(
         error_model="numpy", nogil=True, fastmath={"contract"}, pipeline_class=compiler, **options
     )(function)

@@ -208,7 +208,7 @@ def _hertz_stiffness(k: float, overlap: float) -> float:
 
 @compiled
 def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float, dt: float) -> float:
-    """Fraction of the normal velocity after ``dt`` of dashpot; k [F*/D^(3/2)], overlap [D], dt [tau]."""
+    """Fraction of the normal velocity after dt [tau] of dashpot; k [F*/D^(3/2)], overlap [D], mass [m]."""
     # eta/m* with eta = alpha sqrt(m* k) d^(1/4) (Antypov and Elliott 2011): the head of this file.
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * dt)
@@ -216,7 +216,7 @@ def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float,
 
 @compiled
 def squared_head_on_impact_frequency(law: ContactLaw, speed: float, mass: float, barrier: float) -> float:
-    """Squared angular frequency at the deepest overlap of two alike grains [1/tau^2]; barrier [F* D]."""
+    """Squared frequency at the deepest overlap [1/tau^2]; speed [D/tau], mass [m], barrier [F* D]."""
     reduced = 0.5 * mass
     # Both grains move at ``speed``, so the relative one is twice that: (1/2) m* (2 v)^2 in their centre of
     # mass.

@@ -184,7 +184,7 @@ def drag_flow_coefficients(rate: float, dt: float) -> tuple[float, float, float,
 
 @compiled
 def displacement_under_drag(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
-    """Displacement in dt [tau] under drag [1/tau] and a push [D/tau^2] along the motion [D]; gain [tau]."""
+    """Displacement under drag and a push [D]; rate [1/tau], dt, gain [tau], speed [D/tau], push [D/tau^2]."""
     # Below, rate dt/3 < 4e-7 of it is neglected; above, the difference keeps nine digits.
     bend = (dt - gain) / rate if rate * dt > 1e-6 else 0.5 * dt * dt
     return gain * speed + bend * push
@@ -192,7 +192,7 @@ def displacement_under_drag(rate: float, dt: float, gain: float, speed: float, p
 
 @compiled
 def stopping_distance(rate: float, speed: float, brake: float) -> float:
-    """Distance to rest under drag and a braking deceleration [D]; rate [1/tau], brake [D/tau^2]."""
+    """Distance to rest under drag and a brake [D]; rate [1/tau], speed [D/tau], brake [D/tau^2]."""
     # Neglects 7e-7 of it at most; above, the difference with the logarithm keeps nine digits.
     if rate * speed <= 1e-6 * brake:
         return 0.5 * speed * speed / brake
@@ -204,7 +204,7 @@ def stopping_distance(rate: float, speed: float, brake: float) -> float:
 
 @compiled
 def stopping_time(rate: float, speed: float, brake: float) -> float:
-    """Time log(1 + c v/brake)/c to rest under drag and a deceleration [tau]; brake [D/tau^2]."""
+    """Time log(1 + c v/brake)/c to rest [tau]; rate [1/tau], speed [D/tau], brake [D/tau^2]."""
     if rate * speed <= 1e-6 * brake:
         return speed / brake
     return math.log1p(rate * speed / brake) / rate

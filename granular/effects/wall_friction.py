@@ -145,7 +145,7 @@ def _move_with_drag(rate: float, dt: float, v: float, push: float) -> tuple[floa
 def slide_along_wall(
     rate: float, dt: float, v: float, push: float, hold: float
 ) -> tuple[float, tuple[float, float]]:
-    """Exact velocity [D/tau], path [D] and loss to drag per mass [D^2/tau^2]; push, hold [D/tau^2]."""
+    """Exact v [D/tau], path [D], loss to drag per mass [D^2/tau^2]; rate [1/tau], push, hold [D/tau^2]."""
     displacement, dragged = 0.0, 0.0
     if v != 0.0:
         sign = math.copysign(1.0, v)

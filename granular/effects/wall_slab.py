@@ -69,7 +69,7 @@ def normal_force(w: float, a: float, b: float) -> float:
 
 @entry
 def tangential_force(w: float, a: float, b: float) -> float:
-    """Force of a slab on a grain of the first species along it, in the direction of growing a [F*]."""
+    """Force of a slab along itself on a grain of the first species, where a grows [F*]; w, a, b [D]."""
     w2 = w * w
     ra, rb = math.sqrt(w2 + a * a), math.sqrt(w2 + b * b)
     return 0.25 * (1.0 / (rb * rb * rb) - 1.0 / (ra * ra * ra))

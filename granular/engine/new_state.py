@@ -26,7 +26,7 @@ def new_state(
     acting: EffectLaws,
     method: Method,
 ) -> State:
-    """Make the state of a run, with arrays only for the effects that act; height [D], velocities [D/tau]."""
+    """Make the state of a run, with arrays for acting effects alone; height [D], velocities [D/tau]."""
     count = len(positions)
     x, y = pad_coordinates(positions)
     workspaces = tuple(_law_workspace(law, x.size, count) for law in acting.laws)

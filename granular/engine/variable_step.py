@@ -51,7 +51,7 @@ def step_density(
     piston_speed: float,
     pairs: bool,
 ) -> tuple[float, float]:
-    """Smooth frequency of the bed, and its logarithmic rate [1/tau]; speeds [D/tau], least [1/tau]."""
+    """Smooth frequency, its logarithmic rate [1/tau]; x [D], vx, piston_speed [D/tau], square [D^2/tau^2]."""
     # omega^8 = sum of kappa^4 + least^8, with kappa a squared frequency, over all pairs and walls.
     total, rate = least**8, 0.0
     left, right, bottom, top = sides

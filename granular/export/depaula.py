@@ -51,9 +51,9 @@ USUAL, FINE, COARSE = 250, 10, 1000
 class DepaulaTimeUnits(NamedTuple):
     """De Paula's clock for a run."""
 
-    time_unit: float  # [s]
-    step: float  # [s]
-    frame_interval: float  # [s]
+    time_unit: float  # T, the duration of the compression [s]
+    step: float  # 1e-6 T [s]
+    frame_interval: float  # 250 steps, the ``output.frames`` of files as fine as de Paula's [s]
 
 
 def depaula_time_units(run: Trajectory) -> DepaulaTimeUnits:

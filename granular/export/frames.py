@@ -22,14 +22,14 @@ BLOCK = 64
 class BedFrame(NamedTuple):
     """The bed at one instant, in SI: the k grains that are in the cell."""
 
-    number: int
+    number: int  # index in the run
     time: float  # [s]
-    height: float | None  # [m]
-    grains: Int[np.ndarray, "k"]
-    position: Float[np.ndarray, "k 2"]  # [m]
+    height: float | None  # of the piston [m]; None without one
+    grains: Int[np.ndarray, "k"]  # index of each grain in the scene
+    position: Float[np.ndarray, "k 2"]  # [m], in the cell if it is periodic
     velocity: Float[np.ndarray, "k 2"]  # [m/s]
-    force: Float[np.ndarray, "k 2"]  # [N]
-    interaction: Float[np.ndarray, "k 2"]  # the force of grains and walls alone [N]: without weight
+    force: Float[np.ndarray, "k 2"]  # magnetic, weight and contact [N]
+    interaction: Float[np.ndarray, "k 2"]  # of grains and walls alone [N]
 
 
 def open_run(run: Trajectory | str | Path) -> Trajectory:

@@ -321,10 +321,7 @@ def mode_frequency_bound(
     pairs: bool,
     discs: Sequence[Disc] = (),
 ) -> float:
-    """Upper bound of the highest angular frequency of the bed's normal modes, in natural units [1/tau].
-
-    positions, width, height [D].
-    """
+    """Upper bound of the modes' angular frequencies by row sums [1/tau]; positions, width, height [D]."""
     from scipy.spatial import cKDTree
 
     near = cKDTree(positions).query_pairs(REACH if pairs else 0.0, output_type="ndarray")
@@ -348,6 +345,7 @@ def mode_frequency_bound(
     }
     for side, law in walls.items():
         rows += [_WALLS[law].stiffness(gap) for gap in gaps[side]]
+    # Gershgorin's circles bound the eigenvalues (Horn and Johnson, Matrix Analysis, theorem 6.1.1).
     return math.sqrt(float((rows * (moment_ratio / mass_ratio)).max()))
 
 
@@ -360,10 +358,7 @@ def collision_stiffness_frequency(
     pairs: bool,
     discs: Sequence[Disc] = (),
 ) -> float:
-    """Highest angular frequency sqrt(stiffness/mass) at the turning point of a collision [1/tau].
-
-    speed [D/tau].
-    """
+    """Highest sqrt(stiffness/mass) where grains turn that meet head-on, or a wall [1/tau]; speed [D/tau]."""
     squares = []
     for moment_ratio, mass in zip(moment_ratios, masses, strict=True):
         ratio = moment_ratio / mass

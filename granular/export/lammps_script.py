@@ -81,10 +81,7 @@ def pair_force_table(
 def wall_force_table(
     name: str, law: str, moment_ratio: float, nearest: float, farthest: float, scales: Scales
 ) -> ForceTable:
-    """Tabulate the repulsion of a grain from a wall over their distance, a power law [m, J, N].
-
-    nearest, farthest [D].
-    """
+    """Tabulate the repulsion of a grain from a wall, a power law [m, J, N]; nearest, farthest [D]."""
     w = np.geomspace(nearest, farthest, ROWS)
     exponent = WALL_EXPONENTS[law]
     strength = {"experimental": wall_experimental, "infinite": wall_infinite}[law].force(1.0)
@@ -158,11 +155,11 @@ class LammpsDeck(NamedTuple):
 
     scene: Scene
     scales: Scales
-    moment_ratios: tuple[float, ...]
-    mass_ratios: tuple[float, ...]
+    moment_ratios: tuple[float, ...]  # of each species over the first
+    mass_ratios: tuple[float, ...]  # likewise
     remaining_stages: tuple[RemainingStage, ...]
-    piston_start: float | None  # [m]
-    highest: float  # [m]
+    piston_start: float | None  # height [m]; None without a piston
+    highest: float  # largest height of the piston, or of the bed without one [m]
     longest_step: float  # [s]
     start_time: float  # [s]
 
@@ -179,7 +176,7 @@ class LammpsDeck(NamedTuple):
 
     @property
     def decay_rate_groups(self) -> list[tuple[str, str, int]]:
-        """Groups of grains that one rate of viscous decay holds for."""
+        """Grains of one decay rate: suffix of their variables, their name in LAMMPS, a species."""
         drag, grains = self.scene.effects.drag, self.scene.grains
         if drag is None or (grains.face_area_ratios() == grains.mass_ratios()).all():
             return [("", "all", 0)]

@@ -16,10 +16,10 @@ class PistonPath(NamedTuple):
     """Prescribed motion of the piston in a stage."""
 
     formula: str  # formula of its height [m] in ``v_t``, the time since the stage's start [s]
-    lowest: float  # [m]
+    lowest: float  # bounds of the height [m]
     highest: float  # [m]
-    end: float  # [m]
-    speed: float  # [m/s]
+    end: float  # height at the stage's end [m]
+    speed: float  # largest speed [m/s]
 
 
 class RemainingStage(NamedTuple):

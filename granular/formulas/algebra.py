@@ -74,6 +74,8 @@ def _make_min_or_max(name: str) -> Any:
     sign = 1 if name == "max" else -1
     array_name = {"max": "maximum", "min": "minimum"}[name]
 
+    # SymPy's own `Max` asks of every two operands which one is larger, in all cases, and so do its
+    # derivatives: half a minute for eight of them.
     class Extreme(sympy.Function):  # type: ignore[misc]  # SymPy is not typed
         nargs = 2
 
@@ -117,10 +119,7 @@ def compile_function(
     expressions: sympy.Expr | Sequence[sympy.Expr],
     modules: str | Sequence[Any] = "numpy",
 ) -> Callable[..., Any]:
-    """Compile a function of symbols that returns the value of an expression or a list of them.
-
-    arguments [sympy.Symbol], expressions [sympy.Expr].
-    """
+    """Compile a function of symbols that returns the value of an expression or of each in a list."""
     import sympy
 
     # In the order of their own names, since SymPy adds and multiplies in the order of names, and

@@ -40,9 +40,9 @@ class _ParsedPart(NamedTuple):
     """A parsed part of a formula."""
 
     tree: Node
-    value: float | None = None
-    terms: float = 1.0
-    size: float = 1.0
+    value: float | None = None  # of numbers alone
+    terms: float = 1.0  # once all brackets are multiplied out
+    size: float = 1.0  # numbers and names in all of them
 
 
 class _Parser:
@@ -205,6 +205,7 @@ def _count_expanded_terms(head: str, parts: list[_ParsedPart]) -> tuple[float, f
         return terms[0], sizes[0] + terms[0] * sizes[1]
     if head == "**" and parts[1].value is not None:
         power = math.ceil(abs(parts[1].value))
+        # Monomials of this degree in so many letters.
         count = float(math.comb(int(terms[0]) + power - 1, power))
         return count, count * (1.0 + min(power, terms[0]) * sizes[0] / terms[0])
     return 1.0, 1.0 + sum(sizes)

@@ -68,7 +68,7 @@ def burgers_vectors(
 def excess_grains(
     triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"], angle: float
 ) -> float:
-    """Grains in a region less its lattice sites: -1 for a vacancy, 1 for an interstitial."""
+    """Grains in a region less its lattice sites, -1 for a vacancy; positions [m], angle [rad]."""
     edges = edges_of_triangles(triangles).reshape(-1, 2)
     have = {(int(i), int(j)) for i, j in edges}
     rim = {i: j for i, j in have if (j, i) not in have}

@@ -224,7 +224,7 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
 def slip_area_tensor(
     burgers: Float[np.ndarray, "2"], displacement: Float[np.ndarray, "2"]
 ) -> Float[np.ndarray, "2 2"]:
-    """Plastic distortion times area of a moving dislocation, b_i (z x d)_j (Orowan 1940) [m^2]."""
+    """Plastic distortion times area, b_i (z x d)_j (Orowan 1940) [m^2]; burgers, displacement [m]."""
     return np.outer(burgers, [-displacement[1], displacement[0]])
 
 

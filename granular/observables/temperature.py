@@ -65,7 +65,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
 def fluctuation_energies(
     velocities: Float[np.ndarray, "n 2"], masses: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n"]:
-    """Energy (1/2) m |v - V|^2 of each grain, V of the centre of mass (Goldhirsch 2003) [J]; masses [kg]."""
+    """Energy (1/2) m |v - V|^2, V of the mass centre (Goldhirsch 2003) [J]; velocities [m/s], masses [kg]."""
     here = is_present(velocities)
     if not here.any():
         return np.full(len(masses), np.nan)
@@ -150,7 +150,7 @@ def configurational_temperature(
 def potential_laplacian(
     scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: float | None = None
 ) -> float:
-    """Laplacian of the energy of dipoles and walls over all coordinates [N/m]; piston_height [m]."""
+    """Laplacian of the energy of dipoles and walls over all coordinates [N/m]; positions [m]."""
     _check_effects_known(scene, (*KNOWN, *STRAIGHT))
     return (
         _pair_forces_and_laplacian(scene, positions)[1]

@@ -80,7 +80,7 @@ class FarFieldState(NamedTuple):
     held_forces: Float[np.ndarray, "2 m"] | None  # [F*], act all the time; impulses add the rest
     load: Float[np.ndarray, "m"] | None  # far part of the sums behind the normal force [1/D^3]
     evaluated_at: Float[np.ndarray, "2 m"] | None  # positions then [D]; None: each force
-    rates: Float[np.ndarray, "3 m"] | None  # of fx, fy [F*/tau] and load while grains slide; None: not needed
+    rates: Float[np.ndarray, "3 m"] | None  # of fx, fy [F*/tau], load [1/(D^3 tau)]; None: not needed
     extrapolation_steps: int  # steps that the rates are used for
     unchanged_distance: float  # see `STILL` [D]
     timing: Float[np.ndarray, "3"]  # see `TIME` and the others

@@ -131,7 +131,7 @@ def _factor_into_products(table: Samples) -> SeparableTable:
 
 @functools.cache
 def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor: float = 0.0) -> MeshTables:
-    """Tables of the levels' bands and of the rest on the coarsest [1/D^3]; inverse_fifth_factor [D^2]."""
+    """Tables of levels' bands and the rest [1/D^3]; radius, spacing [D], inverse_fifth_factor [D^2]."""
     reach = _reach_in_points(radius, spacing)
     most = reach + _EDGES
     n = np.arange(-most - _MARGIN, most + _MARGIN + 1) * spacing

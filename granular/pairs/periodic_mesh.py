@@ -79,9 +79,10 @@ def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tu
 def sum_far_part_over_images(
     dx: Samples, dy: Samples, width: float, height: float, radius: float, inverse_fifth_factor: float = 0.0
 ) -> Samples:
-    """Sum the far part (...) over all images (Ewald 1921, doi:10.1002/andp.19213690304) [1/D^3]; dx [D]."""
+    """Sum the far part (...) over images [1/D^3]; dx, dy (...) ... radius [D], inverse_fifth_factor [D^2]."""
     from scipy.special import erfc, gammainc, gammaincc
 
+    # Ewald 1921, doi:10.1002/andp.19213690304; see the head of this file.
     sharp = _SHARPNESS / math.sqrt(width * height)
     total = np.zeros(np.broadcast(dx, dy).shape)
     # Where the far part is softened, it is the upper part less what near pairs have.

@@ -52,10 +52,7 @@ class CustomStage(CustomSection, SampledStage):
     def sample_values_and_slopes(
         self, times: Float[np.ndarray, "k"], height: float
     ) -> Float[np.ndarray, "2 k"]:
-        """Sample the user's function, and the slopes of the spline through it [m, N, m/s, N/s].
-
-        times [s], height [m].
-        """
+        """Sample the user's function [m; N] and its spline's slopes [m/s; N/s]; times [s], height [m]."""
         from scipy.interpolate import CubicSpline
 
         ((name, function),) = self.definition.functions.items()

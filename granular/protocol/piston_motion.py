@@ -19,17 +19,17 @@ _NONE = np.zeros(2)
 class Motion(NamedTuple):
     """Motion of the piston during a stage."""
 
-    free: bool = False
+    free: bool = False  # under weight and the grains' force; else along the path
     kind: int = STRAIGHT
-    start: float = 0.0  # [D]
-    speed: float = 0.0  # [D/tau]
-    reach: float = 0.0  # [D]
-    total_duration: float = 1.0  # [tau]
-    steepness: float = 1.0  # [tau]
-    omega: float = 0.0  # [1/tau]
-    push: float = 0.0  # [F*]
-    bias: float = 0.0  # [F*]
-    limit: float = math.inf  # [F*]
+    start: float = 0.0  # height at the stage's start [D]
+    speed: float = 0.0  # of the straight path [D/tau]
+    reach: float = 0.0  # lost in the descent, or amplitude of the sine [D]
+    total_duration: float = 1.0  # of the descent [tau]
+    steepness: float = 1.0  # exponent of the descent
+    omega: float = 0.0  # of the sine, or of the outer force [1/tau]
+    push: float = 0.0  # amplitude of the outer force [F*]
+    bias: float = 0.0  # its mean [F*]
+    limit: float = math.inf  # force on the piston that ends the stage [F*]
     times: Float[np.ndarray, "k"] | None = (
         None  # times of the table, or equidistant knots of the spline [tau]
     )
@@ -107,20 +107,18 @@ def _evaluate_spline(times: Array, heights: Array, time: float) -> tuple[float, 
 
 
 def with_table_arrays(motion: Motion) -> Motion:
-    """Give a motion without a table empty arrays, as motions by tables and splines have arrays."""
+    """Give a motion empty arrays: beside tables, all stages of a protocol are one type to the compiler."""
     return motion if motion.times is not None else motion._replace(times=_NONE, heights=_NONE)
 
 
 def greatest_piston_speed(motion: Motion, mass: float, gravity: float, height: float, speed: float) -> float:
-    """Greatest speed of the piston in the stage, or a bound of it where it falls freely [D/tau].
-
-    mass [m], gravity [D/tau^2], height [D], speed [D/tau].
-    """
+    """Largest piston speed in a stage [D/tau]; mass [m], gravity [D/tau^2], height [D], speed [D/tau]."""
     if motion.free:
         outer = abs(motion.bias) + abs(motion.push)
         if motion.kind == SPLINE:
             times, heights = _table_arrays(motion)
             outer += float(np.abs(heights[: times.size]).max())
+        # A bound: at most the energy that weight and the largest outer force give over the whole height.
         pull = gravity + outer / mass
         return math.sqrt(speed**2 + 2.0 * pull * max(height, 0.0))
     if motion.kind == DESCENT:

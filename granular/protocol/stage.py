@@ -257,6 +257,7 @@ class SampledStage(Stage):
             if not np.isfinite(knots).all():
                 raise FieldError("is not finite everywhere in the stage", self.driven_quantity)
             h = self.duration / count
+            # The cubic through values and slopes halfway between two knots.
             middle = (knots[0, 1:] + knots[0, :-1]) / 2 + h * (knots[1, :-1] - knots[1, 1:]) / 8
             off = np.abs(
                 middle - self.sample_values_and_slopes((times[1:] + times[:-1]) / 2, height)[0]

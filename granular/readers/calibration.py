@@ -42,11 +42,11 @@ _FEWEST_BEYOND = 2
 class Calibration(NamedTuple):
     """A polynomial in a sensor's number, and how well it is known."""
 
-    coefficients: Float[np.ndarray, "k"]
-    deviations: Float[np.ndarray, "m k"]
-    raw_unit: str | None
-    angle: bool  # whether it gives an angle [rad]
-    inside: tuple[float, float] = (-math.inf, math.inf)
+    coefficients: Float[np.ndarray, "k"]  # of powers of the number, in SI over the unit of the column
+    deviations: Float[np.ndarray, "m k"]  # of the coefficients, independent, one standard uncertainty each
+    raw_unit: str | None  # of the column, such as V; None: none named
+    angle: bool  # it gives an angle [rad]
+    inside: tuple[float, float] = (-math.inf, math.inf)  # numbers that it was made for
 
     def apply(
         self, raw: Float[np.ndarray, "n"], unit: str | None

@@ -156,6 +156,9 @@ def parse_header(cell: str) -> tuple[str, str | None]:
         if before is not None:
             return f"{name} {group[0]}", before
         return (cell, None) if " " in unit or unit == "t" or unit.isdigit() else (rest, unit)
+    # ``height [mm]`` by any name; ``height/mm``, ``height_mm``, ``height mm``, ``height, mm`` where name and
+    # unit are known; ``height in mm``; the quotient ``s / mm`` of ISO 80000 by any name; a unit of time
+    # alone.
     match = _IN.fullmatch(cell)
     if match is not None and is_unit(match[2]):
         name = match[1].strip()

@@ -216,6 +216,7 @@ def _best_header_row(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str
     """Return names and units: the lowest row that names a time, else the lowest row."""
     if any(_is_column_header(cell) for cell in rows[-1]):
         return list(rows[-1]), []
+    # Loggers write what was done to a column, such as averaging, below its name and unit.
     for index in range(len(rows) - 1, -1, -1):
         if any(guess_column_role(parse_header(cell)[0]) == TIME for cell in rows[index]):
             below = rows[index + 1] if index + 1 < len(rows) else []

@@ -46,6 +46,7 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
         column.unit = column.unit or unit or None
     _name_time_columns(sheet)
     if file_head.get("X_Columns", [""])[0] == "No":
+        # National Instruments, Specification for the LabVIEW Measurement File (.lvm), 2020.
         step = _header_number(head, "Delta_X", decimal)
         first = _header_number(head, "X0", decimal)
         count = 0 if sheet.lines is None else len(sheet.lines)
@@ -131,6 +132,7 @@ def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
 
 # Rigol -----------------------------------------------------------------------------------------
 
+# First two lines in files of the series DS1000Z, DS2000 and DS4000.
 _HEAD = re.compile(r"X(,[^,\r\n]+)+,Start,Increment,?\s*[\r\n]+Sequence,")
 
 

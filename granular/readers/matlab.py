@@ -46,6 +46,7 @@ def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
         if len(values) == length
     ]
     timed = TIME in options.columns or any(guess_column_role(column.name) == TIME for column in columns)
+    # PicoScope: its channels A, B, ... are whatever was connected.
     if "Tinterval" in variables and columns and not timed:
         for column in columns:
             column.channel = len(column.name) == 1

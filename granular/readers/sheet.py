@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 class Column:
     """A column of a sheet."""
 
-    name: str
-    unit: str | None
-    values: Float[np.ndarray, "n"] | None
-    wrong: tuple[int, str] | None = None
-    clock: str = ""
-    channel: bool = False
+    name: str  # as in the file; empty: none
+    unit: str | None  # as in the file
+    values: Float[np.ndarray, "n"] | None  # NaN for lost samples; None: not all numbers
+    wrong: tuple[int, str] | None = None  # first row, from 0, that is no number, and its text
+    clock: str = ""  # read as seconds: date or clock; empty: numbers
+    channel: bool = False  # the name is that of an instrument's input
 
 
 @dataclasses.dataclass(eq=False)
@@ -35,10 +35,10 @@ class Sheet:
     """A table of a file."""
 
     columns: list[Column]
-    lines: Int[np.ndarray, "n"] | None
-    header: bool
-    form: str
-    notes: list[str] = dataclasses.field(default_factory=list)
+    lines: Int[np.ndarray, "n"] | None  # line of the file of each row; None: no lines
+    header: bool  # the file names its columns
+    form: str  # what the file is, in words
+    notes: list[str] = dataclasses.field(default_factory=list)  # what was done to it
 
     def describe_row(self, row: int) -> str:
         """Name a row in words, with its line in the file."""

@@ -54,15 +54,15 @@ _AGREEMENT = 0.3
 class SheetInterpretation:
     """Columns in SI, and how they came about."""
 
-    columns: dict[str, np.ndarray]
-    source: dict[str, str]
-    units: dict[str, str]
-    angle: bool  # whether the coordinate is an angle [rad]
+    columns: dict[str, np.ndarray]  # (n,) in SI, by roles or names
+    source: dict[str, str]  # name in the file of each role
+    units: dict[str, str]  # unit that each role was read in
+    angle: bool  # the coordinate is an angle [rad]
     form: str
-    notes: tuple[str, ...]
-    left_out: tuple[str, ...]
-    deviations: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    prescribed: bool = False
+    notes: tuple[str, ...]  # what was guessed or done, and how to say it otherwise
+    left_out: tuple[str, ...]  # columns that are not numbers everywhere
+    deviations: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)  # (m, n), see `Calibration`
+    prescribed: bool = False  # a stroke, along which a force was measured
 
 
 def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:

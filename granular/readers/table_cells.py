@@ -96,5 +96,6 @@ def _parse_clock_times(cells: Sequence[str]) -> np.ndarray:
             hour = hour % 12.0 + (12.0 if half in "Pp" else 0.0)
         values.append(3600.0 * hour + 60.0 * float(minutes) + float(seconds.replace(",", ".")))
     times = np.array(values)
+    # A time of day that falls back by more than half a day has passed midnight.
     midnights = np.cumsum(np.diff(times, prepend=times[0]) < -0.5 * _DAY)
     return np.asarray(times + _DAY * midnights - times[0])

@@ -101,6 +101,8 @@ def has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal:
         return False
     if decimal == ",":
         return True
+    # Decimals may begin with a zero, integers do not; and decimals are as many in each line, or end with no
+    # zero.
     behind = [[row[k] for row in rows] for k in range(1, dialect.width, 2)]
     digits = [cell for column in behind for cell in column]
     as_many = all(len(set(map(len, column))) == 1 for column in behind)

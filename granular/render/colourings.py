@@ -38,13 +38,13 @@ class ColouringInput(NamedTuple):
 class Colouring(NamedTuple):
     """Quantity that the colours show."""
 
-    label: str
-    values: Callable[[ColouringInput], np.ndarray]
-    map: str = ""
-    needs_cells: bool = False
-    on_cells: bool = False
-    lower: float | None = 0.0
-    upper: float | None = None
+    label: str  # title of bar or legend, with the unit
+    values: Callable[[ColouringInput], np.ndarray]  # (k,), in that unit; NaN: none; of classes the index
+    map: str = ""  # of matplotlib; empty: classes
+    needs_cells: bool = False  # values follow from the Voronoi cells
+    on_cells: bool = False  # cells are coloured, grains are dark discs
+    lower: float | None = 0.0  # end of the colours; None: 1st percentile
+    upper: float | None = None  # None: 99th percentile
 
 
 def _required_voronoi_cells(view: ColouringInput) -> VoronoiCells:

@@ -261,6 +261,7 @@ def _largest_path_deviation(before: BedFrame, after: BedFrame) -> float:
     """Most by which a cubic path is off the straight line midway [m]."""
     _, first, second = _common_grains(before, after)
     change = before.velocity[first] - after.velocity[second]
+    # Halfway, a cubic path is off the straight line by T (v_1 - v_2)/8.
     off = (after.time - before.time) / 8.0 * np.hypot(*change.T)
     return float(off.max(initial=0.0))
 
@@ -288,6 +289,7 @@ def _interpolate_between(
     leaving, arriving = duration * before.velocity[first], duration * after.velocity[second]
     rest = 1.0 - fraction
     position = (
+        # Cubic (Hermite) path with the positions and velocities of both frames.
         rest * rest * (1.0 + 2.0 * fraction) * start
         + fraction * fraction * (3.0 - 2.0 * fraction) * end
         + fraction * rest * (rest * leaving - fraction * arriving)

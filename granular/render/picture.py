@@ -42,16 +42,14 @@ CURVE = 1.5
 def new_figure_to_scale(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
-    """Make a figure with axes in mm, to scale, that hold the bed, and axes next to them [mm].
-
-    top [m], below, widest [inch].
-    """
+    """Make axes to scale that hold the bed [mm], and axes next to them; top [m], below, widest [inch]."""
     from matplotlib.figure import Figure
 
     edge = 1.5 * wall_thickness_mm(scene)
     width, height = 1e3 * scene.cell.width + 2.0 * edge, 1e3 * top + 2.0 * edge
     inch = min(widest / width, TALLEST / height)
     size = [
+        # Even numbers of pixels, as H.264 wants them.
         2.0 * round((start + length * inch + end) * DPI / 2.0) / DPI
         for start, length, end in ((LEFT, width, RIGHT), (BOTTOM + below, height, TOP))
     ]
@@ -78,10 +76,7 @@ def axes_below_bed(figure: Figure, bed: Axes) -> Axes:
 
 
 def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
-    """Draw walls as solid slabs outside of the cell, and a side without a wall as a dotted line.
-
-    axes [mm], top [m].
-    """
+    """Draw walls as slabs outside of the cell [mm], and a side without one as a dotted line; top [m]."""
     from matplotlib.patches import Rectangle
 
     width, height, thickness = 1e3 * scene.cell.width, 1e3 * top, wall_thickness_mm(scene)

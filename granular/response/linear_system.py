@@ -37,10 +37,7 @@ def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float
 def dynamic_stiffness_of_hanging_mass(
     frequencies: Any, mass: float, spring: float, dashpot: float
 ) -> Complex[np.ndarray, "f"]:
-    """Dynamic stiffness of a mass that hangs on a spring and a dashpot side by side [N/m].
-
-    frequencies [Hz], mass [kg], spring [N/m], dashpot [kg/s].
-    """
+    """Dynamic stiffness (f,) of a hung mass [N/m]; frequencies (f,) [Hz], spring [N/m], dashpot [kg/s]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     if mass == 0.0:
         return np.zeros(omega.shape, dtype=np.complex128)
@@ -49,10 +46,7 @@ def dynamic_stiffness_of_hanging_mass(
 
 
 def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Complex[np.ndarray, "f n"]:
-    """Steady displacement of each body of a linear host over its base, for the host's sine [m].
-
-    frequencies [Hz], attached [N/m].
-    """
+    """Steady displacement (f, n) of a linear host over its base, phase from the drive [m]; attached [N/m]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     count, attached = len(host.bodies), np.broadcast_to(attached, omega.shape)
     result = np.empty((len(omega), count), dtype=np.complex128)
@@ -122,7 +116,7 @@ def linear_host_comparison(
     frequencies: Sequence[float],
     swing: Complex[np.ndarray, "s f"],
 ) -> dict[str, tuple[str, str, np.ndarray]]:
-    """Amplitudes without damper and with tuned mass [m], and its values [kg, N/m, kg/s, W]."""
+    """Amplitudes (s, f) without damper and with tuned mass [m], and its values [kg, N/m, kg/s, W]."""
     omega, mass = math.tau * np.array(frequencies), damper_mass(scene)
     spring, dashpot = tuned_mass_spring_and_dashpot(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
     tuned = dynamic_stiffness_of_hanging_mass(frequencies, mass, spring, dashpot)
@@ -133,6 +127,7 @@ def linear_host_comparison(
         "alone": ("m", "amplitude without the damper", alone),
         "ideal": ("m", "amplitude with Den Hartog's tuned mass of the same weight", ideal),
     }
+    # Only a force on a single body fixes the damper's dynamic stiffness.
     if len(host.bodies) > 1 or (host.excitation is not None and host.excitation.is_base_motion):
         return result
     # The force of the damper on the host that leaves this displacement, as a dynamic stiffness.

@@ -344,10 +344,7 @@ def amplitude_header_and_scale(response: FrequencyResponse) -> tuple[str, float]
 
 
 def amplitude_phrase(response: FrequencyResponse, amplitude: float) -> str:
-    """Phrase that tells an amplitude at the head of a sentence, such as "Under 5 N".
-
-    amplitude [N, m/s^2, m].
-    """
+    """Words for an amplitude at the head of a sentence, such as "Under 5 N"; amplitude [N; m/s^2; m]."""
     _, words, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
     return words.format(size=scale * amplitude)
 
@@ -358,10 +355,7 @@ def table_frequency_count(response: FrequencyResponse) -> int:
 
 
 def response_at_table_frequencies(response: FrequencyResponse, amplitude: float) -> xarray.Dataset:
-    """Response at one amplitude, at the frequencies that tables show; its peak is one of them [Hz].
-
-    amplitude [N, m/s^2, m].
-    """
+    """Response at one amplitude, at the tables' frequencies, its peak among them [Hz]; amplitude in SI."""
     part = response.dataset.sel(amplitude=amplitude)
     count = part.sizes["frequency"]
     indices = np.unique(np.linspace(0, count - 1, table_frequency_count(response)).round().astype(int))

@@ -274,10 +274,7 @@ def response_dataset(
     frequencies: Sequence[float],
     fields: Mapping[str, tuple[str, str, np.ndarray]],
 ) -> xarray.Dataset:
-    """Put fields of a response into one dataset, with units and meanings.
-
-    amplitudes [N, m/s^2, m], frequencies [Hz].
-    """
+    """Put fields (s, f) of a response into one dataset; amplitudes [N; m/s^2; m], frequencies [Hz]."""
     import xarray
 
     dims = ("amplitude", "frequency")

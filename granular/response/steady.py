@@ -25,10 +25,7 @@ LEAST_PERIODS = 4
 def complex_amplitude(
     time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n"], frequency: float
 ) -> complex:
-    """Complex amplitude A of a signal Im(A exp(i omega t)) + constant + slope t, by least squares.
-
-    time [s], frequency [Hz].
-    """
+    """Complex A of Im(A exp(i omega t)) + constant + slope t (IEEE Std 1057); time [s], frequency [Hz]."""
     omega = math.tau * frequency
     moment = time - time.mean()
     columns = np.stack([np.sin(omega * time), np.cos(omega * time), np.ones_like(time), moment], axis=1)
@@ -37,10 +34,7 @@ def complex_amplitude(
 
 
 def last_whole_periods(start: float, end: float, frequency: float) -> tuple[float, float]:
-    """Range of the last whole periods within the last `FRACTION` of a drive [s].
-
-    start, end [s], frequency [Hz].
-    """
+    """Range of the last whole periods within `FRACTION` of a drive [s]; start, end [s], frequency [Hz]."""
     count = max(math.floor(FRACTION * (end - start) * frequency), LEAST_PERIODS)
     return max(start, end - count / frequency), end
 
@@ -80,6 +74,7 @@ def steady_figures(run: Trajectory) -> Mapping[str, Any]:
     drag = run.scene.effects.drag
     if drag is not None:
         faces = run.scene.grains.face_area_ratios()[run.scene.grains.species_indices()]
+        # Affine motion, v = V y/H: the drag of the grains averages to a third of its value at the piston.
         affine = drag.coefficient * float(faces.sum()) / 3.0
         figures["affine_loss_a_period"] = math.pi * math.tau * frequency * affine * abs(stroke) ** 2
     figures["last"] = last

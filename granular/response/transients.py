@@ -355,10 +355,7 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
 def settling_time_of_samples(
     time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], impulse_end: float, fraction: float
 ) -> float:
-    """Time from the end of an impulse until a displacement stays within a fraction of its peak [s].
-
-    time, impulse_end [s], displacement [m].
-    """
+    """Time from an impulse's end until a displacement [m] stays within a fraction of its peak [s]."""
     check_peak_fraction(fraction)
     behind = time >= impulse_end
     if not behind.any():

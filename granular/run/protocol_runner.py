@@ -216,7 +216,7 @@ class ProtocolRunner(RunState):
         self._record_rows(rows)
 
     def finish_last_partial_tick(self) -> float:
-        """Run the part of a tick before ``t_end``, and take a last frame [tau]."""
+        """Run the part of a tick before ``t_end``, after the last snapshot, and take a last frame [tau]."""
         if self.is_protocol_finished or not self.progress.started:
             return self.progress.start
         left = self.t_end - self.present_time

@@ -61,6 +61,7 @@ class RecordBuffer:
         self.frames.append(frame)
 
     def _grain_field(self, state: State, present: int, *components: np.ndarray) -> np.ndarray:
+        # NaN: a grain that has left the cell has no position.
         field = np.full((self.count, len(components)), np.nan)
         field[state.label[:present]] = np.stack([component[:present] for component in components], axis=1)
         return field

@@ -25,6 +25,7 @@ def lock_directory(path: Path) -> int | None:
     """Lock a directory, so that no other process writes to it."""
     if not HAS_LOCKS:
         return None
+    # The lock is the directory's, whatever its name becomes, and ends with the process.
     lock_descriptor = os.open(path, os.O_RDONLY)
     try:
         lock_open_file(lock_descriptor, wait=False)

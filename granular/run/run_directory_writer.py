@@ -104,6 +104,7 @@ class RunDirectoryWriter:
         self.rows, self.frames = int(checkpoint["rows"]), int(checkpoint["frames"])
         self._files = manifest.files
         self._metadata = ZarrMetadata(read_verified_files(self.path, manifest)[GROUP])
+        # What was written behind the checkpoint will be written again.
         self._open_zarr_arrays(manifest)
         return checkpoint
 

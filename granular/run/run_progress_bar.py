@@ -162,6 +162,7 @@ def remaining_steps(run: ProtocolRunner) -> float:
     if run.is_protocol_finished or not progress.started:
         return 0.0
     later = run.scene.protocol[progress.stage + 1 :]
+    # Stages that end at rest or at a force count whole, later ones from the present height.
     durations = [stage.total_duration(progress.height) or 0.0 for stage in later]
     end = min(progress.start + run.stage_length + math.fsum(durations) / run.system.scales.time, run.t_end)
     if isinstance(last, TimedStage) and last.until is None and math.isfinite(run.t_end):

@@ -59,16 +59,16 @@ _RESOLVED = 0.5
 class RunProgress:
     """Progress of a run: what a checkpoint needs besides the arrays of the state."""
 
-    stage: int = 0
-    ticks: int = 0
-    started: bool = False
-    start: float = 0.0  # [tau]
-    last: float = 0.0  # [tau]
-    height: float = 0.0  # [m]
-    schedule: list[Any] | None = None
-    stiffest: float = 0.0
-    closest: float = math.inf  # [D]
-    results: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    stage: int = 0  # index of the present stage
+    ticks: int = 0  # made in it
+    started: bool = False  # it has been set up
+    start: float = 0.0  # of the stage [tau]
+    last: float = 0.0  # time of the last record [tau]
+    height: float = 0.0  # of the piston at the stage's start [m]
+    schedule: list[Any] | None = None  # fields of its `StepSchedule`
+    stiffest: float = 0.0  # largest step times highest angular frequency so far
+    closest: float = math.inf  # least distance of two grains so far [D]
+    results: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # of `StageResult`
 
 
 class RunState:
@@ -161,6 +161,8 @@ class RunState:
 
     def whole_ticks_until_end(self) -> float:
         """Whole ticks that are left to ``t_end``."""
+        # A variable step may end behind its tick, and one that is cut at ``t_end`` is no state to go on from:
+        # the tail has the last two ticks.
         spared = 0.0 if self.plan.fraction is None else 2.0
         return self.whole_ticks_until(self.t_end - self.progress.start) - spared
 
@@ -206,6 +208,8 @@ class RunState:
         ]
         if not own or self.progress.schedule is None:
             return self.remedy_for_long_steps
+        # No step cures a formula that is NaN somewhere, and one that resolves all oscillations has not led
+        # the grains astray.
         seen = np.array([self._row[columns.STIFFEST], self.seen[STIFFEST]])
         resolved = np.max(seen, where=np.isfinite(seen), initial=0.0) * self.schedule.h < _RESOLVED
         if not resolved:
@@ -282,10 +286,7 @@ class RunState:
             initialise_step_density(speed, half_tick, self.plan.fraction, self.state, self.constants)
 
     def set_steps_per_tick(self, frequency: float) -> None:
-        """Cut the ticks into steps for another frequency; a variable step does so itself.
-
-        frequency [1/tau].
-        """
+        """Cut the ticks into steps for another frequency [1/tau]; a variable step does so itself."""
         if self.plan.fraction is None:
             steps = self.step.steps_per_tick(self.schedule.length, self._frequency_to_resolve(frequency))
             self._apply_schedule(self.schedule.with_steps(steps))

@@ -135,6 +135,8 @@ def _longest_step_fraction(
     entries: list[WorkPrecisionEntry], quantity: str, tolerance: float
 ) -> float | None:
     """Longest step times highest frequency that keeps a tolerance; None where none does."""
+    # Between two steps of the table, and below its shortest, errors follow the method's order; beyond its
+    # longest no step is promised.
     held = [entry for entry in entries if entry.bounds[quantity] <= tolerance]
     order = method_named(entries[0].method).order
     if not held:
@@ -182,6 +184,7 @@ def step_from_frequency_product(scene: Scene, fraction: float) -> str:
     step: StepRequest = parse_time_step("auto", scene)
     factor = min(fraction / step.step_times_frequency, step.greatest_factor)
     if factor < 1.0:
+        # Rounded down to hundredths, so that the error stays below the bound.
         return f"auto/{math.ceil(100.0 / factor - 1e-6) / 100.0:g}"
     return auto_step_text(math.floor(100.0 * factor + 1e-6) / 100.0)
 
@@ -205,6 +208,7 @@ def longest_step_hidden_by_scatter(scene: Scene, method: str) -> str:
     fraction = 0.0
     for entry in sorted(costs.entries if costs else (), key=lambda entry: entry.fraction):
         if entry.method == method and entry.frequency <= RESOLVED:
+            # From here on an error of the step stands out from the scatter of the starts.
             if not set(entry.clear).isdisjoint(MOTION):
                 break
             fraction = entry.fraction

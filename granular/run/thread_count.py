@@ -32,10 +32,7 @@ class ThreadCountTuner:
         self._until, self._wait = 0.0, SHORTEST
 
     def record_step_time(self, steps: int, seconds: float) -> None:
-        """Record how long steps took with the present number of threads, and set the next number.
-
-        seconds [s].
-        """
+        """Record the time of steps with the present number of threads [s], and set the next number."""
         if self.most == 1 or steps == 0:
             return
         self._took[self.count] = seconds / steps
@@ -70,6 +67,8 @@ def _threads_start_quickly(scene: Scene) -> bool:
     """Return True where threads start within a small fraction of a step."""
     if scene.pair_method == "direct" and scene.pairs.far_every is None:
         return True
+    # Numba's own threads take some 50 us to start, several times a step of near pairs and mesh; those of
+    # OpenMP and TBB one or two.
     if numba.config.THREADING_LAYER == "workqueue":
         return False
     return any(map(_has_module, ("numba.np.ufunc.omppool", "numba.np.ufunc.tbbpool")))

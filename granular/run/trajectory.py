@@ -330,6 +330,8 @@ def make_trajectory(
 
 def separate_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:
     """Shift the later one of two equal times, so that the times of the records increase [s]; times [s]."""
+    # Where the piston jumps, one time has two records. Labelled data need times that grow: the later one gets
+    # the next double, some 1e-15 s on.
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 0.0):
         result[k + 1] = result[k] + _least_time_difference(result[k])
@@ -350,6 +352,7 @@ def _least_time_difference(times: np.ndarray) -> np.ndarray:
 
 def shaken_base_motion(shaking: Shaking, time: Float[np.ndarray, "n"]) -> dict[str, np.ndarray]:
     """Vertical motion of a shaken cell [m, m/s, m/s^2]; time [s]."""
+    # Heights of the piston are those above the moving cell: a law z'' + ... = g0 - base_acceleration.
     omega = 2.0 * math.pi * shaking.frequency
     reach = shaking.amplitude * math.sin(shaking.angle)
     height = reach * np.sin(omega * time)
@@ -366,10 +369,7 @@ def outer_force(
     stage: Int[np.ndarray, "n"],
     time: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n"]:
-    """Force from outside on the free piston in pushed stages, upwards; 0 in stages without one [N].
-
-    starts, time [s].
-    """
+    """Force from outside on the free piston in pushed stages, upwards, else 0 [N]; starts, time [s]."""
     force = np.zeros(len(time))
     for index, (segment, start) in enumerate(zip(protocol, starts, strict=False)):
         if isinstance(segment, Push):

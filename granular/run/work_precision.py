@@ -32,11 +32,11 @@ class WorkPrecisionEntry(NamedTuple):
 
     method: str
     dt: str
-    fraction: float
-    frequency: float
-    seconds: float
-    bounds: Mapping[str, float]
-    clear: list[str]
+    fraction: float  # automatic step times the highest frequency that it is chosen for
+    frequency: float  # the same product as seen in the run
+    seconds: float  # computing time of a run [s]
+    bounds: Mapping[str, float]  # largest error of each quantity
+    clear: list[str]  # quantities whose error stands out from the scatter
 
 
 class SceneWorkPrecision(NamedTuple):
@@ -46,12 +46,13 @@ class SceneWorkPrecision(NamedTuple):
     kind: str
     grains: int
     starts: int
-    floors: Mapping[str, float]
+    floors: Mapping[str, float]  # scatter of each quantity over random starts
     entries: tuple[WorkPrecisionEntry, ...]
     date: str
 
     def scatter_for_grain_count(self, quantity: str, grains: int) -> float:
         """Scatter of a quantity over random starts, for a number of grains."""
+        # With the inverse root of the number of grains, and never less than was measured.
         return self.floors[quantity] * max(1.0, math.sqrt(self.grains / max(grains, 1)))
 
 
@@ -120,6 +121,7 @@ def work_precision_text(run: Trajectory) -> str:
             f"price: {seconds:.3g} s; {quantity} to {bound:.1g} or better by the step{scattered}; "
             f"{finer}, and no better where the starts decide"
         )
+    # By the method's order from the step of the table to the one used here.
     error = bound * (seen / entry.frequency) ** order
     return (
         f"price: {seconds:.3g} s; {quantity} to {error:.1g} by the step{scattered}; {finer}, "

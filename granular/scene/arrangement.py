@@ -67,12 +67,14 @@ class Arrangement(Section):
 
 def grid_shape(count: int, width: float, height: float) -> tuple[int, int]:
     """Columns and rows of a grid of nearly square meshes that holds all grains."""
+    # The outermost grains stand one mesh from the walls, which repel about as strongly as grains.
     columns = max(1, round(math.sqrt(count * width / height)))
     return columns, -(-count // columns)
 
 
 def periodic_grid_shape(count: int, width: float, height: float) -> tuple[int, int]:
     """Columns and rows of a grid that is nearly a triangular lattice of all grains."""
+    # Rows of a triangular lattice are sqrt(3)/2 of a spacing apart.
     columns = max(1, round(math.sqrt(count * width / height * math.sqrt(0.75))))
     return columns, -(-count // columns)
 

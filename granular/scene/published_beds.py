@@ -36,10 +36,7 @@ Table A.1 does not follow. For grains of 8 mm the final height is 22.4 D = 0.179
 
 
 def piston_height_of_mixture(reference: float, species: Sequence[Species]) -> float:
-    """Piston height at which a mixture is packed like its first species alone at ``reference`` [m].
-
-    reference [m].
-    """
+    """Height H_f = H_r sum_k R_k (D_k/D_1)^2 of a mixture [m] [D, eq. 4.23]; reference H_r [m]."""
     first = species[0].diameter
     return reference * math.fsum(specy.share * (specy.diameter / first) ** 2 for specy in species)
 

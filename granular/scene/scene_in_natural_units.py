@@ -70,6 +70,7 @@ def scene_in_natural_units(
     moments = scene.grains.moment_ratios()[species] * scene.grains.moment_spread_factors()
     alike = bool((masses == moments).all())
     several = len(scene.grains.species) > 1 or not alike
+    # At one speed the closest approach grows with q^2/m: others come closest to the grain with the least.
     weakest = int(np.argmin(moments * (moments / masses))) if len(species) else None
     effects = scene.effects.in_loop_order
     acting = _acting_laws(scene, scales, species, method)

@@ -129,6 +129,7 @@ class Grains(Section):
     def _largest_remainder_counts(self) -> tuple[int, ...]:
         """Shares of ``count``, by largest remainder."""
         exact = [self.count * specy.share for specy in self.species]
+        # Without it 100 times 0.29 would be 28.
         counts = [int(number + 1e-9) for number in exact]
         order = sorted(range(len(exact)), key=lambda k: counts[k] - exact[k])
         for k in order[: self.count - sum(counts)]:
@@ -172,6 +173,7 @@ class Grains(Section):
         if self.spread == 0.0:
             return np.ones(self.count)
         drawn = np.random.default_rng(self.seed).normal(size=self.count)
+        # Cut at three deviations: with a spread of at most 0.3 no moment turns round.
         return np.asarray(1.0 + self.spread * np.clip(drawn, -3.0, 3.0))
 
 
@@ -226,7 +228,7 @@ class Cell(Section):
     def nearest_image_displacements(
         self, displacements: Float[np.ndarray, "... 2"]
     ) -> Float[np.ndarray, "... 2"]:
-        """Displacements of the nearest images; as given in a closed cell [m]; displacements [m]."""
+        """Displacements of the nearest images, as given in a closed cell [m] (Allen and Tildesley 1987)."""
         if self.periods is None:
             return displacements
         return np.asarray(displacements - self.periods * np.round(displacements / self.periods))

@@ -233,7 +233,7 @@ class Section:
 
 
 def find_field(section: Any, key: str) -> tuple[Any, FieldKind] | None:
-    """Find the field that a dotted key leads to."""
+    """Find the field that a dotted key leads to, an item of a list by its index or ``name``."""
     *path, name = key.split(".")
     for part in path:
         section = _find_inner_section(section, part)

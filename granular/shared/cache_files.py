@@ -17,6 +17,8 @@ from pathlib import Path
 
 def toolkit_cache_folder() -> Path | None:
     """Folder of the toolkit among the user's caches."""
+    # An empty or relative one is ignored, as its specification says: it would be another folder in every
+    # working directory.
     home = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if not home.is_absolute():
         try:
@@ -55,7 +57,7 @@ def _belongs_to_user_alone(status: os.stat_result) -> bool:
 
 
 def read_sealed_file(path: Path, label: str) -> bytes | None:
-    """Read the content that `write_sealed_file` wrote under the same label."""
+    """Read what `write_sealed_file` wrote; None: no file, not the user's own, or damaged."""
     try:
         with path.open("rb") as file:
             content = file.read() if _belongs_to_user_alone(os.fstat(file.fileno())) else b""

@@ -30,6 +30,7 @@ _DOTTED = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")
 def write_atomically(path: Path, overwrite: bool) -> Iterator[Path]:
     """Give a temporary path to write to, which takes the file's name when all went well."""
     check_output_file(path, overwrite)
+    # A device or a pipe is written to as it is; a link stays, and what it leads to is replaced.
     if path.exists() and not path.is_file():
         try:
             yield path

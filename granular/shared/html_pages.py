@@ -139,6 +139,7 @@ class HtmlPage:
         svg = buffer.getvalue()
         svg = svg[svg.index("<svg") :]
         label = _escape(caption)
+        # On a phone the figure keeps a width at which its letters can be read, and scrolls.
         look = f"--least:{_least_readable_width(drawing):.0f}px"
         svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}" style="{look}"', 1)
         self._parts.append(f"<figure>{svg}<figcaption>{_escape(caption)}</figcaption></figure>")
@@ -174,10 +175,7 @@ class InteractivePage:
     def from_template(
         cls, template: Path, title: str, data: Mapping[str, Any], height: int
     ) -> InteractivePage:
-        """Fill an HTML template that has slots for the title and for the data of its script.
-
-        height [pixels].
-        """
+        """Fill an HTML template with slots for the title and its script's data; height [pixels]."""
         # A text in the data must not end the script.
         plain = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
         page = template.read_text(encoding="utf-8").replace(_TITLE, html.escape(title))

@@ -37,6 +37,7 @@ def one_line(message: object) -> str:
     """Put a message on one line, with control characters as escapes."""
     words = " ".join(str(message).split())
     if len(words) > MOST:
+        # The end stays: it says what to do.
         words = f"{words[: MOST - 400]} ... {words[-400:]}"
     return "".join(map(_escape, words))
 

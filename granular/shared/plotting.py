@@ -92,6 +92,7 @@ def axes_or_new(ax: Axes | None, width: float = 7.2, height: float = 3.4) -> Axe
 def new_axes(rows: int = 1, **options: Any) -> Any:
     """Make a figure in the common look, and return its axes."""
     make = None
+    # A notebook, or a program that uses pyplot, shows the figure; elsewhere it has no window.
     if "matplotlib.pyplot" in sys.modules or "ipykernel" in sys.modules:
         from matplotlib import pyplot
 

@@ -68,6 +68,8 @@ def defer_stop_signals() -> Iterator[StopRequest]:
         for number, handler in former.items():
             signal.signal(number, handler)
         if stop.is_requested:
+            # Also in place of an error that ends the block: whoever goes on after that error would lose the
+            # stop.
             raise stop.stop_exception()
 
 
@@ -92,6 +94,8 @@ def handle_sigterm() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    # Python drops what is raised in a destructor or a callback of the garbage collector: such a stop comes
+    # again, at the latest when the block ends.
     repeats: dict[threading.Timer, type[KeyboardInterrupt]] = {}
 
     def repeat(dropped: UnraisableHookArgs) -> None:

@@ -27,14 +27,14 @@ KEY_LENGTH = 20
 class Case:
     """One case of a study."""
 
-    changes: dict[str, Any]
+    changes: dict[str, Any]  # dotted keys and settings with their values
     scene: Scene
-    settings: dict[str, Any]
-    key: str
+    settings: dict[str, Any]  # keywords of `simulate`
+    key: str  # digest of scene, settings and measure
 
 
 def keep_measure_name(name: str) -> Callable[[M], M]:
-    """Give a measure a fixed name, by which cases that were computed before are found."""
+    """Give a measure a fixed name, which finds earlier results; remove it when its results change."""
 
     def named(measure: M) -> M:
         measure.keep_measure_name = name  # type: ignore[attr-defined]  # functions may have any

@@ -41,6 +41,7 @@ class ProcessPool(Executor):
     def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
         """Submit a task to the processes, which start with the first one."""
         if self._pool is not None:
+            # A process that dies takes the tasks of all others with it; the next task starts new ones.
             with contextlib.suppress(BrokenExecutor):
                 future: Future[T] = self._pool.submit(function, *arguments, **keywords)
                 return future
@@ -62,6 +63,7 @@ class ProcessPool(Executor):
 def exit_with_parent(parent: int) -> None:
     """Start a thread that ends this process within a second after its parent."""
 
+    # A process that loses its parent belongs to another one from then on; Windows does not show it.
     def look() -> None:
         while os.getppid() == parent:
             time.sleep(LOOK_SECONDS)
@@ -120,6 +122,7 @@ def compute_case(
         with lock_file(cache.directory / f".{case.key}.lock", wait) as alone:
             if not alone:
                 return failed_outcome("another sweep computes it", ELSEWHERE)
+            # A worker writes its result itself: it is not lost with the command that waits for it.
             return _run_and_store(cache, case, measure, directory / "runs" / case.key if keep_runs else None)
     except OF_THE_MACHINE as error:
         return failed_outcome(f"{type(error).__name__}: {error}", MACHINE)
@@ -195,6 +198,7 @@ class DaskClusterExecutor(Executor):
 
     def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
         """Submit a task to the cluster."""
+        # The next task waits until the scheduler answers again, for as long as the client tries.
         while self._client.status == "connecting":
             time.sleep(0.1)
         if self._client.status != "running":

@@ -46,6 +46,7 @@ def find_measure(name: str, user_measures: Mapping[str, Measure] | None = None) 
         return last_values
     if user_measures is not None and name in user_measures:
         return user_measures[name]
+    # A name is looked up and never imported: no study's file decides which code runs.
     result: Measure | None = load_entry_point(GROUP, name, "measure")
     if callable(result):
         return result

@@ -325,6 +325,8 @@ def compute_outcomes_with_retries(
             del waiting[batch[0].key]
             yield batch[0], failed_outcome(f"the worker died, {ATTEMPTS} times", MACHINE)
             deaths, alone = 0, 0
+        # A worker that dies takes its other cases along. So the next ones, of which one was running then, are
+        # tried alone: who dies alone has nobody else to blame.
         elif deaths >= ATTEMPTS - 1:
             alone = 2 * (os.cpu_count() or 1)
     for case, outcome in unkept:
@@ -338,7 +340,7 @@ def _compute_cases(
     keep_runs: bool,
     pool: Executor,
 ) -> Iterator[tuple[Case, Outcome]]:
-    """Cases whose workers lived, as they come; what still waits is taken back in the end."""
+    """Cases, with whether each is waited for elsewhere, as they come; the rest is taken back at the end."""
     futures: dict[Future[Outcome], Case] = {}
     try:
         with contextlib.suppress(concurrent.futures.BrokenExecutor):
