@@ -55,8 +55,8 @@ FEW = 0.25
 """Fraction of the starts that must lead to the best fit before it is taken without a note."""
 NORMAL_MEDIAN = 0.6745
 """Median of the modulus of a standard normal number."""
+# Residuals below this fraction of the swing are rounding, and the solver's: ten times `SOLVER_LIMIT`.
 SMALL = 1e-5
-"""Residuals below this fraction of the swing are rounding, and the solver's."""
 FRACTION = 0.5
 """Fraction of the residuals' power that makes them swing with the motion."""
 DRIFT = 4.0
@@ -335,7 +335,7 @@ def _error_on_held_out_swings(
 
 
 def residual_structure_text(quality: Quality, interval: float) -> str:
-    """Words for residuals that are not white, however small, of samples so far apart [s]; interval [s]."""
+    """Words for residuals that are not white, however small, of samples an interval [s] apart."""
     words = (
         f"the residuals, {100 * quality.relative:.2g} % of the swing, are not white noise (they "
         f"follow each other over {round(quality.correlation)} samples"

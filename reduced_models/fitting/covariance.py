@@ -36,9 +36,12 @@ from reduced_models.least_squares.residuals import (
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int
 
+# Student's quantile of 95 % is 4.3 for two degrees of freedom; one, of residuals that all follow each other,
+# would make it 12.7.
 LEAST_DOF = 2.0
 _AS_NOISY = 1.5  # times the variance of another record
 _RESOLVED = 1e-12  # of the greatest strength, a thousand times the rounding of an eigenvalue
+# Five of them are beyond each end of an interval of 95 %.
 REPLICATES = 200
 _ROUNDS = 10  # of reweighting, for a middle
 
@@ -118,6 +121,9 @@ def shifts_by_calibration_errors(
     joint: JointRecords, theta: Float[np.ndarray, "q"]
 ) -> Float[np.ndarray, "m q"]:
     """Shifts (m, q) of a joint search vector by what sensors' calibrations leave open."""
+    # Each independent deviation of one standard uncertainty is laid on the records and moves the linearised
+    # fit, so that S'S is their covariance. Those of records that have equally many are of one sensor, and
+    # move together.
     size = len(joint.held_entries)
     free = np.flatnonzero(~joint.held_entries)
     matrix = np.zeros((size, size))
@@ -140,6 +146,7 @@ def shifts_by_calibration_errors(
 
 def stratified_normal_draws(shape: tuple[int, int], seed: int) -> Float[np.ndarray, "count columns"]:
     """Return standard normal numbers, each column with the quantiles of the normal law."""
+    # Latin hypercube sampling (McKay, Beckman, Conover 1979, doi:10.1080/00401706.1979.10489755).
     from scipy.stats import norm
 
     random, (count, columns) = np.random.default_rng(seed), shape

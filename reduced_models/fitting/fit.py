@@ -337,6 +337,7 @@ def resolve_law(law: str | Law, record: PistonRecord, declared: Sequence[str] = 
 
 def _best_interpolation(result: SearchResult) -> SearchResult:
     """Fit with the interpolation of the inputs that has the least held-out error."""
+    # Each is fitted from the fit with splines, so that all end in the same valley.
     problem = result.problem
     counts = [min(samples, _MOST_SAMPLES) for samples in problem.samples]
     # One step a sample at least: what a held input does within a step has no order.
@@ -369,6 +370,8 @@ def _mean_square_residual_after(joint: JointRecords, theta: np.ndarray, counts: 
 
 def _fit_with_drift(result: SearchResult) -> SearchResult:
     """Fit with the gains that leave least of the records' residuals."""
+    # Exponential smoothing of the residuals is the filter of a random walk in white noise (Muth 1960,
+    # doi:10.1080/01621459.1960.10482064): with the gain of the true ratio of both its errors are white.
     joint, theta = result.joint, result.trained
     for _ in range(_DRIFT_ROUNDS):
         gains = map(_random_walk_gain, joint.residuals(theta))

@@ -50,9 +50,11 @@ _DRAWS = 256
 _SEARCH_TRAVEL, _SEARCH_SAMPLES = 0.1, 1200  # of a step, in half strokes; of all records
 POLISHED = 3
 """Vectors side by side, the best that the search ends at, for which code is compiled."""
-_LOW, _HIGH = -4.0, 2.0  # logarithm of what is drawn, over its natural size
+# Logarithms of what is drawn over its natural size, which its unit gives to a factor of 1/55 to 7.
+_LOW, _HIGH = -4.0, 2.0
 _NEAR = 0.1  # spread of the logarithm of values that are given
 _LEAST = 1e-3  # of the force: least part of a factor that is above zero
+# A factor of e^3 = 20 either way: it holds what records leave open, and moves nothing that they tell.
 _PRIOR_SPREAD = 3.0
 _SOLVED = 0.1  # of the residual: error of the hidden states' steps
 _MOST_HALVINGS = 3
@@ -212,7 +214,7 @@ class ForceSearchResult(NamedTuple):
     """Result of a search."""
 
     theta: Float[np.ndarray, "q"]
-    units: Float[np.ndarray, "p"]
+    units: Float[np.ndarray, "p"]  # of the parameters that are no logarithms
     data: list[ScaledStrokeData]
     starts: int
     converged: int
@@ -221,6 +223,8 @@ class ForceSearchResult(NamedTuple):
 
 def search_force_parameters(problem: ForceFitProblem, near: Mapping[str, float]) -> ForceSearchResult:
     """Fit the parameters of a force's law to all records together."""
+    # Starts by Latin hypercube sampling, factors by linear least squares, then Levenberg-Marquardt steps
+    # (Marquardt 1963, doi:10.1137/0111030).
     thin = problem.with_fewer_samples()
     strokes = thin.strokes_of_records(_SEARCH_TRAVEL)
     values = _start_values(thin, strokes, near)

@@ -30,7 +30,8 @@ _SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
 """Scales of the losses, in standard deviations of the noise: nine tenths as sharp as least squares,
 and more, where the noise is normal (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
 _LEAST_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
-_WINDOW = 5  # samples whose median is compared: three of them must be sound
+# Samples whose median is compared; up to two outliers in a row do not move it.
+_WINDOW = 5
 _FAR = 5.0  # standard deviations of the noise
 
 
@@ -114,6 +115,8 @@ def split_training_data(
     about_rest: bool = False,
 ) -> TrainingData:
     """Split a record into its training stretch and test swings, and take a glance at it; noise [m]."""
+    # The fraction is one of the motion: an end at rest would say nothing of a law. It is whole swings spread
+    # over the motion, or its end if there are too few of them.
     total = record.with_time_from_zero()
     motion = total
     if sensor is not None:
@@ -145,6 +148,9 @@ def split_training_data(
 
 def clip_outliers(record: PistonRecord) -> PistonRecord:
     """Move samples of a record that are far from the median about them to it."""
+    # Outliers may be larger than the amplitude, and each makes two passages through rest. A Hampel filter
+    # (Pearson 2002, doi:10.1109/87.974338), its limit by the noise in third differences, or by the motion's
+    # own step if samples are few.
     height = record.height
     if len(height) < _WINDOW:
         return record

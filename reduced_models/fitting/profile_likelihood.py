@@ -23,11 +23,12 @@ from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Pri
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+# An entry that may go a factor of a million either way is not bounded by the data.
 FAR = math.log(1e6)
-"""An entry of the search vector that may go so far is not bounded by the data."""
 _ROUNDS = 16
 _CLOSE = 0.001  # of the quantile
 _RESOLVED = 1e-3  # of the residuals' variance: changes of the sum of squares that matter
+# Factor of the next reach, and of a step along the path: from 1 to the bound `FAR` it takes three.
 _GROWTH = 2.5
 _ATTEMPTS = 2
 _LOST = 0.05  # of the rise at an end: a fit that lacks more does not say that there is one
@@ -39,6 +40,8 @@ def profile_intervals(
     joint: JointRecords, theta: Float[np.ndarray, "q"], covariance: Float[np.ndarray, "q q"], quantile: float
 ) -> list[dict[str, Interval]]:
     """Profile intervals of each record's parameters and map."""
+    # The profile is measured by the variance with which the linearisation has its covariance, so that both
+    # agree where the law is linear (profile t: Bates and Watts 1988, ch. 6).
     unknowns = joint.unknowns
     count = len(search_entry_names(unknowns, theta[joint.entries[0]])[0])
     entries = sorted({int(entry) for here in joint.entries for entry in here[:count]})
@@ -144,6 +147,8 @@ def _vectors_along_path(
     theta: np.ndarray, guide: np.ndarray, entry: np.ndarray, sign: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:
     """Search vectors (s, p) with each side's entry moved, the others along the path to a guide."""
+    # The guide is the last good fit: the profile bends little, and a fit beyond the end may have lost the
+    # valley.
     rows = np.arange(len(reach))
     moved = sign * (guide[rows, entry] - theta[entry])
     fraction = np.minimum(reach / np.where(moved > 0.0, moved, np.inf), _GROWTH)
@@ -156,6 +161,8 @@ def _refit_with_entry_fixed(
     joint: JointRecords, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fits (s, p) with one entry held in each, their sums of squares (s,), and what these lack."""
+    # A Gauss-Newton step that would still go down by more than `resolved` shows a search that lost its way in
+    # a bent valley; it is begun again from there.
     rows = np.arange(len(start))
     low = np.tile(joint.bounds.low, (len(start), 1))
     high = np.tile(joint.bounds.high, (len(start), 1))

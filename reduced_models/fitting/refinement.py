@@ -40,15 +40,16 @@ COARSE_STEPS, FINE_STEPS = 16, 64
 SOLVER_LIMIT, SOLVER_SHARE = 1e-6, 0.05
 """Greatest error of the fitted solution, in amplitudes and in standard deviations of the residual;
 the larger of the two counts."""
+# Steps of a grid: 8,192 periods at `FINE_STEPS`.
 FINEST = 2**19
-"""Steps of a grid."""
 _SAME_VALLEY = 2.0  # times the cost of the fit
 _PARABOLA = 0.5  # relative difference of a cost from the parabola about a fit, at most
 _TELLING = 1e-4  # of a cost: tolerance of a fit that is only compared
 _JUDGED, _STEPS, _OPEN = 1e-8, 4, 1e-10
 """Tolerance of the fit that is judged, of its cost; its steps at most, and the strength, over the
 greatest, of directions that are open to it."""
-_BETTER = 0.99  # of a cost: less is another fit
+# Of a cost: less is another fit, a larger difference than tolerances of either leave.
+_BETTER = 0.99
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -57,8 +58,8 @@ class SearchResult:
 
     problem: FitProblem
     joint: JointRecords
-    trained: Float[np.ndarray, "q"]
-    theta: Float[np.ndarray, "q"]
+    trained: Float[np.ndarray, "q"]  # search vector without the test swings
+    theta: Float[np.ndarray, "q"]  # that of all samples; before verification both are of the training
     converged: int
     cost: float
     coarse_cost: float
@@ -71,7 +72,8 @@ class SearchResult:
 
 
 def fine_grids_over_records(problem: FitProblem) -> list[StepGrid]:
-    """Fine grid over each record [s]."""
+    """Fine grid over each record."""
+    # A driven law's steps end at the samples; it starts coarse, and is refined if its solution needs that.
     law = problem.law
     wanted = law.resolution * (COARSE_STEPS if has_inputs_besides_time(law.inputs) else FINE_STEPS)
     return [
@@ -204,6 +206,8 @@ def _collocation_fit(
 
 def _agrees_with_parabola(normal: Normal, theta: np.ndarray, adjacent: np.ndarray, risen: float) -> bool:
     """Check that cost and slope at a point are about those of the parabola about a fit."""
+    # In another valley the cost may agree by chance; the slope, which falls towards that valley, does not
+    # too.
     away = adjacent - theta
     foreseen = float(away @ np.asarray(normal(theta[None])[2][0]) @ away)
     slope = float(away @ np.asarray(normal(adjacent[None])[1][0]))
@@ -275,6 +279,7 @@ def _refine_grid(grid: GriddedRecord, error: float, *, complete: bool) -> Gridde
 
 def _solver_error(grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray) -> tuple[float, float, bool]:
     """Greatest difference to the adaptive solution in amplitudes, its limit, and completeness."""
+    # NaN of a solution that blows up compares false with every limit: it counts as infinite.
     unknowns = grid.unknowns
     reference = _adaptive_solution(grid, theta)
     _, shift, scale, *_ = unknowns.physical_values(theta)

@@ -18,18 +18,23 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 _MOST_LAGS = 40
-_WINDOW = 5.0  # of the autocorrelation time, Sokal's rule
+# In autocorrelation times: Sokal's rule (1997, doi:10.1007/978-1-4899-0319-8_6). A shorter sum is biased, a
+# longer one adds noise.
+_WINDOW = 5.0
 _SLOW, _FAST = 0.3, 1.7  # of the swing's frequency: between them residuals swing with the motion
 MOST_WEIGHTS = 40
+# Times the penalty of the Bayesian information criterion: once, 3 % of weights of white noise pay it at a
+# hundred samples, twice, 0.2 %. By one, intervals widen for nothing.
 _PRICE = 2.0
 _VAIN = 8  # further weights that gain nothing, after which no more are tried
-_FRACTION = 20  # samples for each weight, at least
+# Samples for each weight, at least: Burg's weights scatter by about 1/sqrt(samples).
+_FRACTION = 20
 _LEAST = 1e-12  # of the residuals' variance: what is new in them is no less
 SLIGHT = 1e-3
 """Residuals after a release, over the swing, that are said and do not make a law wrong."""
+# Power of a residual after a release, over that of the two periods after the first, that makes it one of the
+# release: five standard deviations.
 _TRANSIENT = 25.0
-"""Power of a residual after a release, over that of the two swings after the first, from which on
-it is one of the release."""
 _MOST_OF_IT = 0.5  # of all squared residuals, that a transient holds at least
 
 
@@ -39,10 +44,7 @@ def diagnose_residuals(
     velocity: Float[np.ndarray, "n"],
     period: float,
 ) -> dict[str, float]:
-    """Structure of residuals, as fields of `reduced_models.models.quality.Quality` [s].
-
-    time, period [s], residuals [m], velocity [m/s].
-    """
+    """Structure of residuals [m] along a velocity [m/s], as fields of `quality.Quality`; time, period [s]."""
     from scipy.stats import norm
 
     count = len(residuals)
@@ -67,6 +69,7 @@ def diagnose_residuals(
 
 def ljung_box_p_value(residuals: Float[np.ndarray, "n"]) -> float:
     """Probability that white noise is correlated at least as much as residuals that are not all zero."""
+    # Ljung and Box (1978, doi:10.1093/biomet/65.2.297).
     from scipy.stats import chi2
 
     count = len(residuals)
@@ -94,6 +97,7 @@ def autocorrelation_time(values: Float[np.ndarray, "n"]) -> float:
 
 def _runs_test_score(residuals: np.ndarray) -> float:
     """Return standard score of the number of runs of equal sign, against that of white noise."""
+    # Wald and Wolfowitz (1940, doi:10.1214/aoms/1177731909).
     above = residuals > 0.0
     up, down = int(above.sum()), int((~above).sum())
     count = up + down
@@ -128,6 +132,8 @@ class Autoregression(NamedTuple):
 
 def fit_autoregression(residuals: Float[np.ndarray, "n"]) -> Autoregression:
     """Autoregression of residuals (n,) about zero."""
+    # Burg's reflection coefficients, below 1 in size: the process is stable (Kay 1988, Modern Spectral
+    # Estimation).
     count = len(residuals)
     power = float((residuals**2).mean())
     if power <= 0.0:
@@ -155,6 +161,8 @@ def fit_autoregression(residuals: Float[np.ndarray, "n"]) -> Autoregression:
 
 def _correct_autoregression_bias(autoregression: Autoregression, count: int) -> Autoregression:
     """Single weight without its bias: residuals of a fit seem to forget sooner than the noise."""
+    # By (1 + 3 w)/n (Marriott and Pope 1954, doi:10.1093/biomet/41.3-4.390). A long memory needs it: the
+    # variance of a mean goes with 1/(1 - w)^2.
     if len(autoregression.weights) != 1 or autoregression.weights[0] <= 0.0:
         return autoregression
     weight = autoregression.weights[0]
@@ -164,6 +172,8 @@ def _correct_autoregression_bias(autoregression: Autoregression, count: int) -> 
 
 def gradient_covariance(slopes: Float[np.ndarray, "n p"], noise: Autoregression) -> Float[np.ndarray, "p p"]:
     """Covariance J'SJ of a gradient, for slopes J and the covariance S of the residuals."""
+    # A stationary S is diagonal between Fourier lines of the padded slopes; a real transform holds half of
+    # them.
     from scipy.fft import next_fast_len, rfft
 
     if not len(noise.weights):
@@ -179,6 +189,7 @@ def count_release_transient_samples(
     time: Float[np.ndarray, "n"], left: Float[np.ndarray, "n"], period: float
 ) -> int:
     """Return how many samples after a release hold what it stirred up besides the swing; time, period [s]."""
+    # A release rings out within the first period; a wrong law's residuals fade with the motion instead.
     first, third = np.searchsorted(time, time[0] + period * np.array([1.0, 3.0]))
     if third >= len(time) or first < 2:
         return 0

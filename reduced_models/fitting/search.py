@@ -56,7 +56,8 @@ _RIVAL_TRIALS = 20  # of an unchanged law, next to its fit with a map
 _HOPELESS = 4.0  # times the cost of the fit with a map
 _FREER = 1.5  # times the cost of the swing form: more is the law's own, or another valley
 _POOR = 0.05  # of the amplitude: what is left over where even the swing form may be in a wrong one
-_MOST_COARSE = 2**13  # steps over which all starts are followed; behind them, the best one
+# Steps over which all starts are followed, 512 periods; behind them, the best one.
+_MOST_COARSE = 2**13
 _THIN = 2.0  # samples a coarse step, above which their means are fitted
 _MOST_NUMBERS = 2**26
 """Starts times grid points times unknowns, which stand in memory four times: two gigabytes."""
@@ -92,6 +93,8 @@ def _multistart_search_with_map(
     problem: FitProblem, height_map: HeightMap | None, limit: float = math.inf
 ) -> tuple[JointRecords, Vectors]:
     """Coarse records, and where random starts lead to over horizons that double."""
+    # Starts of the law's swing form come first. If the law leaves over more than that form, which knows no
+    # bounds of the law, they may lie in the wrong valley: starts of the law itself are tried too.
     # First of all: a record with too many periods is refused before any search.
     fine_grids_over_records(problem)
     unknowns = scale_unknowns(problem.law, height_map, problem.largest_swing_record, problem.sensor)
@@ -141,6 +144,8 @@ def _search_over_horizons(problem: FitProblem, joint: JointRecords, limit: float
 
 def _keep_better_starts(normal: Normal, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Search vectors after fewer swings, or the starts themselves where these fit better."""
+    # Starts of a law known by its equation come from all of the record; two swings may not show, for example,
+    # the frequency of a slow input.
     worse = np.asarray(normal(start)[0]) < np.asarray(normal(theta)[0])
     return np.where(worse[:, None], start, theta)
 
@@ -241,6 +246,8 @@ def coarse_normal_equations(problem: FitProblem, joint: JointRecords, swings: fl
 
 def _horizons_in_swings(problem: FitProblem, joint: JointRecords) -> Iterator[float]:
     """Swings that a search sees one after the other; infinitely many are all of them."""
+    # Doubling finds the best fit of records whose period changes with amplitude; two swings and then
+    # everything does not.
     ends = [float(grid.record.time[-1]) for grid in joint.grids]
     most = max(end / data.guess.shortest_swing_period for end, data in zip(ends, problem.data, strict=True))
     swings = FIRST_SWINGS

@@ -202,10 +202,8 @@ def _hidden_starts(
 def acceleration_function(
     law: Law, motion: Float[np.ndarray, "4 n"], drive: Float[np.ndarray, "n inputs"]
 ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Return a function of parameters that gives accelerations along a motion, and the last hidden states.
-
-    motion [s].
-    """
+    """Return a function of parameters: accelerations along a motion, and the last hidden states."""
+    # Heun's method: hidden states go from zero along a motion that is known, at its nodes alone.
     field = compile_rates(law.equation, law.inputs, "numpy")
     z, v, _, time = motion
 
@@ -256,7 +254,7 @@ def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndar
 def scale_unknowns(
     law: Law, height_map: HeightMap | None, data: TrainingData, sensor: Sensor | None = None
 ) -> Unknowns:
-    """Unknowns of a law, scaled by what a glance at a record tells; no map is a fitted one [m, m/s]."""
+    """Unknowns of a law, scaled by what a glance at a record tells; no map is a fitted one."""
     guess = data.guess
     given = height_map or HeightMap(guess.rest, guess.amplitude)
     seen = guess.rescaled_to_law(given.shift, given.scale)

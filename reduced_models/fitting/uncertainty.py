@@ -23,17 +23,19 @@ if TYPE_CHECKING:
 
 Interval = tuple[float, float]
 
+# A direction is undetermined if the data leave the logarithm along it this uncertain: 28 % either way.
 OPEN = 0.25
-"""A direction is undetermined if the data leave the logarithm along it this uncertain."""
 FRACTIONS = (0.5, 0.1)
 """Amplitudes, over the greatest swing of the record, that equivalent damping is of."""
 FAR = 0.5
 """Fraction of a damping ratio by which that of small swings may miss the one at a tenth."""
 _NO_DAMPING = 1e-6
 _SMALL_POWER = 0.05
-_NEAR_ZERO = 0.25  # in units of the entry
+# In units of the entry: a smaller value is no scale for its own error.
+_NEAR_ZERO = 0.25
 _UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
-_MOST_VARIANCE = 1e99  # of what the data leave open
+# What the data leave open is finite, so that a covariance times slopes holds no NaN.
+_MOST_VARIANCE = 1e99
 
 
 def interval_analysis(
@@ -65,6 +67,8 @@ def bootstrap_intervals(
     known: FitStatistics,
 ) -> dict[str, Interval]:
     """Percentile intervals from search vectors (k, p) that were fitted to resampled records."""
+    # Percentiles ignore how few independent samples there are: they are stretched by Student's quantile over
+    # the normal one (Hesterberg 2015, doi:10.1080/00031305.2015.1089789).
     from scipy.stats import norm
 
     fractions = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
@@ -79,6 +83,7 @@ def widen_to_linear_intervals(
     intervals: Mapping[str, Interval],
 ) -> dict[str, Interval]:
     """Intervals of resampling or profiles, no narrower than linear ones in directions left open."""
+    # Along open directions a refit stays where it starts, and a profile ends where the prior does.
     left_open = {name for direction in undetermined if direction.is_undetermined for name in direction.powers}
     return {
         name: ((min(low, linear[name][0]), max(high, linear[name][1])) if name in left_open else (low, high))
@@ -255,6 +260,8 @@ def _damping_at_two_amplitudes(
     unknowns: Unknowns, thetas: np.ndarray, figures: np.ndarray, sizes: np.ndarray
 ) -> np.ndarray:
     """Damping ratios at two amplitudes, and friction [m/s^2], (3, m) of search vectors (p, m)."""
+    # Of dry friction the equivalent damping times the amplitude is constant, of drag the damping: two
+    # amplitudes tell both apart.
     law = unknowns.law
     values, shift, scale, *_ = unknowns.physical_values(thetas)
     amplitude = sizes[:, None]
@@ -271,7 +278,7 @@ def _damping_at_two_amplitudes(
 
 
 def small_motion_figures(unknowns: Unknowns, theta: Float[np.ndarray, "p"]) -> np.ndarray | NoSwing:
-    """Rest height, period and damping ratio; the reason where there is no stable level of rest [m, s]."""
+    """Height at rest [m], period [s] and damping ratio, or why there are none; hidden states are at zero."""
     values, shift, scale, *_ = unknowns.physical_values(theta)
     result = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
     if isinstance(result, NoSwing):

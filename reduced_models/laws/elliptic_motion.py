@@ -29,7 +29,9 @@ from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-_POINTS = 32  # of a quarter period, for the means
+# Of a quarter period, for the means: the midpoint rule of a periodic function converges faster than any
+# power.
+_POINTS = 32
 _ALONG = 101  # heights of a swing at which the damping is looked at
 
 
@@ -51,10 +53,8 @@ class EllipticMotion(NamedTuple):
 
 
 def elliptic_motion(k: float, beta: float, rest: float, z0: float, v0: float) -> EllipticMotion | None:
-    """Motion of z'' + k (z - rest) + beta (z - rest)^3 = 0 from z0 with the velocity v0.
-
-    k, beta [1/s^2, 1/(m^2 s^2)], rest, z0, v0 [m, m/s].
-    """
+    """Motion of z'' + k (z - rest) + beta (z - rest)^3 = 0 from z0 [m] and v0 [m/s]."""
+    # By energy: k [1/s^2], beta [1/(m^2 s^2)]. The squared amplitude solves k a^2/2 + beta a^4/4 = energy.
     swing = z0 - rest
     energy = 0.5 * v0**2 + 0.5 * k * swing**2 + 0.25 * beta * swing**4
     square = k**2 + 4.0 * beta * energy
@@ -112,7 +112,7 @@ OSCILLATORS: Mapping[str, Callable[[Mapping[str, float], HeightMap], DuffingVanD
 def averaged_amplitude(
     time: Float[np.ndarray, "n"], amplitude: float, oscillator: DuffingVanDerPolOscillator
 ) -> Float[np.ndarray, "n"]:
-    """Amplitudes (n,) [m] at increasing times (n,) [s], from that at the first; time [s], amplitude [m]."""
+    """Amplitudes [m] at increasing times [s], from that at the first."""
     from scipy.integrate import solve_ivp
 
     ivp = solve_ivp(
@@ -129,7 +129,7 @@ def averaged_amplitude(
 def averaged_frequency(
     amplitude: Float[np.ndarray, "n"], oscillator: DuffingVanDerPolOscillator
 ) -> Float[np.ndarray, "n"]:
-    """Backbone (n,) [Hz] at amplitudes (n,) [m]; amplitude [m]."""
+    """Backbone [Hz] at amplitudes [m]."""
     from scipy.special import ellipk
 
     rate, m = _elliptic_rate_and_parameter(amplitude, oscillator)

@@ -57,6 +57,8 @@ class ParsedEquation:
 class EquationTrees(NamedTuple):
     """The formulas of a law: two sides, and the rate of each hidden state."""
 
+    # The coordinate is z in them, whatever the equation calls it.
+
     left: formulas.Node
     right: formulas.Node
     hidden: dict[str, formulas.Node]
@@ -197,6 +199,7 @@ def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "j
 @functools.lru_cache(maxsize=COMPILED)
 def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
     """Compile the derivatives of z'' and of the hidden states' rates by the state."""
+    # All of it is NaN at a jump, as of dry friction at z' = 0.
     import sympy
 
     parsed = parse_equation(equation, inputs)

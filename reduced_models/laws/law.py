@@ -206,6 +206,9 @@ class Law:
 class NormalizedSwingLaw:
     """A mapped law as one of the swing u about the level of rest, in amplitudes."""
 
+    # A law without a map, whose valleys are not bent: its search is quick, and `mapped` turns the result into
+    # parameters, shift (from rest) and scale, in amplitudes.
+
     law: Law
     start: SwingStarts
     mapped: Callable[[Mapping[str, np.ndarray]], dict[str, np.ndarray]]
@@ -213,6 +216,8 @@ class NormalizedSwingLaw:
 
 def law_from_text(equation: str, columns: Collection[str] = (), declared: Collection[str] = ()) -> Law:
     """Law from its equation alone; names that are columns of the record are its inputs."""
+    # A name that looks like a column or a constant, and is none, is refused unless declared: a typing error
+    # would become a parameter.
     trees = parse_law_formulas(equation)
     law = f"the law {quote(equation)}"
     for name in formulas.constant_names(*trees.all_trees):

@@ -22,10 +22,7 @@ def _draw_start_values(
 def split_damping(
     values: dict[str, np.ndarray], name: str, guesses: FirstGuesses, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Start values whose damping is split at random between ``name`` and a viscous drag [1/s].
-
-    guesses [1/s].
-    """
+    """Start values whose damping [1/s] is split at random between ``name`` and a viscous drag."""
     count = len(values[name])
     fraction = random.uniform(size=count)
     own, viscous = values[name] * fraction, guesses.draw_decay_rates(random, count) * (1.0 - fraction)

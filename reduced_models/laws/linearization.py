@@ -28,8 +28,11 @@ Field = Callable[[np.ndarray], np.ndarray]
 Rates = Callable[..., Sequence[Any]]
 """Map from z, its velocity and hidden states to z'' and the rates of the hidden states."""
 
-_NODES = 256  # of a cycle
-_TURNS = 3  # after which a hidden state is taken to repeat itself
+# Of a cycle. The damping of dry friction, which jumps at zero speed, is then right to (pi/256)^2/6 = 2.5e-5.
+_NODES = 256
+# Of a cycle, after which a hidden state is taken to repeat itself: relaxation over a period leaves e^-2 of
+# its start before the last one.
+_TURNS = 3
 _MOST_ROUNDS = 60
 _SETTLED = 1e-11
 _STEP, _FARTHEST = 1e-4, 0.3  # of Newton's method for a centre, in amplitudes
@@ -57,7 +60,9 @@ _CREEPS = NoSwing("it creeps back there without a swing")
 
 
 def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoSwing:
-    """Small swing of a law with values of its parameters, about the level of rest near z [s]."""
+    """Small swing of a law with values of its parameters, about the level of rest near z."""
+    # Hidden states move as their equations say, and are at zero if the law leaves them open at rest, as
+    # hysteresis does.
     inputs = (0.0,) * len(law.inputs)
     rates = compile_rates(law.equation, law.inputs, "numpy")
     slopes = compile_jacobian(law.equation, law.inputs)
@@ -69,7 +74,7 @@ def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoS
 
 
 def small_swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
-    """Small swing of an equation in z(t) with numbers for all parameters; see `small_swing` [s]."""
+    """Small swing of an equation in z(t) with numbers for all parameters; see `small_swing`."""
     from granular.formulas.algebra import compile_function
 
     rate, state = acceleration_expression(equation)
@@ -96,6 +101,7 @@ def acceleration_expression(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.
 
 def _swing_with_velocity_jump(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
     """Swing; where the law jumps with the sign of the velocity, that of the mean of both."""
+    # Dry friction jumps at rest: its damping of a small motion is infinite, its stiffness that of the mean.
     result = _find_rest_state(rates, slopes, state)
     if result is not JUMPS or len(state) > 2:
         return result
@@ -178,6 +184,7 @@ class HarmonicCycles(NamedTuple):
 
     def equivalent_friction(self, amplitude: Any) -> Float[np.ndarray, "n"]:
         """Constant friction, per unit of mass, that takes as much energy from such a cycle."""
+        # Friction F takes 4 F A a cycle, damping pi c omega A^2.
         return np.asarray(0.25 * math.pi * amplitude * self.frequency * self.damping)
 
 
@@ -198,10 +205,9 @@ def equation_rates(equation: sympy.Eq) -> Rates:
 def harmonic_cycles(
     rates: Rates, hidden: int, amplitude: Any, centre: Any, omega: Any, *, free: bool = True
 ) -> HarmonicCycles:
-    """Cycles of given amplitudes (n,), from guesses of their centres and frequencies [rad/s, 1/s^2, 1/s].
-
-    omega [rad/s].
-    """
+    """Cycles of given amplitudes, from guesses of their centres and angular frequencies [rad/s]."""
+    # Harmonic balance with one harmonic, or the describing function (Krylov and Bogoliubov 1947, Introduction
+    # to Non-Linear Mechanics). A free cycle has the frequency at which the stiffness carries the inertia.
     amplitude, centre, omega = np.broadcast_arrays(
         *(np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in (amplitude, centre, omega))
     )
@@ -223,10 +229,7 @@ def centre_cycles(
     centre: Float[np.ndarray, "n"],
     omega: Float[np.ndarray, "n"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres moved by a Newton step to no mean force; stiffness and damping before the step [1/s^2; 1/s].
-
-    omega [rad/s].
-    """
+    """Centres moved to no mean force; stiffness [1/s^2], damping [1/s] before that; omega [rad/s]."""
     step = _STEP * amplitude
     positions = np.stack([centre, centre + step])
     mean, stiffness, damping = harmonic_coefficients(rates, hidden, amplitude, positions, omega)
@@ -243,7 +246,8 @@ def harmonic_coefficients(
     centre: Float[np.ndarray, "..."],
     omega: Float[np.ndarray, "..."],
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Mean force, stiffness and damping of harmonic cycles, per unit of mass [1/s^2; 1/s]; omega [rad/s]."""
+    """Mean force, stiffness [1/s^2] and damping [1/s] of cycles, per unit of mass; omega [rad/s]."""
+    # First Fourier coefficients of the force along z = centre + amplitude cos(omega t).
     # None of them where the velocity is zero, and its sign rounding.
     angles = 2.0 * math.pi * (np.arange(_NODES) + 0.5) / _NODES
 

@@ -62,15 +62,12 @@ _STAGES = (
 )
 _WEIGHTS = (13 / 200, 0.0, 11 / 40, 11 / 40, 4 / 25, 4 / 25, 13 / 200)
 
+# Most steps of a grid that is counted by a law's period: 4,096 periods of 64 steps.
 MOST_STEPS = 2**18
-"""Most steps of a grid that is counted by a law's period."""
 
 
 def count_grid_steps(duration: float, period: float, per_period: int) -> int:
-    """Return the number of steps of a grid over a record, with at least so many steps a period.
-
-    duration, period [s].
-    """
+    """Return the steps of a grid over a duration [s], with at least so many a period [s]."""
     wanted = per_period * duration / period
     if wanted > MOST_STEPS:
         raise RecordError(
@@ -112,10 +109,9 @@ def solve_on_grid(
     step: Value,
     chunks: Value,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """z, its velocity and its acceleration at the points of a uniform grid (for JAX) [1/s, 1/s^2].
-
-    step [s].
-    """
+    """Return z, z' and z'' at the points of a uniform grid; step [s] (for JAX)."""
+    # Start (...) of z, velocity and hidden states; drive (points, stages, inputs). Beyond the first chunks
+    # all three are zero. Butcher's method (`_STAGES`).
 
     def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
         given = [inputs[k] for k in range(inputs.shape[0])]
@@ -163,6 +159,7 @@ def _advance_state(
 def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Data) -> A:
     """Quintic Hermite values of z, a fraction of a step behind grid points; step [s]."""
     s = fraction
+    # Quintic Hermite polynomials, nested.
     s3 = s * s * s
     late = s3 * (10.0 - s * (15.0 - 6.0 * s))
     z1 = z[point] * (1.0 - late) + z[point + 1] * late
@@ -235,7 +232,9 @@ def solve_law(
     hidden: Sequence[float] = (),
     how: Interpolation = "spline",
 ) -> Solution:
-    """Motion of a law at increasing times; times [s]."""
+    """Return the motion of a law at times [s]; size is the amplitude that the tolerance refers to."""
+    # Dopri8 (Prince and Dormand 1981, doi:10.1016/0771-050X(81)90010-3), with steps that adapt or, if driven,
+    # that end at the samples.
     values = tuple(map(float, parameters))
     start = (float(z0), float(v0), *map(float, hidden or (0.0,) * len(law.hidden)))
     if law.inputs:

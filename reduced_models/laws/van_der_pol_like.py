@@ -57,6 +57,9 @@ def _draw_swing_start_values(
 
 def _law_from_swing(swing: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Law with that quadratic damping."""
+    # z = p + q u turns the damping 2 alpha (z^2 - 2 z) into c0 + c1 u + c2 u^2 with c2 = 2 alpha q^2, c1 = 4
+    # alpha q (p - 1), so 2 alpha = c1^2/(4 c2) - c0: a parabola that opens upwards, negative at its vertex.
+    # Others are moved to one with the same damping at rest.
     c0, c1, c2, k, f = (swing[name] for name in ("c0", "c1", "c2", "k", "f"))
     size = np.abs(c0) + np.abs(c1) + np.abs(c2)
     least = _LEAST * size
@@ -103,10 +106,9 @@ class QuadraticDamping(NamedTuple):
 def fit_quadratic_damping(
     time: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"], period: float
 ) -> QuadraticDamping:
-    """Fit a quadratic damping and a linear spring to a swing u (n,) at times (n,) [1/s, 1/s^2].
-
-    time, period [s].
-    """
+    """Fit quadratic damping [1/s] and a linear spring [1/s^2] to a normalised motion; time, period [s]."""
+    # Weak form (Messenger & Bortz 2021, doi:10.1137/20M1343166): damping by height is a total derivative, so
+    # that bumps take all derivatives and the coefficients follow by linear least squares.
     half = min(_WIDTH * period, 0.3 * float(time[-1] - time[0]))
     count = int(np.clip(8 * (time[-1] - time[0]) / half, 16, _MOST_BUMPS))
     centres = np.linspace(time[0] + half, time[-1] - half, count)

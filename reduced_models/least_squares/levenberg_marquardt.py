@@ -42,6 +42,7 @@ _LONGEST, _SHORTEST = 1e6, 1e-12  # steps: one over the damping
 _VAIN = 0.01  # of the tolerance: a promise below it is not worth a trial
 _LONG = 1e4  # steps that damping hardly shortens: what they promise is what there is to gain
 _SHARED_STARTS, _SHARED_ENTRIES = 16, 8  # multiples that a batch and its vectors are filled up to
+# A step is taken whenever the cost falls; the damping changes tenfold, as Marquardt's (1963).
 _TRUST: optimistix.ClassicalTrustRegion[Any] = optimistix.ClassicalTrustRegion(
     high_cutoff=0.25, low_cutoff=0.0, high_constant=10.0, low_constant=0.1
 )
@@ -55,10 +56,9 @@ _END: contextvars.ContextVar[tuple[float, str]] = contextvars.ContextVar("end", 
 
 @contextlib.contextmanager
 def time_budget(seconds: float, words: str) -> Iterator[None]:
-    """Let searches begun within it end with `TimeBudgetError` once their processor time is spent.
-
-    seconds [s].
-    """
+    """Let searches begun within it end with `TimeBudgetError` after so much processor time; seconds [s]."""
+    # Processor time, so that other work on the machine does not change the results; of nested budgets the one
+    # that ends first counts.
     token = _END.set(min(_END.get(), (time.process_time() + seconds, words)))
     try:
         yield
@@ -75,8 +75,8 @@ def _check_budget() -> None:
 class Prior(NamedTuple):
     """A normal prior about the start of a search."""
 
-    precision: Float[np.ndarray, "p"]
-    samples: float
+    precision: Float[np.ndarray, "p"]  # of each entry, in the information of one sample
+    samples: float  # whose mean square is the unit of that information
 
 
 class Bounds(NamedTuple):
@@ -137,6 +137,7 @@ def levenberg_marquardt(
 
 def _starts_have_settled(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float) -> bool:
     """Return whether all that are wanted rest, or nine tenths of them at the same least cost."""
+    # The last few starts may follow a bent valley for as long as all others together.
     agreeing = resting & (cost <= agreeing_cost_limit(cost, samples))
     return bool((resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(cost))
 
@@ -153,6 +154,7 @@ def promising_starts(cost: Float[np.ndarray, "s"], samples: float) -> Bool[np.nd
 
 def _padded_call(function: Callable[..., Any], *arguments: Any) -> list[np.ndarray]:
     """Results of a compiled function, padded so that batches of similar size share its code."""
+    # Padding entries are between equal bounds, zero and zero, where they change no other.
     starts, entries = arguments[0][0].shape
     rows = 1 if starts == 1 else _SHARED_STARTS * math.ceil(starts / _SHARED_STARTS)
     columns = _SHARED_ENTRIES * math.ceil(entries / _SHARED_ENTRIES)

@@ -51,6 +51,7 @@ class Loss(NamedTuple):
 
 def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
     """Costs of residuals, and the weights with which their squares have the same slope."""
+    # Huber (1964, doi:10.1214/aoms/1177703732), and SciPy's `soft_l1`, 2 (sqrt(1 + r^2) - 1).
     size = np_.abs(residuals)
     root = np_.sqrt(1.0 + (residuals / loss[0]) ** 2)
     soft = 2.0 * residuals**2 / (1.0 + root)
@@ -73,6 +74,8 @@ def half_cost_curvature(residuals: Float[np.ndarray, "n"], loss: Loss) -> Float[
 
 def remove_random_walk(residuals: Float[np.ndarray, "n ..."], gain: float) -> Float[np.ndarray, "n ..."]:
     """Residuals (n, ...) less what exponential smoothing of the ones before them foresees."""
+    # The steady Kalman filter of a random walk in white noise (Muth 1960,
+    # doi:10.1080/01621459.1960.10482064).
     if gain == 0.0:
         return residuals
     from scipy.signal import lfilter  # its import takes longer than a small fit
@@ -243,6 +246,8 @@ class GriddedRecord:
 
     def normal_equations(self, selection: Selection = None) -> Normal:
         """Return the normal equations of some samples."""
+        # Only those of a single vector are without drift; over samples outside the selection the walk stays
+        # as it is.
         seen = self._selected_samples(selection)
         here = selection if isinstance(selection, np.ndarray) else slice(selection)
         several = normal_equations(self.unknowns, seen, self.loss)
@@ -279,10 +284,7 @@ class GriddedRecord:
         return dataclasses.replace(self, record=record).on_grid(self.grid)
 
     def on_grid(self, grid: StepGrid, interpolation: Interpolation | None = None) -> GriddedRecord:
-        """Return the same on another grid, or with inputs that are something else between samples.
-
-        grid [s].
-        """
+        """Return the same on another grid, or with other values of inputs between samples."""
         how = interpolation or self.interpolation
         samples = samples_on_grid(self.record, grid, self.unknowns.law.inputs, how)
         samples = samples.through_sensor(self.unknowns.sensor, self.record, grid)
@@ -297,7 +299,7 @@ def record_on_grid(
     weights: Float[np.ndarray, "n"] | None = None,
     loss: Loss = Loss(),  # noqa: B008
 ) -> GriddedRecord:
-    """Put all samples of a record that starts at time 0 on a grid; record, grid [s]."""
+    """Put all samples of a record that starts at time 0 on a grid."""
     samples = samples_on_grid(record, grid, unknowns.law.inputs, how)
     samples = samples.through_sensor(unknowns.sensor, record, grid)
     given = np.ones(len(record)) if weights is None else weights

@@ -41,10 +41,10 @@ class Samples(NamedTuple):
     """Data on a grid, as the compiled code takes them."""
 
     step: float  # [s]
-    point: np.ndarray
-    fraction: np.ndarray
+    point: np.ndarray  # of the grid before each sample, int (n,)
+    fraction: np.ndarray  # of a step by which the sample is behind it, float (n,)
     height: Float[np.ndarray, "n"]  # [m]
-    weight: Float[np.ndarray, "n"]  # [m]
+    weight: Float[np.ndarray, "n"]
     drive: Float[np.ndarray, "points stages inputs"]
     chunks: int
     sensor: SensorSignalTables | None = None
@@ -56,7 +56,7 @@ class Samples(NamedTuple):
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
 
     def through_sensor(self, sensor: Sensor | None, record: PistonRecord, grid: StepGrid) -> Samples:
-        """Return the same for a sensor whose signal the record has for its height; grid [s]."""
+        """Return the same for a sensor whose signal the record has for its height."""
         if sensor is None:
             return self
         behind = filter_by_sensor(sensor, record.time, sensor.base_motion(record.columns))
@@ -71,10 +71,8 @@ def grid_over_record(
     per_period: int,
     how: Interpolation = "spline",
 ) -> StepGrid:
-    """Grid over a record that starts at time 0, with at least so many steps a period [s].
-
-    record, period [s].
-    """
+    """Grid over a record that starts at time 0, with at least so many steps a period [s]."""
+    # Even samples of a driven law end steps: between them its inputs are smooth, at them they are not.
     duration = float(record.time[-1])
     wanted = count_grid_steps(duration, period, per_period)
     if not (has_inputs_besides_time(names) and is_evenly_sampled(record.time)):
@@ -90,7 +88,7 @@ def grid_over_record(
 def samples_on_grid(
     record: PistonRecord, grid: StepGrid, names: tuple[str, ...], how: Interpolation
 ) -> Samples:
-    """Every sample of a record that starts at time 0, on a grid over all of it; record, grid [s]."""
+    """Every sample of a record that starts at time 0, on a grid over all of it."""
     count = len(record)
     point, fraction = _grid_points(record.time, grid)
     size = padded_length(count, LEAST_SAMPLES)
@@ -108,10 +106,7 @@ def means_on_grid(
     how: Interpolation,
     weights: Float[np.ndarray, "n"] | None = None,
 ) -> Samples:
-    """Weighted means of the samples around each grid point, weighted by how many there are [m].
-
-    record, grid [s].
-    """
+    """Weighted means of the samples around each grid point, weighted by how many there are."""
     time, height = record.time, record.height
     points = padded_step_count(grid.steps) + 1
     near = np.rint(time / grid.step).astype(np.int64)

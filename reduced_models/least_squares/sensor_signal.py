@@ -22,23 +22,26 @@ if TYPE_CHECKING:
 
 jnp = jax.numpy
 
+# Of the polynomial between grid points: six values, three at each end, fix a quintic.
 _DEGREE = 5
 
 
 class SensorSignalTables(NamedTuple):
     """Numbers that turn a solution on a grid into a sensor's signal."""
 
-    weights: Float[np.ndarray, "n c"]
-    base: Float[np.ndarray, "n"]
-    state_weights: Float[np.ndarray, "n m"]
-    advance: Float[np.ndarray, "m m"]
-    advance_input: Float[np.ndarray, "m c"]
+    weights: Float[np.ndarray, "n c"]  # of the coefficients of each sample's step
+    base: Float[np.ndarray, "n"]  # signal by the motion of the base
+    state_weights: Float[np.ndarray, "n m"]  # of the filter's state before the step
+    advance: Float[np.ndarray, "m m"]  # of that state over a step
+    advance_input: Float[np.ndarray, "m c"]  # what a step's coefficients add to it
 
 
 def sensor_signal_tables(
     sensor: Sensor, grid: StepGrid, fraction: Float[np.ndarray, "n"], base: Float[np.ndarray, "n"]
 ) -> SensorSignalTables:
-    """Tables that turn a solution on a grid into a sensor's signal at the samples; grid [s]."""
+    """Tables that turn a solution on a grid into a sensor's signal at the samples."""
+    # Matrix exponentials solve the filter without error of time steps (Van Loan 1978,
+    # doi:10.1109/TAC.1978.1101743).
     size = _DEGREE + 1 - sensor.derivative_order
     states, inputs, output, through = _filter_matrices(sensor, grid.step)
     count = len(states)
@@ -68,10 +71,7 @@ def motion_signal(
     velocity: Float[np.ndarray, "n"],
     base: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n"]:
-    """Signal (n,) of a motion whose base adds a quantity (n,), behind a filter that has settled.
-
-    time [s], height [m], velocity [m/s].
-    """
+    """Signal of a motion (time [s], height [m], velocity [m/s]) and its base, behind a settled filter."""
     from scipy.interpolate import CubicSpline
 
     quantity = (height, velocity)[min(sensor.derivative_order, 1)]
@@ -130,11 +130,9 @@ def solution_signal(
     shift: Any,
     scale: Any,
 ) -> Any:
-    """Signal (n, s) per gain of solutions on a grid, (points, s) each (for JAX).
-
-    step [s], shift, scale [m].
-    """
+    """Signal (n, s) per gain of solutions on a grid, (points, s) each; step [s], scale [m] (for JAX)."""
     z, v, a = scale * grid[0] + shift, scale * step * grid[1], scale * step**2 * grid[2]
+    # Quintic, in steps, through height, velocity and acceleration at both ends of each step.
     z0, v0, a0, z1, v1, a1 = (item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a))
     ahead, turn, bend = z1 - z0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
     coefficients = [

@@ -16,6 +16,8 @@ from reduced_models.records.sensor import Sensor
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+# A factor of e^3 = 20 either way for a logarithm. It keeps open directions from running away; by a sample's
+# information it moves nothing that a record tells.
 _PRIOR_SPREAD = 3.0
 
 
@@ -23,12 +25,16 @@ _PRIOR_SPREAD = 3.0
 class Unknowns:
     """A law, a map of the height, and the scales in which the search works."""
 
+    # The search vector holds parameters (logarithms of positive ones, multiples of `units` of the others); a
+    # fitted map's shift from rest and logarithm of scale; height from rest, velocity and hidden states at the
+    # start; a sensor's open gain and offset, and its filter's state. Heights count in amplitudes.
+
     law: Law
     map: HeightMap | None
     units: tuple[float, ...]
-    rest: float  # [m], [m], [m/s]
-    amplitude: float  # [m], [m], [m/s]
-    speed: float  # [m], [m], [m/s]
+    rest: float  # [m]
+    amplitude: float  # [m]
+    speed: float  # amplitude times angular frequency [m/s]
     sensor: Sensor | None = None
     signal: float = 1.0
 
@@ -68,6 +74,7 @@ class Unknowns:
     @property
     def prior(self) -> np.ndarray:
         """Prior precision of each entry, in the information of one sample."""
+        # The initial height and velocity have none: the first samples tell them.
         hidden = [_PRIOR_SPREAD**-2] * len(self.law.hidden)
         sensor = [_PRIOR_SPREAD**-2] * self.sensor_entry_count
         return np.array([_PRIOR_SPREAD**-2] * self.parameter_and_map_count + [0.0, 0.0] + hidden + sensor)
@@ -94,7 +101,7 @@ class Unknowns:
 def theta_bounds(
     unknowns: Unknowns, bounds: Mapping[str, tuple[float, float]], initial: Mapping[str, float] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest entries (p,) of the search vector; equal ones hold an entry; initial [m, m/s]."""
+    """Least and greatest entries (p,) of the search vector, equal where held; initial [m, m/s] by name."""
     edges = np.full((2, len(unknowns.prior)), [[-np.inf], [np.inf]])
     for k, name in enumerate(unknowns.law.parameters):
         if name not in bounds:
