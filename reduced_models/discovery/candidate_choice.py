@@ -31,6 +31,8 @@ def polish_and_choose_candidate(
     others: Sequence[CandidateEquation] = (),
 ) -> tuple[list[CandidateEquation], int]:
     """Fit the best candidates through their differential equation, and choose the simplest sound one."""
+    # Of those that could be fitted, the one with the fewest numbers to which no other is strongly preferred:
+    # by 6 of the criterion (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
     order = sorted(candidates, key=lambda candidate_: candidate_.criterion)
     near = [candidate_ for candidate_ in order if candidate_.criterion <= order[0].criterion + _HOPELESS][
         :count
@@ -159,6 +161,7 @@ def notes_on_candidate(best: CandidateEquation, scorer: EquationScorer) -> tuple
     return tuple(dict.fromkeys(notes))
 
 
+# A share of `_LEAST_SHARE` is then known to 0.02.
 _RESAMPLES = 200
 _LEAST_SHARE = 0.1
 """Least share of the resamples: a structure that wins less often is no rival."""
@@ -186,6 +189,8 @@ def weigh_structure_evidence(
     chosen: CandidateEquation, candidates: Sequence[CandidateEquation], scorer: EquationScorer, seed: int
 ) -> StructureEvidence | None:
     """Weigh a chosen sum of terms against other structures, by stability selection."""
+    # Stability selection: each random half of the integrals chooses among the structures (Meinshausen &
+    # Buhlmann 2010, doi:10.1111/j.1467-9868.2010.00740.x).
     if chosen.terms is None or not chosen.terms:
         return None
     own = sort_terms(chosen.terms)

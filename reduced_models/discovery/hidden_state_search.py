@@ -73,6 +73,7 @@ def propose_hidden_state_structures(
     weak: WeakForm, search: SymbolicSearch | None, terms: Sequence[str] = (), sparse: bool = True
 ) -> ProposedStructures:
     """Propose equations with the hidden state that sums of terms need most, or with none."""
+    # z is the height [m] here, since strains are meant.
     force = isinstance(weak.parts[0], ForceIntegrals)
     states: Sequence[HiddenState] = HIDDEN_STATES
     plain_texts: Sequence[str] = PLAIN_TERMS

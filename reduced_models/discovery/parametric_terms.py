@@ -53,6 +53,8 @@ class ParametricTerms:
 
     def terms_with_best_values(self, weak: WeakForm, library: Sequence[AnyTerm]) -> list[AnyTerm]:
         """Terms with the values of their parameters that leave the least residual next to a library."""
+        # Whitened for the noise of z'' alone. Each number is tried over the sizes of the motion, several at
+        # random points, then refined one by one between its neighbours (Brent's bounded minimisation).
         if not self.parameter_names:
             return []
         residual = _LibraryResidual(weak, library, self)
@@ -91,6 +93,7 @@ class ParametricTerms:
 
     def term_with_values(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
         """Term of a template with given numbers; None where it is no single one."""
+        # Exact rationals, so that it is the same term, and the same key, everywhere.
         import sympy
 
         exact = {sympy.Symbol(name): sympy.Rational(f"{value:.{_DIGITS}g}") for name, value in values.items()}

@@ -39,7 +39,8 @@ STARTS = 4
 _SPREAD = 0.1  # of the start values about the coefficients of the structure
 _MOST_NUMBERS = 12
 _STEEPNESS = 100.0  # of tanh for sign(z'), in typical speeds
-_RESOLUTION = 4  # of laws with it, in the steps of smooth ones
+# Of laws with it, in the steps of smooth ones: as `reduced_models.laws.coulomb` takes for its tanh.
+_RESOLUTION = 4
 _MEMORY_RESOLUTION = 2  # of laws with a hidden state
 _LONGEST_NAME = 80  # characters
 _AS_IT_IS = Sensor("force", gain=1.0)
@@ -161,6 +162,7 @@ _BY_SPEED = {1: "viscous", 2: "quadratic drag", 3: "cubic drag"}
 
 def describe_law(terms: Mapping[AnyTerm, float]) -> str:
     """Describe a law in an engineer's words, by the terms of z'' and their coefficients."""
+    # Such as "viscous + dry friction + softening"; other terms as they are written.
     others = [term for term in sort_terms(terms) if not _is_spring_term(term)]
     others.sort(key=lambda term: isinstance(term, CustomTerm) or abs(term.speed - 1))
     words = [_damping_term_words(term, terms[term]) for term in others]
@@ -198,6 +200,8 @@ def _spring_words(springs: Mapping[int, float]) -> list[str]:
 
 def replace_numbers_by_symbols(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
     """Expression with symbols c0, c1 ... for its numbers, and their values."""
+    # Coefficients come in the order of the sorted terms: the same structure is the same law, and compiled
+    # once.
     import sympy
 
     terms = split_terms(expression)

@@ -74,6 +74,9 @@ ELLIPTIC = {name: FormulaFunction(_scipy_elliptic_function(k), 2, 2) for k, name
 
 def elliptic_julia_operators() -> list[str]:
     """Jacobi's sn, cn, dn of u and the parameter m as Julia functions of one line each."""
+    # Six terms of the series in the nome (Abramowitz & Stegun 16.23), for 1e-6 < m < 0.9999, NaN elsewhere as
+    # PySR asks; right to 3e-5 up to m = 0.9 and to 0.013 at 0.9999. Enough for a search: what it finds is
+    # fitted with SciPy's functions.
     low, high = _RANGE
     return [
         f"{name}(u, m) = ({low} < m < {high}) ? "
@@ -101,6 +104,8 @@ def require_pysr() -> None:
 
 def import_pysr_regressor() -> Any:
     """Import the class ``pysr.PySRRegressor`` so that Ctrl-C still comes to Python."""
+    # Julia would take over the signals, and end the process; without them it may have one thread, as a search
+    # that can be repeated has anyway. The user's own settings stay.
     os.environ.setdefault("PYTHON_JULIACALL_HANDLE_SIGNALS", "no")
     os.environ.setdefault("PYTHON_JULIACALL_THREADS", "1")
     try:

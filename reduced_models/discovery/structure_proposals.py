@@ -141,6 +141,7 @@ def propose_symbolic_candidates(
     weak: WeakForm, terms: Sequence[AnyTerm], search: SymbolicSearch, subsets: Sequence[np.ndarray] = ()
 ) -> tuple[list[CandidateEquation], EquationScorer]:
     """Propose expressions of a symbolic regression, and what each is without some of its terms."""
+    # Terms are eliminated backward on the whitened weak residuals.
     expressions = _find_motion_expressions(weak.motions, terms, search)
     sums = [(expression, split_terms(expression)) for expression in expressions]
     union = sort_terms({term for _, parts in sums if parts is not None for term in parts})
@@ -158,6 +159,7 @@ def propose_symbolic_candidates(
 
 def _prune_expression(expression: sympy.Expr, scorer: EquationScorer) -> list[CandidateEquation]:
     """Candidates of an expression that is no sum of terms, and of it with fewer addends."""
+    # Addends' coefficients are fitted again; numbers within them stay.
     import sympy
 
     addends = sympy.Add.make_args(sympy.expand(expression))
@@ -257,6 +259,9 @@ _MOST_ROWS = 4000
 class SparseRegression:
     """A linear regression for PySINDy's optimizers, with columns and target of unit size."""
 
+    # SINDy says which terms z'' calls for (Brunton, Proctor & Kutz 2016, doi:10.1073/pnas.1517384113), an
+    # ensemble how often resamples agree (Fasel, Kutz, Brunton & Brunton 2022, doi:10.1098/rspa.2021.0904).
+
     def __init__(self, matrix: np.ndarray, target: np.ndarray) -> None:
         self.matrix = normalise_columns(matrix)[0] * np.sqrt(len(matrix))
         self.target = target / max(float(np.sqrt((target**2).mean())), 1e-300)
@@ -314,6 +319,7 @@ def _interior_samples(
 
 def weak_form_regression(weak: WeakForm, terms: Sequence[AnyTerm]) -> SparseRegression:
     """Regression of the weak form, whitened for the noise of z'' alone."""
+    # Weak-form SINDy (Messenger & Bortz 2021, doi:10.1137/20M1343166).
     whitening = weak.whitening_matrix((), np.zeros(0))
     return SparseRegression(whitening @ weak.term_integral_matrix(terms), whitening @ weak.target)
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 MOST_TERMS = 8
 _RETAINED = 3  # subsets of a size
 _ROUNDS = 3  # of the covariance, which depends on the coefficients
+# Their normal matrices of eight terms take 200 MB.
 _MOST_SUBSETS = 400_000
 
 
@@ -56,6 +57,8 @@ class EquationScorer:
 
     def information_criterion(self, squares: float, count: int) -> float:
         """Compute the extended Bayesian information criterion of an equation."""
+        # squares/excess + k ln n + 2 ln C(p, k) for k numbers, n samples, p terms to choose from (Chen & Chen
+        # 2008, doi:10.1093/biomet/asn034), the excess as of a quasi-likelihood (Burnham & Anderson 2002).
         choices = math.log(math.comb(max(self.library_size, count), count))
         samples = math.log(self.weak.sample_count)
         return squares / self.excess + count * samples + 2.0 * choices
@@ -92,6 +95,8 @@ def score_subsets(
     weak: WeakForm, library: Sequence[AnyTerm], terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> tuple[list[ScoredTerms], EquationScorer]:
     """Score subsets of terms by their whitened weak residuals."""
+    # The covariance of the residuals depends on the coefficients, so it is taken from the best equation so
+    # far, twice (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
     best: ScoredTerms | None = None
     matrix, every = weak.term_integral_matrix(terms), weak.term_integral_matrix(library)
     ranked: list[ScoredTerms] = []

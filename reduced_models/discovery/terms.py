@@ -99,6 +99,7 @@ class CustomTerm:
 
     def antiderivative(self, z: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """Antiderivative G(z) of a term G'(z) z', whose rate the term is, from the least sample on."""
+        # By quadrature: many a G has no formula, or one that takes minutes to find.
         order = np.argsort(z)
         steps = np.diff(z[order], prepend=z[order[:1]])
         nodes = z[order, None] + steps[:, None] * (_NODES - 1.0) / 2.0

@@ -30,11 +30,15 @@ if TYPE_CHECKING:
     import sympy
     from jaxtyping import Float
 
-_HALF_WIDTH = 0.4  # of a bump, in periods
+# Of a bump, in periods. Wider, it averages the motion itself away; narrower, its second derivative magnifies
+# the noise.
+_HALF_WIDTH = 0.4
 _SPACING = 0.25  # of bumps, in half-widths
 _POWER = 6  # of the bump (1 - s^2)^p
 _LEAST_BUMPS, _MOST_BUMPS = 24, 600
 _LEAST_SAMPLES = 8  # in a bump
+# Of the covariance's largest eigenvalue. Overlapping bumps are nearly dependent: below it is rounding, which
+# whitening would blow up.
 _RANK = 1e-10
 
 
@@ -221,6 +225,7 @@ class WeakForm:
         self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]
     ) -> Float[np.ndarray, "q r"]:
         """Matrix that makes the weak residuals of all motions white, of unit variance."""
+        # A block for each motion: their noises are independent.
         from scipy.linalg import block_diag
 
         return np.asarray(block_diag(*(part.whitening_matrix(terms, coefficients) for part in self.parts)))
@@ -228,6 +233,8 @@ class WeakForm:
 
 def weak_form(*motions: SmoothedMotion) -> WeakForm:
     """Weak form of the equation of motion of some motions."""
+    # Bumps (1 - s^2)^6 of 0.4 periods to either side, a tenth of a period apart, but for very short and long
+    # records (Messenger & Bortz 2021, doi:10.1137/20M1343166).
     return WeakForm(tuple(map(_motion_integrals, motions)))
 
 
@@ -298,7 +305,7 @@ def estimate_motion(
 
 
 def choose_height_map(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
-    """Map from the height to z: the one asked for, or one by the largest swing [m]; wanted [m]."""
+    """Map from the height to z: the one asked for, or one by the largest swing."""
     if isinstance(wanted, HeightMap):
         return wanted
     if wanted != "auto":
@@ -323,7 +330,9 @@ class ForceIntegrals(MotionIntegrals):
 
 
 def force_weak_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]) -> WeakForm:
-    """Weak form of the measured forces [N] of some motions [N s]; records [N]."""
+    """Weak form of the measured forces [N] of some motions."""
+    # Of a prescribed motion z'' says nothing and a force all: its integrals replace those of z'', its noise
+    # theirs.
     parts = []
     for record, part in zip(records, weak_form(*motions).parts, strict=True):
         force = record.force
@@ -344,6 +353,8 @@ def force_weak_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedM
 
 def white_noise_weak_form(weak: WeakForm) -> WeakForm:
     """Weak form of z'' whose errors are white noise of z'', as large as in its estimate."""
+    # Weights by the noise of heights count the quickest errors most. A simulated bed has no noise, and an
+    # equation that is off by more than it is weighed by something else.
     return WeakForm(
         tuple(
             ForceIntegrals(
