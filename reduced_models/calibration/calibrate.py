@@ -203,6 +203,7 @@ def _check_scene(scene: Scene) -> None:
 
 def _time_step_error(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.ndarray | None, int]:
     """Estimated error of the features (d,) by the time step, and how many simulations it took."""
+    # Half the step changes 1 - 2^-p of an error of order p.
     settings = {**simulator.settings, "dt": halve_time_step(simulator.settings["dt"])}
     finer = dataclasses.replace(simulator, seeds=simulator.seeds[:1], settings=settings)
     point = finer.simulate_points([centre.position])[0]

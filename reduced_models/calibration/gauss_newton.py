@@ -29,13 +29,15 @@ class GaussNewtonResult(NamedTuple):
 
     centre: SimulatedPoint
     estimate: LinearEstimate
-    scatter: Float[np.ndarray, "d d"]
+    scatter: Float[np.ndarray, "d d"]  # covariance of features over random starts
     simulations: int
     settled: bool
 
 
 def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> GaussNewtonResult:
     """Take Gauss-Newton steps on the features' logarithms until they are smaller than their errors."""
+    # Slopes by differences with common random starts, updated by Broyden's formula (Broyden 1965,
+    # doi:10.1090/S0025-5718-1965-0198670-6).
     start = np.log([parameter.value for parameter in simulator.parameters])
     strides = STRIDE * np.eye(len(start))
     points = simulator.simulate_points([start, *(start + stride for stride in strides)])
@@ -87,13 +89,13 @@ def _normalised_distance(point: SimulatedPoint, wanted: RecordFeatures, scatter:
 class LinearEstimate(NamedTuple):
     """A step of linearised features at a point, and its uncertainty."""
 
-    step: Float[np.ndarray, "p"]
-    noise: Float[np.ndarray, "p p"]
-    scatter: Float[np.ndarray, "p p"]
-    unknown: Float[np.ndarray, "p p"]
+    step: Float[np.ndarray, "p"]  # along the directions that are known
+    noise: Float[np.ndarray, "p p"]  # covariance there by the record's noise
+    scatter: Float[np.ndarray, "p p"]  # and by random starts
+    unknown: Float[np.ndarray, "p p"]  # covariance of the open directions
     information: Float[np.ndarray, "p p"]
-    gain: Float[np.ndarray, "p d"]
-    away: Float[np.ndarray, "d"]
+    gain: Float[np.ndarray, "p d"]  # of the step by a change of a feature
+    away: Float[np.ndarray, "d"]  # of the features after the step, in standard deviations
 
     @property
     def standard_deviations(self) -> np.ndarray:

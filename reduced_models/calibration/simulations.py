@@ -38,9 +38,9 @@ _ONE_SIGMA = math.erf(math.sqrt(0.5))
 class RecordFeatures(NamedTuple):
     """Figures of a record, all above 0."""
 
-    names: tuple[str, ...]  # [m, s, N]
-    values: Float[np.ndarray, "d"]
-    errors: Float[np.ndarray, "d"]
+    names: tuple[str, ...]
+    values: Float[np.ndarray, "d"]  # [m, s, 1, N]
+    errors: Float[np.ndarray, "d"]  # standard errors of their logarithms
     notes: tuple[str, ...]
 
 
@@ -119,9 +119,9 @@ def scene_parameter(scene: Scene, key: str) -> SceneParameter:
 class SimulatedPoint(NamedTuple):
     """Simulations with the same parameters."""
 
-    position: Float[np.ndarray, "p"]
+    position: Float[np.ndarray, "p"]  # logarithms of the parameters
     records: tuple[PistonRecord, ...]
-    logs: Float[np.ndarray, "starts d"]
+    logs: Float[np.ndarray, "starts d"]  # logarithms of their features
     failure: str = ""
 
     @property

@@ -186,7 +186,7 @@ def _check_figures(candidate: DamperCandidate) -> None:
 
 
 def damper_at_coordinates(coordinates: Float[np.ndarray, "4"]) -> DamperCandidate:
-    """Damper at a place of the box that the maps cover; its number of grains is rounded [kg, kg/s]."""
+    """Damper at a place of the box that the maps cover; its number of grains is rounded."""
     low, high = _logarithmic_coordinates(LOWEST), _logarithmic_coordinates(HIGHEST)
     scaled = low + 0.5 * (np.asarray(coordinates, dtype=float) + 1.0) * (high - low)
     mass, count, ratio = (math.exp(log) for log in scaled[:3])
@@ -214,6 +214,8 @@ def disc_over_dipole_figures(candidate: DamperCandidate) -> Float[np.ndarray, "3
 
 def affine_rest_height(candidate: DamperCandidate) -> float:
     """Height at which a bed of the reference's packing would carry the piston [m]."""
+    # The force of N grains falls with the power 2.86 of the height, and grows with the square of their mean
+    # moment.
     load = (
         candidate.mass / candidate.cell_width_ratio / REFERENCE_MASS / _mean_grain_mass_ratio(candidate) ** 2
     )
@@ -222,6 +224,8 @@ def affine_rest_height(candidate: DamperCandidate) -> float:
 
 def affine_damping_ratio(candidate: DamperCandidate) -> float:
     """Damping ratio if every grain followed the piston in proportion to its height."""
+    # A grain at y then moves with y/h of the piston's velocity: the drag is a third of the grains' sum, and
+    # the frequency sqrt(2.86 g/h).
     frequency = math.sqrt(EXPONENT * GRAVITY / affine_rest_height(candidate))
     drag = candidate.grains * candidate.drag * _mean_grain_mass_ratio(candidate) / 3.0
     return drag / (2.0 * candidate.mass * frequency)

@@ -241,6 +241,9 @@ def _mean_logarithmic_map_error(rounds: Sequence[DesignRound], name: str) -> flo
 
 def _corrected_target(target: DesignTarget, rounds: Sequence[DesignRound]) -> tuple[float, float]:
     """Frequency and damping ratio to aim at in the maps next."""
+    # Damping goes with the drag: its error in the maps is the mean over the rounds, as starts scatter by
+    # more. The frequency takes a secant step on logarithms, since a bed that falls into another order changes
+    # faster or more slowly than the maps.
     last = rounds[-1]
     aim = last.promised_figures.frequency
     if abs(last.mean_figure("frequency") / target.frequency - 1.0) > CENTRED * FREQUENCY_TOLERANCE:

@@ -59,7 +59,7 @@ COUNTS, FRACTIONS = (92, 184, 368), (0.0, 0.5)
 
 
 def maps_page(maps: DamperMaps, sliders: str | None = None) -> HtmlPage:
-    """All maps as a page: pictures, their errors, and the law that they stand for [kg, kg/s]."""
+    """All maps as a page: pictures, their errors, and the law that they hold for."""
     page = HtmlPage(
         "Maps of the damper",
         f"What {len(maps.dampers)} simulated dampers say of frequency, damping and height of rest.",

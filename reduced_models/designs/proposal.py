@@ -138,10 +138,7 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> DamperCandidate:
 
 
 def targets_by_grain_count(target: DesignTarget) -> list[DesignTarget]:
-    """Targets with each number of grains that may be tried; the target itself where that is settled.
-
-    target [Hz].
-    """
+    """Targets with each number of grains that may be tried; the target itself if it names one."""
     if target.grains is not None or target.mass is not None:
         return [target]
     return [target._replace(grains=count) for count in COUNTS]
@@ -150,10 +147,8 @@ def targets_by_grain_count(target: DesignTarget) -> list[DesignTarget]:
 def damper_for_target(
     maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]
 ) -> DamperCandidate | None:
-    """Damper of a narrowed target to which the maps give a frequency and a damping ratio.
-
-    target [kg], aim [Hz].
-    """
+    """Damper to which the maps give the aim's frequency [Hz] and damping ratio; None if there is none."""
+    # The aim differs from the target once simulations have shown that the maps are a little off.
     positions = _coordinates_for(target)
     damper = _solve_for_damper(maps, positions, aim)
     for _ in range(0 if target.magnets == "dipoles" else _ROUNDS):

@@ -26,16 +26,17 @@ if TYPE_CHECKING:
 
 __all__ = ["lattice_pressure"]
 
+# Of the lattice's pressure, by the density, for dipoles: a grain's energy goes with r^-3 ~ rho^(3/2), and the
+# pressure is rho^2 times its derivative.
 POWER = 2.5
-"""Power of the lattice's pressure, by the density, for dipoles."""
 PRESSURE = 1.6674
 """Pressure of the hexagonal lattice of dipoles [F*/D] at rho = 1: see the module's first lines."""
 SHELLS = 8.0
 """The rest beyond is 1e-6 of the pressure."""
 _LEAST = 1e-9
 """Pressure below which discs are so far apart that they are dipoles [F*/D]."""
+# Root of the logarithm of the density of touching discs over the thinnest in the table, e^-12 of it: dipoles.
 _THINNEST = 3.5
-"""Root of the greatest logarithm of the density of discs that touch over that of a lattice."""
 
 
 class PressedLattice(NamedTuple):
@@ -47,11 +48,15 @@ class PressedLattice(NamedTuple):
     @property
     def relative_shear_modulus(self) -> float:
         """Shear modulus over that of dipoles, both over the pressure, without unit."""
+        # Central forces have B = 2 mu + 2 p in an isotropic lattice, and B = power p: mu/p = power/2 - 1, 1/4
+        # for dipoles.
         return (self.power - 2.0) / (POWER - 2.0)
 
 
 def lattice_under_pressure(grains: Grains, pressure: float) -> PressedLattice:
     """Compute the hexagonal lattice of grains that a pressure holds [1/D^2]; pressure [F*/D]."""
+    # The virial's lattice sum solved for the density: p = 1.6674 rho^(5/2) times the squared mean moment for
+    # dipoles, by Brent's method for discs.
     if grains.magnets == "dipoles" or pressure < _LEAST:
         moment = float(np.array(grains.species_fractions()) @ grains.moment_ratios())
         return PressedLattice((pressure / (PRESSURE * moment**2)) ** (1.0 / POWER), POWER)
@@ -122,6 +127,7 @@ def _disc_pressure(discs: tuple[tuple[Disc, float], ...], density: float) -> flo
 @functools.cache
 def _tabulated_pressure(discs: tuple[tuple[Disc, float], ...], touching: float) -> CubicSpline:
     """Logarithm of the pressure at the density touching exp(-x^2), by x."""
+    # By x the pressure is smooth up to contact, where it is singular in the density.
     from scipy.interpolate import CubicSpline
 
     x = np.linspace(0.0, _THINNEST, 80)
@@ -131,6 +137,7 @@ def _tabulated_pressure(discs: tuple[tuple[Disc, float], ...], touching: float) 
 
 def _short_range_sum(first: Disc, second: Disc, spacing: float) -> tuple[float, float]:
     """Shift b of two discs, and the sum of r F(r) less 3 r^-3 + 7.5 b r^-5, over that scale of dipoles."""
+    # Below contact the force continues with its slope, as in a run.
     from granular.pairs.disc_law import contact_distance, disc_energy_and_force, pair_squared_distance_shift
     from granular.pairs.disc_law_tables import force_slope_at_contact
 

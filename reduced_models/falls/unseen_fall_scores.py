@@ -311,10 +311,7 @@ def _scene_starts(law: Law, scene: Scene | None) -> dict[str, float] | None:
 
 
 def fall_prediction_error(model: ReducedModel, fall: PistonRecord, rest_height: float) -> float:
-    """Rms error of a law that predicts a fall from its first height alone, over the drop.
-
-    fall, rest_height [m].
-    """
+    """Rms error of a law that predicts a fall from its first height alone, over the drop; rest_height [m]."""
     first = float(fall.height[0])
     try:
         motion = model.simulate(fall.time, z0=first, v0=0.0)

@@ -136,6 +136,7 @@ def workshop_sheet(
 
 def silicone_oil_viscosity_ratio(celsius: float) -> float:
     """Viscosity of a silicone oil over that at 25 degrees Celsius; celsius [deg C]."""
+    # From 100 mm^2/s on (Shin-Etsu, Silicone Fluid KF-96, Performance Test Results).
     return float(10.0 ** (VISCOSITY_SLOPE * (1.0 / (celsius + 273.15) - 1.0 / 298.15)))
 
 

@@ -34,8 +34,9 @@ from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.roll_out import RollOut, roll_out
 
+# Twice the difference of two log-likelihoods below which the data cannot tell two laws apart: "very strong"
+# begins there (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
 CLEAR = 10.0
-"""Twice the difference of two log-likelihoods below which the data cannot tell two laws apart."""
 _LEAST = 1e-7  # of the swing: residuals below it are equal
 _NO_BETTER = 0.9
 
@@ -120,6 +121,7 @@ def compare(
 
 def compare_on_further_records(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
     """Comparison whose models are judged on further records that no fit has seen."""
+    # A law that diverges within the first period, which tells the initial state, is one that cannot predict.
     rows = [_score_on_further_records(row, test_records) for row in table.rows if not row.failure]
     return _rank_rows([*rows, *(row for row in table.rows if row.failure)], rows)
 

@@ -326,6 +326,8 @@ class Comparison:
 
 def largest_tied_error(rows: Sequence[ComparisonRow], noise: float) -> float:
     """Return the greatest test error that is as good as the least one."""
+    # One standard error more (Breiman et al. 1984, Classification and Regression Trees, ch. 3.4; Hastie et
+    # al. 2009, The Elements of Statistical Learning, ch. 7.10), 5 %, or 1.25 times the noise.
     least = min(rows, key=lambda row: row.error)
     return max((1.0 + TIE) * least.error, least.error + least.standard_error, NOISE_TIE * noise)
 

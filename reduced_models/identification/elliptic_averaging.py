@@ -24,14 +24,16 @@ from reduced_models.records.envelope import envelope
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+# Least m: below it the third harmonic of the motion, m/16 of the first, is less than 6e-4.
 _BENT = 0.01
-"""Least m: below it the motion is a cosine."""
 _MOST_LOST = 0.5
 """Fraction of the amplitude that drag may take in the record; with more, no function is given."""
 
 
 def solve_elliptic_motion(model: ReducedModel, duration: float) -> EllipticMotion | None:
     """Elliptic motion with which a fitted Duffing law starts; duration [s]."""
+    # Jacobi's functions solve the law without drag (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch.
+    # 3).
     if _lost_amplitude_fraction(model, duration) > _MOST_LOST:
         return None
     values = model.parameters
@@ -60,10 +62,10 @@ class EllipticAveraging(NamedTuple):
 
     law: str
     unit: str
-    amplitudes: tuple[float, float]  # [Hz]
+    amplitudes: tuple[float, float]  # of the first and the last cycle [m, rad]
     frequencies: tuple[float, float]  # [Hz]
-    solved_amplitudes: tuple[float, float]
-    solved_frequencies: tuple[float, float]
+    solved_amplitudes: tuple[float, float]  # [m, rad]
+    solved_frequencies: tuple[float, float]  # [Hz]
     critical: float
 
     @property
@@ -85,10 +87,9 @@ class EllipticAveraging(NamedTuple):
 
 
 def average_elliptically(model: ReducedModel, time: Float[np.ndarray, "n"]) -> EllipticAveraging | None:
-    """Amplitude and frequency of a fitted law by elliptic averaging, next to those of its own solution.
-
-    time [s].
-    """
+    """Amplitude and frequency of a fitted law by elliptic averaging, and by its own solution; time [s]."""
+    # Krylov and Bogoliubov's method with elliptic functions (Barkham & Soudack 1969,
+    # doi:10.1080/00207176908905886).
     make = OSCILLATORS.get(model.law.name)
     if make is None or model.law.inputs:
         return None

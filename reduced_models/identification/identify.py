@@ -360,6 +360,7 @@ def _add_check_outcomes(
     result: Identification, run: Trajectory, further: SceneChecks, progress: bool, falls: bool
 ) -> Identification:
     """Judge laws on another lift and other falls; give figures step errors and scatter."""
+    # Another lift is worth a run only if there are laws to choose from.
     checks = further.wait_for_outcomes(run, falls, progress)
     comparison, model, figures, own = result.comparison, result.model_of_figures, result.figures, result.own
     record, mass = result.record, result.mass

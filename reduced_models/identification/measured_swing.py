@@ -113,7 +113,7 @@ class MeasuredSwing:
         return format_amplitude(self.amplitudes[index], self.units)
 
     def quantities_at(self, index: int) -> tuple[QuantityWithError, QuantityWithError]:
-        """Frequency and damping ratio of the record at an amplitude that is shown [Hz, %]."""
+        """Frequency [Hz] and damping ratio [%] of the record at an amplitude that is shown."""
         return self.figures[2 * index], self.figures[2 * index + 1]
 
     @property
@@ -198,6 +198,8 @@ def format_amplitude(size: float, units: EngineeringUnits) -> str:
 
 def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | None:
     """Frequency and damping of a record against amplitude, next to those of a law's motion there."""
+    # Free: from the envelope (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003); driven: from the
+    # restoring force (Masri & Caughey 1979, doi:10.1115/1.3424568).
     units = engineering_units(record.angle, None)
     own = _backbone_of_motion(record, record, model)
     if own is None:
@@ -215,7 +217,7 @@ def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | 
 def quantities_at_amplitudes(
     record: PistonRecord, reference: MeasuredSwing
 ) -> tuple[QuantityWithError, ...] | None:
-    """Frequency and damping of another free record at the amplitudes of one [Hz, %]."""
+    """Frequency [Hz] and damping [%] of another free record at the amplitudes of one."""
     try:
         return _frequency_and_damping(free_backbone(record), reference.amplitudes, reference.units)
     except GranularError:

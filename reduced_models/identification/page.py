@@ -69,10 +69,7 @@ def add_swing_section(
     mass: float | None,
     averaging: str,
 ) -> None:
-    """Add level, frequency, damping and stiffness of the law's swing, and the parts of their errors.
-
-    mass [kg].
-    """
+    """Add level, frequency, damping and stiffness of the law's swing, and the parts of their errors."""
     if not figures:
         page.add_warning("The law has no level of rest near the record, so no small swing can be told.")
         return
@@ -144,7 +141,7 @@ def _swing_explanation(figures: Sequence[QuantityWithError], model: ReducedModel
 
 
 def add_residual_tests_section(page: HtmlPage, tests: Mapping[str, ResidualTests], angle: bool) -> None:
-    """Add what each law leaves over, and whether that is noise; angle [rad, m]."""
+    """Add what each law leaves over, and whether that is noise."""
     if not tests:
         return
     unit, scale = ("°", 180.0 / math.pi) if angle else ("µm", 1e6)

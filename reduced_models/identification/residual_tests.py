@@ -79,6 +79,8 @@ def residual_tests(
     model_heights: Float[np.ndarray, "n"],
 ) -> ResidualTests:
     """Test the residuals of a model on the record that it was fitted to; time [s], height [m, rad]."""
+    # Whiteness: Ljung and Box (1978, doi:10.1093/biomet/65.2.297); signs: Wald and Wolfowitz (1940,
+    # doi:10.1214/aoms/1177731909); lines: the power spectrum under a Hann window.
     residuals = height - model_heights
     rms, size = _rms(residuals), float(height.std())
     swing, double = 1.0, 1.0

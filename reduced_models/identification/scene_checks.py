@@ -187,10 +187,8 @@ def add_check_errors(
     duration: float,
     outcomes: CheckOutcomes,
 ) -> tuple[tuple[QuantityWithError, ...], MeasuredSwing | None, list[CheckFailure]]:
-    """Return figures and own swing with errors of step and start, as far as there are runs.
-
-    mass [kg], duration [s].
-    """
+    """Return figures and own swing with errors of step and start, as far as there are runs; mass [kg]."""
+    # The further runs are fitted by the same law and map over the same duration [s].
     runs_by_name = [(outcomes.step_check.check.what, outcomes.step), *outcomes.starts]
     fits = [
         _quantities_of_further_run(what, swing, duration, model, mass, figures)
@@ -247,7 +245,10 @@ def _quantities_of_further_run(
 
 
 def choose_step_check(run: Trajectory) -> TimeStepCheck:
-    """Check of a run by twice its time step, or half of it where twice is too coarse [s]."""
+    """Check of a run by twice its time step, or half of it if twice is too coarse."""
+    # Richardson extrapolation (Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, sec.
+    # II.4): half the step changes 1 - 2^-p of the error; of twice the step all of the change is taken, a
+    # bound also for a bed that packs otherwise and follows no order.
     from granular.run.settings_for_accuracy import RESOLVED
     from granular.run.time_steps import can_run_with_step, double_time_step, halve_time_step
 
@@ -270,7 +271,7 @@ def random_start_checks(scene: Scene) -> list[RunCheck]:
 
 
 def higher_lift_check(scene: Scene) -> RunCheck | None:
-    """Check of a scene with a lift three times as high [m]."""
+    """Check of a scene with a lift three times as high."""
     from granular.protocol.driven_piston_stages import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
@@ -316,7 +317,7 @@ def _height_after_fall(run: Trajectory) -> float:
 
 
 def other_drop_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
-    """Give the checks by the fall alone, from other heights that the grains fit under; fall [s, m]."""
+    """Give the checks by the fall alone, from other heights that the grains fit under."""
     scene = run.scene
     assert scene.piston is not None
     first = scene.protocol[0]

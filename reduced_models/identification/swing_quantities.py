@@ -124,7 +124,7 @@ class EngineeringUnits:
 
 
 def engineering_units(angle: bool, mass: float | None) -> EngineeringUnits:
-    """Units in which a coordinate and its forces are shown; angle [rad, m], mass [kg]."""
+    """Units in which a coordinate and its forces are shown; mass [kg]."""
     if angle:
         return EngineeringUnits("°", 180.0 / math.pi, "1/s²", "1/s", "rad/s²", 1.0)
     if mass is None:
@@ -133,10 +133,9 @@ def engineering_units(angle: bool, mass: float | None) -> EngineeringUnits:
 
 
 def swing_quantities(model: ReducedModel, angle: bool, mass: float | None) -> tuple[QuantityWithError, ...]:
-    """Figures of the swing about rest; none where the law has no level of rest [mm or degrees, Hz, %].
-
-    angle [rad, m], mass [kg].
-    """
+    """Figures of the small swing [mm or degrees, Hz, %]; none of a law without a level of rest; mass [kg]."""
+    # k = m (2 pi/T)^2 and c = 4 pi m zeta/T of the linear oscillator (Inman 2014, Engineering Vibration, ch.
+    # 1). A damping ratio that the record's own peaks contradict is not shown.
     rest = model.at_rest
     if rest is None:
         return ()
@@ -241,6 +240,7 @@ def add_step_and_start_errors(
     *starts: Sequence[QuantityWithError] | None,
 ) -> tuple[QuantityWithError, ...]:
     """Add to figures the errors that another time step and other random starts show."""
+    # Student's t times the standard deviation (Student 1908, doi:10.1093/biomet/6.1.1).
     from scipy.stats import t
 
     scattered = [other for other in starts if other is not None]
@@ -265,10 +265,7 @@ def swing_noun(model: ReducedModel) -> str:
 
 
 def damped_frequency(period: float, ratio: float) -> float:
-    """Frequency of a damped linear swing: sqrt(1 - zeta^2)/T (Inman 2014, Engineering Vibration, ch. 1) [Hz].
-
-    period [s].
-    """
+    """Frequency [Hz] of a damped linear motion, sqrt(1 - zeta^2)/T (Inman 2014, ch. 1); period [s]."""
     return math.sqrt(1.0 - ratio**2) / period
 
 

@@ -86,5 +86,6 @@ def bed_force_port(scene: Scene) -> ForcePort:
 
 def mass_matrix(system: CoupledSystem) -> Float[np.ndarray, "2 2"]:
     """Mass matrix [kg] of host and piston over the cell."""
+    # An affine bed moves by 1/2 of the piston's stroke on average, in the mass that couples it with the host.
     swing = system.piston + 0.5 * system.bed
     return np.array([[system.host + system.piston + system.bed, swing], [swing, system.moving]])

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 RANGE = (0.5, 2.0)
 """Amplitudes of the piston over the cell [D] in which the peak of the packaged machine is within
 10 % of the simulated one; beyond it is 20 % off (`python docs/pictures.py machine-law`)."""
+# The classical Runge-Kutta method's phase errs by (2 pi/64)^4/120 = 8e-7 of itself.
 STEPS_A_PERIOD = 64
 ORDER = 0.5
 """Order of the bed at the start, the hidden state q of its law."""
@@ -76,7 +77,7 @@ class CoupledSystem(NamedTuple):
 
     @classmethod
     def from_host_scene(cls, scene: Scene) -> CoupledSystem:
-        """Equation of a scene whose host carries the cell [kg, N/m, N s/m]."""
+        """Equation of a scene whose host carries the cell."""
         host = scene.effects.host
         if host is None or host.mount != "cell" or len(host.bodies) != 1:
             raise InputError(
@@ -122,10 +123,7 @@ class CoupledSystem(NamedTuple):
     def linear_response(
         self, frequencies: Sequence[float], force: float, swing: LinearSwing | None = None
     ) -> Complex[np.ndarray, "f"]:
-        """Displacement of the host (f,) [m] with a linear law in place of the bed's.
-
-        frequencies [Hz], force [N].
-        """
+        """Displacement (f,) [m] of the host with a linear law for the bed; frequencies [Hz], force [N]."""
         omega = math.tau * np.asarray(frequencies, dtype=np.float64)
         own = self.stiffness + 1j * omega * self.damping
         own = own - omega**2 * (self.host + self.piston + self.bed)
@@ -261,10 +259,7 @@ def _host_force(host: Host | None) -> float:
 
 
 def solve_host_response(law: CoupledSystem, frequencies: Sequence[float], force: float) -> PredictedResponse:
-    """Solve the response of a host by the law of its bed, from given numbers [m].
-
-    frequencies [Hz], force [N].
-    """
+    """Solve the response of a host by the law of its bed, from given numbers; frequencies [Hz], force [N]."""
     pairs = []
     for frequency in frequencies:
         periods = max(math.ceil(SETTLING * frequency), 10)

@@ -92,7 +92,7 @@ class AtRest:
     calibration: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def small_swing_text(self, coordinate: str, unit: str, untold: Collection[str]) -> str:
-        """Line of a model's text on the small swing [s]."""
+        """Line of a model's text on the small swing."""
         words = "  small swing about rest: "
         words += "" if "level" in untold else f"{coordinate} {self.height:.5g} {unit}, "
         words += f"period {self.period:.5g} s, damping ratio "
@@ -231,6 +231,8 @@ class FittedLaw:
     @functools.cached_property
     def printed_digits(self) -> int:
         """Digits with which the equation says where the piston rests and how it swings there."""
+        # The fewest with which rest, period and damping ratio of the printed equation, and its parameters,
+        # are within their intervals.
         if self.at_rest is None:
             return FEWEST_DIGITS
         enough = (digits for digits in range(FEWEST_DIGITS, MOST_DIGITS) if self._digits_suffice(digits))

@@ -351,6 +351,7 @@ def _cycle_row(cycle: ForceCycle, where: str, kind: str) -> str:
 
 def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray]) -> tuple[ForceCycle, ...]:
     """Cycles of strokes as they were measured, those alike as one, the smallest first; forces [N]."""
+    # Errors are two standard deviations of a mean.
     every = [row for pair in zip(records, forces, strict=True) for row in _cycles_of_record(*pair)]
     groups: list[list[np.ndarray]] = []
     for row in every:

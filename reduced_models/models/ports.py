@@ -183,7 +183,7 @@ class PortForExport(NamedTuple):
 
 
 def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -> ForcePort:
-    """Return a law of a record as an element [kg, N]; mass [kg], gravity [m/s^2]."""
+    """Return a law of a record as an element; mass [kg], gravity [m/s^2]."""
     if model.angle:
         raise InputError("the law is one of an angle; a force between two bodies needs a height")
     if mass is None or not mass > 0.0:

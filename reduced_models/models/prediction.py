@@ -25,10 +25,10 @@ _ROUNDS = 60  # tenfold shorter steps, before a direction is given up
 class PredictionBand(NamedTuple):
     """A prediction with its confidence band."""
 
-    time: Float[np.ndarray, "n"]  # [s], [m]; the band of the motion itself
-    height: Float[np.ndarray, "n"]  # [s], [m]; the band of the motion itself
-    low: Float[np.ndarray, "n"]  # [s], [m]; the band of the motion itself
-    high: Float[np.ndarray, "n"]  # [s], [m]; the band of the motion itself
+    time: Float[np.ndarray, "n"]  # [s]
+    height: Float[np.ndarray, "n"]  # [m]
+    low: Float[np.ndarray, "n"]  # [m], of the motion itself, without noise
+    high: Float[np.ndarray, "n"]  # [m]
     noise: float  # [m]
     confidence: float
 
@@ -48,10 +48,8 @@ def predict_with_deviations(
     times: Float[np.ndarray, "n"],
     inputs: Mapping[str, np.ndarray] | None,
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Heights from the fitted start on, and the standard deviations that a covariance leaves [m].
-
-    times [s].
-    """
+    """Return heights [m] at times [s] from the fitted start on, and standard deviations by a covariance."""
+    # One direction of the correlation matrix at a time: their variances add.
     if not names:
         raise InputError("the model has no covariance; fit it to a record")
     here = model.simulate(times, inputs=inputs).height
@@ -83,6 +81,8 @@ def _change_along_direction(
     motion: Callable[[np.ndarray], np.ndarray], here: np.ndarray, sigma: np.ndarray, size: float
 ) -> np.ndarray:
     """Change by one standard deviation along a direction, as if the motion were linear in it."""
+    # Along an open direction a standard deviation is far and only its first bit straight, so the step is
+    # shortened until it is. A motion that changes by less than the solver's error does not depend on it.
     fraction = _STEP
     for _ in range(_ROUNDS if sigma.any() else 0):
         above, below = motion(fraction * sigma), motion(-fraction * sigma)
@@ -114,10 +114,7 @@ def plot_model(
     recorded: Float[np.ndarray, "n"] | None,
     ax: Axes,
 ) -> Axes:
-    """Draw a model's heights over time, over recorded ones where they are given.
-
-    time [s], height [m, rad].
-    """
+    """Draw a model's heights over time [s], over recorded ones if they are given [m, rad]."""
     from granular.shared.plotting import COLOURS, GREY, figure_label
 
     unit, factor = ("rad", 1.0) if model.angle else ("mm", 1e3)

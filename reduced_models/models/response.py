@@ -27,6 +27,7 @@ from reduced_models.models.fitted_law import FittedLaw
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+# Over five decades: neighbours are 5 % apart, and roots between them are interpolated in logarithms.
 _AMPLITUDES = 240
 _PER_PERIOD = 64
 
@@ -56,7 +57,7 @@ class SteadyAmplitudes(NamedTuple):
 
 
 def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRecord:
-    """Motion of a piston released above its level of rest [s, m, m/s]; amplitude [m]."""
+    """Motion of a piston released from an amplitude [m] above its level of rest."""
     if not 0.0 < periods < math.inf:
         raise InputError(f"periods = {quote(periods)}; give a number above 0")
     height, period = _rest_height_and_period(model)
@@ -66,7 +67,7 @@ def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> Pis
 
 
 def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
-    """Harmonic cycle of a model; inputs are at zero [rad/s]; amplitude [m], frequency [rad/s]."""
+    """Harmonic cycle of a model, its inputs at zero; amplitude [m], frequency [rad/s]."""
     if not amplitude > 0.0:
         raise InputError(f"amplitude = {quote(amplitude)} m; give one above 0")
     if frequency is not None and not 0.0 < frequency < math.inf:
@@ -119,6 +120,7 @@ def frequency_response(
     _, stiffness, damping = harmonic_coefficients(
         rates, hidden, size[:, None], centre[:, None], omega[None, :]
     )
+    # A steady cycle: the force carries stiffness less inertia, and damping a quarter period later.
     needed = amplitude[:, None] * np.hypot(stiffness - omega**2, damping * omega)
     low, high = np.full((2, len(omega)), np.nan)
     for k in range(len(omega)):

@@ -333,7 +333,7 @@ def law_from_plain(plain: Mapping[str, Any]) -> Law:
 
 
 def at_rest_from_plain(plain: Mapping[str, Any]) -> AtRest:
-    """Small motions about the level of rest [m, s]."""
+    """Small motions about the level of rest."""
     kinds = {"equivalent": EquivalentDamping, "peaks": PeakDamping}
     parts = {name: None if plain[name] is None else kind(**plain[name]) for name, kind in kinds.items()}
     return AtRest(**{**plain, **parts})
