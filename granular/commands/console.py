@@ -42,6 +42,7 @@ from granular.shared.message_text import one_line, printable, sanitize
 from granular.shared.stop_signals import handle_sigterm
 from granular.shared.version import __version__
 
+# As argparse has it, and as shells have it: 128 and the number of the signal, SIGINT or SIGTERM.
 BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
 
 

@@ -159,6 +159,7 @@ class KernelCache(_Cache):
         entry = self._kernel_file_and_label(sig, data.codegen)
         if entry is None:
             return
+        # Dynamic globals are addresses in this process; in another they would point anywhere.
         if not data.library.has_dynamic_globals:
             _delete_outdated_files(entry[0].parent)
             _write_cache_file(*entry, dumps((sig, data._reduce())))
@@ -172,6 +173,7 @@ class KernelCache(_Cache):
         stamp = digest_of_sources()
         label = f"{self.name} {self.options} {sig} {codegen.magic_tuple()} {stamp}"
         key = hashlib.sha256(label.encode()).hexdigest()
+        # 64 bits of each digest do: a clash is harmless, since the label in the file holds them in full.
         return folder / f"{self.name}-{key[:16]}-{stamp[:16]}.kernel", label
 
     def enable(self) -> None:

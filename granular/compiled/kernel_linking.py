@@ -82,6 +82,7 @@ class EntryLibrary(JITCodeLibrary):
         for library in _libraries_below(self._linking_libraries):
             self._reload_init.update(library._reload_init)
             self._final_module.link_in(_module_to_link(library), preserve=True)
+        # Numba's own finalize would link them in a second time.
         self._linking_libraries = []
         super().finalize()
 

@@ -257,6 +257,7 @@ def _pair_style_lines(deck: LammpsDeck) -> Iterator[str]:
     yield f"neighbor {length!r} bin"
     # With all pairs summed, every other grain is a neighbour.
     most = max(2000, count)
+    # Neither is below its default in LAMMPS, and page has to be ten times one at least (neigh_modify).
     yield f"neigh_modify every 1 delay 0 check yes one {most} page {max(100_000, 10 * most)}"
     yield ""
 

@@ -35,7 +35,7 @@ from granular.pairs.stripes import Stripes
 
 @intrinsic
 def clear_row_sums(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> Any:
-    """Set the entries first .. end - 1 of a row to zero, eight at a time (Numba intrinsic)."""
+    """Clear entries first .. end - 1 of a row of the sums (parts, s), eight at a time (Numba intrinsic)."""
     signature = types.void(sums, types.intp, types.intp, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -50,7 +50,7 @@ def clear_row_sums(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> An
 
 @intrinsic
 def add_row_to_row(typing: Any, sums: Any, row: Any, other: Any, first: Any, end: Any) -> Any:
-    """Add the entries first .. end - 1 of one row to another row, eight at a time (Numba intrinsic)."""
+    """Add entries first .. end - 1 of row ``other`` to ``row`` of the sums (parts, s) (Numba intrinsic)."""
     signature = types.void(sums, types.intp, types.intp, types.intp, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:

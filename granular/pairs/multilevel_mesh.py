@@ -57,7 +57,7 @@ _MARGIN = 48
 class SeparableTable(NamedTuple):
     """Kernel between points of the mesh, by their distances along both axes [1/D^3]."""
 
-    along: Samples
+    along: Samples  # (groups, reach, TERMS); stacked: (levels, groups, reach, TERMS)
     across: Samples
 
 

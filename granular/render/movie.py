@@ -167,6 +167,7 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
         ) from None
     first = next(images)
     size = (first.shape[1], first.shape[0])
+    # H.264 wants even sizes; by default imageio-ffmpeg would stretch pictures to multiples of 16.
     file = imageio_ffmpeg.write_frames(
         str(path), size, fps=fps, codec="libx264", quality=8, macro_block_size=2
     )

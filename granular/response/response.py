@@ -222,6 +222,7 @@ def _require_host_under_sine(scene: Scene, frequencies: Sequence[float], duratio
         )
     if not len(frequencies) or not all(f > 0.0 for f in frequencies):
         raise InputError(f"frequencies {list(frequencies)}: give some, each above 0 Hz")
+    # Then the last `FRACTION` of the run has the `LEAST_PERIODS` that amplitudes are read from.
     if duration * min(frequencies) < 10.0:
         raise InputError(
             f"duration = {duration:g} s is less than 10 periods of {min(frequencies):g} Hz; give "

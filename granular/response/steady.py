@@ -48,7 +48,7 @@ def steady_figures(run: Trajectory) -> Mapping[str, Any]:
     frequency, began = float(host.excitation.frequency or 0.0), host.excitation.start
     time = data.time.values
     first, last = last_whole_periods(began, float(time[-1]), frequency)
-    inside = time >= first - 1e-9
+    inside = time >= first - 1e-9  # [s]; recorded times carry rounding
     moment, drive = time[inside], time[inside] - began
     height = data.piston_height.values[inside] if "piston_height" in data else np.zeros(len(drive))
     body = data.host_displacement.values[inside] if host.bodies else height

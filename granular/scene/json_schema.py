@@ -37,6 +37,7 @@ Schema = dict[str, Any]
 
 _ATTRIBUTE = re.compile(r"^    (?P<names>\w+(?:, \w+)*) : .*\n(?P<words>(?:^        .*\n?)*)", re.M)
 _LIMITS = {"above": "exclusiveMinimum", "least": "minimum", "below": "exclusiveMaximum", "most": "maximum"}
+# The longest text that `TextKind` reads; longer, and editors would pass what the loader refuses.
 _TEXT = {"type": "string", "minLength": 1, "maxLength": 200}
 
 

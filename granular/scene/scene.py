@@ -464,6 +464,7 @@ class Scene(Section):
             First 16 hexadecimal digits of the SHA-256 of its plain data.
         """
         text = json.dumps(self.to_plain(), sort_keys=True)
+        # 64 bits: of a million scenes two clash with a chance of 3e-8.
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

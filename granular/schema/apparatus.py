@@ -80,6 +80,7 @@ class Grains(Section):
 
     count: int = integer_field(most=10**8)
     species: tuple[Species, ...] = section_list_field(Species, least=1)
+    # The magnets of [D]: of 6 mm, 0.625 g and 0.0877 A m^2.
     thickness: float = quantity("m", default=0.003, above=0.0)
     density: float = quantity("kg/m^3", default=7368.0, above=0.0)
     remanence: float = quantity("T", default=1.3, above=0.0)
@@ -179,6 +180,7 @@ class Grains(Section):
 
 def _species_by_every_kth_rule(count: int, fraction: float) -> np.ndarray:
     """Grain numbers count from 1; the quotients are exact, where floating point makes 19 of 20."""
+    # 0.6666666666666666 is meant for two thirds: its exact rest would make every second grain the rare one.
     rare = Fraction(repr(fraction)).limit_denominator(10**6)
     common, result = 0, 1
     if rare > Fraction(1, 2):

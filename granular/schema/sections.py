@@ -205,6 +205,7 @@ class Section:
         for key in plain:
             if key not in cls.key_names():
                 raise FieldError(unknown_word_message(key, cls.key_names(), "key"))
+        # The constructor has no diameter, which the unit D of the fields needs.
         self = object.__new__(cls)
         for field in dataclasses.fields(cls):
             has_default = field.default is not dataclasses.MISSING
@@ -226,6 +227,7 @@ class Section:
             value = getattr(self, field.name)
             if value is None:
                 if field.default is not None:
+                    # TOML has no null, and a missing key would take the default.
                     out[field.name] = "none"
             else:
                 out[field.name] = field.metadata["kind"].to_plain(value)

@@ -50,6 +50,7 @@ def _try_lock(path: Path, wait: bool) -> int | None:
             os.close(held)
             return None
         except OSError as error:
+            # Some network file systems know no locks; refusing would shut their users out of every run.
             if error.errno in WITHOUT_LOCKS:
                 return held
             os.close(held)

@@ -45,6 +45,7 @@ class BackgroundCaseRunner:
         if self._given is not None:
             return self._given
         if self._own is None:
+            # One processor stays for the caller, who works meanwhile.
             self._own = ProcessPool(max(1, (os.cpu_count() or 1) - 1))
         return self._own
 
