@@ -118,7 +118,7 @@ class ConvergenceResult(PlainData):
         )
 
     def table(self) -> TextTable:
-        """Step, error, local slope and wall time of each run [s, m]."""
+        """Step [s], error [m], local slope and wall time [s] of each run."""
         rows = zip(self.steps, self.errors, ("", *self.local_slopes), self.seconds, strict=True)
         return text_table(
             ("step [s]", "error [m]", "slope", "seconds"),
@@ -137,7 +137,7 @@ class ConvergenceResult(PlainData):
         return pandas.DataFrame({**columns, "seconds": self.seconds})
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
-        """Draw error over step, and the fitted line, into logarithmic axes [s, m]."""
+        """Draw error [m] over step [s], and the fitted line, into logarithmic axes."""
         axes = axes_or_new(ax)
         errors = np.array(self.errors)
         shown = np.where(errors > 0.0, errors, np.nan)

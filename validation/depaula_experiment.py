@@ -172,7 +172,7 @@ class DepaulaStepTest(PlainData):
         return text_table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the errors of each form over the step, and those relative to the finest step [s, m]."""
+        """Draw the errors [m] of each form over the step [s], and those relative to the finest step."""
         axes = axes_or_new(ax)
         for k, form in enumerate(dict.fromkeys(run.form for run in self.runs)):
             runs = self.runs_of_form(form)

@@ -83,7 +83,7 @@ AGREE = 0.2
 
 
 def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[str, Any]:
-    """Microseconds a step of a scene, by effect and by sum over pairs [us]."""
+    """Cost of a step of a scene, by effect and by sum over pairs [us]."""
     # Steps are timed in turn, so that a slow minute of the machine hits all alike; the cost is the median
     # over the rounds of the difference of two steps timed in one round.
     names = active_effect_names(scene)

@@ -253,7 +253,7 @@ def _show_accuracy(page: HtmlPage, plain: Plain) -> None:
 
 
 def plot_error_over_run_time(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
-    """Draw errors over the time of a run: a colour a quantity, a line a method; axes [s]."""
+    """Draw errors over the time [s] of a run: a colour a quantity, a line a method."""
     for k, study in enumerate(studies):
         colour = COLOURS[k % len(COLOURS)]
         for j, (name, family) in enumerate(study.points_by_family().items()):

@@ -72,7 +72,7 @@ READING = option_group(
 
 
 def parse_reading_options(options: Any) -> ReadOptions:
-    """Options of reading a file, from the options of the command line [s]."""
+    """Options of reading a file, from the options of the command line."""
     from granular.readers.read_options import ReadOptions
 
     between = None

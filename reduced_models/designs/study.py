@@ -151,7 +151,7 @@ def measure_damper_figures(run: Trajectory) -> Mapping[str, Any]:
 
 
 def measure_rest_and_gaps(run: Trajectory) -> dict[str, float]:
-    """Figures of `measure_damper_figures` that no law is fitted for [m]."""
+    """Heights [m] of `measure_damper_figures` that no law is fitted for."""
     settings = run.settings()
     return {
         "rest_height": run.stage("drop").height,
@@ -199,7 +199,7 @@ def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
 
 
 def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """Figures of a run's check, and its motion for a picture [s, m]."""
+    """Figures of a run's check, and its motion, times [s] and heights [m], for a picture."""
     motion = PistonRecord.from_columns(columns["motion"])
     return {
         **{name: value for name, value in columns.items() if name != "motion"},

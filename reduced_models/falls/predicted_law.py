@@ -217,7 +217,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
 
 
 def lattice_at_rest(scene: Scene) -> PressedLattice:
-    """Lattice of a scene's grains under the weight of its piston [1/D^2]."""
+    """Lattice of a scene's grains under the weight of its piston."""
     from granular.schema.natural_units import Scales
 
     piston, gravity, scales = scene.piston, scene.effects.gravity, Scales.from_grains(scene.grains)

@@ -136,7 +136,7 @@ class DropScores:
         return words + "."
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the error of each law over the height that a piston fell from [mm, % of the drop]."""
+        """Draw the error [% of the drop] of each law over the height [mm] that a piston fell from."""
         from granular.shared.plotting import axes_or_new, figure_label, label_log_axis_plainly, line_style
 
         axes = axes_or_new(ax)
@@ -159,7 +159,7 @@ class DropScores:
         return axes
 
     def to_plain(self) -> dict[str, Any]:
-        """Figures and models as plain data [m]."""
+        """Figures and models as plain data, in SI units."""
         return {
             "verdict": self.verdict,
             "rest": self.rest,

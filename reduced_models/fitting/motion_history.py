@@ -44,7 +44,7 @@ def is_motion_history(
 def prepend_histories(
     law: Law, histories: PistonRecord | Sequence[PistonRecord], records: Sequence[PistonRecord]
 ) -> list[PistonRecord]:
-    """Each record with its history before it, from time 0 at the record's own start [s]."""
+    """Each record with its history before it, from time 0 at the record's own start."""
     given = [histories] if isinstance(histories, PistonRecord) else list(histories)
     if not law.hidden:
         raise InputError(

@@ -94,7 +94,7 @@ class FitProblem:
 
     @property
     def noise(self) -> tuple[float | None, ...]:
-        """Noise of each record, where it was given [m]."""
+        """Noise [m] of each record, None unless it was given."""
         return tuple(data.noise if self.known_noise else None for data in self.data)
 
     def loss_of_record(self, data: TrainingData, unit: float) -> Loss:

@@ -137,7 +137,7 @@ class SceneChecks:
 
 
 def piston_record_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Piston's record of a run, and of its first stage where that is a free motion, as columns [s, m]."""
+    """Piston's record of a run, and of its first stage if that is a free motion, as columns [s, m]."""
     from granular.protocol.free_piston_stages import Free
 
     motions = {RECORD: run.piston()}

@@ -98,7 +98,8 @@ def _hermite_cubic(
 
 @functools.lru_cache(maxsize=PROGRAMS)
 def force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]:
-    """Return a function that gives the forces of a law along a stroke (for JAX) [N]."""
+    """Return a function that gives the forces [N] of a law along a stroke (for JAX)."""
+    # (values (p, s), hidden states at the start (h, s), stroke) -> forces (n, s).
     field = compile_rates(equation, inputs)
 
     def forces(values: Any, states: Any, stroke: Stroke) -> Any:

@@ -322,10 +322,7 @@ class FittedLaw:
         return PistonRecord(times, height, velocity, angle=self.angle)
 
     def simulate_record(self, record: PistonRecord) -> PistonRecord:
-        """Motion at the times of a record, with its inputs, from the fitted initial state [m, m/s].
-
-        record [s].
-        """
+        """Motion at the times of a record, with its inputs, from the fitted initial state."""
         inputs = {name: input_column(record, name) for name in self.law.inputs}
         return self.simulate(record.time, inputs=inputs)
 

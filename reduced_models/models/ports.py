@@ -195,7 +195,7 @@ def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -
 
 
 def prepare_port_for_export(port: ForcePort) -> PortForExport:
-    """Prepare an element for export: names that code can have, values, and expressions [N]."""
+    """Prepare an element for export: names that code can have, values, and expressions."""
     import sympy
 
     model, law = port.model, prepare_law_for_export(port.model)

@@ -114,7 +114,7 @@ def plot_model(
     recorded: Float[np.ndarray, "n"] | None,
     ax: Axes,
 ) -> Axes:
-    """Draw a model's heights over time [s], over recorded ones if they are given [m, rad]."""
+    """Draw a model's heights [m, rad] over time [s], over recorded ones if they are given."""
     from granular.shared.plotting import COLOURS, GREY, figure_label
 
     unit, factor = ("rad", 1.0) if model.angle else ("mm", 1e3)

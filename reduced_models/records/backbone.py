@@ -70,7 +70,7 @@ class Backbone:
         return BackbonePoint(amplitude, between(self.frequency), ratio, between(self.frequency_error), error)
 
     def amplitudes_to_show(self, scale: float) -> tuple[float, ...]:
-        """Amplitudes of a table of the curves, the greatest first [m, rad]."""
+        """Amplitudes [m, rad] of a table of the curves, the largest first."""
         # The last cycles before a motion stops are cut short, and would show too small an amplitude.
         least, greatest = scale * float(self.amplitude[0]), scale * float(self.amplitude[-1])
         rounded = [float(f"{fraction * greatest:.2g}") for fraction in FRACTIONS]
@@ -106,7 +106,7 @@ def _count_swinging_cycles(frequency: np.ndarray) -> int:
 def _amplitude_loss_per_radian(
     turn: np.ndarray, size: np.ndarray, noise: np.ndarray, k: int
 ) -> tuple[slice, tuple[float, float]]:
-    """Neighbours of a cycle, and the fall of the amplitude there with its error [m/rad]."""
+    """Neighbours of a cycle, and the fall of the amplitude there [m/rad] with its error."""
     # As few neighbours as give the fall to `_PRECISE`, and none of a very different amplitude.
     result = None
     for width in _WIDTHS:

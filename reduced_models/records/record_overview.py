@@ -159,7 +159,7 @@ def _motion_in_characters(record: PistonRecord) -> list[str]:
 
 
 def plot_overview(overview: RecordOverview) -> Figure:
-    """Draw the motion over time, and from where on it is within its noise [m, rad, s]."""
+    """Draw the motion [m, rad] over time [s], and from where on it is within its noise."""
     from granular.shared.plotting import COLOURS, GREY, figure
 
     with figure(width=7.0, height=3.0) as (drawing, axes):

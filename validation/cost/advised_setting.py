@@ -93,7 +93,7 @@ class WorkPrecisionPoint:
 
 
 def time_then_error(point: WorkPrecisionPoint) -> tuple[float, float]:
-    """Key that sorts by time, and settings as fast by their error [s]."""
+    """Key that sorts by time [s], and settings as fast by their error."""
     return point.seconds, point.error
 
 

@@ -280,7 +280,7 @@ def _scatter_over_starts(quantity: MeasuredQuantity, values: Sequence[Value]) ->
 def _run_and_time(
     scene: Scene, setting: SolverSettings, until: float | None, repeats: int
 ) -> tuple[Trajectory, float]:
-    """Run, and the least time of its repeats [s]."""
+    """Run, and the least time [s] of its repeats."""
     seconds = math.inf
     for _ in range(repeats):
         start = time.perf_counter()

@@ -122,7 +122,7 @@ class WorkPrecision(PlainData):
         return text_table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw error over seconds, a line a family, what to take ringed, the floor as a band [s]."""
+        """Draw error over seconds, a line a family, what to take ringed, the floor as a band."""
         axes = axes_or_new(ax)
         levels = {words: self.advise(level) for words, level in LEVELS.items()}
         _draw_error_over_cost(axes, self.points, self.pareto_front(), self.floor, levels)
@@ -212,7 +212,7 @@ def _mark_advised_setting(axes: Axes, words: str, advised: AdvisedSetting) -> No
 
 
 def label_run_times(axes: Axes) -> None:
-    """Label an axis of run times as they are read: 0.02, 0.05, 0.1 s; axes [s]."""
+    """Label an axis of run times [s] as they are read: 0.02, 0.05, 0.1 s."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axes.get_xlim()

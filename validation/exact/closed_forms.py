@@ -31,7 +31,7 @@ def free_fall_problem(time: float = 0.25) -> ExactProblem:
 
 
 def _exact_free_fall(scene: Scene, time: float) -> GrainStates:
-    """Grain at a time [s]."""
+    """Grain at a time [s]; places [m], velocities [m/s]."""
     from mpmath import mpf, workdps
 
     assert scene.effects.gravity is not None
