@@ -145,7 +145,7 @@ SHOWN_EVERY = 5
 
 @keep_measure_name("reduced_models.designs.figures:damper_figures#8b0ef787")
 def measure_damper_figures(run: Trajectory) -> Mapping[str, Any]:
-    """Figures of a damper that fell, came to rest, was lifted and released."""
+    """Heights and gaps [m], frequency [Hz] and law of a damper that fell, rested, was lifted and released."""
     bed, motion = measure_rest_and_gaps(run), fit_motion_figures(run.piston("release").with_time_from_zero())
     return {"rest_height": bed.pop("rest_height"), **motion, **bed}
 
@@ -162,7 +162,7 @@ def measure_rest_and_gaps(run: Trajectory) -> dict[str, float]:
 
 
 def fit_motion_figures(motion: PistonRecord) -> dict[str, float]:
-    """Figures of `measure_damper_figures` by the law of the motion after the release."""
+    """Frequency [Hz], damping ratio, misfit and the law's lam [1/s], k1 [1/s^2], k2, k3 after the release."""
     from reduced_models.fitting.fit import fit
 
     with warnings.catch_warnings():

@@ -35,7 +35,7 @@ def discover_height_formulas(
     search: SymbolicSearch,
     height_map: HeightMap,
 ) -> Discovery:
-    """Discover formulas of z in the time t by symbolic regression; time [s]."""
+    """Discover formulas of z in the time t by symbolic regression; time [s], height [m]."""
     # Of all formulas, numbers fitted to all samples, that of the least Bayesian information criterion
     # (Schwarz 1978, doi:10.1214/aos/1176344136).
     import sympy

@@ -47,13 +47,13 @@ class SmoothedMotion(NamedTuple):
 
     time: Float[np.ndarray, "n"]
     z: Float[np.ndarray, "n"]
-    smooth: Float[np.ndarray, "n"]
-    velocity: Float[np.ndarray, "n"]
-    acceleration: Float[np.ndarray, "n"]
+    smooth: Float[np.ndarray, "n"]  # estimate of z
+    velocity: Float[np.ndarray, "n"]  # of z'
+    acceleration: Float[np.ndarray, "n"]  # of z''
     drive: Float[np.ndarray, "n"] | None
-    noise: float
-    acceleration_noise: float
-    period: float
+    noise: float  # standard deviation of the white noise of z
+    acceleration_noise: float  # and of the estimate of z''
+    period: float  # [s]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -330,7 +330,7 @@ class ForceIntegrals(MotionIntegrals):
 
 
 def force_weak_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]) -> WeakForm:
-    """Weak form of the measured forces [N] of some motions."""
+    """Weak form of the measured forces [N] of some motions, its integrals in [N s]."""
     # Of a prescribed motion z'' says nothing and a force all: its integrals replace those of z'', its noise
     # theirs.
     parts = []

@@ -167,7 +167,7 @@ def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
 
 
 def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -> dict[str, float]:
-    """Predict the parameters of ``elastoplastic-bed`` for a scene, in the units of the law."""
+    """Predict lam [1/s], weight [m/s^2], rest [m], power, modulus and strength of ``elastoplastic-bed``."""
     # Derived in the module's first lines; walls, lateness and the bed's numbers were fitted to 120 simulated
     # falls.
     piston, grains = scene.piston, scene.grains

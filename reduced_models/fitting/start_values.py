@@ -202,7 +202,7 @@ def _hidden_starts(
 def acceleration_function(
     law: Law, motion: Float[np.ndarray, "4 n"], drive: Float[np.ndarray, "n inputs"]
 ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Return a function of parameters: accelerations along a motion, and the last hidden states."""
+    """Return a function of parameters: accelerations along rows z, z', z'', time [s]; last hidden states."""
     # Heun's method: hidden states go from zero along a motion that is known, at its nodes alone.
     field = compile_rates(law.equation, law.inputs, "numpy")
     z, v, _, time = motion

@@ -109,7 +109,7 @@ def solve_on_grid(
     step: Value,
     chunks: Value,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Return z, z' and z'' at the points of a uniform grid; step [s] (for JAX)."""
+    """Return z, z' [1/s] and z'' [1/s^2], over the unit of z, on a uniform grid; step [s] (for JAX)."""
     # Start (...) of z, velocity and hidden states; drive (points, stages, inputs). Beyond the first chunks
     # all three are zero. Butcher's method (`_STAGES`).
 

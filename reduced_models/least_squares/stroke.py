@@ -35,7 +35,7 @@ class StrokeSteps(NamedTuple):
     """Steps of the hidden states, with the stroke at the start, the middle and the end of each."""
 
     length: Float[np.ndarray, "k"]  # [s]
-    z: Float[np.ndarray, "k 3"]
+    z: Float[np.ndarray, "k 3"]  # columns: start, middle and end of a step
     velocity: Float[np.ndarray, "k 3"]
     drive: Float[np.ndarray, "k 3 inputs"]
 
@@ -47,7 +47,7 @@ class Stroke(NamedTuple):
     velocity: Float[np.ndarray, "n"]
     drive: Float[np.ndarray, "n inputs"]
     steps: StrokeSteps
-    point: Int[np.ndarray, "n"]
+    point: Int[np.ndarray, "n"]  # number of steps before each sample
 
 
 def stroke_of_record(record: PistonRecord, law: Law, travel: float = FINE) -> Stroke:

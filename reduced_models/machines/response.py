@@ -62,15 +62,15 @@ class LinearSwing(NamedTuple):
 class CoupledSystem(NamedTuple):
     """The numbers of the equation, in SI."""
 
-    host: float
-    stiffness: float
-    damping: float
-    piston: float
-    bed: float
-    moving: float
-    drag: float
-    gravity: float
-    rest: float
+    host: float  # M_h [kg]
+    stiffness: float  # k [N/m]
+    damping: float  # c [N s/m]
+    piston: float  # M [kg]
+    bed: float  # m [kg]
+    moving: float  # M_z [kg]
+    drag: float  # N gamma/3 and the piston's own [N s/m]
+    gravity: float  # [m/s^2]
+    rest: float  # [m]
     modulus: float = MODULUS
     strength: float = STRENGTH
     power: float = POWER

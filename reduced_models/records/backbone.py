@@ -131,7 +131,7 @@ def _amplitude_loss_per_radian(
 def driven_backbone(
     record: PistonRecord, drive_acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> Backbone:
-    """Backbone and damping curves of a driven swing; drive_acceleration [m/s^2] of heights and velocities."""
+    """Backbone [m or rad, rad/s] and damping of a driven swing; drive_acceleration [m/s^2] by motion."""
     # Restoring force method (Masri & Caughey 1979, doi:10.1115/1.3424568): drive minus acceleration is fitted
     # in each cycle by a stiffness and a damping.
     smooth = derivatives(record)

@@ -240,7 +240,7 @@ def _central_differences(heights: np.ndarray, time: np.ndarray) -> np.ndarray:
 def fit_local_cubics(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], period: float, nodes: np.ndarray | int
 ) -> Float[np.ndarray, "4 m"]:
-    """Height [m], velocity, acceleration and time [s] in rows, at nodes [s], by cubics; period [s]."""
+    """Rows height [m], velocity [m/s], acceleration [m/s^2], time [s] at nodes [s], by cubics; period [s]."""
     half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
     if isinstance(nodes, int):
         nodes = np.linspace(time[0] + half, time[-1] - half, nodes)

@@ -146,7 +146,7 @@ def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-gola
 def find_alternating_extremes(
     smooth: Derivatives,
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-    """Return times [s] and heights [m] of crests and troughs in turn, and the times' noise [s]."""
+    """Return times [s] and heights [m, rad] of crests and troughs in turn, and the times' noise [s]."""
     # An extreme counts if it is five standard deviations of the noise high; Newton's step to zero velocity
     # gives its time.
     from scipy.signal import find_peaks

@@ -82,7 +82,7 @@ def position_after_turning(potential: Potential, turning: Number, time: Number) 
 
 
 def time_integrand_between_turnings(potential: Potential, turning: Number, other: Number) -> Potential:
-    """Integrand dt/dphi [tau] for q = a + (b - a) sin^2(phi/2), a and b the turning points [D]."""
+    """Integrand dt/dphi [tau] for q = a + (b - a) sin^2(phi/2) [D] in a potential [D^2/tau^2]."""
     from mpmath import sin, sqrt
 
     energy = potential(turning)
