@@ -32,9 +32,9 @@ class FittedSlope(NamedTuple):
     """A fitted slope."""
 
     value: float
-    interval: tuple[float, float]
-    first: int
-    last: int
+    interval: tuple[float, float]  # 95 %, of a line: errors are not random, it says how straight
+    first: int  # index of the coarsest step of the fit
+    last: int  # and of the finest
 
 
 @dataclasses.dataclass(frozen=True)

@@ -104,7 +104,7 @@ class DepaulaRun:
     step: float  # [s]
     end: float  # [m]
     error: float  # [m]
-    seconds: float
+    seconds: float  # wall time [s]
     peaks: tuple[float, ...] = ()  # [m]
     path: tuple[float, ...] = ()  # [m]
 

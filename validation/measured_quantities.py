@@ -24,9 +24,9 @@ class MeasuredQuantity:
     name: str
     unit: str
     measure: Callable[[Trajectory], float | np.ndarray]
-    relative: bool = True
-    exact: float | None = None
-    differs_by_start: bool = False
+    relative: bool = True  # otherwise the error is taken as it is
+    exact: float | None = None  # its true value, if known; an error itself should be 0
+    differs_by_start: bool = False  # as places do: the scatter of its values says nothing
 
     def error(self, value: float | np.ndarray, reference: float | np.ndarray) -> float:
         """Greatest error against a reference."""

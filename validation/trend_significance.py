@@ -45,8 +45,8 @@ class EnergyTrend:
 
     rate: float  # [unit/s]
     interval: tuple[float, float]  # [unit/s]
-    p_stationary: float
-    p_walk: float
+    p_stationary: float  # of such a slope without a trend, in stationary noise
+    p_walk: float  # and in a random walk
     swing: float  # standard deviation about the line [unit]
     duration: float  # [s]
 

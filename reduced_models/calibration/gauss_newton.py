@@ -30,7 +30,7 @@ class GaussNewtonResult(NamedTuple):
     centre: SimulatedPoint
     estimate: LinearEstimate
     scatter: Float[np.ndarray, "d d"]  # covariance of features over random starts
-    simulations: int
+    simulations: int  # of scenes, random starts counted
     settled: bool
 
 

@@ -63,9 +63,9 @@ class FeatureMatch:
 
     name: str
     record: float
-    simulated: float
-    noise: float
-    scatter: float
+    simulated: float  # mean over the random starts
+    noise: float  # relative standard deviation of the record's
+    scatter: float  # and over the random starts
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

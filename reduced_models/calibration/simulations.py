@@ -94,8 +94,8 @@ _DIGITS = 12  # of a parameter: positions that differ by rounding are the same s
 class SceneParameter(NamedTuple):
     """A number in a scene."""
 
-    key: str
-    value: float
+    key: str  # dotted
+    value: float  # in SI, above 0
     unit: str
 
 
@@ -122,7 +122,7 @@ class SimulatedPoint(NamedTuple):
     position: Float[np.ndarray, "p"]  # logarithms of the parameters
     records: tuple[PistonRecord, ...]
     logs: Float[np.ndarray, "starts d"]  # logarithms of their features
-    failure: str = ""
+    failure: str = ""  # why there are no records; empty otherwise
 
     @property
     def mean(self) -> np.ndarray:

@@ -56,8 +56,8 @@ _EDGE = 1.01
 class FigureMap(NamedTuple):
     """The map of one figure."""
 
-    coefficients: Float[np.ndarray, "terms"]
-    error: float
+    coefficients: Float[np.ndarray, "terms"]  # of products of Legendre polynomials
+    error: float  # leave-one-out, rms: relative, or absolute of quadratic and cubic
 
 
 class PredictedFigures(NamedTuple):
@@ -67,7 +67,7 @@ class PredictedFigures(NamedTuple):
     frequency: float  # [Hz]
     damping_ratio: float
     lam: float
-    k1: float
+    k1: float  # of z'' + 2 lam z' + k1 x + k2 x^2 + k3 x^3 = 0, x from rest (SI)
     k2: float
     k3: float
 

@@ -170,9 +170,9 @@ _LEAST_SHARE = 0.1
 class StructureEvidence(NamedTuple):
     """Evidence for a structure, by stability selection."""
 
-    criterion_increases: dict[str, float]
-    fraction: float
-    rivals: tuple[str, ...]
+    criterion_increases: dict[str, float]  # without each term
+    fraction: float  # of random halves that choose it, or it with more terms
+    rivals: tuple[str, ...]  # that other halves choose, the most frequent first
 
     @property
     def rival_note(self) -> str:

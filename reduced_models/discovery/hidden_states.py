@@ -32,7 +32,7 @@ class HiddenState(NamedTuple):
 
     name: str
     rate_equations: str
-    force_variable: str
+    force_variable: str  # the one variable of theirs that terms know
     scales: tuple[str, ...]
     values_along_motion: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
     trial_scales: Callable[[float], np.ndarray]  # from a period [s] to the scales (k, s) that are tried first

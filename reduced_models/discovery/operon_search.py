@@ -79,7 +79,7 @@ class ScaledSamples:
     matrix: Float[np.ndarray, "n inputs"]
     target: Float[np.ndarray, "n"]
     names: tuple[str, ...]
-    sizes: Mapping[str, float]
+    sizes: Mapping[str, float]  # rms of each variable, in the order of the columns
     target_size: float
 
     def restore_units(self, expression: sympy.Expr) -> sympy.Expr:

@@ -49,7 +49,7 @@ class SymbolicSearch(NamedTuple):
 
     method: str
     functions: tuple[str, ...] = ()
-    effort: float = 1.0
+    effort: float = 1.0  # times the usual length of the search
     seed: int = 0
 
     def find_expressions(
@@ -76,8 +76,8 @@ class ProposedStructures(NamedTuple):
 
     candidates: list[CandidateEquation]
     scorer: EquationScorer
-    inclusion_fractions: Mapping[str, float] = MappingProxyType({})
-    others: Sequence[CandidateEquation] = ()
+    inclusion_fractions: Mapping[str, float] = MappingProxyType({})  # of an ensemble's members, by term
+    others: Sequence[CandidateEquation] = ()  # with other hidden states, only shown
     notes: tuple[str, ...] = ()
     hidden_state: ScaledHiddenState | None = None
 

@@ -29,8 +29,8 @@ class ScoredTerms:
 
     terms: tuple[AnyTerm, ...]
     coefficients: Float[np.ndarray, "k"]
-    misfit: float
-    criterion: float
+    misfit: float  # rms residual over what the record's noise makes of it
+    criterion: float  # extended Bayesian (Chen & Chen 2008)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class EquationScorer:
 
     weak: WeakForm
     whitening: Float[np.ndarray, "q r"]
-    excess: float
+    excess: float  # squares over the noise with all terms: above 1 if the law is not in it
     library_size: int
 
     @property

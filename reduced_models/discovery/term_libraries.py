@@ -221,7 +221,7 @@ class LibraryProposal(NamedTuple):
 
     name: str
     terms: tuple[AnyTerm, ...]
-    map: HeightMap
+    map: HeightMap  # of the z that the terms mean
     weak: WeakForm
     note: str
 

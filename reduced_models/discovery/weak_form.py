@@ -322,7 +322,7 @@ def choose_height_map(records: Sequence[PistonRecord], wanted: HeightMap | str) 
 class ForceIntegrals(MotionIntegrals):
     """Integrals with errors that are white noise of the force; `MotionIntegrals` tells of attributes."""
 
-    deviation: float
+    deviation: float  # of the noise, in the target's unit
 
     def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]) -> Any:
         """Compute the derivatives of the weak residuals by the force's noise, in units of the motion's."""

@@ -43,7 +43,7 @@ class PressedLattice(NamedTuple):
     """A lattice under a pressure."""
 
     density: float  # [1/D^2]
-    power: float
+    power: float  # d ln p/d ln rho
 
     @property
     def relative_shear_modulus(self) -> float:

@@ -292,8 +292,8 @@ class ValidShakingRange(NamedTuple):
 
     amplitudes: tuple[float, float]  # of the piston about its level of rest [m]
     frequencies: tuple[float, float]  # [Hz]
-    response_error: float
-    loss_error: float
+    response_error: float  # relative, of a pushed piston's amplitude, at worst
+    loss_error: float  # relative, of the work in a cycle of a prescribed sine, at worst
 
 
 AMPLITUDES, FREQUENCIES = (0.5, 1.5), (1.0, 8.0)

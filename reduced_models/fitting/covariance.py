@@ -49,12 +49,12 @@ _ROUNDS = 10  # of reweighting, for a middle
 class FitStatistics(NamedTuple):
     """Information of the data on a record's search vector, at the minimum of a fit."""
 
-    normal: Float[np.ndarray, "p p"]
-    covariance: Float[np.ndarray, "p p"]
-    residuals: tuple[np.ndarray, ...]
-    fitted: int
-    free: Bool[np.ndarray, "p"]
-    independent: float
+    normal: Float[np.ndarray, "p p"]  # J'J, other records' vectors taken out
+    covariance: Float[np.ndarray, "p p"]  # zero for entries that are held
+    residuals: tuple[np.ndarray, ...]  # of all records, in amplitudes
+    fitted: int  # free entries of the joint search vector
+    free: Bool[np.ndarray, "p"]  # entries of the record's vector that are not held
+    independent: float  # samples that would say as much of a level if they were white
 
     @property
     def degrees_of_freedom(self) -> float:

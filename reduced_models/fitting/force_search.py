@@ -82,7 +82,7 @@ class ForceFitProblem:
     """Records with their forces, and what is asked."""
 
     law: ForceLaw
-    field: Law
+    field: Law  # law whose z'' is the force
     records: tuple[PistonRecord, ...]
     forces: tuple[np.ndarray, ...]  # that move the strokes [N]
     bounds: Pairs
@@ -213,12 +213,12 @@ def _compile_normal_equations(
 class ForceSearchResult(NamedTuple):
     """Result of a search."""
 
-    theta: Float[np.ndarray, "q"]
+    theta: Float[np.ndarray, "q"]  # parameters or logarithms, then each record's hidden states
     units: Float[np.ndarray, "p"]  # of the parameters that are no logarithms
     data: list[ScaledStrokeData]
     starts: int
-    converged: int
-    solver_error: float
+    converged: int  # starts that led to the best fit
+    solver_error: float  # by steps of half the length, in the size of the forces
 
 
 def search_force_parameters(problem: ForceFitProblem, near: Mapping[str, float]) -> ForceSearchResult:

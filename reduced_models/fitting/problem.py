@@ -40,12 +40,12 @@ class TrainingData(NamedTuple):
 
     record: PistonRecord
     training: PistonRecord
-    test_swings: tuple[slice, ...]
-    look: PistonRecord
+    test_swings: tuple[slice, ...]  # without weight in a first fit, which they judge
+    look: PistonRecord  # training stretch for first guesses, outliers clipped if the loss spares them
     guess: FirstGuesses
     weights: Float[np.ndarray, "n"]
     noise: float  # [m]
-    fixed: Mapping[str, float] = {}
+    fixed: Mapping[str, float] = {}  # parameters that are given for this record alone
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -55,9 +55,9 @@ class FitProblem:
     law: Law
     data: tuple[TrainingData, ...]
     map: HeightMap | Literal["auto", "fitted"]
-    own: tuple[str, ...]
+    own: tuple[str, ...]  # parameters that each record has for itself
     bounds: Pairs
-    start: Mapping[str, float]
+    start: Mapping[str, float]  # values about which parameters are looked for
     initial: Mapping[str, float]  # [m, m/s]
     loss: LossName
     interpolation: Interpolation
@@ -67,7 +67,7 @@ class FitProblem:
     intervals: Intervals
     seed: int
     sensor: Sensor | None = None
-    untold: tuple[str, ...] = ()
+    untold: tuple[str, ...] = ()  # by the signal; level: height of rest, size: size of the motion
 
     def bounds_of_record(self, data: TrainingData) -> Pairs:
         """Bounds of the parameters of one of the records."""

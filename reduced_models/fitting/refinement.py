@@ -60,11 +60,11 @@ class SearchResult:
     joint: JointRecords
     trained: Float[np.ndarray, "q"]  # search vector without the test swings
     theta: Float[np.ndarray, "q"]  # that of all samples; before verification both are of the training
-    converged: int
-    cost: float
-    coarse_cost: float
+    converged: int  # starts that led to this fit
+    cost: float  # of the training residuals; infinite if the solution diverges
+    coarse_cost: float  # the same of the means on the search's coarse grid
     collocation: str = "none"
-    solver_errors: tuple[float, ...] = ()
+    solver_errors: tuple[float, ...] = ()  # against the adaptive solution, in amplitudes
 
     def with_training_fit(self, joint: JointRecords, trained: Float[np.ndarray, "q"]) -> SearchResult:
         """Return the result with another fit to the training stretches."""

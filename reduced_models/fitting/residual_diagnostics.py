@@ -112,8 +112,8 @@ def _runs_test_score(residuals: np.ndarray) -> float:
 class Autoregression(NamedTuple):
     """Residuals as a sum of former ones and of something new."""
 
-    weights: Float[np.ndarray, "k"]
-    variance: float
+    weights: Float[np.ndarray, "k"]  # of the residuals before, the last one first
+    variance: float  # of what is new in each
 
     @property
     def whitening_filter(self) -> np.ndarray:

@@ -21,7 +21,7 @@ class IdentifiableSensor(NamedTuple):
     """A sensor as a fit of a law takes it."""
 
     sensor: Sensor | None
-    held: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()  # at zero, so that heights count from rest
     untold: tuple[str, ...] = ()
 
 

@@ -152,8 +152,8 @@ _FEWEST_ROWS = 12  # integrals beyond a law's parameters, that say something
 class LawScreening:
     """Misfits of some laws at a glance."""
 
-    misfits: Mapping[str, float]
-    library_misfit: float
+    misfits: Mapping[str, float]  # in standard deviations of the noise: 1 if the law holds
+    library_misfit: float  # of all terms of a discovery together
 
     @property
     def least_misfit(self) -> float:

@@ -66,7 +66,7 @@ class EllipticAveraging(NamedTuple):
     frequencies: tuple[float, float]  # [Hz]
     solved_amplitudes: tuple[float, float]  # [m, rad]
     solved_frequencies: tuple[float, float]  # [Hz]
-    critical: float
+    critical: float  # damping over critical: averaging holds below 1
 
     @property
     def text(self) -> str:

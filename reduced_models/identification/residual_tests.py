@@ -31,14 +31,14 @@ _ROUNDING = 1e-5  # of the swing: less is the solver's and the file's rounding
 class ResidualTests:
     """Residuals of a model, and tests of them."""
 
-    rms: float
-    relative: float
-    whiteness: float
-    signs: float
-    swing: float
-    double: float
+    rms: float  # in the record's unit
+    relative: float  # over the rms swing
+    whiteness: float  # probability that white noise is correlated as much
+    signs: float  # and that it changes its sign as seldom, or as often
+    swing: float  # power at the frequency over that about it: about 1 of noise
+    double: float  # the same at twice the frequency
     transient: float  # [s]
-    after: float
+    after: float  # rms after the transient, over the rms swing
 
     @property
     def has_structure(self) -> bool:

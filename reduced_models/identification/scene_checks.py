@@ -63,7 +63,7 @@ class TimeStepCheck(NamedTuple):
     """A run with another time step."""
 
     check: RunCheck
-    factor: float
+    factor: float  # error of the step used, over the change by the other one
 
 
 class CheckOutcomes(NamedTuple):

@@ -34,7 +34,7 @@ class QuantityWithError(NamedTuple):
     symbol: str
     unit: str
     value: float
-    parts: Mapping[str, float]
+    parts: Mapping[str, float]  # of its error, by the names in `PARTS`, in its unit
 
     @property
     def total_error(self) -> float:
@@ -116,11 +116,11 @@ class EngineeringUnits:
     """Units in which the coordinate and its forces are shown."""
 
     length: str
-    scale: float
+    scale: float  # from SI
     stiffness: str
     damping: str
     friction: str
-    inertia: float
+    inertia: float  # times the law's stiffness and damping
 
 
 def engineering_units(angle: bool, mass: float | None) -> EngineeringUnits:

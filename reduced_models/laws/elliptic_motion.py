@@ -38,11 +38,11 @@ _ALONG = 101  # heights of a swing at which the damping is looked at
 class EllipticMotion(NamedTuple):
     """z(t) = rest + amplitude * function(rate t + phase | m)."""
 
-    function: str
+    function: str  # cn, sn or dn
     rest: float  # [m]
     amplitude: float  # [m]
     rate: float  # [rad/s]
-    m: float
+    m: float  # parameter k^2, from 0 to 1
 
     def text(self, digits: int = 4) -> str:
         """Motion as a formula, at any phase."""

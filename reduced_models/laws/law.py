@@ -210,7 +210,7 @@ class NormalizedSwingLaw:
     # parameters, shift (from rest) and scale, in amplitudes.
 
     law: Law
-    start: SwingStarts
+    start: SwingStarts  # (time, swing, guesses, random, count) to parameters, or None
     mapped: Callable[[Mapping[str, np.ndarray]], dict[str, np.ndarray]]
 
 

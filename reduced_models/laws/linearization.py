@@ -43,7 +43,7 @@ class SmallSwing(NamedTuple):
 
     z: float
     period: float  # [s]
-    damping_ratio: float
+    damping_ratio: float  # infinite if the law jumps with the sign of the velocity
 
 
 class NoSwing(NamedTuple):
@@ -171,7 +171,7 @@ def _swing_with_hidden_states(state: np.ndarray, matrix: np.ndarray) -> SmallSwi
 class HarmonicCycles(NamedTuple):
     """Harmonic cycles, per unit of mass."""
 
-    centre: Float[np.ndarray, "n"]
+    centre: Float[np.ndarray, "n"]  # of z, at which no mean force is needed
     frequency: Float[np.ndarray, "n"]  # angular [rad/s]
     stiffness: Float[np.ndarray, "n"]  # [1/s^2]
     damping: Float[np.ndarray, "n"]  # [1/s]

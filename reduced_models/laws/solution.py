@@ -174,9 +174,9 @@ def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Da
 class Solution:
     """A solution at given times."""
 
-    z: Float[np.ndarray, "n"]
+    z: Float[np.ndarray, "n"]  # NaN at times that it does not reach
     velocity: Float[np.ndarray, "n"]
-    ending: Ending
+    ending: Ending  # steps: their budget was spent, as on a stiff law
 
 
 @functools.lru_cache(maxsize=PROGRAMS)

@@ -27,7 +27,7 @@ _OPEN = (-math.inf, math.inf)
 class Symmetries(NamedTuple):
     """Changes of parameters that a law does not notice."""
 
-    turning: tuple[str, ...]
+    turning: tuple[str, ...]  # mean the same a whole turn on
     flipping: tuple[tuple[str, str | None], ...]
 
 
@@ -80,8 +80,8 @@ def _symmetries(
 class Similarity(NamedTuple):
     """A change of the coordinate under which a law keeps its form."""
 
-    moving: tuple[str, ...]
-    level: str = ""
+    moving: tuple[str, ...]  # change with the coordinate: what does not tell it does not tell them
+    level: str = ""  # of these, the one that only says where a shifted coordinate counts from
 
 
 def find_similarity(law: Law, change: Literal["shift", "scale"]) -> Similarity | None:

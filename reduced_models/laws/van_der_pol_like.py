@@ -97,10 +97,10 @@ VAN_DER_POL_LIKE = Law(
 class QuadraticDamping(NamedTuple):
     """u'' + (c0 + c1 u + c2 u^2) u' + stiffness u = force."""
 
-    damping: Float[np.ndarray, "3"]
+    damping: Float[np.ndarray, "3"]  # c0, c1, c2
     stiffness: float
     force: float
-    unexplained: float
+    unexplained: float  # fraction of the bumps' accelerations that it leaves over
 
 
 def fit_quadratic_damping(

@@ -72,7 +72,7 @@ class JointRecords:
     """Some records, each on its grid, that one search vector describes."""
 
     grids: tuple[GriddedRecord, ...]
-    entries: Entries
+    entries: Entries  # of the joint search vector, for each record
     bounds: Bounds
 
     @property

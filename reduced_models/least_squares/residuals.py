@@ -40,7 +40,7 @@ class Loss(NamedTuple):
     """Cost of a residual r."""
 
     name: LossName = "linear"
-    scale: float = math.inf
+    scale: float = math.inf  # in amplitudes
 
     @property
     def compiled_arguments(self) -> np.ndarray:
@@ -102,7 +102,7 @@ class SensorForm(NamedTuple):
 
     derivative: int
     is_open: tuple[bool, bool]
-    entries: int
+    entries: int  # of the sensor, at the end of the search vector
 
 
 def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
@@ -197,13 +197,13 @@ class GriddedRecord:
     """A record on a grid, with the compiled residuals of some unknowns."""
 
     unknowns: Unknowns
-    record: PistonRecord
+    record: PistonRecord  # starts at time 0
     grid: StepGrid
     samples: Samples
     interpolation: Interpolation
     weights: Float[np.ndarray, "n"]
     loss: Loss
-    gain: float = 0.0
+    gain: float = 0.0  # of the filter that takes a drift out of the residuals
 
     def residuals(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
         """Residuals (n,) of all samples, in amplitudes; not weighted."""

@@ -44,9 +44,9 @@ class Samples(NamedTuple):
     point: np.ndarray  # of the grid before each sample, int (n,)
     fraction: np.ndarray  # of a step by which the sample is behind it, float (n,)
     height: Float[np.ndarray, "n"]  # [m]
-    weight: Float[np.ndarray, "n"]
+    weight: Float[np.ndarray, "n"]  # multiplies the residuals
     drive: Float[np.ndarray, "points stages inputs"]
-    chunks: int
+    chunks: int  # of the grid that are solved
     sensor: SensorSignalTables | None = None
 
     def with_weights(self, weight: Float[np.ndarray, "n"]) -> Samples:

@@ -30,13 +30,13 @@ class Unknowns:
     # start; a sensor's open gain and offset, and its filter's state. Heights count in amplitudes.
 
     law: Law
-    map: HeightMap | None
-    units: tuple[float, ...]
+    map: HeightMap | None  # None if it is fitted
+    units: tuple[float, ...]  # of the parameters that are no logarithms; 1 of the others
     rest: float  # [m]
     amplitude: float  # [m]
     speed: float  # amplitude times angular frequency [m/s]
     sensor: Sensor | None = None
-    signal: float = 1.0
+    signal: float = 1.0  # size of the signal that is compared, in its unit
 
     @property
     def residual_unit(self) -> float:

@@ -58,7 +58,7 @@ class DamperDesign:
     ideal: float  # [m]
     stroke: float  # [m]
     mass: float  # [kg]
-    outside: str
+    outside: str  # why the law is not to be trusted; empty if it is
     simulated: FrequencyResponse | None = None
     seconds: float = 0.0
 

@@ -195,7 +195,7 @@ class PredictedResponse:
     displacement: Float[np.ndarray, "f"]  # [m]
     stroke: Float[np.ndarray, "f"]  # [m]
     linear: Float[np.ndarray, "f"]  # amplitude of the host by the law's small swing [m]
-    outside: bool
+    outside: bool  # the stroke at the peak is outside `RANGE`
 
     @property
     def peak(self) -> float:

@@ -47,7 +47,7 @@ class EquivalentDamping:
     """Damping that small swings do not show, by the energy that harmonic cycles dissipate."""
 
     amplitude: float  # [m]
-    tenth_ratio: float
+    tenth_ratio: float  # fraction of critical damping at a tenth of the largest swing
     friction: float  # [m/s^2]
     intervals: Mapping[str, tuple[float, float]]
 

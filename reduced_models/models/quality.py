@@ -15,8 +15,8 @@ _ANYTHING = 7.0  # of a logarithm: a factor of a thousand
 class ParameterDirection:
     """A direction in which the parameters can move without the data noticing."""
 
-    powers: Mapping[str, float]
-    spread: float
+    powers: Mapping[str, float]  # joint change of the parameters: each as t to this power
+    spread: float  # standard deviation of log t that the data leave
 
     @property
     def is_undetermined(self) -> bool:

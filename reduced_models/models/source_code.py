@@ -31,7 +31,7 @@ class LawForExport(NamedTuple):
     values: tuple[float, ...]
     initial: tuple[float, ...]
     step: float  # [s]
-    comments: tuple[str, ...]
+    comments: tuple[str, ...]  # ASCII, a line each, nothing that could end a comment
 
 
 def prepare_law_for_export(model: FittedLaw) -> LawForExport:

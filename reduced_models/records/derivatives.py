@@ -69,7 +69,7 @@ class Derivatives(NamedTuple):
     acceleration: Float[np.ndarray, "n"]  # [m/s^2]
     width: float  # [s]
     record_noise: float  # [m]
-    noise: DerivativeNoise
+    noise: DerivativeNoise  # by the record's noise, not what smoothing takes away
 
 
 def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay") -> Derivatives:

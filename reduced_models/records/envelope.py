@@ -33,9 +33,9 @@ class PeakDamping:
     """Damping ratios that a record's own peaks show."""
 
     mean: float
-    low: float
+    low: float  # of the whole record and of its halves
     high: float
-    noise: float
+    noise: float  # largest error of the mean by the record's noise
 
     def contradicts(self, ratio: float) -> bool:
         """Return whether a damping ratio is far from those of the peaks."""

@@ -24,7 +24,7 @@ class ExampleRecord(NamedTuple):
 
     columns: Callable[[np.random.Generator], dict[str, np.ndarray]] | Path
     options: Mapping[str, Any]
-    truth: str
+    truth: str  # law and numbers that the motion was made with
 
 
 def write_example_records(out: str | Path) -> dict[str, str]:

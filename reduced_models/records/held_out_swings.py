@@ -59,8 +59,8 @@ class SwingTestError(NamedTuple):
     """Error of a law on swings that it has not seen, over the rms swing of the record."""
 
     value: float
-    at_rest: float
-    standard_error: float | None
+    at_rest: float  # of a piston that stays at rest
+    standard_error: float | None  # by its difference between swings; None of one
 
 
 def error_on_swings(

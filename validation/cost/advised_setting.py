@@ -69,11 +69,11 @@ class WorkPrecisionPoint:
     """Error and time of one setting."""
 
     setting: SolverSettings
-    error: float
-    seconds: float
+    error: float  # mean over the starts; NaN if it failed
+    seconds: float  # of one run [s]
     steps: int
     failure: str | None = None
-    doubt: float = 0.0
+    doubt: float = 0.0  # standard error of the error; 0 for one start
     starts: int = 1
 
     @property
@@ -119,9 +119,9 @@ class AdvisedSetting(NamedTuple):
     """Advice for a tolerance."""
 
     tolerance: float
-    point: WorkPrecisionPoint | None
-    starts: int
-    floor: float
+    point: WorkPrecisionPoint | None  # None if no setting reaches the tolerance
+    starts: int  # to average over; 1 if a single run is good enough
+    floor: float  # scatter of the quantity over the starts
 
     @property
     def needs_more_starts(self) -> bool:

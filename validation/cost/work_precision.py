@@ -35,8 +35,8 @@ class ReferenceValue(NamedTuple):
     """Values that a quantity is measured against."""
 
     words: str
-    values: tuple[Value, ...]
-    floor: float
+    values: tuple[Value, ...]  # one for each start
+    floor: float  # scatter of the quantity over the starts, as an error
 
 
 def work_precision(

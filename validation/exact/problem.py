@@ -64,7 +64,7 @@ class GrainStates(NamedTuple):
 
     positions: Float[np.ndarray, "n 2"]  # [m]
     velocities: Float[np.ndarray, "n 2"]  # [m/s]
-    steps: int | None = None
+    steps: int | None = None  # that a simulation took, if it chooses them itself
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,9 +76,9 @@ class ExactProblem:
     scene: Scene
     time: float  # [s]
     exact: Callable[[float], GrainStates]  # [s]
-    fewest_steps: int
-    conservative: bool = True
-    smooth: bool = True
+    fewest_steps: int  # steps of about half a radian of the stiffest mode
+    conservative: bool = True  # the energy stays the same
+    smooth: bool = True  # has as many derivatives as a high order asks for
 
     def perturb_start(self, last_place_units: int) -> ExactProblem:
         """Return the same problem with its start moved by a few units in the last place."""

@@ -45,10 +45,10 @@ class HardCase:
     quick_time: float  # [s]
     full_time: float  # [s]
     measure: ErrorMeasure = LEDGER
-    limit: float = FAIR
-    errors: tuple[str, ...] = ()
+    limit: float = FAIR  # error up to which the run is accurate
+    errors: tuple[str, ...] = ()  # names of those that may end it
     dt: float | str = "auto"
-    may_degrade: bool = False
+    may_degrade: bool = False  # a warning may take the place of accuracy
 
 
 _ENERGIES = ("kinetic", "pair", "wall", "weight", "contact", "piston")
