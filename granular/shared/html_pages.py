@@ -44,6 +44,7 @@ th, td { padding: 0.25rem 0.8rem 0.25rem 0; text-align: left; border-bottom: 1px
 th { font-weight: 600; }
 .equation { font-size: 1.25rem; padding: 0.6rem 0.8rem; background: var(--soft);
   border-left: 4px solid var(--accent); overflow-x: auto; margin: 0.8rem 0; line-height: 2; }
+math { font-family: "Latin Modern Math", "STIX Two Math", "Cambria Math", "DejaVu Math TeX Gyre", math; }
 .note { background: var(--soft); border-left: 4px solid #d1495b; padding: 0.5rem 0.8rem; }
 pre { background: var(--soft); padding: 0.6rem 0.8rem; overflow-x: auto; font-size: 0.85rem; }
 @media (max-width: 30rem) { table { font-size: 0.72rem; } pre { white-space: pre-wrap; }

@@ -114,6 +114,12 @@ def latex(equation: sympy.Eq) -> str:
     return f"{side(equation.lhs)} = {side(equation.rhs)}"
 
 
+# Invisible times has no width: without a space "friction tanh" would read as one name.
+_TIMES, _WORD = "<mo>&InvisibleTimes;</mo>", r"<mi>[^\W\d_]{2,}</mi>"
+_WORD_TIMES = re.compile(rf"{_WORD}{_TIMES}|{_TIMES}(?=(?:<mrow>)*{_WORD})")
+_THIN_SPACE = '<mspace width="0.17em"/>'
+
+
 def mathml(equation: sympy.Eq) -> str:
     """Equation in z(t) as presentation MathML, a formula a term: lines break between them."""
     return _mathml_equation(_signed_terms(equation.lhs), _signed_terms(equation.rhs))
@@ -140,9 +146,10 @@ def _signed_terms(expression: Any) -> list[str]:
         negative = term.could_extract_minus_sign()
         text = ""
         if result or negative:
-            text += f"<mo>{'&#x2212;' if negative else '+'}</mo>"
+            form = "infix" if result else "prefix"  # a term is a formula of its own, which a sign opens
+            text += f'<mo form="{form}">{"&#x2212;" if negative else "+"}</mo>'
         text += printer.doprint(-term if negative else term)
         for name, (_, mark) in _MARKS.items():
             text = text.replace(f"<mi>{name}</mi>", f"<mover><mi>z</mi><mo>{mark}</mo></mover>")
-        result.append(text)
+        result.append(_WORD_TIMES.sub(r"\g<0>" + _THIN_SPACE, text))
     return result

@@ -82,6 +82,24 @@ def test_the_linear_law_as_it_is_printed(record: PistonRecord) -> None:
     inside(model, g0 / omega**2, omega, 2.0 * lam)
 
 
+@pytest.mark.parametrize("product", ["friction*tanh(v)", "c*gain", "friction*c"])
+def test_words_of_a_product_stand_apart_on_pages(product: str) -> None:
+    t = sympy.Symbol("t")
+    z = sympy.Function("z")(t)
+    names = {name: sympy.Symbol(name) for name in ("friction", "c", "gain")}
+    factors = {"tanh(v)": sympy.tanh(z.diff(t)), **names}
+    first, second = (factors[text] for text in product.split("*"))
+    term = mathml(sympy.Eq(z.diff(t, 2) + first * second, 0)).split("</math>")[1]
+    bare = re.sub(r"<mspace[^>]*/>", " ", term.replace("<mo>&InvisibleTimes;</mo>", ""))
+    assert re.search(r"\b(friction|gain)\b", re.sub(r"<(?!mspace)[^>]*>", "", bare))
+
+
+def test_letters_of_a_product_stay_together_on_pages() -> None:
+    t, c, k = sympy.symbols("t c k")
+    z = sympy.Function("z")(t)
+    assert "<mspace" not in mathml(sympy.Eq(z.diff(t, 2) + c * k * z, 0))
+
+
 def test_a_law_with_a_map_as_it_is_printed(record: PistonRecord) -> None:
     """The map of the height is printed next to the equation, with as many digits."""
     model = fit(record, "van-der-pol-like")
