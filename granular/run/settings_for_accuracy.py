@@ -76,6 +76,11 @@ def parse_accuracy(text: str) -> tuple[float, str]:
     return value * (0.01 if match["percent"] else 1.0), match["quantity"]
 
 
+def starts_for_tolerance(floor: float, tolerance: float) -> int:
+    """Return the number of random starts whose mean is within a tolerance, at two standard errors."""
+    return max(1, math.ceil((2.0 * floor / tolerance) ** 2))
+
+
 def choose_settings_for_accuracy(scene: Scene, text: str) -> ChosenSettings:
     """Choose the cheapest method and step for an accuracy, by the stored work-precision table."""
     tolerance, quantity = parse_accuracy(text)
@@ -90,7 +95,7 @@ def choose_settings_for_accuracy(scene: Scene, text: str) -> ChosenSettings:
         raise InputError(
             f"accuracy = {quote(text)}: random starts scatter by {floor:.2g}, so no single run "
             f"can be promised below {FLOORS * floor:.2g}; ask for that, or average "
-            f"{math.ceil((2.0 * floor / tolerance) ** 2):d} starts (arrangement.seed)"
+            f"{starts_for_tolerance(floor, tolerance):d} starts (arrangement.seed)"
         )
     cheapest = min(_accurate_methods(scene, costs, quantity, tolerance), default=None)
     if cheapest is None:

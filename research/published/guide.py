@@ -18,7 +18,7 @@ from validation.published import published_keys
 
 WIDTH = 110
 PAGES: Mapping[str, str] = {
-    "summary": "README.md",
+    "summary": "docs/results/verification.md",
     "counts": "docs/results/verification.md",
     "figures": "docs/results/verification.md",
     "packaged damper": "docs/results/verification.md",

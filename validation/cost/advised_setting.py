@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
+from granular.run.settings_for_accuracy import starts_for_tolerance
 from validation.external_integrators import ORDERS
 
 SURE = 0.95
@@ -149,13 +150,9 @@ def duration_text(seconds: float) -> str:
     sizes = (("years", 3.156e7), ("days", 86400.0), ("hours", 3600.0), ("minutes", 120.0))
     for unit, size in sizes:
         if seconds >= size:
-            return f"{seconds / (60.0 if unit == 'minutes' else size):.2g} {unit}"
+            count = seconds / (60.0 if unit == "minutes" else size)
+            return f"{float(f'{count:.2g}'):g} {unit}"
     return f"{seconds:.2g} s"
-
-
-def starts_for_tolerance(floor: float, tolerance: float) -> int:
-    """Return the number of random starts whose mean is within a tolerance, at two standard errors."""
-    return max(1, math.ceil((2.0 * floor / tolerance) ** 2))
 
 
 def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance: float) -> AdvisedSetting:

@@ -109,7 +109,7 @@ def non_finite_cases() -> tuple[HardCase, ...]:
     }
     case = partial(
         HardCase,
-        difficulty="a number that is none",
+        difficulty="a number that is not finite",
         quick_time=0.1,
         full_time=0.1,
         errors=("SceneError", "FieldError", "InputError"),
