@@ -53,8 +53,9 @@ class ParametricTerms:
 
     def terms_with_best_values(self, weak: WeakForm, library: Sequence[AnyTerm]) -> list[AnyTerm]:
         """Terms with the values of their parameters that leave the least residual next to a library."""
-        # Whitened for the noise of z'' alone. Each number is tried over the sizes of the motion, several at
-        # random points, then refined one by one between its neighbours (Brent's bounded minimisation).
+        # A number within a function has many valleys: each is tried over the sizes of the motion, several at
+        # random points, before they are refined one by one (Brent's bounded minimisation). Whitened for the
+        # noise of z'' alone, as the coefficients are not known yet.
         if not self.parameter_names:
             return []
         residual = _LibraryResidual(weak, library, self)

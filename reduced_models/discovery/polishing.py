@@ -162,7 +162,6 @@ _BY_SPEED = {1: "viscous", 2: "quadratic drag", 3: "cubic drag"}
 
 def describe_law(terms: Mapping[AnyTerm, float]) -> str:
     """Describe a law in an engineer's words, by the terms of z'' and their coefficients."""
-    # Such as "viscous + dry friction + softening"; other terms as they are written.
     others = [term for term in sort_terms(terms) if not _is_spring_term(term)]
     others.sort(key=lambda term: isinstance(term, CustomTerm) or abs(term.speed - 1))
     words = [_damping_term_words(term, terms[term]) for term in others]

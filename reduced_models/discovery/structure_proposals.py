@@ -141,7 +141,6 @@ def propose_symbolic_candidates(
     weak: WeakForm, terms: Sequence[AnyTerm], search: SymbolicSearch, subsets: Sequence[np.ndarray] = ()
 ) -> tuple[list[CandidateEquation], EquationScorer]:
     """Propose expressions of a symbolic regression, and what each is without some of its terms."""
-    # Terms are eliminated backward on the whitened weak residuals.
     expressions = _find_motion_expressions(weak.motions, terms, search)
     sums = [(expression, split_terms(expression)) for expression in expressions]
     union = sort_terms({term for _, parts in sums if parts is not None for term in parts})
@@ -159,7 +158,6 @@ def propose_symbolic_candidates(
 
 def _prune_expression(expression: sympy.Expr, scorer: EquationScorer) -> list[CandidateEquation]:
     """Candidates of an expression that is no sum of terms, and of it with fewer addends."""
-    # Addends' coefficients are fitted again; numbers within them stay.
     import sympy
 
     addends = sympy.Add.make_args(sympy.expand(expression))

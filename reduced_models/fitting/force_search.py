@@ -50,8 +50,7 @@ _DRAWS = 256
 _SEARCH_TRAVEL, _SEARCH_SAMPLES = 0.1, 1200  # of a step, in half strokes; of all records
 POLISHED = 3
 """Vectors side by side, the best that the search ends at, for which code is compiled."""
-# Logarithms of what is drawn over its natural size, which its unit gives to a factor of 1/55 to 7.
-_LOW, _HIGH = -4.0, 2.0
+_LOW, _HIGH = -4.0, 2.0  # logarithm of what is drawn, over its natural size
 _NEAR = 0.1  # spread of the logarithm of values that are given
 _LEAST = 1e-3  # of the force: least part of a factor that is above zero
 # A factor of e^3 = 20 either way: it holds what records leave open, and moves nothing that they tell.

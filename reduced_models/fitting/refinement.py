@@ -48,7 +48,7 @@ _TELLING = 1e-4  # of a cost: tolerance of a fit that is only compared
 _JUDGED, _STEPS, _OPEN = 1e-8, 4, 1e-10
 """Tolerance of the fit that is judged, of its cost; its steps at most, and the strength, over the
 greatest, of directions that are open to it."""
-# Of a cost: less is another fit, a larger difference than tolerances of either leave.
+# Of a cost: a hundred times `_TELLING`, so that a fit that has only not ended is no other one.
 _BETTER = 0.99
 
 

@@ -27,7 +27,7 @@ MOST_WEIGHTS = 40
 # hundred samples, twice, 0.2 %. By one, intervals widen for nothing.
 _PRICE = 2.0
 _VAIN = 8  # further weights that gain nothing, after which no more are tried
-# Samples for each weight, at least: Burg's weights scatter by about 1/sqrt(samples).
+# Samples for each weight, at least: more weights would follow single residuals.
 _FRACTION = 20
 _LEAST = 1e-12  # of the residuals' variance: what is new in them is no less
 SLIGHT = 1e-3

@@ -188,7 +188,7 @@ def add_check_errors(
     outcomes: CheckOutcomes,
 ) -> tuple[tuple[QuantityWithError, ...], MeasuredSwing | None, list[CheckFailure]]:
     """Return figures and own swing with errors of step and start, as far as there are runs; mass [kg]."""
-    # The further runs are fitted by the same law and map over the same duration [s].
+    # By the same law and map over the same duration [s], so that what differs is the run.
     runs_by_name = [(outcomes.step_check.check.what, outcomes.step), *outcomes.starts]
     fits = [
         _quantities_of_further_run(what, swing, duration, model, mass, figures)

@@ -107,7 +107,8 @@ def _amplitude_loss_per_radian(
     turn: np.ndarray, size: np.ndarray, noise: np.ndarray, k: int
 ) -> tuple[slice, tuple[float, float]]:
     """Neighbours of a cycle, and the fall of the amplitude there [m/rad] with its error."""
-    # As few neighbours as give the fall to `_PRECISE`, and none of a very different amplitude.
+    # Over many cycles an amplitude is no cubic, over few its fall is noise: as few as give it to `_PRECISE`,
+    # and none of a very different amplitude.
     result = None
     for width in _WIDTHS:
         first = min(max(0, k - width), max(0, len(size) - 2 * width - 1))

@@ -147,8 +147,7 @@ def find_alternating_extremes(
     smooth: Derivatives,
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
     """Return times [s] and heights [m, rad] of crests and troughs in turn, and the times' noise [s]."""
-    # An extreme counts if it is five standard deviations of the noise high; Newton's step to zero velocity
-    # gives its time.
+    # Beyond five standard deviations, noise makes one extreme in a million.
     from scipy.signal import find_peaks
 
     time, height = smooth.time, smooth.height

@@ -22,8 +22,8 @@ LEAST_CROSSINGS = 3
 """Passages through rest below which frequency and rest level are hardly better than guesses."""
 _APART = 0.05  # of logarithms of frequencies that are clearly others
 _FARTHEST = 8.0  # times the frequency, or a part of it: a rival further away is none
-# Half-widths of the logarithm of starting frequencies: 15 % if the passages give a period, a factor of six
-# either way if there are fewer than three.
+# Half-widths of the logarithm of starting frequencies. 15 % is a third of a cycle after the two that a search
+# sees first, within the valley of the right one; with fewer than three passages, a factor of six.
 _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 
 
@@ -197,8 +197,6 @@ def zero_crossing_times(
 
 def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> FirstGuesses:
     """First guesses of the parameters of a recorded swing; time [s], height [m, rad]."""
-    # Equilibrium: mean of the last third. Frequency: median time between passages. Decay: slope of the
-    # logarithm of each half period's maximum. Initial motion: a parabola over a twentieth of a period.
     time = time - time[0]
     if len(time) < LEAST_SAMPLES:
         raise RecordError(

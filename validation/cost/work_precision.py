@@ -21,7 +21,7 @@ from validation.cost.work_precision_result import WorkPrecision
 from validation.external_integrators import solve_adaptively
 from validation.measured_quantities import MeasuredQuantity, quantity_named
 
-# The least time of two counts, since the first one may read code and tables from the disk.
+# The least time of two counts: whatever disturbs a run makes it longer.
 REPEATS = 2
 LONG = 1.0
 """A run of this length is timed well enough, and not repeated [s]."""

@@ -26,7 +26,7 @@ from validation.exact.quadrature import position_after_turning, time_from_turnin
 TIME = 0.05
 SPEED = 0.5
 """V [m/s]"""
-# Distance of grain and piston at the start [D].
+# Distance at the start [D]: the piston's force there is 1/128 of that at one diameter.
 GAP = 4.0
 
 
