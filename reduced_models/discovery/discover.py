@@ -51,7 +51,7 @@ _NO_OPERON = (
     "pyoperon is not installed, so sparse regression alone proposes structures: "
     "pip install 'granular-damper[discover]'"
 )
-_GREATEST_SEED = 2**32 - 1
+_GREATEST_SEED = 2**32 - 1  # that np.random.seed takes, which PySINDy draws by
 _LINE = 70  # characters of a formula that a line of progress shows
 METHODS: tuple[Method, ...] = ("auto", "sindy", "operon", "pysr")
 

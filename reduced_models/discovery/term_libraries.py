@@ -139,7 +139,7 @@ _POLE = 1e3  # growth between samples from which on a term has a pole there
 _PEAKS = 100  # the greatest ones are looked into
 # By eight each: down to 1.5e-11 of the time between samples.
 _ZOOMS = 12
-_GRID = np.linspace(-1.0, 1.0, 33)
+_GRID = np.linspace(-1.0, 1.0, 33)  # the next zoom holds two of its steps on either side
 
 
 def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 _HALF_WIDTH = 0.4
 _SPACING = 0.25  # of bumps, in half-widths
 _POWER = 6  # of the bump (1 - s^2)^p
-_LEAST_BUMPS, _MOST_BUMPS = 24, 600
+_LEAST_BUMPS, _MOST_BUMPS = 24, 600  # so that a library of a dozen terms is overdetermined
 _LEAST_SAMPLES = 8  # in a bump
 # Of the covariance's largest eigenvalue. Overlapping bumps are nearly dependent: below it is rounding, which
 # whitening would blow up.
