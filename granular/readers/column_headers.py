@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import shlex
+
+from granular.shared.message_text import quote, sanitize
 
 TIME, HEIGHT, VELOCITY, FORCE = "time", "height", "velocity", "force"
 ACCELERATION = "acceleration"
@@ -68,10 +71,22 @@ COUNTERS = (
 )  # fmt: skip
 """Names of columns that count samples."""
 
+_OF_THE_MOTION = re.compile(
+    r"[avr][xyz]?|θr|r θ|θ[avp]|[xyz]|p[xyz]?|pixel ?[xy]|k|ke|pe|e[ckmpt]"
+    r"|.*\b(energ\w+|énergie|momentum|impuls)\b.*"
+)
+"""Names of what follows from a motion, besides synonyms: other coordinates, energies, momenta."""
+NO_TIMES = frozenset((
+    "frequency", "freq", "frequenz", "fréquence", "frecuencia", "wavelength", "wavenumber", "wellenlänge",
+    "lambda", "energy", "length", "strain", "distance", "amplitude", "temperature", "2theta", "order",
+))  # fmt: skip
+"""Words in names of columns that are no times, though they rise in even steps."""
+
 UNITS = {
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "sekunden": "s",
     "msec": "ms", "msecs": "ms", "millisecond": "ms", "milliseconds": "ms",
     "μs": "us", "µs": "us", "usec": "us", "microsecond": "us", "microseconds": "us",
+    "day": "d", "days": "d", "tage": "d", "jours": "d", "días": "d",
     "minute": "min", "minutes": "min", "hour": "h", "hours": "h", "hr": "h", "hrs": "h",
     "meter": "m", "meters": "m", "metre": "m", "metres": "m",
     "millimeter": "mm", "millimeters": "mm", "millimetre": "mm", "millimetres": "mm",
@@ -110,6 +125,11 @@ _UNITS_ALONE = ("V", "mV", "mA", "counts", "px", "mm", "cm", "um", "mil", "deg",
 _LONGEST = 100
 """Characters of a header that may be a synonym and a unit without brackets."""
 _TIMES = ("s", "ms", "us")
+_LONG_TIMES = ("min", "h", "d")
+"""Units of time whose signs may be other names, as of a minimum or a height; spelt out they are times."""
+_SHORTEST_WORD = 4
+_AXIS = re.compile(r" ([xyz]|abs.*|total)$")
+"""Axis of a vector behind the name of its quantity."""
 _GROUP = re.compile(r"[\[\({]([^\[\](){}]*)[\]\)}]")
 """A unit, or a remark, in brackets."""
 _RUN = re.compile(
@@ -129,16 +149,33 @@ _ENDING = re.compile(r"(.*\w)_(mm|cm|um|nm|ms|us|deg|m?rad|m[VA]|px|counts|k?Pa|
 _BEHIND = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
 
 
+_POWER_OF_TEN = re.compile(
+    r"[x×*·]?\s*10\s*(?:\^|\*\*)?\s*\(?([+-]?\d)\)?\s*[x×*·]?\s*((?:[^\W\d]|°).*)|1[eE]([+-]?\d{1,2})\s*(\D.*)"
+)
+"""A unit behind a power of ten, as in ``x10^-3 m`` or ``1e-3 m``."""
+_PREFIXES = {-9: "n", -6: "u", -3: "m", -2: "c", 3: "k"}
+_SUPERSCRIPTS = str.maketrans("⁻⁺⁰¹²³⁴⁵⁶⁷⁸⁹−", "-+0123456789-")
+
+
 def normalize_unit(unit: str) -> str:
     """Spell a unit as `granular.schema.units` does, where it is known [millimetres]."""
     bare = unit.strip().strip("[](){}").strip().rstrip(".").replace("²", "^2")
+    power = _POWER_OF_TEN.fullmatch(bare.translate(_SUPERSCRIPTS)) if len(bare) <= _LONGEST else None
+    if power is not None:
+        exponent, base = int(power[1] or power[3]), normalize_unit(power[2] or power[4])
+        prefixed = f"{_PREFIXES.get(exponent)}{base}"
+        return prefixed if prefixed in KNOWN else f"10^{exponent} {base}"
     bare = bare.lower() if bare in _CAPITALS else bare
     return UNITS.get(bare, UNITS.get(bare.lower(), bare))
 
 
 def is_unit(text: str) -> bool:
     """Tell a cell that is a known unit and nothing else, also in brackets."""
-    return normalize_unit(text) in KNOWN
+    normal = normalize_unit(text)
+    # a letter d alone is rather a name, as x_d, than a day
+    return (normal in KNOWN and text.strip() != "d") or (
+        normal.startswith("10^") and normal.split(" ", 1)[1] in KNOWN
+    )
 
 
 def parse_header(cell: str) -> tuple[str, str | None]:
@@ -155,7 +192,9 @@ def parse_header(cell: str) -> tuple[str, str | None]:
         name, before = parse_header(rest)  # a remark behind a unit without brackets, or alone
         if before is not None:
             return f"{name} {group[0]}", before
-        return (cell, None) if " " in unit or unit == "t" or unit.isdigit() else (rest, unit)
+        if " " in unit or unit == "t" or unit.isdigit():
+            return cell, None
+        return (cell if rest else "", unit)  # a unit that is not known, or a part of the name
     # ``height [mm]`` by any name; ``height/mm``, ``height_mm``, ``height mm``, ``height, mm`` where name and
     # unit are known; ``height in mm``; the quotient ``s / mm`` of ISO 80000 by any name; a unit of time
     # alone.
@@ -172,11 +211,24 @@ def parse_header(cell: str) -> tuple[str, str | None]:
     match = _ENDING.fullmatch(cell) if len(cell) <= _LONGEST else None
     if match is not None:
         return match[1], match[2]
-    if normalize_unit(cell) in _TIMES and len(cell) > 1:
+    normal = normalize_unit(cell)
+    if (normal in _TIMES and len(cell) > 1) or (normal in _LONG_TIMES and len(cell) >= _SHORTEST_WORD):
         return TIME, cell
     if normalize_unit(cell) in _UNITS_ALONE and len(cell) > 1:
         return cell, cell
     return cell, None
+
+
+def name_and_unit(header: str, label: str | None, notes: list[str]) -> tuple[str, str | None]:
+    """Name and unit of a column: the unit by a label beside the header, if there is one, or by the header."""
+    name, unit = parse_header(header)
+    label = (label or "").strip("[](){} ")
+    if not label or (unit and is_unit(unit) and not is_unit(label)):
+        return name, unit
+    if unit and is_unit(unit) and normalize_unit(unit) != normalize_unit(label):
+        word = shlex.quote(f"{name}={sanitize(unit)}")
+        notes.append(f"{quote(header)} is in {sanitize(label)}, as its label says (--units {word})")
+    return name, label
 
 
 def _find_unit_brackets(cell: str) -> re.Match[str] | None:
@@ -188,12 +240,29 @@ def _find_unit_brackets(cell: str) -> re.Match[str] | None:
     return [None, *groups[:1], *square, *units, *named][-1]
 
 
+def role_of_component(name: str) -> str | None:
+    """Guess the role of a column by its name without the axis, as of ``Gyroscope x``."""
+    return guess_column_role(_AXIS.sub("", normalize_column_name(name)))
+
+
 def normalize_column_name(name: str) -> str:
     """Reduce a column's name to its words in lower case, without remarks in brackets and a run's number."""
     words = re.sub(r"[\W_]+", " ", _GROUP.sub(" ", name.lower())).split()
     phrase = _RUN.sub("", " ".join(words))
     match = _INPUT.fullmatch(phrase)
     return (match[1] or match[2]) if match else phrase
+
+
+def tells_of_motion(name: str) -> bool:
+    """Return True for a name of what follows from the motion, as its energy, or counts its samples."""
+    words = normalize_column_name(name)
+    role = guess_column_role(name)
+    return (
+        role in (TIME, HEIGHT, VELOCITY, ACCELERATION)
+        or words in COUNTERS
+        or _OF_THE_MOTION.fullmatch(words) is not None
+        or role_of_component(name) in (VELOCITY, ACCELERATION)
+    )
 
 
 def guess_column_role(name: str) -> str | None:

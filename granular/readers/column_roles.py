@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,16 +18,19 @@ from granular.readers.column_headers import (
     FORCE,
     HEIGHT,
     LOADS,
+    NO_TIMES,
     PREFERRED,
     SYNONYMS,
     TIME,
     VELOCITY,
     guess_column_role,
+    is_unit,
     normalize_column_name,
     normalize_unit,
+    role_of_component,
 )
 from granular.readers.read_options import ANGLE, ROLES, STROKE, ReadOptions
-from granular.readers.role_units import SI
+from granular.readers.role_units import SI, is_level
 from granular.readers.sheet import Column, Sheet
 from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import unit_size
@@ -41,6 +45,10 @@ _ALIKE = 0.1
 """Fraction of the largest swing from which on another column of its unit moves alike."""
 _LEAST_STEPS = 10
 """Samples from which on even steps tell that two columns may be the time."""
+_INDEX = re.compile(r"(unnamed|index level|level) \d+|index")
+"""Names, besides none, of a column that numbers the rows: as pandas writes and reads it."""
+_SIZE = re.compile(r"abs|total|magnitude|betrag")
+"""Words for the size of a vector, whose frequency is twice that of its components."""
 _UNEVEN = 0.01
 """Relative deviation of steps from their median from which on they are not those of a clock."""
 
@@ -135,11 +143,26 @@ def _find_named_column(sheet: Sheet, wanted: str | int) -> Column:
             raise RecordError(f"there is no column {number}; give a number from 1 to {len(sheet.columns)}")
         return sheet.columns[number - 1]
     for column in sheet.columns:
-        if column.name.lower() == wanted.strip().lower():
+        if column.is_called(wanted):
             return column
-    raise RecordError(
-        unknown_word_message(wanted, [column.name for column in sheet.columns if column.name], "column")
-    )
+    names = [column.name for column in sheet.columns if column.name] or _column_numbers(sheet)
+    raise RecordError(unknown_word_message(wanted, names, "column"))
+
+
+def _column_numbers(sheet: Sheet) -> list[str]:
+    return [str(number) for number in range(1, len(sheet.columns) + 1)]
+
+
+def is_index(sheet: Sheet, column: Column) -> bool:
+    """Tell a column that numbers the rows, as pandas and R write it: the first if nameless, or so called."""
+    if not sheet.header or column.values is None or column.clock:
+        return False
+    named = _INDEX.fullmatch(normalize_column_name(column.name)) is not None
+    if not named and (column.name or column is not sheet.columns[0]):
+        return False
+    steps = np.diff(column.values)
+    integers = bool((column.values == np.round(column.values)).all())
+    return integers and len(steps) > 0 and bool((steps >= 1.0).all()) and float(np.median(steps)) == 1.0
 
 
 def _choose_columns_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
@@ -156,17 +179,18 @@ def _choose_columns_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list
             loads = [item for word in LOADS for item in called.get(word, [])]
             result = [item for item in loads if item.unit and has_same_dimension(item.unit, "N")]
         if role == HEIGHT:
-            result = _put_moving_column_first(result)
+            result = _put_moving_column_first(sheet, result)
         if not result:
             continue
         chosen[role] = result[0]
         taken.append(id(result[0]))
         if len(result) > 1 and result[0].name.lower() != role:
             others = ", ".join(quote(item.name) for item in result[1:_MOST_SHOWN])
-            notes.append(f"{role} is the column {quote(result[0].name)}, not {others} (columns: {role}=...)")
+            another = columns_option(sheet, role, result[1])
+            notes.append(f"{role} is the column {quote(result[0].name)}, not {others} (another: {another})")
 
 
-def _put_moving_column_first(candidates: list[Column]) -> list[Column]:
+def _put_moving_column_first(sheet: Sheet, candidates: list[Column]) -> list[Column]:
     """Columns that may be the coordinate, the one that moves first; refused if several do."""
     if not candidates or normalize_column_name(candidates[0].name) in PREFERRED:
         return candidates
@@ -179,19 +203,32 @@ def _put_moving_column_first(candidates: list[Column]) -> list[Column]:
         moving = [item for item in moving if _standard_deviation(item) > _ALIKE * largest]
     names = {item.name.lower() for item in candidates}
     if len(moving) > 1 and len(names) == len(candidates):  # two of a name are said as such
-        raise RecordError(_ambiguous_columns_text(HEIGHT, [item.name for item in moving]))
+        raise RecordError(_ambiguous_columns_text(sheet, HEIGHT, moving))
     if len(moving) != 1 or _is_increasing(moving[0]):  # it may be the time
         return candidates
     still = [item for item in candidates if item is not moving[0]]
     return [*moving, *still]
 
 
-def _ambiguous_columns_text(role: str, names: Sequence[str | int]) -> str:
+def _ambiguous_columns_text(sheet: Sheet, role: str, columns: Sequence[Column]) -> str:
     """Return the words of an error that leaves the choice between columns, with each option."""
-    shown = [sanitize(name, _LONGEST_NAME) for name in names[:_MOST_SHOWN]]
-    columns = " or ".join(f"column {name}" if name.isdigit() else quote(name) for name in shown)
-    options = " or ".join(f"--columns {shlex.quote(f'{role}={name}')}" for name in shown)
-    return f"{role} may be {columns}; say which: {options}"
+    shown = columns[:_MOST_SHOWN]
+    names = " or ".join(quote(item.name) if item.name else _numbered(sheet, item) for item in shown)
+    options = " or ".join(columns_option(sheet, role, item) for item in shown)
+    return f"{role} may be {names}; say which: {options}"
+
+
+def _numbered(sheet: Sheet, column: Column) -> str:
+    return f"column {sheet.columns.index(column) + 1}"
+
+
+def columns_option(sheet: Sheet, role: str, column: Column) -> str:
+    """Option of the command line that gives a column a role: by its name, or by its number."""
+    name = column.name
+    alone = sum(item.is_called(name) for item in sheet.columns) == 1
+    plain = alone and not name.isdigit() and len(name) <= _LONGEST_NAME and sanitize(name) == name
+    word = name if plain else sheet.columns.index(column) + 1
+    return f"--columns {shlex.quote(f'{role}={word}')}"
 
 
 def _count_finite_values(column: Column) -> int:
@@ -221,57 +258,88 @@ def _choose_time_column(sheet: Sheet, chosen: dict[str, Column], notes: list[str
     """Dates and times of day, else the first column that increases, where no name says more."""
     taken = list(map(id, chosen.values()))
     free = [column for column in sheet.columns if id(column) not in taken and column.values is not None]
+    index = [column for column in free if is_index(sheet, column)]
+    free = [column for column in free if column not in index]
     stamps = [item for item in free if item.clock]
     timed = [
         item for item in free if item.unit and has_same_dimension(item.unit, "s") and _is_increasing(item)
     ]
     nameless = [item for item in free if not item.name and _is_increasing(item)]
-    even = [item for item in nameless if not _has_uneven_steps(item)]
+    even = [item for item in nameless if _has_even_steps(item)]
     if not stamps and not timed and len(even) > 1 and _count_finite_values(even[0]) >= _LEAST_STEPS:
-        raise RecordError(_ambiguous_columns_text(TIME, [sheet.columns.index(item) + 1 for item in even]))
+        raise RecordError(_ambiguous_columns_text(sheet, TIME, even))
     result = (stamps or timed or even or nameless)[:1]
     if not result:
         raise RecordError(
-            f"no column 'time'; found: {_column_names_text(sheet)}; {_advice_on_naming_time(free)}"
+            f"no column 'time'; found: {_column_names_text(sheet)}; "
+            f"{_advice_on_naming_time(sheet, free, index)}"
         )
     chosen[TIME] = result[0]
     if not stamps and not timed:
-        number = sheet.columns.index(result[0]) + 1
-        notes.append(f"there are no names: time is column {number}, in s (columns: time=...)")
+        notes.append(f"there are no names: time is {_numbered(sheet, result[0])}, in s (--units time=ms)")
 
 
-def _advice_on_naming_time(free: Sequence[Column]) -> str:
+def _advice_on_naming_time(sheet: Sheet, free: Sequence[Column], index: Sequence[Column]) -> str:
     """Return what to say of the time, by the columns that are there."""
-    counted = [item for item in free if normalize_column_name(item.name) in COUNTERS]
+    counted = [*index, *(item for item in free if normalize_column_name(item.name) in COUNTERS)]
+    even = [
+        item
+        for item in sheet.columns
+        if item.name and item.values is not None and item not in counted and _has_even_steps(item)
+    ]
+    maybe = [item for item in even if _may_be_time(item)]
+    if maybe:
+        return (
+            f"{quote(maybe[0].name)} rises in even steps: if it is the time, say so and its unit, such as "
+            f"{columns_option(sheet, TIME, maybe[0])} --units time=s"
+        )
     if counted:
-        return (
-            f"{quote(counted[0].name)} counts samples: give how many there are in a second (rate: '100 Hz')"
-        )
-    even = [item for item in free if item.name and _is_increasing(item) and not _has_uneven_steps(item)]
+        name = quote(counted[0].name) if counted[0].name else _numbered(sheet, counted[0])
+        return f"{name} counts samples: give how many there are in a second (--rate '100 Hz')"
     if even:
+        unit = f" [{sanitize(even[0].unit)}]" if even[0].unit else ""
         return (
-            f"{quote(even[0].name)} rises in even steps: if it is the time, say so and its unit "
-            f"(columns: time={sanitize(even[0].name, _LONGEST_NAME)}, units: time=s)"
+            f"{quote(even[0].name)}{unit} rises in even steps and is no time, as of a spectrum or a curve: "
+            "bring the motion over time"
         )
+    example = "time=NAME" if any(item.name for item in sheet.columns) else "time=1,height=2"
     return (
         "name the columns in the first line, such as 'time [s], height [mm]', or say which is "
-        "which (columns: time=NAME), or how many samples there are in a second (rate: '100 Hz')"
+        f"which (--columns {example}), or how many samples there are in a second (--rate '100 Hz')"
     )
 
 
-def _has_uneven_steps(column: Column) -> bool:
-    """Return True unless a column's steps are all alike, as those of a sampled time are."""
+def _may_be_time(column: Column) -> bool:
+    """Return False for a column of another quantity, by its unit or its name; a letter alone may be any."""
+    if column.unit is not None and is_unit(column.unit):
+        return has_same_dimension(column.unit, "s")
+    name = normalize_column_name(column.name)
+    return len(name) == 1 or not (guess_column_role(name) or NO_TIMES.intersection(name.split()))
+
+
+def _has_even_steps(column: Column) -> bool:
+    """Return True where a column rises in steps of one size, as sampled times do."""
+    if not _is_increasing(column):
+        return False
     assert column.values is not None
     steps = np.diff(column.values[np.isfinite(column.values)])
-    return bool(np.abs(steps - np.median(steps)).max() > _UNEVEN * np.median(steps))
+    return bool(np.abs(steps - np.median(steps)).max() <= _UNEVEN * np.median(steps))
 
 
-def _is_acceleration_column(column: Column) -> bool:
-    if column.channel:
-        return False
-    if guess_column_role(column.name) == ACCELERATION:
-        return True
-    return column.unit is not None and has_same_dimension(column.unit, "m/s^2")
+def _columns_of_quantity(columns: Sequence[Column], role: str, units: Sequence[str]) -> list[Column]:
+    """Columns of a quantity by name or unit, the one that scatters most first; a vector's size is last."""
+    fitting = [
+        item
+        for item in columns
+        if not item.channel
+        and (
+            role_of_component(item.name) == role
+            or (item.unit is not None and any(has_same_dimension(item.unit, unit) for unit in units))
+        )
+    ]
+    return sorted(
+        fitting, key=lambda item: (bool(_SIZE.search(item.name.lower())), -_standard_deviation(item))
+    )
 
 
 def has_same_dimension(unit: str, wanted: str) -> bool:
@@ -298,7 +366,8 @@ def _choose_height_column(
         for column in sheet.columns
         if id(column) not in taken and column.values is not None and np.isfinite(column.values).any()
     ]
-    _refuse_to_guess_channel(free)
+    free = [column for column in free if not is_index(sheet, column)]
+    _refuse_to_guess_channel(sheet, free)
     lengths = [
         item
         for item in free
@@ -310,11 +379,11 @@ def _choose_height_column(
     result = lengths if len(lengths) == 1 else nameless[:1]
     if not result:
         if len(lengths) > 1:
-            raise RecordError(_ambiguous_columns_text(HEIGHT, [item.name for item in lengths]))
+            raise RecordError(_ambiguous_columns_text(sheet, HEIGHT, lengths))
         if not {VELOCITY, ACCELERATION}.isdisjoint(options.columns):
             notes.append(
                 f"there is no position: a law is fitted to the {motion_role(chosen)}, which tells "
-                "no level of rest (columns: height=... for a position)"
+                "no level of rest (--columns height=NAME for a position)"
             )
             return
         raise RecordError(_no_coordinate_text(sheet, free))
@@ -322,40 +391,53 @@ def _choose_height_column(
     if result[0].name:
         notes.append(
             f"height is the column {quote(result[0].name)}, the only other one of numbers "
-            f"(columns: height=..., {'' if result[0].unit else 'units: height=..., '}and flip if "
-            "it grows downwards)"
+            f"({'' if result[0].unit else '--units height=mm; '}--flip if it grows downwards)"
         )
     else:
-        number = sheet.columns.index(result[0]) + 1
         unit = normalize_unit(result[0].unit or "m")
-        notes.append(f"height is column {number}, in {unit} (columns: height=..., units: height=mm)")
+        notes.append(f"height is {_numbered(sheet, result[0])}, in {unit} (--units height=mm)")
 
 
 def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
     """Return the words of an error where no column can be the coordinate."""
-    accelerations = [item for item in free if _is_acceleration_column(item)]
+    accelerations = _columns_of_quantity(free, ACCELERATION, ("m/s^2", "rad/s^2"))
     if accelerations:
-        name = quote(accelerations[0].name)
         return (
-            f"no column 'height', only the acceleration {name}: twice integrated, its offset grows "
-            f"with the square of the time; record a position, or fit a law to the acceleration "
-            f"itself (columns: acceleration={sanitize(accelerations[0].name, _LONGEST_NAME)})"
+            f"no column 'height', only the acceleration {quote(accelerations[0].name)}: twice integrated, "
+            "its offset grows with the square of the time; record a position, or fit a law to the "
+            f"acceleration itself ({_options_in_turn(sheet, ACCELERATION, accelerations)})"
         )
     sensors = [item for item in free if item.unit and _is_sensor_unit(normalize_unit(item.unit))]
+    numeric = [item for item in sheet.columns if item.values is not None]
+    velocities = _columns_of_quantity(numeric, VELOCITY, ("m/s", "rad/s"))
+    if velocities and not sensors:
+        return (
+            f"no column 'height', only the velocity {quote(velocities[0].name)}; record a position, or fit a "
+            f"law to the velocity itself ({_options_in_turn(sheet, VELOCITY, velocities)})"
+        )
     advice = (
-        f"; of a sensor in {quote(sensors[0].unit)}, say which it is and its scale (columns: "
-        f"height={sanitize(sensors[0].name, _LONGEST_NAME)}, scale: '2.5 mm/{sensors[0].unit}')"
+        f"; of a sensor in {quote(sensors[0].unit)}, say which it is and its scale, such as "
+        f"{columns_option(sheet, HEIGHT, sensors[0])} --scale '2.5 mm/{sanitize(sensors[0].unit)}'"
         if sensors
         else ""
     )
     return (
         f"no column 'height'; found: {_column_names_text(sheet)}; name the columns in the first line, "
-        "such as 'time [s], height [mm]', or say which is which (columns: height=NAME)" + advice
+        "such as 'time [s], height [mm]', or say which is which (--columns height=NAME)" + advice
     )
+
+
+def _options_in_turn(sheet: Sheet, role: str, columns: Sequence[Column]) -> str:
+    """Options for each of some columns, the one that scatters most first."""
+    options = [columns_option(sheet, role, item) for item in columns[:_MOST_SHOWN]]
+    others = "".join(f" or {option}" for option in options[1:])
+    return f"{options[0]}, which scatters most,{others}" if others else options[0]
 
 
 def _is_sensor_unit(unit: str) -> bool:
     """Return True for a unit of what sensors give: electrical, a pressure, or unknown."""
+    if is_level(unit):
+        return False
     try:
         dimension = unit_size(unit)[1]
     except SceneError:
@@ -363,20 +445,22 @@ def _is_sensor_unit(unit: str) -> bool:
     return dimension[3] != 0 or dimension == unit_size("Pa")[1]
 
 
-def _refuse_to_guess_channel(columns: Sequence[Column]) -> None:
+def _refuse_to_guess_channel(sheet: Sheet, columns: Sequence[Column]) -> None:
     """Refuse to guess which input of an instrument the height was connected to."""
-    names = [
-        column.name
+    channels = [
+        column
         for column in columns
         if column.channel or (not column.unit and CHANNEL.fullmatch(normalize_column_name(column.name)))
     ]
-    if names and len(names) == len(columns):
+    if channels and len(channels) == len(columns):
+        names = ", ".join(quote(column.name) for column in channels[:_MOST_SHOWN])
         raise RecordError(
-            f"no column 'height', only channels: {', '.join(map(quote, names))}; say which it is "
-            f"and its unit (columns: height={names[0]}, units: height=mm)"
+            f"no column 'height', only channels: {names}; say which it is and its unit, such as "
+            f"{columns_option(sheet, HEIGHT, channels[0])} --units height=mm"
         )
 
 
 def _column_names_text(sheet: Sheet) -> str:
     names = [column.name.lower() for column in sheet.columns if column.name]
-    return ", ".join(map(quote, names[:_MOST_SHOWN])) or "none with a name"
+    numbers = _column_numbers(sheet)[:_MOST_SHOWN]
+    return ", ".join(map(quote, names[:_MOST_SHOWN])) or f"columns {', '.join(numbers)}, none with a name"

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import collections
 import io
+import itertools
 import re
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from granular.readers.column_headers import TIME, guess_column_role, is_unit, parse_header
+from granular.readers.column_headers import TIME, guess_column_role, is_unit, name_and_unit, parse_header
 from granular.readers.sheet import Column, Sheet
 from granular.readers.table_cells import LOST, is_number, is_timestamp, parse_number, parse_timestamps
 from granular.readers.text_dialect import (
@@ -19,6 +21,7 @@ from granular.readers.text_dialect import (
     detect_dialect,
     has_decimal_commas,
     is_table_row,
+    lines_to_inspect,
     replace_decimal_commas,
     split_fields,
     split_header,
@@ -33,8 +36,17 @@ JSON = re.compile(r'\s*(?:\{\s*"|\[\s*[\[{"\d-])')
 """Beginning of a file of JSON."""
 _MOST_COLUMNS = 50_000
 _BEGINS_WITH_NUMBER = re.compile(r"\s*[+-]?\d")
+_WITH_UNIT = re.compile(
+    r"(?<![\w.])([+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s?([^\W\d_][^\s,;|\"]*|[°%][^\s,;|\"]*)"
+    r"(?=\s*[,;|\"]|\s*$|\s+[+-]?[.,]?\d)"
+)
+"""A number with a unit behind it, at the end of a cell."""
+_LONGEST_ROW = 10_000
+"""Characters of a row beyond which no units are looked for in its cells."""
 _MOST_NUMBERS = 50
 """Lines above the rows that begin with a number: as many as a preamble may have."""
+_HEADER_SEPARATORS = (r"\t+", r"\s{2,}", ";", ",", r"\|")
+"""Separators of a header that is written otherwise than the rows, as one aligned by blanks."""
 _HEADER = 4
 """Lines above the rows among which names and units are looked for."""
 
@@ -57,13 +69,14 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least_c
     plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
     if not plain:
         raise RecordError("is empty; a header and samples are wanted")
+    plain, row_with_units = _strip_units_of_cells(plain)
     dialect = detect_dialect(plain, decimal, least_columns)
     if dialect is None:
         single = detect_dialect(plain, decimal, 1)
         if single is not None and single.width == 1:
             raise RecordError(
                 "is not separated by commas, semicolons, tabs or spaces: it holds one column of numbers; "
-                "give how many samples there are in a second (rate: '100 Hz'), or a time and a coordinate"
+                "give how many samples there are in a second (--rate '100 Hz'), or a time and a coordinate"
             )
         raise RecordError(_no_table_error(plain or lines))
     start, head = _find_first_row(plain, dialect)
@@ -74,12 +87,61 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least_c
         below, commas = replace_decimal_commas(below), True
         dialect = detect_dialect(below, ".", least_columns) or dialect
     rows, notes = _drop_trailing_text(below, dialect)
-    columns = _make_columns(rows, dialect, names, units)
+    if row_with_units:
+        in_cells = _units_of_fields(row_with_units, dialect.separator)
+        units = [here or above for here, above in itertools.zip_longest(in_cells, units, fillvalue="")]
+    columns = _make_columns(rows, dialect, names, units, notes)
     words = f"text separated by {SEPARATORS[dialect.separator]}"
     if commas:
         words += ", decimal commas"
     numbers = np.array([line.number for line in rows])
     return Sheet(columns, numbers, bool(names), words, notes)
+
+
+def _strip_units_of_cells(lines: list[NumberedLine]) -> tuple[list[NumberedLine], str]:
+    """Rows without the units behind their numbers, as in ``31.0 cm``, and one row with them.
+
+    Nothing is changed, and that row is empty, where fewer than half of the rows hold such cells.
+    """
+    sample = [line.text for line in lines_to_inspect(lines) if _BEGINS_WITH_NUMBER.match(line.text)]
+    if max(map(len, sample), default=0) > _LONGEST_ROW:
+        return lines, ""
+    counted = collections.Counter(tuple(match[2] for match in _units_in(text)) for text in sample)
+    if not counted or 2 * sum(count for units, count in counted.items() if units) <= len(sample):
+        return lines, ""
+    units = max((units for units in counted if units), key=counted.__getitem__)
+    example = next(text for text in sample if tuple(match[2] for match in _units_in(text)) == units)
+    stripped = []
+    for line in lines:
+        matches = _units_in(line.text) if _BEGINS_WITH_NUMBER.match(line.text) else []
+        odd = {match[2] for match in matches} - set(units)
+        if odd:
+            raise RecordError(
+                f"line {line.number} holds a number in {quote(odd.pop())}, and others are in "
+                f"{' and '.join(map(quote, units))}; write each column in one unit"
+            )
+        stripped.append(NumberedLine(line.number, _without(line.text, matches, 2)) if matches else line)
+    return stripped, example
+
+
+def _units_of_fields(row: str, separator: str) -> list[str]:
+    """Units behind the numbers in each field of a row; empty texts in fields without one."""
+    if separator == " ":
+        fields = split_fields(_without(row, _units_in(row), 1), separator)
+        return [field if is_unit(field) else "" for field in fields]
+    return [next((match[2] for match in _units_in(field)), "") for field in split_fields(row, separator)]
+
+
+def _units_in(text: str) -> list[re.Match[str]]:
+    """Numbers of a row with a unit behind them."""
+    return [match for match in _WITH_UNIT.finditer(text) if is_unit(match[2])]
+
+
+def _without(text: str, matches: Sequence[re.Match[str]], group: int) -> str:
+    """Text without one group of each match."""
+    for match in reversed(matches):
+        text = text[: match.start(group)] + text[match.end(group) :]
+    return text
 
 
 def _refuse_too_many_columns(lines: Sequence[NumberedLine]) -> None:
@@ -156,7 +218,7 @@ def _check_lines_above_table(head: Sequence[NumberedLine], dialect: Dialect) -> 
         raise RecordError(
             f"{len(numbers)} lines from line {numbers[0]} on hold numbers too, but not {dialect.width} "
             f"between {SEPARATORS[dialect.separator]}, as those below do; write all lines alike, or say "
-            "how many at the head are no rows (skip: 12)"
+            "how many at the head are no rows (--skip 12)"
         )
     for index in range(len(head) - 1, -1, -1):
         fields = split_fields(head[index].text, dialect.separator)
@@ -180,7 +242,7 @@ def _has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal
     if decimal_commas is None:
         raise RecordError(
             f"{quote(lines[0].text)} is {dialect.width} integers, or "
-            f"{dialect.width // 2} with decimal commas; say which (decimal: '.' or ','), or separate "
+            f"{dialect.width // 2} with decimal commas; say which (--decimal . or --decimal ,), or separate "
             "by semicolons"
         )
     return decimal_commas
@@ -190,7 +252,7 @@ def _read_header(
     head: Sequence[NumberedLine], dialect: Dialect, every: Sequence[NumberedLine], start: int
 ) -> tuple[list[str], list[str]]:
     """Return names and units above the rows; empty lists if there are none."""
-    rows = [split_header(line.text, dialect.separator) for line in head[-_HEADER:]]
+    rows = [_split_header_line(line.text, dialect) for line in head[-_HEADER:]]
     headers = [row for row in rows if _is_header(row, dialect)]
     if not headers:
         comments = [
@@ -198,7 +260,7 @@ def _read_header(
             for line in every
             if line.number < start and line.text.lstrip()[0] in COMMENTS
         ]
-        rows = [split_header(text, dialect.separator) for text in comments[-3:]]
+        rows = [_split_header_line(text, dialect) for text in comments[-3:]]
         headers = [row for row in rows if _is_header(row, dialect) and len(row) == dialect.width]
     if not headers:
         return [], []
@@ -210,6 +272,19 @@ def _read_header(
     # A row of units alone, or below one whose names hold numbers, such as that of a channel.
     above = rows[-2] if len(rows) > 1 and len(rows[-2]) >= dialect.width else []
     return list(above), units
+
+
+def _split_header_line(line: str, dialect: Dialect) -> list[str]:
+    """Split a header as the rows are, or by what else makes as many names of it, of which one is known."""
+    fields = split_header(line, dialect.separator)
+    if len(fields) == dialect.width or (len(fields) > dialect.width and dialect.separator != " "):
+        return fields
+    for mark in _HEADER_SEPARATORS:
+        others = [cell.strip(' "') for cell in re.split(mark, line.strip())]
+        if len(others) == dialect.width and all(others) and any(map(_is_column_header, others)):
+            return others
+    words = split_header(line, " ")
+    return words if len(words) == dialect.width and any(map(_is_column_header, words)) else fields
 
 
 def _best_header_row(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
@@ -268,15 +343,20 @@ def _row_width(line: str, dialect: Dialect) -> int:
 
 
 def _make_columns(
-    rows: Sequence[NumberedLine], dialect: Dialect, names: Sequence[str], units: Sequence[str]
+    rows: Sequence[NumberedLine],
+    dialect: Dialect,
+    names: Sequence[str],
+    units: Sequence[str],
+    notes: list[str],
 ) -> list[Column]:
     frame = _rows_to_data_frame(rows, dialect)
     columns = []
     for k in range(dialect.width):
-        name, unit = parse_header(names[k]) if k < len(names) else ("", None)
-        if k < len(units) and units[k] and not unit:
-            unit = units[k].strip("[](){} ")
-        columns.append(_make_column(name, unit or None, frame[k], dialect.decimal))
+        heading = names[k] if k < len(names) else ""
+        name, unit = name_and_unit(heading, units[k] if k < len(units) else None, notes)
+        column = _make_column(name, unit or None, frame[k], dialect.decimal)
+        column.heading = heading
+        columns.append(column)
     return columns
 
 

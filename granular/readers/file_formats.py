@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import contextlib
+import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -54,6 +55,8 @@ _LEGACY = "cp1252"
 """The encoding of Windows in Western Europe and America, unless a program says otherwise."""
 _ROLES = {"N": FORCE, "m/s^2": ACCELERATION}
 """The quantity of a column by the unit of its numbers."""
+_UNIVERSAL = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*(\d{2,4}b?)[ \t\r\n]")
+"""Beginning of a universal file (SDRC): a line of -1, and the number of a data set."""
 _MAX_SHOWN = 20
 
 
@@ -140,6 +143,12 @@ def _read_bytes(path: Path, max_bytes: int) -> bytes:
 def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
     """Read the table of a text file, in any of the encodings that instruments write."""
     refuse_old_workbook(content)
+    if universal := _UNIVERSAL.match(content):
+        raise RecordError(
+            f"is a universal file (data set {universal[1].decode()}), which is not read; write its motion as "
+            "CSV, with pyuff: data = pyuff.UFF(FILE).read_sets(0); numpy.savetxt('record.csv', "
+            "numpy.c_[data['x'], data['data']], delimiter=',', header='time [s],height [m]', comments='')"
+        )
     text, encoding = _decode_text(content)
     if is_labview(text):
         sheet = read_labview(text, options)

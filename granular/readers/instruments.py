@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import datetime
 import io
+import itertools
 import math
 import re
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.readers.column_headers import TIME
+from granular.readers.channel_clocks import SampledChannel, columns_on_one_clock
+from granular.readers.column_headers import TIME, guess_column_role, is_unit, name_and_unit
 from granular.readers.delimited import read_delimited
-from granular.readers.read_options import ReadOptions
+from granular.readers.read_options import ReadOptions, note_on_other_tables
 from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.message_text import quote
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 _END = "***End_of_Header***"
+_X_VALUE = "x_value"
 
 
 def is_labview(text: str) -> bool:
@@ -41,39 +49,40 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
     body = "\n".join([*[""] * begin, *lines[begin:later]])
     sheet = read_delimited(_select_sample_lines(body, file_head), decimal, 0)
     sheet.form, sheet.notes = "LabVIEW measurement", [*sheet.notes, *notes]
-    channels = [column for column in sheet.columns if column.name.lower() not in ("x_value", "comment")]
-    for column, unit in zip(channels, head.get("Y_Unit_Label", []), strict=False):
-        column.unit = column.unit or unit or None
-    _name_time_columns(sheet)
-    if file_head.get("X_Columns", [""])[0] == "No":
-        # National Instruments, Specification for the LabVIEW Measurement File (.lvm), 2020.
-        step = _header_number(head, "Delta_X", decimal)
-        first = _header_number(head, "X0", decimal)
-        count = 0 if sheet.lines is None else len(sheet.lines)
-        sheet.columns = [column for column in sheet.columns if column.name != TIME]
-        sheet.columns.insert(0, Column(TIME, "s", first + step * np.arange(count)))
+    labels = head.get("Y_Unit_Label", [])
+    for column, label in itertools.zip_longest(sheet.columns[1:], labels[: len(sheet.columns) - 1]):
+        column.name, unit = name_and_unit(column.heading, label, sheet.notes)
+        column.unit = unit if label or is_unit(unit or "") else None
+    without_times = file_head.get("X_Columns", [""])[0] == "No"
+    channels, times = [], None
+    for number, column in enumerate(sheet.columns):
+        if column.name.lower() == _X_VALUE:
+            times = column.values
+        elif column.name.lower() != "comment" and column.values is not None:
+            if without_times:
+                # National Instruments, Specification for the LabVIEW Measurement File (.lvm), 2020.
+                first, step = (_header_number(head, name, number - 1, decimal) for name in ("X0", "Delta_X"))
+                times = first + step * np.arange(len(column.values))
+            if times is not None:
+                channels.append(SampledChannel(column, times + _seconds_of_start(head, number - 1)))
+    if channels:
+        sheet.columns = columns_on_one_clock(channels, options, sheet.notes)
     return sheet
 
 
-def _name_time_columns(sheet: Sheet) -> None:
-    """Name ``X_Value`` as the time; each channel may have one if all agree."""
-    times = [column for column in sheet.columns if column.name.lower() == "x_value"]
-    for column in times:
-        column.name, column.unit = TIME, "s"
-    for column in times[1:]:
-        if not _times_agree(times[0], column):
-            number = sheet.columns.index(column) + 1
-            raise RecordError(
-                f"column {number} holds other times than the first; export the "
-                "channels with one column of times, or each in a file of its own"
-            )
-        sheet.columns.remove(column)
-
-
-def _times_agree(first: Column, second: Column) -> bool:
-    if first.values is None or second.values is None:
-        return False
-    return np.array_equal(first.values, second.values, equal_nan=True)
+def _seconds_of_start(head: dict[str, list[str]], channel: int) -> float:
+    """Return the start of a channel after the first one's [s]; 0 where the header does not hold both."""
+    starts = [
+        f"{day} {time[:15]}" for day, time in zip(head.get("Date", []), head.get("Time", []), strict=False)
+    ]
+    try:
+        first, own = (
+            datetime.datetime.strptime(starts[k].replace(",", "."), "%Y/%m/%d %H:%M:%S.%f")
+            for k in (0, channel)
+        )
+    except (IndexError, ValueError):
+        return 0.0
+    return (own - first).total_seconds()
 
 
 def _select_sample_lines(body: str, head: dict[str, list[str]]) -> str:
@@ -91,8 +100,9 @@ def _header_entries(lines: list[str], mark: str) -> dict[str, list[str]]:
     return entries
 
 
-def _header_number(head: dict[str, list[str]], name: str, decimal: str) -> float:
-    text = head.get(name, [""])[0].replace(decimal, ".")
+def _header_number(head: dict[str, list[str]], name: str, channel: int, decimal: str) -> float:
+    entries = head.get(name, [""])
+    text = entries[min(channel, len(entries) - 1)].replace(decimal, ".")
     try:
         return float(text)
     except ValueError:
@@ -108,26 +118,45 @@ def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
 
         file = TdmsFile.read(io.BytesIO(content))
         groups = {group.name: group.channels() for group in file.groups()}
-    candidates = options.select_table(groups, "group")
-    name, channels = next(
-        ((name, some) for name, some in candidates.items() if some and len(some[0])), ("", [])
-    )
-    if not channels:
+    filled = {
+        name: numeric
+        for name, some in options.select_table(groups, "group").items()
+        if (numeric := [item for item in some if len(item) and np.asarray(item[:1]).dtype.kind in "iuf"])
+    }
+    if not filled:
         raise RecordError("holds no channel with samples; export it anew")
-    columns = [
-        Column(
-            channel.name,
-            channel.properties.get("unit_string") or None,
-            np.asarray(channel[:], dtype=np.float64),
-        )
-        for channel in channels
-        if len(channel) == len(channels[0]) and np.asarray(channel[:]).dtype.kind in "iuf"
-    ]
-    step = channels[0].properties.get("wf_increment")
-    if step and not any(column.name.lower() == TIME for column in columns):
-        first = channels[0].properties.get("wf_start_offset", 0.0)
-        columns.insert(0, Column(TIME, "s", first + step * np.arange(len(channels[0]))))
-    return Sheet(columns, None, True, f"group {quote(name)} of a TDMS file")
+    name, channels = next(iter(filled.items()))
+    notes = [note_on_other_tables("group", list(filled))] if len(filled) > 1 else []
+    timed = [channel for channel in channels if channel.properties.get("wf_increment")]
+    if any(guess_column_role(channel.name) == TIME for channel in channels):
+        timed = []
+    length = len((timed or channels)[0])
+    for channel in [item for item in channels if item not in timed and len(item) != length]:
+        notes.append(f"{quote(channel.name)} has {len(channel)} samples, not {length}, and is left out")
+        channels.remove(channel)
+    columns = [_tdms_column(channel, notes) for channel in channels]
+    if timed:
+        times = [_tdms_times(channel, timed[0]) for channel in channels]
+        columns = columns_on_one_clock(list(map(SampledChannel, columns, times)), options, notes)
+    return Sheet(columns, None, True, f"group {quote(name)} of a TDMS file", notes)
+
+
+def _tdms_column(channel: Any, notes: list[str]) -> Column:
+    name, unit = name_and_unit(channel.name, channel.properties.get("unit_string"), notes)
+    unit = unit if channel.properties.get("unit_string") or is_unit(unit or "") else None
+    return Column(name, unit, np.asarray(channel[:], dtype=np.float64), heading=channel.name)
+
+
+def _tdms_times(channel: Any, first: Any) -> Float[np.ndarray, "n"]:
+    """Return the times of a channel's samples since the start of another one [s]."""
+    own = channel.properties if channel.properties.get("wf_increment") else first.properties
+    starts = [properties.get("wf_start_time") for properties in (own, first.properties)]
+    delay = 0.0
+    if all(start is not None for start in starts):
+        here, there = (np.datetime64(start, "us") for start in starts)
+        delay = float((here - there) / np.timedelta64(1, "us")) * 1e-6
+    begin = delay + float(own.get("wf_start_offset", 0.0))
+    return np.asarray(begin + float(own["wf_increment"]) * np.arange(len(channel)))
 
 
 # Rigol -----------------------------------------------------------------------------------------

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.column_headers import parse_header
+from granular.readers.column_headers import name_and_unit
 from granular.readers.read_options import ReadOptions
 from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.files import write_atomically
-from granular.shared.message_text import quote
 
 _MAX_NUMBERS = 50_000_000
 """Five columns of ten million, in whatever few bytes: reading takes 1.5 GB."""
@@ -30,7 +29,8 @@ def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
         numeric = [field.name for field in schema if _is_numeric_type(field.type)]
         _check_table_size(rows, len(numeric))
         table = source.read(columns=numeric)
-    named = _add_metadata_units([parse_header(name) for name in schema.names], schema)
+    notes: list[str] = []
+    named = [name_and_unit(field.name, _metadata_unit(field), notes) for field in schema]
     read: dict[str, list[Any]] = {}  # of one name there may be several
     for field, column in zip(table.schema, table.columns, strict=True):
         read.setdefault(field.name, []).append(column)
@@ -38,7 +38,9 @@ def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
         _make_column(name, unit, read[field.name].pop(0) if field.name in numeric else field.type)
         for field, (name, unit) in zip(schema, named, strict=True)
     ]
-    return Sheet(columns, None, True, "Parquet")
+    for column, heading in zip(columns, schema.names, strict=True):
+        column.heading = heading
+    return Sheet(columns, None, True, "Parquet", notes)
 
 
 def _make_column(name: str, unit: str | None, column: Any) -> Column:
@@ -79,20 +81,10 @@ def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[
         pyarrow.parquet.write_table(table, part)
 
 
-def _add_metadata_units(named: list[tuple[str, str | None]], schema: Any) -> list[tuple[str, str | None]]:
-    """Add units of the metadata to names; they may not contradict those in the names."""
-    pairs = []
-    for (name, unit), field in zip(named, schema, strict=True):
-        metadata = field.metadata or {}
-        raw = metadata.get(b"units", metadata.get(b"unit"))
-        said = None if raw is None else raw.decode(errors="replace").strip() or None
-        if unit and said and unit != said:
-            raise RecordError(
-                f"the column {quote(name)} has the unit {quote(unit)} in its "
-                f"name and {quote(said)} in its metadata; correct one of them"
-            )
-        pairs.append((name, unit or said))
-    return pairs
+def _metadata_unit(field: Any) -> str | None:
+    metadata = field.metadata or {}
+    raw = metadata.get(b"units", metadata.get(b"unit"))
+    return None if raw is None else raw.decode(errors="replace").strip() or None
 
 
 def _is_numeric_type(kind: Any) -> bool:

@@ -12,7 +12,8 @@ import dataclasses
 import difflib
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -204,6 +205,14 @@ class ReadOptions:
             "calibration": calibrations,
         }
         return {key: value for key, value in plain.items() if value not in (None, {}, 0, False)}
+
+
+def note_on_other_tables(kind: str, names: Sequence[str]) -> str:
+    """Note that the first of several tables of a file is read, and how another one is."""
+    return (
+        f"the {kind} {quote(names[0])}, the first of {len(names)}, is read (another: --sheet "
+        f"{shlex.quote(sanitize(names[1]))})"
+    )
 
 
 def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:

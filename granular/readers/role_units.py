@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from granular.readers.column_headers import (
     ACCELERATION,
     BASE_ACCELERATION,
@@ -10,8 +12,11 @@ from granular.readers.column_headers import (
     HEIGHT,
     TIME,
     VELOCITY,
+    normalize_unit,
 )
 from granular.schema.units import Dimension, unit_size
+from granular.shared.errors import RecordError, SceneError
+from granular.shared.message_text import quote, sanitize
 
 SI = {
     TIME: "s",
@@ -24,6 +29,7 @@ SI = {
 }
 """Units by roles, where the coordinate is a height."""
 
+_LEVEL = re.compile(r"dB(\W.*|[a-zA-Zµ]{0,3})")
 _ANGULAR = {
     HEIGHT: "rad",
     VELOCITY: "rad/s",
@@ -43,6 +49,20 @@ _SPECIAL = {
 """Units that mean another thing in a role: the acceleration of gravity, and forces as masses."""
 
 
+_EXAMPLES = {HEIGHT: "mm", BASE_HEIGHT: "mm"}
+"""Units to name in a remedy, where they are others than those of SI."""
+
+
+def example_unit(role: str) -> str:
+    """Return a unit to name in a remedy for a role's column."""
+    return _EXAMPLES.get(role, SI.get(role, "V"))
+
+
+def is_level(unit: str) -> bool:
+    """Tell a logarithmic unit, as dB and dBm."""
+    return _LEVEL.fullmatch(unit) is not None
+
+
 def si_unit_of_role(role: str, *, angle: bool = False) -> str:
     """SI unit that a role's column is converted to."""
     return _ANGULAR.get(role, SI.get(role, "")) if angle else SI.get(role, "")
@@ -55,3 +75,18 @@ def role_unit_size(role: str, unit: str) -> tuple[float, Dimension]:
         return unit_size(unit)
     number, plain = special.split(" ", 1)
     return float(number), unit_size(plain)[1]
+
+
+def size_of_quantity(role: str, text: str) -> float:
+    """SI size of the unit that a quantity of pint or astropy carries, in a role or a further column."""
+    unit = normalize_unit(text)
+    try:
+        size, dimension = role_unit_size(role, unit)
+    except SceneError as error:
+        raise RecordError(f"{sanitize(role)}: {error}; convert the quantity") from None
+    wanted = [unit_size(units[role])[1] for units in (SI, _ANGULAR) if role in units]
+    if wanted and dimension not in wanted:
+        raise RecordError(
+            f"{role}: the unit {quote(text)} does not fit; one of {SI[role]} is wanted: convert the quantity"
+        )
+    return size

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -19,9 +20,9 @@ from granular.readers.column_headers import (
     normalize_column_name,
     normalize_unit,
 )
-from granular.readers.column_roles import assign_roles, motion_role
+from granular.readers.column_roles import assign_roles, is_index, motion_role
 from granular.readers.read_options import ANGLE, STROKE, ReadOptions
-from granular.readers.role_units import ANGLE_UNITS, role_unit_size, si_unit_of_role
+from granular.readers.role_units import ANGLE_UNITS, example_unit, is_level, role_unit_size, si_unit_of_role
 from granular.readers.sheet import Column, Sheet
 from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import unit_size
@@ -44,6 +45,8 @@ _ROW = " row"
 _LEAST_SAMPLES = 20
 _LONG_STEP, _LONG_WAY, _HIGH = 0.5, 1.0, 10.0
 """Step [s], extent and height [m] from which on numbers without a unit are noted."""
+_MOST_SHOWN = 20
+_SHORTEST_STEP = 1e-12
 _ABSURD = 1e6
 """Value from which on an error says more."""
 _AGREEMENT = 0.3
@@ -106,6 +109,12 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
         own = {role: numbers[order] for role, numbers in own.items()}
         others = {name: numbers[order] for name, numbers in others.items()}
     own[TIME] = spread_rounded_times(own[TIME], notes)
+    doubles = np.flatnonzero(np.diff(own[TIME]) == 0.0)
+    if len(doubles) and not options.sort:
+        raise RecordError(_doubled_times_text(sheet, own, doubles))
+    if len(doubles):
+        own, others = _mean_of_equal_times(own, others)
+        notes.append(f"samples of equal times are replaced by their mean: {len(doubles)} are fewer")
     every = own | others
     if options.between is not None:
         start, stop = options.between
@@ -147,11 +156,14 @@ def _check_duplicate_names(sheet: Sheet, chosen: Mapping[str, Column], options: 
     for role, column in chosen.items():
         name = column.name.lower()
         indices = [k for k, item in enumerate(names, start=1) if item == name]
-        if name and len(indices) > 1 and not str(options.columns.get(role, "")).isdigit():
+        alias = next((word for word in (ANGLE, STROKE) if role == HEIGHT and word in options.columns), role)
+        said = str(options.columns.get(alias, ""))
+        alone = sum(item.is_called(said) for item in sheet.columns) == 1
+        if name and len(indices) > 1 and not said.isdigit() and not alone:
             listed = ", ".join(map(str, indices[:-1])) + f" and {indices[-1]}"
+            choices = " or ".join(f"--columns {alias}={k}" for k in indices[:_MOST_SHOWN])
             raise RecordError(
-                f"the column {quote(name)} is there twice, in columns {listed}; names "
-                f"must differ, or say which it is (columns: {role}={indices[-1]})"
+                f"the column {quote(name)} is there twice, in columns {listed}; say which it is: {choices}"
             )
 
 
@@ -187,7 +199,7 @@ def _is_angle_column(
     if said and unit is not None:
         raise RecordError(
             f"the angle {quote(column.name)} has the unit {quote(unit)}; give deg or rad "
-            "(units: angle=deg), or its scale (scale: '360 deg/2048 counts')"
+            "(--units angle=deg), or its scale (--scale '360 deg/2048 counts')"
         )
     if unit is not None or not (said or normalize_column_name(column.name) in ANGLES):
         return False
@@ -195,7 +207,7 @@ def _is_angle_column(
     units[HEIGHT], other = ("deg", "rad") if known > _TURN else ("rad", "deg")
     notes.append(
         f"{quote(column.name)} goes to {known:.3g}, so it is taken for an angle in {units[HEIGHT]} "
-        f"(units: height={other}, or height=m for a height)"
+        f"(--units height={other}, or --units height=m for a height)"
     )
     return True
 
@@ -219,7 +231,7 @@ def _convert_epoch_times(own: dict[str, np.ndarray], column: Column, notes: list
     for name, size in _EPOCHS.items():
         if _YEAR_2000 / size <= first <= _YEAR_2100 / size:
             own[TIME] = (own[TIME] - first) * size
-            notes.append(f"times are {name} since 1970; they begin at 0 s here (units: time=s)")
+            notes.append(f"times are {name} since 1970; they begin at 0 s here (--units time=s)")
             return
 
 
@@ -237,14 +249,14 @@ def _note_large_values_without_unit(
         if _LONG_STEP <= usual <= _ABSURD:
             notes.append(
                 f"{quote(chosen[TIME].name)} has no unit and is taken for s, a sample each "
-                f"{usual:.3g} s (units: time=ms)"
+                f"{usual:.3g} s (--units time=ms)"
             )
     if HEIGHT not in units and chosen[HEIGHT].name:
         extent, largest = float(np.ptp(known[HEIGHT])), float(np.abs(known[HEIGHT]).max())
         if extent <= _ABSURD and (extent >= _LONG_WAY or largest >= _HIGH):
             notes.append(
                 f"{quote(chosen[HEIGHT].name)} has no unit and is taken for m, over {extent:.3g} m "
-                f"up to {largest:.3g} m (units: height=mm)"
+                f"up to {largest:.3g} m (--units height=mm)"
             )
 
 
@@ -268,7 +280,7 @@ def _note_velocity_unlike_slope(own: dict[str, np.ndarray], notes: list[str]) ->
     if agreement < _AGREEMENT:
         notes.append(
             f"the velocity does not follow the slope of the height (correlation {agreement:.2f}): "
-            "if these are not what they are called, say so (columns: height=..., velocity=...)"
+            "if these are not what they are called, say so (--columns height=NAME,velocity=NAME)"
         )
 
 
@@ -282,24 +294,37 @@ def _unit_size_in_role(role: str, unit: str | None, angle: bool) -> float:
     except SceneError as error:
         if not wanted:
             return 1.0
+        if is_level(unit):
+            raise RecordError(
+                f"{role} is in {quote(unit)}, a logarithmic level: write its amplitude, 10^(level/20), in "
+                f"the file, or name another column (--columns {role}=NAME)"
+            ) from None
+        scale = shlex.quote(_scale_example(role, unit))
         raise RecordError(
-            f"{role}: {error}; if it is another, say so (units: {role}=...); of a sensor, give "
-            f"the scale (scale: '2.5 {wanted}/{sanitize(unit, 12)}')"
+            f"{role}: {error}; if {quote(unit)} is no unit, or another is meant, say so (--units "
+            f"{role}={example_unit(role)}); of a sensor, give the scale (--scale {scale})"
         ) from None
     if not wanted:
         return size
     if dimension[3] != 0:
         raise RecordError(
-            f"{role} has the unit {quote(unit)}; if it is another, say so (units: {role}=...); of "
-            f"a sensor, give the scale (scale: '2.5 {'mm' if role == HEIGHT else wanted}/"
-            f"{sanitize(unit, 12)}'), or take plain numbers (units: {role}=1)"
+            f"{role} has the unit {quote(unit)}; if it is another, say so (--units "
+            f"{role}={example_unit(role)}); of a sensor, give the scale (--scale "
+            f"{shlex.quote(_scale_example(role, unit))})"
+            + (f", or take plain numbers (--units {role}=1)" if role == HEIGHT else "")
         )
     if dimension != unit_size(wanted)[1]:
         raise RecordError(
             f"{role}: the unit {quote(unit)} does not fit; one of {wanted} is wanted: name "
-            f"another column (columns: {role}=...) or its unit (units: {role}=...)"
+            f"another column (--columns {role}=NAME) or its unit (--units {role}={example_unit(role)})"
         )
     return size
+
+
+def _scale_example(role: str, unit: str) -> str:
+    """Scale to name in a remedy for a sensor's column, with its role unless that is the height."""
+    scale = f"2.5 {example_unit(role)}/{sanitize(unit, 12)}"
+    return scale if role == HEIGHT else f"{role}={scale}"
 
 
 # Values ----------------------------------------------------------------------------------------
@@ -331,12 +356,13 @@ def _remaining_columns(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[dict
     others: dict[str, np.ndarray] = {}
     left_out = []
     for number, (name, column) in enumerate(zip(names, sheet.columns, strict=True), start=1):
-        if not name or id(column) in taken:
+        if not name or id(column) in taken or is_index(sheet, column):
             continue
         if column.values is None:
             left_out.append(column.name)
         else:
-            others[name if counts[name] == 1 else f"{name} ({number})"] = column.values
+            alone = counts[name] == 1 and name not in chosen
+            others[name if alone else f"{name} ({number})"] = column.values
     return others, left_out
 
 
@@ -368,6 +394,35 @@ def _drop_incomplete_samples(
                 if kind == "own":
                     notes.append(f"{name} has gaps and is left out")
     return saved["own"], saved["others"]
+
+
+def _doubled_times_text(sheet: Sheet, own: Mapping[str, np.ndarray], doubles: np.ndarray) -> str:
+    """Return the words of an error where times are there twice, with a remedy for each cause."""
+    time, first = own[TIME], int(doubles[0]) + 1
+    # by all times, as the first and the last may be late by a whole block of samples
+    rate = 1.0 / max(float(np.polyfit(np.arange(len(time)), time - time[0], 1)[0]), _SHORTEST_STEP)
+    return (
+        f"time of {sheet.describe_row(int(own[_ROW][first]))}, {time[first]:g} s, is there twice, and "
+        f"{len(doubles) - 1} others are: if the clock is coarser than even samples, give their rate (--rate "
+        f"'{rate:.5g} Hz'); else take the mean of samples of one time (--sort)"
+    )
+
+
+def _mean_of_equal_times(
+    own: dict[str, np.ndarray], others: dict[str, np.ndarray]
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Columns with one row for each time, their mean there; the row in the file is the first one's."""
+    firsts = np.flatnonzero(np.diff(own[TIME], prepend=-np.inf) > 0.0)
+    counts = np.diff(np.append(firsts, len(own[TIME])))
+
+    def merged(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        exact = (TIME, _ROW)
+        return {
+            name: values[firsts] if name in exact else np.add.reduceat(values, firsts) / counts
+            for name, values in columns.items()
+        }
+
+    return merged(own), merged(others)
 
 
 def _ticks_are_regular(steps: np.ndarray, counts: np.ndarray) -> bool:

@@ -37,7 +37,7 @@ def detect_dialect(
     lines: Sequence[NumberedLine], decimal: str | None, least_numbers: int = 2
 ) -> Dialect | None:
     """Detect the dialect in which most lines are rows of numbers."""
-    sample = [lines[k].text for k in _indices_to_inspect(lines)]
+    sample = [line.text for line in lines_to_inspect(lines)]
     best: tuple[tuple[int, float, int], Dialect] | None = None
     for separator in SEPARATORS:
         for mark in (".", ",") if decimal is None else (decimal,):
@@ -47,8 +47,8 @@ def detect_dialect(
     return None if best is None else best[1]
 
 
-def _indices_to_inspect(lines: Sequence[NumberedLine]) -> list[int]:
-    """Return the indices of the lines to inspect; fewer if lines are very long."""
+def lines_to_inspect(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
+    """Return lines of the beginning, the middle and the end; fewer if lines are very long."""
     middle = len(lines) // 2
     numbers = (number for k in range(_LOOKED_AT) for number in (k, middle + k, len(lines) - 1 - k))
     sampled: set[int] = set()
@@ -59,7 +59,7 @@ def _indices_to_inspect(lines: Sequence[NumberedLine]) -> list[int]:
             if characters > _ENOUGH and len(sampled) >= _FEWEST:
                 break
             sampled.add(number)
-    return sorted(sampled)
+    return [lines[k] for k in sorted(sampled)]
 
 
 def _try_dialect(
@@ -95,7 +95,7 @@ _COMMA = re.compile(r"(\d),(\d+)", re.ASCII)
 
 def has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal: str | None) -> bool | None:
     """Tell rows in which every second comma is a decimal one."""
-    rows = [lines[k].text.strip().split(",") for k in _indices_to_inspect(lines)]
+    rows = [line.text.strip().split(",") for line in lines_to_inspect(lines)]
     pairs = [_WITH_COMMA.fullmatch(",".join(row[k : k + 2])) for row in rows for k in range(0, len(row), 2)]
     if decimal == "." or dialect.width < 4 or not all(pairs):
         return False

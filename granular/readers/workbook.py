@@ -19,12 +19,15 @@ from xml.etree.ElementTree import Element, iterparse
 from zipfile import ZipFile, ZipInfo
 
 from granular.readers.delimited import read_delimited
-from granular.readers.read_options import ReadOptions
+from granular.readers.read_options import ReadOptions, note_on_other_tables
 from granular.readers.sheet import Sheet, report_parsing_errors
+from granular.readers.table_cells import is_number
 from granular.shared.errors import RecordError
 from granular.shared.message_text import quote
 
 MAX_BYTES = 64 * 2**20
+_FEWEST_ROWS = 20
+"""Rows of a sheet up to which it is no record."""
 _OLD = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 """First bytes of a workbook of Excel 97 to 2003."""
 _ERRORS = ("#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "#N/A")
@@ -73,6 +76,9 @@ def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
             first_error = first_error or error
             continue
         sheet.form = f"sheet {quote(name)} of a workbook"
+        others = [other for other, cells in tables.items() if other != name and _may_be_record(cells)]
+        if others:
+            sheet.notes.append(note_on_other_tables("sheet", [name, *others]))
         return sheet
     raise first_error or RecordError("holds no sheet; save the table in one")
 
@@ -93,6 +99,13 @@ def _sheet_tables(content: bytes) -> dict[str, list[Sequence[Any]]]:
             tables[name] = expand_rows(rows, cells_left)
             cells_left -= len(tables[name]) * _table_width(tables[name])
         return tables
+
+
+def _may_be_record(table: Sequence[Sequence[Any]]) -> bool:
+    """Return True for a sheet with many rows that have two numbers in its middle and at its end."""
+    rows = (table[len(table) // 2], table[-1]) if len(table) > _FEWEST_ROWS else ()
+    counts = [sum(is_number(_cell_text(value), ".") for value in row) for row in rows]
+    return min(counts, default=0) > 1
 
 
 def _table_width(table: Sequence[Sequence[Any]]) -> int:

@@ -6,8 +6,6 @@ import csv
 import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
-from decimal import Decimal
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -15,6 +13,7 @@ import numpy as np
 
 from granular.readers.column_headers import ACCELERATION, VELOCITY
 from granular.readers.read_options import options_from_plain
+from granular.readers.sheet import numbers_in_si
 from granular.readers.signal_integration import integrate_without_drift
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.files import write_atomically
@@ -97,15 +96,14 @@ class PistonRecord:
         if not later.all():
             sample = int(np.argmin(later)) + 1
             before, after = self.time[sample - 1], self.time[sample]
-            twice = before == after
-            what = "is there twice" if twice else f"comes after {before:g} s"
+            what = "is there twice" if before == after else f"comes after {before:g} s"
             raise RecordError(
-                f"time of sample {sample}, {after:g} s, {what}; times must increase: sort the "
-                f"samples {'' if twice else '(sort: true, --sort) '}and drop doubles"
+                f"time of sample {sample}, {after:g} s, {what}; times must increase: sort the samples, "
+                "and take the mean of those of one time (of a file: --sort)"
             )
 
     def _validated_column(self, name: str, values: np.ndarray) -> np.ndarray:
-        array = _to_float64(name, values)
+        array = numbers_in_si(name, values)
         if array.ndim != 1 or len(array) != len(np.atleast_1d(self.time)):
             raise RecordError(
                 f"{sanitize(name)}: has the shape {array.shape}; one value a sample of time, "
@@ -583,18 +581,3 @@ class PistonRecord:
         return dataclasses.replace(
             self, height=(self.height - shift) / scale, velocity=velocity, deviations=deviations
         )
-
-
-def _to_float64(name: str, values: Any) -> np.ndarray:
-    """Copy of values in double precision: neither truth values, texts nor complex numbers."""
-    try:
-        given = np.asarray(values)
-        if given.dtype.kind not in "iufO" or np.ma.is_masked(values):
-            raise TypeError
-        if given.dtype.kind == "O" and not all(isinstance(number, Real | Decimal) for number in given.flat):
-            raise TypeError
-        return np.array(given, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise RecordError(
-            f"{sanitize(name)}: holds something that is not a number; give finite real numbers"
-        ) from None

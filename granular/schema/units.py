@@ -32,6 +32,7 @@ _BASE: dict[str, tuple[float, Dimension]] = {
 _PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
 _PLAIN: dict[str, tuple[float, Dimension]] = {
     "1": (1.0, _NONE),
+    "10": (10.0, _NONE),  # with a power, as in 10^-3 m
     "%": (0.01, _NONE),
     "rad": (1.0, _NONE),
     "deg": (math.pi / 180.0, _NONE),
@@ -46,11 +47,12 @@ _PLAIN: dict[str, tuple[float, Dimension]] = {
     "mrad": (1e-3, _NONE),
     "min": (60.0, (0, 0, 1, 0)),
     "h": (3600.0, (0, 0, 1, 0)),
+    "d": (86400.0, (0, 0, 1, 0)),
 }
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*")
 _MOST_POWER = 9
 _LEAST_SIZE, _MOST_SIZE = 1e-100, 1e100  # of a unit; far from overflow, and beyond every use
-_FACTOR = re.compile(r"([A-Za-zµ%]+|1)(?:(?:\^|\*\*)?(-?[0-9]+))?")
+_FACTOR = re.compile(r"([A-Za-zµ%]+|10(?=\^|\*\*)|1)(?:(?:\^|\*\*)?(-?[0-9]+))?")
 
 
 def _unit_symbol_size(name: str, diameter: float | None) -> tuple[float, Dimension]:

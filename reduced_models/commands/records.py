@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,16 +21,20 @@ if TYPE_CHECKING:
 A_SOURCE = "a scene (name or TOML file), a run directory, or a record as an instrument wrote it"
 SOURCES = option("sources", nargs="*", metavar="SOURCE", help=A_SOURCE)
 
+_PAIRS = re.compile(r",(?=[^,=]+=)")
+"""Commas between pairs, and not in a heading as it stands in a file."""
+
 READING = option_group(
     option(
         "--columns",
-        default="",
+        action="append",
+        default=[],
         metavar="ROLE=NAME,...",
         help="which column is time, height (or angle; or stroke, where it is prescribed and the force "
         "is measured), velocity, force, acceleration, base_height, base_acceleration, or an input that "
         "is called so: by name, or by number from 1",
     ),
-    option("--units", default="", metavar="NAME=UNIT,...", help="such as height=mm"),
+    option("--units", action="append", default=[], metavar="NAME=UNIT,...", help="such as height=mm"),
     option("--decimal", metavar="SIGN", help="sign of the decimals, . or ,"),
     option("--skip", type=int, default=0, metavar="N", help="leave N lines at the head"),
     option("--sheet", metavar="NAME", help="of a workbook, a group, or a variable"),
@@ -87,8 +92,8 @@ def parse_reading_options(options: Any) -> ReadOptions:
                 f"--between {quote(options.between)}; give two times, such as 0.5:6 or '5 ms:6 s'"
             )
     return ReadOptions(
-        columns=_parse_pairs("--columns", options.columns.split(",")),
-        units=_parse_pairs("--units", options.units.split(",")),
+        columns=_parse_pairs("--columns", options.columns),
+        units=_parse_pairs("--units", options.units),
         decimal=options.decimal,
         skip=options.skip,
         sheet=options.sheet,
@@ -126,9 +131,9 @@ def _parse_time(words: str, missing: float) -> float:
     return si_value(words, "s") if words.strip() else missing
 
 
-def _parse_pairs(option: str, items: Sequence[str]) -> dict[str, str]:
+def _parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     pairs = {}
-    for item in items:
+    for item in (item for text in texts for item in _PAIRS.split(text)):
         if not item.strip():
             continue
         name, equals, value = item.partition("=")

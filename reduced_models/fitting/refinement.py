@@ -270,9 +270,15 @@ def _refine_grid(grid: GriddedRecord, error: float, *, complete: bool) -> Gridde
         cause = f"is off by {error:.2g} amplitudes on a grid of {grid.grid.steps} steps"
         if not complete:
             cause = "cannot be followed by the adaptive solver"
+        law = grid.unknowns.law
+        remedy = "fit a shorter record, as of chaos, or a law that is less stiff"
+        if "sign(" in law.equation:
+            remedy = (
+                "write tanh(z'/v) with a small speed v for sign(z'), which jumps, or take the dry friction "
+                "of the laws coulomb and viscous-coulomb (--law viscous-coulomb)"
+            )
         raise InputError(
-            f"the fitted solution of {quote(grid.unknowns.law.name)} {cause}; the limit is "
-            f"{SOLVER_LIMIT:g}: fit a shorter record, as of chaos, or a law that is less stiff"
+            f"the fitted solution of {quote(law.name)} {cause}; the limit is {SOLVER_LIMIT:g}: {remedy}"
         )
     return grid.on_grid(finer)
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from granular.readers.column_headers import tells_of_motion
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
@@ -124,12 +125,13 @@ def drive_option_text(column: str) -> str:
 
 
 def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]:
-    """Columns that change in the course of the record, and that no law names."""
+    """Columns that change in the course of the record, may drive a law, and are named by none."""
     named = {name for law in laws for name in law.inputs}
     return tuple(
         name
         for name in column_names(record)
         if name not in named
+        and not tells_of_motion(name)
         and math.isfinite(spread := float(np.ptp(input_column(record, name))))
         and spread > 0.0
     )

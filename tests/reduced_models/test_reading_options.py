@@ -136,6 +136,16 @@ def test_each_role_and_its_calibration(name: str, tmp_path: Path, read: Callable
         assert input_column(found, role) == pytest.approx(size * shape, abs=1e-9), role
 
 
+def test_pairs_may_be_given_one_by_one_and_hold_commas(file: Path, read: Callable[..., Any]) -> None:
+    """As errors name them, one after the other, and in a heading as it stands in the file."""
+    text = file.read_text().replace("clock,depth,width", 'clock,"depth, below",width')
+    file.write_text(text)
+    words = ("--columns", "time=clock", "--columns", "height=depth, below", "--units", "clock=ms")
+    found, done = read("look", str(file), *words, "--units", "height=mm,width=N", "--flip", "--between", ":")
+    assert found is not None, done.stderr
+    assert found.height == pytest.approx(HEIGHT, abs=1e-8)
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_of_them_is_refused_where_it_is_wrong(name: str, file: Path, read: Callable[..., Any]) -> None:
     for words, message in (
@@ -201,17 +211,15 @@ def texts(path: Path) -> list[str]:
 
 
 def named_by_readers() -> set[str]:
-    """Options that their errors and notes advise, as "(columns: height=...)", "and flip if"."""
-    form = re.compile(r"[(,] ?([a-z]+): (?=[a-z]*=|$)|\band ([a-z]+) if it\b")
+    """Options that their errors and notes advise, as "--columns height=NAME"."""
+    form = re.compile(r"--([a-z]+)\b")
     files = (ROOT / "granular" / "readers").glob("*.py")
-    return {
-        word for file in files for text in texts(file) for pair in form.findall(text) for word in pair if word
-    }
+    return {word for file in files for text in texts(file) for word in form.findall(text)}
 
 
 def test_options_that_errors_advise_are_there() -> None:
     named = named_by_readers()
-    assert {"columns", "units", "flip"} <= named
+    assert {"columns", "units", "flip", "rate", "scale", "sort", "sheet", "skip", "decimal"} <= named
     fields = {field.name for field in dataclasses.fields(ReadOptions)}
     assert named <= fields
     for name in COMMANDS:

@@ -199,7 +199,7 @@ def test_a_voltage_becomes_a_height(tmp_path: Path) -> None:
     path = write(tmp_path / "lvdt.csv", "time [s],lvdt [V]", TIME, HEIGHT / 2.5e-3 + 2.5)
     record = PistonRecord.from_file(path, scale="2.5 mm/V", zero="2.5 V")
     assert np.abs(record.height - HEIGHT).max() < 1e-14
-    with pytest.raises(RecordError, match=r"scale: '2.5 mm/V'"):
+    with pytest.raises(RecordError, match=r"--scale '2.5 mm/V'"):
         PistonRecord.from_file(path)
     described = tmp_path / "record.toml"
     described.write_text('file = "lvdt.csv"\nscale = "2.5 mm/V"\nzero = "2500 mV"\n', "utf-8")

@@ -28,7 +28,7 @@ def test_a_letter_is_a_channel_and_no_acceleration(tmp_path: Path) -> None:
         path = saved(tmp_path / "a.mat", **times, **dict.fromkeys(letters, HEIGHT))
         with pytest.raises(RecordError, match="only channels: ") as caught:
             PistonRecord.from_file(path)
-        assert f"columns: height={letters[0]}, units: height=mm" in str(caught.value)
+        assert f"--columns height={letters[0]} --units height=mm" in str(caught.value)
         said = {"columns": {"height": letters[-1]}, "units": {"height": "mm"}}
         record = PistonRecord.from_file(path, **said)
         assert record.height == pytest.approx(1e-3 * HEIGHT)

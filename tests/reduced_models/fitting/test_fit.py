@@ -6,6 +6,7 @@ import dataclasses
 import json
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,14 @@ from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import HeightMap, ReducedModel, fit, load_model
 from reduced_models.fitting.options import STARTS
-from reduced_models.fitting.refinement import SOLVER_LIMIT
+from reduced_models.fitting.refinement import FINEST, SOLVER_LIMIT, _refine_grid
 from reduced_models.laws import LAWS, law_named
 from reduced_models.laws.equation import parse_equation
-from reduced_models.laws.law import Law
+from reduced_models.laws.law import Law, law_from_text
 from reduced_models.laws.solution import Solution, solve_law
 from reduced_models.records.first_guesses import FirstGuesses
 from reduced_models.records.held_out_swings import choose_test_swings
+from reduced_models.records.inputs import StepGrid
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
 TRUE = {"alpha": 0.17, "omega": 1.05, "g0": -1.0}
@@ -303,6 +305,16 @@ def test_a_grid_that_is_too_coarse_is_refined(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("reduced_models.fitting.refinement.FINEST", 64)
     with pytest.raises(InputError, match=r"is off by .* amplitudes on a grid of"):
         fit(linear_record(), "linear")
+
+
+def test_a_friction_that_jumps_names_the_laws_with_dry_friction() -> None:
+    law = law_from_text("z'' + w*(z - rest) + mu*sign(z') = 0")
+    grid: Any = SimpleNamespace(grid=StepGrid(1e-6, FINEST), unknowns=SimpleNamespace(law=law))
+    with pytest.raises(InputError, match=r"laws coulomb and viscous-coulomb \(--law viscous-coulomb\)"):
+        _refine_grid(grid, 1e-3, complete=True)
+    grid.unknowns.law = LAWS["linear"]
+    with pytest.raises(InputError, match="a law that is less stiff"):
+        _refine_grid(grid, 1e-3, complete=True)
 
 
 def test_a_solution_that_the_judge_cannot_follow_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

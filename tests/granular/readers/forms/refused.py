@@ -42,7 +42,7 @@ REFUSED = {
     "accelerations of a phone": Refused(
         "phone.csv",
         phone().encode(),
-        "only the acceleration 'Linear Acceleration x'",
+        "only the acceleration 'Linear Acceleration y'",
         "https://github.com/emmermarcell/phyphox_measurements/blob/HEAD/meresek/2_3sarok2.csv",
     ),
     "an old workbook": Refused(
@@ -54,13 +54,13 @@ REFUSED = {
     "volts": Refused(
         "scope.csv",
         b"in s,CH1 in V\r\n0.0,1.0\r\n0.1,2.0\r\n0.2,1.0\r\n",
-        r"unit 'V'; .*units: height=",
+        r"unit 'V'; .*--units height=",
         "https://www.easymanua.ls/rands/rtc1000/manual?p=101",
     ),
     "two of a name": Refused(
         "tracks.txt",
         b"#multi:\n\tcm A\t\tcm B\t\nt\tx\ty\tx\ty\n0\t1\t2\t3\t4\n1\t2\t3\t4\t5\n",
-        r"'y' is there twice, in columns 3 and 5; .*columns: height=5",
+        r"'y' is there twice, in columns 3 and 5; .*--columns height=5",
         "http://www.physics.brocku.ca/Courses/2P20/Tracker/index.php?page=21",
     ),
     "a start in words": Refused(

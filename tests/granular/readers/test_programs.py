@@ -1,0 +1,433 @@
+"""Files as programs write them: read right, or refused with words that read them right when typed.
+
+``python -m pytest -s tests/granular/readers/test_programs.py`` lists what was read from each.
+"""
+
+from __future__ import annotations
+
+import datetime
+import shlex
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.readers.file_formats import interpret_record_file
+from granular.shared.errors import RecordError
+from reduced_models.__main__ import parser
+from reduced_models.commands.records import parse_reading_options
+
+COUNT, STEP = 400, 0.005
+TIME = STEP * np.arange(COUNT)
+
+
+def height_at(time: np.ndarray) -> np.ndarray:
+    """Motion in all files [m]."""
+    return np.asarray(0.059 + 0.003 * np.exp(-0.8 * time) * np.cos(21.0 * time))
+
+
+def force_at(time: np.ndarray) -> np.ndarray:
+    """Force in those that hold one [N]."""
+    return np.asarray(74.0 + 5.0 * np.sin(9.0 * time))
+
+
+HEIGHT, FORCE = height_at(TIME), force_at(TIME)
+MM, ZERO = 1e3 * HEIGHT, 0.0 * TIME
+
+
+class Made(NamedTuple):
+    """A file of a program, what is typed where it is refused, and what it holds."""
+
+    name: str
+    write: Callable[[Path], Any]
+    typed: tuple[str, ...] = ()
+    unit: str = "mm"
+    note: str = ""
+    role: str = "height"
+    size: float = 1.0
+    force: bool = False
+    start: float = 0.0
+
+
+def table(*columns: Any, head: str, mark: str = ",", form: str = ".9g", comma: bool = False) -> str:
+    """Columns of numbers or texts below a head."""
+    rows = [
+        mark.join(cell if isinstance(cell, str) else f"{cell:{form}}" for cell in row)
+        for row in zip(*columns, strict=True)
+    ]
+    text = "\n".join(rows)
+    return f"{head}\n{text.replace('.', ',') if comma else text}\n"
+
+
+def text(content: str, encoding: str = "utf-8") -> Callable[[Path], Any]:
+    return lambda path: path.write_bytes(content.encode(encoding))
+
+
+# Writers of programs ---------------------------------------------------------------------------
+
+
+def lvm(
+    names: str, labels: str, *columns: np.ndarray, kind: str = "One", starts: str = "", comma: bool = False
+) -> Callable[[Path], Any]:
+    """Text of LabVIEW's Write To Measurement File, after NI's specification of 2020."""
+    first = ("\t" if kind == "Multi" else "").join(["0.0000000000000000E+0\t"] * (len(labels.split("\t"))))
+    head = f"""LabVIEW Measurement\t
+Writer_Version\t2
+Reader_Version\t2
+Separator\tTab
+Decimal_Separator\t{"," if comma else "."}
+Multi_Headings\tYes
+X_Columns\t{kind}
+Time_Pref\tRelative
+Operator\tAda
+Date\t2024/05/01
+Time\t12:00:00.0352557312499836422
+***End_of_Header***\t
+\t
+Channels\t{len(columns)}
+Samples\t{COUNT}\t{COUNT}
+Date\t2024/05/01\t2024/05/01\t2024/05/01
+Time\t{starts or chr(9).join(["12:00:00.0352557312499836422"] * 3)}
+Y_Unit_Label\t{labels}
+X_Dimension\tTime\tTime\t
+X0\t{first}
+Delta_X\t{STEP:.6f}\t{STEP:.6f}\t{STEP:.6f}
+***End_of_Header***\t\t
+{names}\tComment"""
+    body = table(*[[""] * COUNT] * (kind == "No"), *columns, head="", mark="\t")
+    return text((head + body).replace(".", "," if comma else ".").replace("\n", "\r\n"))
+
+
+class Channel(NamedTuple):
+    """Channel of a TDMS file."""
+
+    name: str
+    values: np.ndarray
+    unit: str = ""
+    step: float = STEP
+    offset: float = 0.0
+    start: float = 0.0
+
+
+def tdms(groups: Mapping[str, tuple[Channel, ...]]) -> Callable[[Path], Any]:
+    """File that LabVIEW's library would write, by npTDMS."""
+
+    def write(path: Path) -> None:
+        from nptdms import ChannelObject, TdmsWriter
+
+        begin = datetime.datetime(2024, 5, 1, 12, 0, 0, tzinfo=datetime.UTC)
+        with TdmsWriter(str(path)) as writer:
+            for group, channels in groups.items():
+                for channel in channels:
+                    properties = {
+                        "wf_increment": channel.step,
+                        "wf_start_offset": channel.offset,
+                        "wf_start_time": begin + datetime.timedelta(seconds=channel.start),
+                        "unit_string": channel.unit,
+                    }
+                    writer.write_segment([ChannelObject(group, channel.name, channel.values, properties)])
+
+    return write
+
+
+def by_pandas(columns: Mapping[str, Any], how: str = "to_csv", index: Any = None, **more: Any) -> Any:
+    def write(path: Path) -> None:
+        import pandas
+
+        frame = pandas.DataFrame(dict(columns), index=index)
+        getattr(frame, how)(path, **more)
+
+    return write
+
+
+def read_and_written_again(path: Path) -> None:
+    """A frame that was written with its index, read, and written again."""
+    import pandas
+
+    pandas.DataFrame({"time [s]": TIME, "left [mm]": MM}).to_csv(path)
+    pandas.read_csv(path).to_csv(path, index=False)
+
+
+def phyphox_workbook(path: Path) -> None:
+    """Workbook of phyphox: raw data, and what is known of the phone."""
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.active.title = "Raw Data"
+    book.active.append(["Time (s)", "Distance (cm)"])
+    for row in zip(TIME.tolist(), (100.0 * HEIGHT).tolist(), strict=True):
+        book.active.append(row)
+    sheet = book.create_sheet("Metadata Device")
+    for number in range(40):
+        sheet.append([f"property {number}", "value"])
+    book.save(path)
+
+
+def matlab(path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(path, {"run7": {"time": TIME[:, None], "height_mm": MM[:, None], "fs": 1.0 / STEP}})
+
+
+def savetxt(path: Path) -> None:
+    np.savetxt(path, np.stack([TIME, MM], axis=1), header="time/s height/mm")
+
+
+def bursts(path: Path) -> None:
+    """Even samples, stamped by a clock of 1 ms when a block of them arrives."""
+    arrival = np.floor(1e3 * np.repeat(TIME[9::10], 10) + np.tile(np.arange(10) // 5, COUNT // 10))
+    path.write_text(table(arrival, MM, head="time [ms],height [mm]"))
+
+
+PHONE = [np.gradient(np.gradient(size * HEIGHT, TIME), TIME) for size in (0.01, 0.1, 1.0)]
+
+FILES = (
+    # LabVIEW
+    Made("filtered.lvm", lvm("X_Value\tPosition (Filtered)", "mm", TIME, MM)),
+    Made("german.lvm", lvm("X_Value\tWeg (Gleichspannung)", "mm", MM, kind="No", comma=True)),
+    Made(
+        "trigger.lvm",
+        lvm("X_Value\tPosition (Trigger)\tForce (Trigger)", "m\tNewtons", TIME, HEIGHT, FORCE),
+        unit="m",
+        force=True,
+    ),
+    Made("label.lvm", lvm("X_Value\tPosition (m)", "mm", TIME, MM), note="is in mm, as its label says"),
+    Made(
+        "multi.lvm",
+        lvm("X_Value\tPosition\tX_Value\tForce", "mm\t\tkN", TIME, MM, TIME, 1e-3 * FORCE, kind="Multi"),
+        force=True,
+    ),
+    Made(
+        "late.lvm",
+        lvm(
+            "X_Value\tPosition\tX_Value\tForce",
+            "mm\t\tN",
+            *(TIME, MM, TIME, force_at(TIME + 0.3)),
+            kind="Multi",
+            starts="12:00:00.1\t\t12:00:00.4",
+        ),
+        force=True,
+        start=0.3,
+        note="'Force' starts 0.3 s after 'Position'",
+    ),
+    Made(
+        "twins.lvm",
+        lvm("X_Value\tPosition (Collected)\tPosition (Filtered)", "mm\tmm", TIME, 2.0 * MM, MM),
+        ("--columns 'height=Position (Filtered)'",),
+    ),
+    # TDMS
+    Made(
+        "offset.tdms",
+        tdms({"run": (Channel("Position", height_at(TIME + 0.25), "m", offset=0.25),)}),
+        unit="m",
+        start=0.25,
+    ),
+    Made(
+        "starts.tdms",
+        tdms(
+            {"run": (Channel("Position", MM, "mm"), Channel("Force", force_at(TIME + 0.3), "N", start=0.3))}
+        ),
+        force=True,
+        start=0.3,
+        note="'Force' starts 0.3 s after 'Position'",
+    ),
+    Made(
+        "offsets.tdms",
+        tdms(
+            {"run": (Channel("Force", force_at(TIME - 0.1), "N", offset=-0.1), Channel("Position", MM, "mm"))}
+        ),
+        force=True,
+        note="'Force' starts 0.1 s before 'Position'",
+    ),
+    Made(
+        "rates.tdms",
+        tdms({"run": (Channel("Position", MM, "mm"), Channel("Force", FORCE[::2], "N", step=2.0 * STEP))}),
+        force=True,
+        note="'Force' is sampled at other times than 'Position'",
+    ),
+    Made(
+        "groups.tdms",
+        tdms({f"run {k}": (Channel("Position", k * MM, "mm"),) for k in range(1, 51)}),
+        note="the group 'run 1', the first of 50, is read",
+    ),
+    Made("words.tdms", tdms({"run": (Channel("Position (Filtered)", MM, "mm"),)})),
+    Made(
+        "volts.tdms",
+        tdms({"run": (Channel("Voltage_0 (Filtered)", MM / 2.5, "V"),)}),
+        ("--scale '2.5 mm/V'",),
+        unit="V",
+    ),
+    # pandas
+    Made("index.csv", by_pandas({"t [s]": TIME, "z [mm]": MM})),
+    Made("unknown.csv", by_pandas({"time [s]": TIME, "left [mm]": MM})),
+    Made("again.csv", read_and_written_again),
+    Made(
+        "timestep.csv",
+        by_pandas({"timestep": TIME, "position": HEIGHT}),
+        ("--columns time=timestep --units time=s",),
+        unit="m",
+    ),
+    Made("rate.csv", by_pandas({"height [mm]": MM}), ("--rate '100 Hz'",), size=2.0),
+    Made("times.csv", by_pandas({"height [mm]": MM}, index=TIME), note="time is column 1"),
+    Made("index.xlsx", by_pandas({"time [s]": TIME, "height [mm]": MM}, "to_excel")),
+    Made(
+        "index.parquet", by_pandas({"time [s]": TIME, "left [mm]": MM}, "to_parquet", index=np.arange(COUNT))
+    ),
+    # LabJack
+    Made(
+        "labjack.dat",
+        text(table(TIME, MM, ZERO, head="Time (s)      Position (mm)      AIN1 (V)", mark="\t")),
+    ),
+    Made(
+        "channels.dat",
+        text(table(TIME, 10.0 * HEIGHT, HEIGHT, head="Time      v0          y0", mark="\t")),
+        ("--columns height=y0",),
+        unit="m",
+    ),
+    # Tracker
+    Made("tracker.txt", text(table(TIME, ZERO, HEIGHT, head="mass_A\nt\tx\ty", mark="\t")), unit="m"),
+    Made(
+        "plane.txt",
+        text(table(TIME, 0.3 * HEIGHT, HEIGHT, head="mass_A\nt\tx\ty", mark="\t")),
+        ("--columns height=y",),
+        unit="m",
+    ),
+    Made("german.txt", text(table(TIME, HEIGHT, head="Masse A\nt\ty", mark="\t", comma=True)), unit="m"),
+    # phyphox
+    Made(
+        "phone.csv",
+        text(
+            table(
+                TIME,
+                *PHONE,
+                np.abs(PHONE[2]),
+                form=".9E",
+                head=",".join(
+                    [
+                        '"Time (s)"',
+                        *(f'"Acceleration {axis} (m/s^2)"' for axis in "xyz"),
+                        '"Absolute acceleration (m/s^2)"',
+                    ]
+                ),
+            )
+        ),
+        ("--columns 'acceleration=Acceleration z'",),
+        unit="m/s^2",
+        role="acceleration",
+    ),
+    Made(
+        "gyroscope.csv",
+        text(
+            table(
+                TIME,
+                *PHONE,
+                np.abs(PHONE[2]),
+                form=".9E",
+                mark="\t",
+                head="\t".join(
+                    ['"Time (s)"', *(f'"Gyroscope {axis} (rad/s)"' for axis in "xyz"), '"Absolute (rad/s)"']
+                ),
+            )
+        ),
+        ("--columns 'velocity=Gyroscope z'",),
+        unit="rad/s",
+        role="velocity",
+    ),
+    Made("phyphox.xlsx", phyphox_workbook, unit="cm"),
+    # dynamometers and testing machines
+    Made(
+        "dynamometer.csv",
+        text(
+            table(
+                TIME,
+                2.0 * FORCE,
+                FORCE,
+                2.0 * MM,
+                MM,
+                mark=";",
+                comma=True,
+                head="Zeit [s];Kraft [N];Kraft [N];Weg [mm];Weg [mm]",
+            )
+        ),
+        ("--columns height=5", "--columns force=3"),
+        force=True,
+    ),
+    Made(
+        "machine.csv",
+        text(table(TIME, MM, 1e-3 * FORCE, head="Time,Ax Displ,Ax Force\nSec,mm,kN")),
+        force=True,
+    ),
+    # others
+    Made("logger_pro.csv", text(table(TIME, MM, head="Latest: Time (s),Latest: Position (x10^-3 m)"))),
+    Made(
+        "serial.txt",
+        text(table([f"{t:.4f} s" for t in TIME], [f"{z:.6f} mm" for z in MM], head="time,height")),
+    ),
+    Made(
+        "ruler.txt",
+        text("\n".join(f"{t:.4f} s {z / 10:.7f} cm" for t, z in zip(TIME, MM, strict=True))),
+        unit="cm",
+    ),
+    Made("bursts.csv", bursts, ("--rate '200.12 Hz'",), size=200.0 / 200.12),
+    Made("excel.csv", text(table(TIME, MM, head="Zeit [s];Höhe [mm]", mark=";", comma=True), "cp1252")),
+    Made(
+        "rows.csv",
+        text(table([f'"{k}"' for k in range(1, COUNT + 1)], TIME, MM, head='"","time [s]","left [mm]"')),
+    ),
+    Made("run.mat", matlab),
+    Made("numpy.dat", savetxt),
+)
+
+
+def read(path: Path, words: list[str]) -> tuple[PistonRecord, Any, str]:
+    """Record, meaning of the columns, and notes, by the options of the command line."""
+    options = parse_reading_options(parser().parse_args(["look", str(path), *words]))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        record = PistonRecord.from_file(path, **options.to_plain())
+    meaning = interpret_record_file(path, options)
+    return record, meaning, "; ".join(str(one.message) for one in caught)
+
+
+@pytest.mark.parametrize("made", FILES, ids=lambda made: made.name)
+def test_files_are_read_right_or_by_what_their_refusal_says(made: Made, tmp_path: Path) -> None:
+    path = tmp_path / made.name
+    made.write(path)
+    words: list[str] = []
+    for typed in made.typed:
+        with pytest.raises(RecordError) as caught:
+            read(path, words)
+        print(f"{made.name}: refused: {str(caught.value).split(': ', 1)[1]}")
+        assert typed in str(caught.value)
+        words += shlex.split(typed)
+    record, meaning, said = read(path, words)
+    print(f"{made.name}: right {meaning.units}, {said.split(': ', 1)[-1] or 'nothing said'}")
+    assert made.note in said
+    assert meaning.units[made.role] == made.unit
+    assert record.time[0] == pytest.approx(made.start, abs=1e-6)
+    assert len(record) >= 0.8 * COUNT
+    true = made.start + STEP * np.arange(len(record))
+    assert np.abs(record.time - made.size * true).max() < 1e-6
+    if made.role == "height":
+        assert np.abs(record.height - height_at(true)).max() < 1e-8
+    else:
+        assert record.measured == made.role
+        assert np.abs(record.columns[made.role] - PHONE[2][: len(record)]).max() < 1e-8
+    if made.force:
+        assert record.force is not None
+        assert np.abs(record.force - force_at(true)).max() < 6e-3  # by straight lines between samples
+
+
+def test_there_are_more_than_thirty_of_them() -> None:
+    assert len({made.name for made in FILES}) == len(FILES) >= 40
+
+
+def test_the_note_on_groups_names_another(tmp_path: Path) -> None:
+    path = tmp_path / "groups.tdms"
+    next(made for made in FILES if made.name == path.name).write(path)
+    assert "another: --sheet 'run 2'" in read(path, [])[2]
+    assert np.abs(read(path, ["--sheet", "run 2"])[0].height - 2.0 * HEIGHT).max() < 1e-8

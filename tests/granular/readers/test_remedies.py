@@ -1,0 +1,270 @@
+"""What a refusal or a note says to do, and what a column's name, heading or unit stands for."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.readers.column_headers import name_and_unit, parse_header, tells_of_motion
+from granular.schema.units import unit_size
+from granular.shared.errors import RecordError
+
+TIME = 0.005 * np.arange(400)
+HEIGHT = 0.01 * np.exp(-0.5 * TIME) * np.cos(25.0 * TIME)
+MM = 1e3 * HEIGHT
+
+
+def write(path: Path, head: str, *columns: Any) -> Path:
+    rows = (",".join(f"{cell:.9g}" for cell in row) for row in zip(*columns, strict=True))
+    path.write_text("\n".join([*([head] if head else []), *rows, ""]), encoding="utf-8")
+    return path
+
+
+def read(path: Path, **said: Any) -> PistonRecord:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return PistonRecord.from_file(path, **said)
+
+
+def refusal(path: Path, **said: Any) -> str:
+    with pytest.raises(RecordError) as caught:
+        read(path, **said)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+# Columns ---------------------------------------------------------------------------------------
+
+
+def test_an_index_is_no_data(tmp_path: Path) -> None:
+    index = np.arange(400)
+    said = refusal(write(tmp_path / "a.csv", ",time [s],left [mm],right [mm]", index, TIME, MM, 2.0 * MM))
+    assert "height may be 'left' or 'right'" in said
+    assert "no column 'height'; found: 'time'" in refusal(write(tmp_path / "b.csv", ",time", index, TIME))
+    assert "column 1 counts samples" in refusal(write(tmp_path / "c.csv", ",height [mm]", index, MM))
+    filtered = np.delete(index, [3, 4, 90])
+    rows = write(tmp_path / "d.csv", ",time [s],x [mm]", filtered, TIME[filtered], MM[filtered])
+    assert np.allclose(read(rows).height, HEIGHT[filtered], atol=1e-10)
+    headless = write(tmp_path / "e.csv", "", index, MM)  # a sample a second may be meant
+    assert np.array_equal(read(headless).time, index)
+
+
+@pytest.mark.parametrize("said", ["left [mm]", "LEFT  [mm]", "left", "3"])
+def test_a_heading_as_it_stands_in_the_file_names_a_column(said: str, tmp_path: Path) -> None:
+    path = write(tmp_path / "lab.csv", "time [s],height [mm],left [mm]", TIME, 2.0 * MM, MM)
+    found = read(path, columns={"height": said})
+    assert np.allclose(found.height, HEIGHT, atol=1e-10)
+    assert np.allclose(found.extra["height (2)"], 2.0 * MM)  # which does not take the place of the other
+
+
+def test_a_column_of_a_doubled_name_is_told_by_number_or_heading(tmp_path: Path) -> None:
+    head = "time [s],force [N],force [kN],stroke [in],stroke [mm]"
+    path = write(tmp_path / "lab.csv", head, TIME, TIME, 2.0 * TIME, TIME, MM)
+    for said in ({"stroke": 5, "force": 3}, {"stroke": "stroke [mm]", "force": "force [kN]"}):
+        found = read(path, columns=said)
+        assert np.allclose(found.height, HEIGHT, atol=1e-10)
+        assert np.allclose(found.columns["force"], 2e3 * TIME)
+    assert "--columns stroke=4 or --columns stroke=5" in refusal(
+        path, columns={"stroke": "stroke", "force": 3}
+    )
+
+
+# Units -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("header", "size"),
+    [
+        ("Position (x10^-3 m)", 1e-3),
+        ("Position (×10⁻³ m)", 1e-3),
+        ("Position [1e-6 m]", 1e-6),
+        ("Position (x 10-4 m)", 1e-4),
+        ("Position (10^-3 mm)", 1e-6),
+    ],
+)
+def test_a_unit_behind_a_power_of_ten(header: str, size: float, tmp_path: Path) -> None:
+    assert parse_header(header)[0] == "Position"
+    path = write(tmp_path / "lab.csv", f"Time (s),{header}", TIME, HEIGHT / size)
+    assert np.allclose(read(path).height, HEIGHT, atol=1e-10)
+
+
+def test_powers_of_ten_and_days_are_units() -> None:
+    assert unit_size("10^-3 m/s") == (1e-3, (1, 0, -1, 0))
+    assert unit_size("d")[0] == 86400.0
+    assert parse_header("x_d") == ("x_d", None)  # a name
+    assert parse_header("days") == ("time", "days")
+
+
+def test_the_label_goes_before_the_heading() -> None:
+    notes: list[str] = []
+    assert name_and_unit("Position (Filtered)", "mm", notes) == ("Position (Filtered)", "mm")
+    assert name_and_unit("Position (m)", "m", notes) == ("Position", "m")
+    assert name_and_unit("Position (mm)", "-", notes) == ("Position", "mm")
+    assert not notes
+    assert name_and_unit("Position (m)", "mm", notes) == ("Position", "mm")
+    assert "'Position (m)' is in mm, as its label says (--units Position=m)" in notes[0]
+
+
+def test_a_label_below_the_names_wins(tmp_path: Path) -> None:
+    path = write(tmp_path / "lab.csv", "Time,Position (Filtered)\ns,mm", TIME, MM)
+    assert np.allclose(read(path).height, HEIGHT, atol=1e-10)
+
+
+@pytest.mark.parametrize("row", ["{t},{z} cm", "{t} s;{z} cm", "{t}\t{z}cm", "{t} s {z} cm", "{t} {z} cm"])
+@pytest.mark.parametrize("comma", [False, True])
+def test_units_inside_cells(row: str, comma: bool, tmp_path: Path) -> None:
+    mark = next((mark for mark in ";\t," if mark in row), " ")
+    if comma and mark == ",":
+        pytest.skip("no decimal comma between commas")
+    cells = [(f"{t:.4f}", f"{100.0 * z:.8f}") for t, z in zip(TIME, HEIGHT, strict=True)]
+    rows = [row.format(t=t, z=z) for t, z in cells]
+    rows = [one.replace(".", ",") for one in rows] if comma else rows
+    (tmp_path / "lab.txt").write_text("\n".join([f"time{mark}height", *rows, ""]))
+    found = read(tmp_path / "lab.txt")
+    assert np.allclose(found.time, TIME)
+    assert np.allclose(found.height, HEIGHT, atol=1e-9)
+    rows[7] = rows[7].replace("cm", "mm")
+    (tmp_path / "lab.txt").write_text("\n".join([f"time{mark}height", *rows, ""]))
+    assert "line 9 holds a number in 'mm'" in refusal(tmp_path / "lab.txt")
+
+
+@pytest.mark.parametrize("rows", ["\t", ";", " "])
+@pytest.mark.parametrize(
+    "head", ["Time (s)      Position (mm)", "Time (s)\tPosition (mm)", "Time (s);Position (mm)"]
+)
+def test_a_header_that_is_separated_otherwise(head: str, rows: str, tmp_path: Path) -> None:
+    lines = [f"{t:.4f}{rows}{z:.7f}" for t, z in zip(TIME, MM, strict=True)]
+    (tmp_path / "lab.dat").write_text("\n".join(["run 3, Ada Byron", head, *lines, ""]))
+    assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-9)
+
+
+def test_a_level_in_decibels_is_no_length(tmp_path: Path) -> None:
+    said = refusal(write(tmp_path / "lab.csv", "time [s],envelope [dBm]", TIME, MM))
+    assert "a logarithmic level: write its amplitude" in said
+    assert "scale" not in said
+
+
+# Times -----------------------------------------------------------------------------------------
+
+
+def test_what_is_no_time_is_not_called_one(tmp_path: Path) -> None:
+    for head in ("frequency,amplitude [mm]", "x [mm],force [N]", "wavelength [nm],i", "length,force [N]"):
+        said = refusal(write(tmp_path / "lab.csv", head, TIME, MM))
+        assert "is no time, as of a spectrum or a curve" in said
+        assert "--units time=s" not in said
+    days = read(write(tmp_path / "lab.csv", "days,height [mm]", TIME, MM))
+    assert np.allclose(days.time, 86400.0 * TIME)
+
+
+def test_columns_without_names_are_named_by_numbers(tmp_path: Path) -> None:
+    said = refusal(write(tmp_path / "lab.csv", "", MM, 2.0 * MM, 3.0 * MM))
+    assert "columns 1, 2, 3, none with a name" in said
+    assert "--columns time=1,height=2" in said
+
+
+def test_doubled_times_have_a_remedy(tmp_path: Path) -> None:
+    times = np.floor(1e3 * np.sort(np.random.default_rng(0).uniform(0.0, 2.0, 400))) / 1e3
+    path = write(tmp_path / "lab.csv", "time [s],height [mm]", times, MM)
+    said = refusal(path)
+    assert "--rate '" in said
+    assert "--sort" in said
+    found = read(path, sort=True)
+    assert np.array_equal(found.time, np.unique(times))
+    first = int(np.argmax(np.diff(times) == 0.0))
+    here = np.flatnonzero(times == times[first])
+    assert found.height[np.searchsorted(found.time, times[first])] == pytest.approx(
+        HEIGHT[here].mean(), abs=1e-10
+    )
+    assert np.allclose(read(path, rate="200 Hz").time, TIME)
+
+
+# Phones ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("quantity", "unit", "role"),
+    [("Linear Acceleration", "m/s^2", "acceleration"), ("Gyroscope", "rad/s", "velocity")],
+)
+def test_the_axis_that_moves_most_is_named_first(quantity: str, unit: str, role: str, tmp_path: Path) -> None:
+    head = ",".join(
+        ["Time (s)", *(f"{quantity} {axis} ({unit})" for axis in ("x", "y", "z")), f"Absolute ({unit})"]
+    )
+    said = refusal(write(tmp_path / "a.csv", head, TIME, 0.1 * MM, MM, 0.5 * MM, 2.0 * np.abs(MM)))
+    options = [f"--columns '{role}={quantity} {axis}'" for axis in ("y", "z", "x")]
+    assert (
+        f"{options[0]}, which scatters most, or {options[1]} or {options[2]} or --columns {role}=Absolute"
+        in said
+    )
+
+
+# Other files and objects -----------------------------------------------------------------------
+
+
+def test_a_universal_file_is_called_so(tmp_path: Path) -> None:
+    for kind in ("58", "58b"):
+        (tmp_path / "run.unv").write_bytes(f"    -1\n{kind:>6}\nNONE\n".encode() + b"\x01\x02")
+        assert f"is a universal file (data set {kind})" in refusal(tmp_path / "run.unv")
+
+
+class Unit(str):
+    """A unit of pint: its short name is what the format ``~`` gives."""
+
+    def __format__(self, spec: str) -> str:
+        return str(self) if spec == "~" else "millimeter"
+
+
+class Quantity:
+    """What pint's quantities have: a magnitude and units."""
+
+    def __init__(self, magnitude: Any, unit: str) -> None:
+        self.magnitude, self.units = magnitude, Unit(unit)
+
+    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
+        return np.asarray(self.magnitude)
+
+
+def test_quantities_keep_their_units() -> None:
+    table = {"time": Quantity(1e3 * TIME, "ms"), "height": Quantity(MM, "mm")}
+    for found in (PistonRecord.from_table(table), PistonRecord(**table)):  # type: ignore[arg-type]
+        assert np.allclose(found.time, TIME)
+        assert np.allclose(found.height, HEIGHT)
+    with pytest.raises(RecordError, match="'kg' does not fit; one of m is wanted"):
+        PistonRecord(TIME, Quantity(MM, "kg"))  # type: ignore[arg-type]
+
+
+class Polars:
+    """What a DataFrame of polars has: names as ``columns``, and its series by name."""
+
+    columns = ("time [ms]", "height [mm]")
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return {"time [ms]": 1e3 * TIME, "height [mm]": MM}[name]
+
+
+def test_tables_of_other_libraries() -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    structured = np.zeros(400, dtype=[("time", float), ("height [mm]", float)])
+    structured["time"], structured["height [mm]"] = TIME, MM
+    for table in (Polars(), pyarrow.table({"time": TIME, "height [mm]": MM}), structured):
+        found = PistonRecord.from_table(table)
+        assert np.allclose(found.time, TIME)
+        assert np.allclose(found.height, HEIGHT)
+    with pytest.raises(RecordError, match="'list' is no table"):
+        PistonRecord.from_table([1.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    "name", ["K", "kinetic energy (J)", "px", "y", "vx", "omega", "frame", "Gyroscope z"]
+)
+def test_what_follows_from_a_motion_is_no_drive(name: str) -> None:
+    assert tells_of_motion(name)
+
+
+@pytest.mark.parametrize("name", ["u", "force", "load cell", "valve", "temperature", "base_height", "lam"])
+def test_what_may_drive_a_motion(name: str) -> None:
+    assert not tells_of_motion(name)
