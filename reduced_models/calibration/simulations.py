@@ -150,7 +150,7 @@ class SceneSimulator:
         }
 
     def simulate_points(self, positions: Sequence[np.ndarray]) -> list[SimulatedPoint]:
-        """Simulate the scene at some positions, with all random starts side by side."""
+        """Simulate the scene at positions (p,), with all random starts side by side."""
         cases = [
             self.scene_changes(position) | {"arrangement.seed": seed}
             for position in positions

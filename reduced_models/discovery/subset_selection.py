@@ -82,7 +82,7 @@ def all_index_subsets(count: int) -> list[np.ndarray]:
 
 
 def group_subsets_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
-    """Given subsets, each once, in one array for each size."""
+    """Given subsets, each once, in an array (s, k) for each size k."""
     groups: dict[int, set[tuple[int, ...]]] = {}
     for subset in subsets:
         chosen = tuple(sorted(set(subset)))
@@ -94,7 +94,7 @@ def group_subsets_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
 def score_subsets(
     weak: WeakForm, library: Sequence[AnyTerm], terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> tuple[list[ScoredTerms], EquationScorer]:
-    """Score subsets of terms by their whitened weak residuals."""
+    """Score subsets of terms, an array (s, k) of indices for each size, by their whitened weak residuals."""
     # The covariance of the residuals depends on the coefficients, so it is taken from the best equation so
     # far, twice (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
     best: ScoredTerms | None = None

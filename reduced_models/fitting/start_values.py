@@ -203,6 +203,7 @@ def acceleration_function(
     law: Law, motion: Float[np.ndarray, "4 n"], drive: Float[np.ndarray, "n inputs"]
 ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Return a function of parameters: accelerations along rows z, z', z'', time [s]; last hidden states."""
+    # Of parameters (p, m) to accelerations (n, m) and hidden states (h, m).
     # Heun's method: hidden states go from zero along a motion that is known, at its nodes alone.
     field = compile_rates(law.equation, law.inputs, "numpy")
     z, v, _, time = motion

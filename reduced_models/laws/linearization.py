@@ -205,7 +205,7 @@ def equation_rates(equation: sympy.Eq) -> Rates:
 def harmonic_cycles(
     rates: Rates, hidden: int, amplitude: Any, centre: Any, omega: Any, *, free: bool = True
 ) -> HarmonicCycles:
-    """Cycles of given amplitudes, from guesses of their centres and angular frequencies [rad/s]."""
+    """Cycles of amplitudes (n,), from guesses of their centres and angular frequencies [rad/s]."""
     # Harmonic balance with one harmonic, or the describing function (Krylov and Bogoliubov 1947, Introduction
     # to Non-Linear Mechanics). A free cycle has the frequency at which the stiffness carries the inertia.
     amplitude, centre, omega = np.broadcast_arrays(

@@ -157,7 +157,7 @@ def _advance_state(
 
 
 def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Data) -> A:
-    """Quintic Hermite values of z, a fraction of a step behind grid points; step [s]."""
+    """Quintic values (n, ...) of z (points, ...), a fraction of a step behind grid points; step [s]."""
     s = fraction
     # Quintic Hermite polynomials, nested.
     s3 = s * s * s

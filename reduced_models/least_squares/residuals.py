@@ -106,7 +106,9 @@ class SensorForm(NamedTuple):
 
 
 def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
-    """Compiled function of search vectors."""
+    """Compiled normal equations, or residuals (n,) with derivatives (p, n), of search vectors."""
+    # "normal": (theta (s, p), samples, scales, loss) -> costs (s,), gradients J'r (s, p), matrices J'J (s, p,
+    # p). "linear": (theta (p,), samples, scales) -> weighted residuals (n,) and derivatives (p, n).
     law = unknowns.law
     sensor = None
     if unknowns.sensor is not None:

@@ -85,7 +85,7 @@ class Unknowns:
         return len(self.law.parameters) + (2 if self.map is None else 0)
 
     def physical_values(self, theta: Float[np.ndarray, "p"]) -> Any:
-        """Parameters, shift and scale of the map; z, its velocity and hidden states at first [m]."""
+        """Parameters, shift [m] and scale [m] of the map; z, its velocity and hidden states at first."""
         motion = theta[: len(theta) - self.sensor_entry_count]
         return physical_values(motion, self.scales, self.logarithmic_parameters, self.map is None, np)
 
@@ -140,7 +140,7 @@ def _bound_sensor(unknowns: Unknowns, edges: np.ndarray) -> None:
 
 
 def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], fits_map: bool, np_: Any) -> Any:
-    """Parameters, shift and scale of the map; z, its velocity and hidden states at first [m]."""
+    """Parameters, shift, scale [m], z, its velocity and hidden states at first, of vectors (p, ...)."""
     rest, amplitude, speed, shift, scale = (scales[k] for k in range(5))
     count = len(logarithmic)
     values = tuple(
