@@ -84,7 +84,6 @@ from granular.effects.custom_functions import (
     WALL_FUNCTIONS,
     CustomDefinition,
     CustomLawKind,
-    functions_digest,
 )
 from granular.effects.custom_law import CustomLaw, CustomWallLaw
 from granular.effects.dissipative_effect import DissipativeEffect
@@ -95,6 +94,7 @@ from granular.schema.field_kinds import IntegerKind, QuantityKind, unknown_word_
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section
 from granular.shared.errors import InputError
+from granular.shared.function_digest import functions_digest
 from granular.shared.message_text import quote
 from granular.shared.user_file import UserFile, user_definitions
 
@@ -224,6 +224,7 @@ def effect(user_class: type) -> Any:
     )
     if not is_built_in(made):  # which the registry knows by its file
         register_effect(made)
+    DEFINITIONS[made.definition.digest] = made.definition
     return made
 
 
@@ -264,6 +265,7 @@ def wall_law(user_class: type) -> Any:
     """
     made = make_section_class(user_class, CustomWall, WALL_FUNCTIONS, WALL_FUNCTIONS, "wall law")
     WALL_LAWS[made.definition.key] = made
+    DEFINITIONS[made.definition.digest] = made.definition
     return made
 
 
@@ -332,7 +334,6 @@ def make_section_class(
         functions,
         {name: _compile_kernel(function) for name, function in functions.items()},
     )
-    DEFINITIONS[definition.digest] = definition
     for name in functions:
         del content[name]
     made = type(

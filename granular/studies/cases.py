@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
@@ -14,8 +13,10 @@ from granular.run.time_steps import parse_time_step
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from granular.shared.function_digest import functions_digest
 from granular.shared.message_text import quote
 from granular.shared.result_cache import digest
+from granular.shared.version import __version__
 
 Measure = Callable[[Trajectory], Mapping[str, Any]]
 M = TypeVar("M", bound=Measure)
@@ -44,16 +45,11 @@ def keep_measure_name(name: str) -> Callable[[M], M]:
 
 
 def measure_identity(measure: Measure) -> str:
-    """Name of a measure for the key of a case: module, name and a digest of its code."""
+    """Name of a measure for the key of a case, with the digest of its code and of all that it uses."""
     if hasattr(measure, "keep_measure_name"):
         return str(measure.keep_measure_name)
-    name = f"{measure.__module__}:{getattr(measure, '__qualname__', repr(measure))}"
-    code = getattr(measure, "__code__", None)
-    if code is None:
-        return name
-    # The repr of inner code holds its address and line, which differ from process to process.
-    text = repr((code.co_code, [c for c in code.co_consts if not hasattr(c, "co_code")]))
-    return f"{name}#{hashlib.sha256((text + repr(code.co_names)).encode()).hexdigest()[:8]}"
+    name = getattr(measure, "__qualname__", type(measure).__qualname__)
+    return f"{measure.__module__}:{name}#{functions_digest({'measure': measure})}"
 
 
 def make_cases(
@@ -69,7 +65,8 @@ def make_cases(
     every = [*(combined if values else []), *map(dict, cases)]
     if not every:
         raise InputError("the study has no case; give a grid or a list of cases")
-    made = [_make_case(scene, changes, dict(settings), measure) for changes in every]
+    identity = measure_identity(measure)
+    made = [_make_case(scene, changes, dict(settings), identity) for changes in every]
     seen: dict[str, Case] = {}
     for case in made:
         if case.key in seen:
@@ -84,7 +81,7 @@ def _values_list(name: str, values: Iterable[Any]) -> list[Any]:
     return list(values)
 
 
-def _make_case(scene: Scene, changes: dict[str, Any], settings: dict[str, Any], measure: Measure) -> Case:
+def _make_case(scene: Scene, changes: dict[str, Any], settings: dict[str, Any], identity: str) -> Case:
     own = {name: value for name, value in changes.items() if name in settings}
     settings = settings | own
     parse_time_step(settings["dt"])
@@ -93,7 +90,7 @@ def _make_case(scene: Scene, changes: dict[str, Any], settings: dict[str, Any], 
     if "method" in own:
         changes = changes | {"method": method.name}
     changed = scene.replace(**{name: changes[name] for name in changes if name not in own})
-    content = {"scene": changed.to_plain(), "settings": settings, "measure": measure_identity(measure)}
+    content = {"scene": changed.to_plain(), "settings": settings, "measure": identity, "version": __version__}
     if user_code := custom_code_digests(changed):
         content["own"] = user_code
     return Case(changes, changed, settings, digest(content, KEY_LENGTH))

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
+from granular.effects.custom_functions import DEFINITIONS
 from granular.effects.registry import effect_names
 from granular.run.simulation import custom_code_digests
 from granular.scene.scene_in_natural_units import scene_in_natural_units
@@ -161,9 +162,14 @@ def test_what_is_missing_is_told_at_once(functions: Any, words: str) -> None:
         made(**functions)
 
 
-def test_a_built_in_name_is_taken() -> None:
+def test_a_class_that_is_refused_leaves_nothing_behind() -> None:
+    before = dict(DEFINITIONS)
     with pytest.raises(InputError, match="'drag' is there already"):
         made("Drag", energy=_energy, force=_swung)
+    functions = {"energy": staticmethod(_energy), "force": staticmethod(_double)}
+    with pytest.raises(InputError, match="k must be a number"):
+        effect(type("Plain", (), {**functions, "__annotations__": {"k": "float"}, "k": 3.0}))
+    assert before == DEFINITIONS
 
 
 def test_scenes_check_an_own_effect_as_any_other() -> None:

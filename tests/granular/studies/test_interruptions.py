@@ -22,6 +22,7 @@ import granular.run.simulation
 import granular.shared.result_cache
 from granular import Scene, Trajectory, load_scene, sweep
 from granular.shared.errors import StoreError
+from granular.studies.cases import keep_measure_name
 from granular.studies.measures import last_values
 from granular.studies.sweep import Study, load_study
 
@@ -152,6 +153,7 @@ def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
     values = [1.0 + 0.1 * k for k in range(8)]
     calls: list[float] = []
 
+    @keep_measure_name("counted")  # which changes the list that it uses
     def counted(run: Trajectory) -> dict[str, Any]:
         assert run.scene.effects.gravity is not None
         calls.append(run.scene.effects.gravity.acceleration)
