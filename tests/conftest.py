@@ -6,11 +6,12 @@ import gc
 import importlib
 import io
 import os
+import signal
 import subprocess
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
@@ -131,6 +132,14 @@ def small_damper(damper: Scene) -> Scene:
             "arrangement.height": "5.5 D",
         }
     )
+
+
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Let Ctrl-C stop this process and those that it starts, also where a shell has it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

@@ -32,7 +32,7 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn, TextIO
 
 from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing_package_error
@@ -60,12 +60,13 @@ class Parser(argparse.ArgumentParser):
 def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | None = None) -> int:
     """Run a command, and print errors and warnings as one line each."""
     warnings.showwarning = _show_warning
+    sys.stdout, sys.stderr = sys.stdout or _open_null(), sys.stderr or _open_null()  # closed by the caller
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # where the terminal knows no µ
     try:
         _check_working_directory()
-        with handle_sigterm(), rare_garbage_collection():
+        with handle_sigterm(last=arguments is None), rare_garbage_collection():
             command(sys.argv[1:] if arguments is None else arguments)
             sys.stdout.flush()
     except InputError as error:
@@ -73,13 +74,10 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
     except GranularError as error:
         return _print_error(str(error), FAILED)
     except Interrupted as stop:
-        path = getattr(stop.trajectory, "path", None)
-        saved = (
-            "nothing was written"
-            if path is None
-            else (f"what was done is in {path}; the same command goes on (run with --resume)")
-        )
-        return _print_error(f"{stop}: {saved}", TERMINATED if stop.terminated else INTERRUPTED)
+        path, words = getattr(stop.trajectory, "path", None), str(stop)
+        if path is not None:
+            words += f": what was done is in {path}; the same command goes on (run with --resume)"
+        return _print_error(words, TERMINATED if stop.terminated else INTERRUPTED)
     except ModuleNotFoundError as error:
         advice = missing_package_error(error)
         if advice is None:
@@ -101,12 +99,24 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
 
 
 def _find_wrapped_interruption(error: BaseException) -> tuple[str, int] | None:
-    """Message and exit code of a stop that Python wrapped, as it does while it makes a class."""
-    while error.__cause__ is not None:
-        error = error.__cause__
-    if isinstance(error, Terminated):
-        return "terminated", TERMINATED
-    return ("interrupted", INTERRUPTED) if isinstance(error, KeyboardInterrupt) else None
+    """Message and exit code of a stop among an error's causes, as Python wraps one while it makes a class."""
+    waiting: list[BaseException | None] = [error]
+    seen = set[BaseException]()
+    while waiting:
+        link = waiting.pop()
+        if isinstance(link, Terminated):
+            return "terminated", TERMINATED
+        if isinstance(link, KeyboardInterrupt):
+            return "interrupted", INTERRUPTED
+        if link is not None and link not in seen:
+            seen.add(link)
+            waiting += [link.__cause__, link.__context__]
+    return None
+
+
+def _open_null() -> TextIO:
+    """Open a stream that takes everything and shows nothing."""
+    return open(os.devnull, "w", encoding="utf-8")
 
 
 def _explain_system_error(error: OSError) -> str:

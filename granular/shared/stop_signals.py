@@ -57,11 +57,13 @@ def defer_stop_signals() -> Iterator[StopRequest]:
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return
-    taken = signal.getsignal(signal.SIGTERM) is _terminate
-    numbers = (signal.SIGINT, signal.SIGTERM) if taken else (signal.SIGINT,)
-    former = {number: signal.getsignal(number) for number in numbers}
+    former = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    if former[signal.SIGINT] in (signal.SIG_IGN, None):  # as in the background of a shell's script
+        del former[signal.SIGINT]
+    if former[signal.SIGTERM] is not _terminate:
+        del former[signal.SIGTERM]
     try:
-        for number in numbers:
+        for number in former:
             signal.signal(number, stop._record_signal)
         yield stop
     finally:
@@ -89,8 +91,12 @@ def _is_compiling() -> bool:
 
 
 @contextlib.contextmanager
-def handle_sigterm() -> Iterator[None]:
-    """Raise `Terminated` for SIGTERM while the block runs, and let no stop be lost."""
+def handle_sigterm(*, last: bool = False) -> Iterator[None]:
+    """Raise `Terminated` for SIGTERM while the block runs, and let no stop be lost.
+
+    The ``last`` block of a process leaves both signals ignored: to end takes JAX a second or more, in which
+    a stop would change the status of a command that is done.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -107,10 +113,12 @@ def handle_sigterm() -> Iterator[None]:
         else:
             sys.__unraisablehook__(dropped)
 
-    handler, hook = signal.signal(signal.SIGTERM, _terminate), sys.unraisablehook
-    interrupt = signal.getsignal(signal.SIGINT)
-    if interrupt is signal.default_int_handler:
+    hook = sys.unraisablehook
+    former = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    if former[signal.SIGINT] is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
+    if former[signal.SIGTERM] is not signal.SIG_IGN:
+        signal.signal(signal.SIGTERM, _terminate)
     sys.unraisablehook = repeat
     try:
         yield
@@ -118,10 +126,10 @@ def handle_sigterm() -> Iterator[None]:
             if timer.is_alive():
                 raise stop
     finally:
+        for number, handler in former.items():
+            signal.signal(number, signal.SIG_IGN if last else handler)
         for timer in repeats:
             timer.cancel()
-        signal.signal(signal.SIGTERM, handler)
-        signal.signal(signal.SIGINT, interrupt)
         sys.unraisablehook = hook
 
 

@@ -20,7 +20,7 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.problem import Pairs
-from reduced_models.jax_setup import jax
+from reduced_models.jax_setup import jax, jit
 from reduced_models.laws.equation import PROGRAMS
 from reduced_models.laws.force_law import ForceLaw
 from reduced_models.laws.law import Law
@@ -206,7 +206,7 @@ def _compile_normal_equations(
             jnp.einsum("pns,qns->spq", jacobian, jacobian),
         )
 
-    return jax.jit(normal_equations), jax.jit(linear)
+    return jit(normal_equations), jit(linear)
 
 
 class ForceSearchResult(NamedTuple):

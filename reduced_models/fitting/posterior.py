@@ -18,7 +18,7 @@ from granular.shared.errors import InputError, MissingPackageError
 from granular.shared.message_text import quote
 from reduced_models.fitting.options import check_parameter_names
 from reduced_models.fitting.problem import list_of_records
-from reduced_models.jax_setup import jax
+from reduced_models.jax_setup import jax, jax_call
 from reduced_models.least_squares.joint_records import JointRecords, joint_vector, joint_vector_entries
 from reduced_models.least_squares.levenberg_marquardt import Bounds
 from reduced_models.least_squares.residuals import record_on_grid, residual_function
@@ -120,8 +120,9 @@ def sample_posterior(
         chain_method="vectorized" if chains > 1 else "sequential",
         progress_bar=False,
     )
-    sampler.run(jax.random.PRNGKey(seed), init_params=jnp.asarray(start if chains > 1 else start[0]))
-    result = np.asarray(sampler.get_samples(group_by_chain=True))
+    with jax_call():
+        sampler.run(jax.random.PRNGKey(seed), init_params=jnp.asarray(start if chains > 1 else start[0]))
+        result = np.asarray(sampler.get_samples(group_by_chain=True))
     return arviz.from_dict(_name_draws(joint, own, centre + result @ spread.T))
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular.shared.errors import RecordError
-from reduced_models.jax_setup import jax
+from reduced_models.jax_setup import jax, jit
 from reduced_models.laws.equation import PROGRAMS, compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import Interpolation, piecewise_cubics
@@ -218,7 +218,7 @@ def _adaptive_solver(equation: str, budget: int) -> Callable[..., tuple[jax.Arra
         reached = (reached & jnp.isfinite(z)) | complete
         return jnp.where(reached, z, jnp.nan), jnp.where(reached, v, jnp.nan), complete, blown_up
 
-    return jax.jit(solve)
+    return jit(solve)
 
 
 def solve_law(
@@ -295,7 +295,7 @@ def _fixed_step_solver(equation: str, inputs: tuple[str, ...]) -> Callable[..., 
 
         return jax.lax.scan(interval, jnp.stack(start), (length, cubics))[1]
 
-    return jax.jit(solve)
+    return jit(solve)
 
 
 def _driven_solution(

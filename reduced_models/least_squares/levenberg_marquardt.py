@@ -21,7 +21,7 @@ import numpy as np
 import optimistix
 
 from granular.shared.errors import TimeBudgetError
-from reduced_models.jax_setup import jax
+from reduced_models.jax_setup import jax, jit
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -191,7 +191,7 @@ def _quadratic_model(half_cost: Any, slope: jax.Array, matrix: jax.Array) -> Any
     return optimistix.FunctionInfo.EvalGradHessian(half_cost, slope, operator)
 
 
-@jax.jit
+@jit
 @jax.vmap
 def _next_vectors(
     best: Point, start: jax.Array, precision: jax.Array, size: jax.Array, bounds: Bounds
@@ -214,7 +214,7 @@ def _next_vectors(
     return jnp.clip(theta + scale * step, bounds.low, bounds.high), gain
 
 
-@jax.jit
+@jit
 @jax.vmap
 def _judge_steps(
     best: Point,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from reduced_models.jax_setup import jax
+from reduced_models.jax_setup import jax, jit
 from reduced_models.laws.equation import PROGRAMS, compile_rates
 from reduced_models.laws.solution import hermite_interpolate, solve_on_grid
 from reduced_models.least_squares.levenberg_marquardt import Normal
@@ -191,7 +191,7 @@ def _compile_residuals(
         "linear": linear,
         "residual": residual,
     }
-    return jax.jit(functions[kind])
+    return jit(functions[kind])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from reduced_models.jax_setup import jax
+from reduced_models.jax_setup import jax, jit
 from reduced_models.laws.equation import PROGRAMS, compile_rates
 from reduced_models.laws.force_law import ACCELERATION
 from reduced_models.laws.law import Law
@@ -131,4 +131,4 @@ def force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]
 @functools.lru_cache(maxsize=PROGRAMS)
 def compiled_force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]:
     """Compile `force_function`, once for each equation."""
-    return jax.jit(force_function(equation, inputs))
+    return jit(force_function(equation, inputs))

@@ -77,6 +77,7 @@ def prepare(line: str, folder: Path) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("line", [one for one in commands() if not BROUGHT.search(one)])
 def test_it_runs_as_it_stands(line: str, folder: Path) -> None:
     prepare(line, folder)

@@ -37,7 +37,10 @@ COMMANDS = {
 SIGNALS = [(signal.SIGINT, True), (signal.SIGTERM, False), (signal.SIGINT, False), (signal.SIGTERM, True)]
 """A terminal sends Ctrl-C to the whole group, ``kill`` a signal to one process."""
 
-pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds processes in /proc")
+pytestmark = [
+    pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds processes in /proc"),
+    pytest.mark.usefixtures("interruptible"),
+]
 
 
 def make_folder(folder: Path) -> Path:

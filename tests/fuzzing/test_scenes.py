@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 
 def check(cases: list[dict[str, Any]], count: int) -> None:
     found = Counter(case["outcome"] for case in cases)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -55,6 +56,60 @@ def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
     assert printed == ["None", "7.0"]
     assert "others may write to it" in said
     assert not list(shared.iterdir())
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_a_stop_waits_until_jax_has_compiled() -> None:
+    """Broken off, it showed a hundred lines or ended the process."""
+    from reduced_models.jax_setup import jit
+
+    done = []
+
+    @jit
+    def inner(x: float) -> float:
+        os.kill(os.getpid(), signal.SIGINT)
+        return 2.0 * x
+
+    @jit
+    def outer(x: float) -> float:
+        result = inner(x) + 1.0
+        done.append(x)
+        return result
+
+    with pytest.raises(KeyboardInterrupt):
+        outer(3.0)
+    assert len(done) == 1
+    assert outer(3.0) == 7.0
+    assert len(done) == 1
+
+
+FORKED = """
+import multiprocessing, warnings
+from reduced_models.jax_setup import jit
+function = jit(lambda x: 2.0 * x + 1.0)
+def compute(x):
+    return float(function(x))
+warnings.simplefilter("ignore")  # JAX warns of the fork itself
+if {used}:
+    compute(1.0)
+with multiprocessing.get_context("fork").Pool(1) as pool:
+    try:
+        print(pool.map(compute, [3.0]))
+    except Exception as error:
+        print(error)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="nothing is forked")
+@pytest.mark.parametrize("used", [False, True])
+def test_a_fork_of_a_process_that_has_used_jax_is_refused_at_once(used: bool) -> None:
+    """It would wait for ever for threads that it does not have."""
+    words = [sys.executable, "-c", FORKED.format(used=used)]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, timeout=60, check=True)
+    if used:
+        assert "in which JAX hangs; start processes with multiprocessing.get_context('spawn')" in done.stdout
+    else:
+        assert done.stdout == "[7.0]\n"
 
 
 @pytest.mark.parametrize("platform", [pytest.param("cuda", marks=pytest.mark.long), "nonsense"])

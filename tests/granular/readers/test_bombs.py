@@ -77,6 +77,7 @@ def test_bombs_are_refused_or_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("name", [*QUICK, *LONG])
 def test_a_bomb_ends_by_itself_and_by_ctrl_c(name: str, tmp_path: Path) -> None:
     path = written(tmp_path, name)

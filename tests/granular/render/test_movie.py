@@ -93,6 +93,7 @@ def test_stage_alone(short: Trajectory, tmp_path: Path) -> None:
         movie(short, tmp_path / "more.gif", stage="expand", progress=False)
 
 
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("ending", ["mp4", "gif"])
 def test_ctrl_c_keeps_what_was_made(
     short: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
@@ -113,6 +114,7 @@ def test_ctrl_c_keeps_what_was_made(
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_after_the_last_picture_is_not_lost(
     short: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

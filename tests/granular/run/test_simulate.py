@@ -223,6 +223,7 @@ def test_too_long_a_step_is_stopped(scene: Scene) -> None:
     assert str(error).startswith(f"step {error.step}, t = ")
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_interrupted_run_keeps_what_was_done(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     from granular.run.protocol_runner import ProtocolRunner
 

@@ -22,6 +22,8 @@ from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
 from granular.shared.errors import Interrupted, RunError
 from granular.shared.stop_signals import defer_stop_signals, handle_sigterm
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 ROOT = Path(__file__).parents[3]
 END = 0.02
 

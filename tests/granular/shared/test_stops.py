@@ -5,6 +5,8 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -15,9 +17,11 @@ from granular.commands.console import launch
 from granular.shared.errors import Terminated
 from granular.shared.stop_signals import AGAIN, defer_stop_signals, handle_sigterm
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 
 @pytest.fixture(autouse=True)
-def handlers() -> Iterator[None]:
+def handlers(interruptible: None) -> Iterator[None]:
     """Handlers are what they were after each test."""
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     yield
@@ -77,6 +81,30 @@ def test_a_stop_while_a_class_is_made_ends_a_command(number: int, code: int) -> 
     assert launch(command, []) == code
 
 
+@pytest.mark.parametrize("link", ["__cause__", "__context__"])
+@pytest.mark.parametrize(("stop", "code"), [(KeyboardInterrupt, 130), (Terminated, 143)])
+def test_a_stop_among_the_causes_of_an_error_ends_a_command(
+    stop: type[BaseException], code: int, link: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """JAX gives one a cause of its own, and libraries raise other errors while they handle one."""
+
+    def linked(error: BaseException, cause: BaseException) -> BaseException:
+        setattr(error, link, cause)
+        return error
+
+    for error in (
+        linked(stop(), ValueError("where it was")),
+        linked(RuntimeError("a class"), linked(stop(), ValueError("where it was"))),
+        linked(OSError(5, "in the end"), linked(RuntimeError("a class"), stop())),
+    ):
+
+        def command(_: Sequence[str], error: BaseException = error) -> None:
+            raise error
+
+        assert launch(command, []) == code
+        assert capsys.readouterr().err.count("\n") == 1
+
+
 def test_a_stop_that_was_swallowed_at_the_very_end_ends_the_command() -> None:
     """It comes before the end, and not in the interpreter's shutdown."""
 
@@ -126,6 +154,38 @@ def test_a_library_leaves_sigterm_alone() -> None:
     before = signal.getsignal(signal.SIGTERM)
     with defer_stop_signals():
         assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_that_was_ignored_at_the_start_stays_ignored(number: int) -> None:
+    """As Ctrl-C is in the background of a shell's script, under nohup, and in some CI."""
+
+    def command(_: Sequence[str]) -> None:
+        with defer_stop_signals() as stop:
+            os.kill(os.getpid(), number)
+            assert not stop.is_requested
+        os.kill(os.getpid(), number)
+
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        assert launch(command, []) == 0
+        assert signal.getsignal(number) is signal.SIG_IGN
+    finally:
+        signal.signal(number, before)
+
+
+ENDING = """
+import atexit, os, sys
+from granular.commands.console import launch
+atexit.register(lambda: [os.kill(os.getpid(), number) for number in (2, 15)])
+sys.exit(launch(lambda _: print("done")))
+"""
+
+
+def test_a_stop_after_the_end_of_a_command_changes_nothing() -> None:
+    """The process takes a second to end where JAX was imported."""
+    done = subprocess.run([sys.executable, "-c", ENDING], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")
 
 
 def test_other_threads_have_no_signals() -> None:

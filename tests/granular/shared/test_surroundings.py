@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from granular.__main__ import main
 from granular.commands.console import launch
 
 Command = Callable[..., subprocess.CompletedProcess[str]]
+ROOT = Path(__file__).parents[3]
 PLAIN = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
@@ -32,6 +35,22 @@ def test_a_working_directory_that_was_deleted(
     assert launch(main, ["show", "bed"]) == 2
     said = capsys.readouterr().err
     assert said == "error: the working directory is not there any more; change to one that is\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "code"), [("show bed >&-", 0), ("show bed --json >&- 2>&-", 0), ("show bedd >&-", 2)]
+)
+def test_an_output_that_the_shell_has_closed(words: str, code: int) -> None:
+    line = f"{shlex.quote(sys.executable)} -m granular {words}"
+    done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert done.stderr.count("\n") == (code != 0)
+
+
+def test_messages_stay_out_of_the_results_where_errors_have_no_output() -> None:
+    line = f"{shlex.quote(sys.executable)} -m granular show bedd 2>&-"
+    done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
 
 
 @pytest.mark.parametrize("number", ["0", "-3"])

@@ -191,6 +191,7 @@ def test_a_dask_scheduler_is_killed(tmp_path: Path, scheduler: tuple[str, subpro
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("interruptible")
 def test_a_sweep_on_dask_is_interrupted(
     tmp_path: Path, scheduler: tuple[str, subprocess.Popen[bytes]]
 ) -> None:

@@ -128,7 +128,6 @@ def test_no_process_is_started_without_work() -> None:
 INTERRUPTED = """
 import os, signal, threading
 from granular import load_scene, sweep
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may have it ignored
 long = [{"kind": "hold", "name": "fall", "duration": 1e3}]
 scene = load_scene("single-particle").replace(protocol=long)
 values = {"effects.gravity.acceleration": [float(k) for k in range(1, 41)]}
@@ -137,6 +136,7 @@ sweep(scene, values, dt=1e-6, workers=1, progress=False)
 """
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_sweep_ends_in_silence() -> None:
     """Many cases wait then; what manages the processes must not stumble over them."""
     done = subprocess.run(

@@ -144,6 +144,7 @@ def test_mass_and_drag_of_few_grains(
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_calibration_goes_on(tmp_path: Path) -> None:
     """Ctrl-C ends it in two lines; the same command makes no simulation a second time."""
     truth = {MASS: 1.15, DRAG: 0.42, "arrangement.seed": 11}

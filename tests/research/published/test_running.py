@@ -348,6 +348,7 @@ SCRIPT = """
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_loses_nothing(tmp_path: Path) -> None:
     """Stopped again and again, the same command comes to the same figures."""
     script = tmp_path / "script.py"
