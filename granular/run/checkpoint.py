@@ -6,6 +6,7 @@ stays what `numpy.load` reads. No other file needs to be replaced together with 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import io
@@ -13,14 +14,15 @@ import json
 import re
 import stat
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from granular.run.run_directory import CHECKPOINT, is_run_directory, replace_run_file
 from granular.shared.errors import StoreError
+from granular.shared.files import MOST_TOML_BYTES
 
 MANIFEST = "manifest"
 """The checkpoint's entry that holds it."""
@@ -32,6 +34,7 @@ _LENGTH = re.compile(rb'(?<="shape": \[)\s*(?:0|[1-9]\d*)')
 """Length of an array in its metadata, which grows with the run; any number that JSON allows."""
 
 _SEAL = 64  # characters of a SHA-256 in hexadecimal
+_BLOCK = 2**20  # bytes that are read at once
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,17 +62,34 @@ def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
     file = path / CHECKPOINT
     if not is_run_directory(path):
         raise StoreError(f"{path} holds no run; give the directory that a run wrote")
-    content = read_run_file(file)
-    if content[-_SEAL:] != _seal_digest(content[:-_SEAL]):
-        raise StoreError(f"{file} is damaged (its digest differs); {REMEDY}")
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            saved = {name: archive[name] for name in archive.files}
-        return saved, Manifest(**json.loads(saved.pop(MANIFEST).item()))
-    except ValueError as error:
-        raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
-    except (KeyError, TypeError):
-        raise StoreError(f"{file} was written by another version; run the scene anew") from None
+    with _open_run_file(file) as content:
+        if not _has_seal(content):
+            raise StoreError(f"{file} is damaged (its digest differs); {REMEDY}")
+        try:
+            with np.load(content, allow_pickle=False) as archive:
+                saved = {name: archive[name] for name in archive.files}
+            return saved, Manifest(**json.loads(saved.pop(MANIFEST).item()))
+        except ValueError as error:
+            raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
+        except (KeyError, TypeError):
+            raise StoreError(f"{file} was written by another version; run the scene anew") from None
+
+
+def _has_seal(content: BinaryIO) -> bool:
+    """Return True where a file ends with the digest of what stands before it; read in small blocks."""
+    left = content.seek(0, io.SEEK_END) - _SEAL
+    content.seek(max(left, 0))
+    seal = content.read(_SEAL)
+    content.seek(0)
+    if not re.fullmatch(rb"[0-9a-f]{64}", seal):  # nor is a file of gigabytes read that ends otherwise
+        return False
+    digest = hashlib.sha256()
+    while left > 0:
+        block = content.read(min(left, _BLOCK))
+        digest.update(block)
+        left -= len(block)
+    content.seek(0)
+    return digest.hexdigest().encode() == seal
 
 
 def _seal_digest(content: bytes) -> bytes:
@@ -91,12 +111,26 @@ def read_verified_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
     return contents
 
 
-def read_run_file(file: Path) -> bytes:
-    """Read a file of a run directory."""
+def read_run_file(file: Path, most_bytes: int = MOST_TOML_BYTES) -> bytes:
+    """Read a file of a run directory, of at most so many bytes."""
+    with _open_run_file(file) as opened:
+        content = opened.read(most_bytes + 1)
+    if len(content) > most_bytes:
+        size = file.stat().st_size
+        raise StoreError(
+            f"{file} has {size} bytes, more than the {most_bytes} that a run writes there; {REMEDY}"
+        )
+    return content
+
+
+@contextlib.contextmanager
+def _open_run_file(file: Path) -> Iterator[BinaryIO]:
+    """Open a file of a run directory for reading, and say in one line what is wrong with it."""
     try:
         if not stat.S_ISREG(file.stat().st_mode):  # a pipe may never end
             raise StoreError(f"{file} is no file; {REMEDY}")
-        return file.read_bytes()
+        with file.open("rb") as opened:
+            yield opened
     except (FileNotFoundError, NotADirectoryError):
         raise StoreError(f"{file} is missing; {REMEDY}") from None
     except OSError as error:

@@ -29,6 +29,7 @@ TIME_CHUNK = 4096
 FRAME_CHUNK = 2**16  # numbers in a chunk of a grain field
 _FORMAT = {"zarr_format": 3}
 _LEVEL = 0  # of compression
+_OVERHEAD = 2**10  # bytes, and a 256th, by which Zstandard may make a chunk longer (ZSTD_COMPRESSBOUND)
 _CHECKSUM = 4  # bytes of a CRC-32C, behind those that it is of
 
 
@@ -120,7 +121,7 @@ class ZarrArray:
         from numcodecs.zstd import Zstd
 
         values, file = self.unwritten_chunk(), self._chunk_file(index)
-        content = read_run_file(file)
+        content = read_run_file(file, values.nbytes + values.nbytes // 256 + _OVERHEAD)
         try:
             Zstd().decode(content[:-_CHECKSUM], out=values)
         except (RuntimeError, ValueError) as error:

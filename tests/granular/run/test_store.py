@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import shutil
+import tracemalloc
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -155,6 +157,42 @@ def test_each_kind_of_file_is_named(
     with pytest.raises(StoreError) as caught:
         everything(load_trajectory(copy))
     assert str(caught.value).startswith(f"{copy / file} ")
+
+
+@pytest.mark.parametrize(
+    ("file", "size", "end"),
+    [
+        *(
+            (file, 3 * 2**30, b"")
+            for file in (
+                "scene.toml",
+                "run.json",
+                "checkpoint.npz",
+                "trajectory.zarr/zarr.json",
+                "trajectory.zarr/position/c/0/0/0",
+            )
+        ),
+        ("checkpoint.npz", 2**28, b"0" * 64),
+    ],
+)
+def test_a_file_of_gigabytes_is_not_read_whole(
+    directory: Path, tmp_path: Path, file: str, size: int, end: bytes
+) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(directory, copy)
+    with (copy / file).open("r+b") as opened:
+        opened.truncate(size - len(end))
+        opened.seek(0, os.SEEK_END)
+        opened.write(end)
+    tracemalloc.start()
+    try:
+        with pytest.raises(StoreError) as caught:
+            everything(load_trajectory(copy))
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert str(caught.value).startswith(f"{copy / file} ")
+    assert most < 2**26
 
 
 def test_a_run_without_positions_is_none(directory: Path, tmp_path: Path) -> None:
