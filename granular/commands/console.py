@@ -73,11 +73,6 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         return _print_error(str(error), BAD_INPUT)
     except GranularError as error:
         return _print_error(str(error), FAILED)
-    except Interrupted as stop:
-        path, words = getattr(stop.trajectory, "path", None), str(stop)
-        if path is not None:
-            words += f": what was done is in {path}; the same command goes on (run with --resume)"
-        return _print_error(words, TERMINATED if stop.terminated else INTERRUPTED)
     except ModuleNotFoundError as error:
         advice = missing_package_error(error)
         if advice is None:
@@ -89,7 +84,7 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         sys.stderr.close()  # the reader went away; nothing is left to say
         return 0
     except (KeyboardInterrupt, Exception) as error:
-        ending = _find_wrapped_interruption(error)
+        ending = _find_interruption(error)
         if ending is not None:
             return _print_error(*ending)
         if not isinstance(error, OSError) or error.errno is None:
@@ -98,20 +93,29 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
     return 0
 
 
-def _find_wrapped_interruption(error: BaseException) -> tuple[str, int] | None:
-    """Message and exit code of a stop among an error's causes, as Python wraps one while it makes a class."""
+def _find_interruption(error: BaseException) -> tuple[str, int] | None:
+    """Message and exit code of a stop, or of one among an error's causes: Python wraps one in a class."""
     waiting: list[BaseException | None] = [error]
     seen = set[BaseException]()
     while waiting:
         link = waiting.pop()
-        if isinstance(link, Terminated):
-            return "terminated", TERMINATED
         if isinstance(link, KeyboardInterrupt):
-            return "interrupted", INTERRUPTED
+            return _ending_of_stop(link)
         if link is not None and link not in seen:
             seen.add(link)
             waiting += [link.__cause__, link.__context__]
     return None
+
+
+def _ending_of_stop(stop: KeyboardInterrupt) -> tuple[str, int]:
+    """Message and exit code of a stop; it says where results are, if a run or a command keeps them."""
+    terminated = isinstance(stop, Terminated) or (isinstance(stop, Interrupted) and stop.terminated)
+    word, code = ("terminated", TERMINATED) if terminated else ("interrupted", INTERRUPTED)
+    saved = getattr(stop, "saved", "")
+    path = getattr(getattr(stop, "trajectory", None), "path", None)
+    if path is not None and not saved:
+        saved = f"what was done is in {path}; the same command goes on (run with --resume)"
+    return f"{word}: {saved}" if saved else word, code
 
 
 def _open_null() -> TextIO:

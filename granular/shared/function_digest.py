@@ -95,9 +95,8 @@ class _Walk:
         if hasattr(value, "__wrapped__"):  # static, or with a cache
             return name, (value.__wrapped__,)
         if hasattr(value, "__qualname__"):
-            return f"{getattr(value, '__module__', None)}.{value.__qualname__}", (
-                getattr(value, "__self__", None),
-            )
+            owner = getattr(value, "__self__", None)
+            return f"{getattr(value, '__module__', None)}.{value.__qualname__}", (owner,)
         return self._content_of_instance(value, name)
 
     def _content_of_instance(self, value: Any, name: str) -> Content:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,7 +97,7 @@ def calibrate(options: Any) -> None:
         raise InputError(f"{quote(options.record)} is a scene; give a record, a CSV or Parquet file")
     record = source if isinstance(source, PistonRecord) else source.piston()
     chosen = {} if options.parameters is None else {"parameters": options.parameters}
-    with _print_where_results_are(options.out):
+    with _say_where_results_are(options.out):
         result = calibrate_scene(
             record,
             scene_from_options(options),
@@ -184,7 +183,7 @@ def _design_damper(options: Any) -> None:
     from reduced_models.records.sources import make_directory
 
     maps = None if options.study is None else damper_maps(Path(options.study))
-    with _print_where_results_are(options.out):
+    with _say_where_results_are(options.out):
         result = design_damper(
             options.frequency,
             options.damping,
@@ -234,7 +233,7 @@ def _run_map_study(options: Any, target: Path) -> DamperMaps:
     from reduced_models.designs.study import run_design_study
 
     points = POINTS if options.points is None else options.points
-    with _print_where_results_are(options.out):
+    with _say_where_results_are(options.out):
         study = run_design_study(target, points=points, workers=options.workers, progress=not options.quiet)
     # Written before it is mapped, so that it is there where it cannot be.
     write_text(target / "study.csv", study.to_csv(index=False))
@@ -242,14 +241,13 @@ def _run_map_study(options: Any, target: Path) -> DamperMaps:
 
 
 @contextlib.contextmanager
-def _print_where_results_are(out: str | None) -> Iterator[None]:
-    """Tell after Ctrl-C where the finished simulations are."""
+def _say_where_results_are(out: str | None) -> Iterator[None]:
+    """Let the message of a stop say where the finished simulations are."""
     try:
         yield
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         if out is not None:
-            saved = f"finished simulations are kept in {out}; the same command goes on"
-            print(saved, file=sys.stderr)
+            stop.saved = f"finished simulations are kept in {out}; the same command goes on"  # type: ignore[attr-defined]
         raise
 
 

@@ -10,11 +10,12 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from types import SimpleNamespace
 
 import pytest
 
 from granular.commands.console import launch
-from granular.shared.errors import Terminated
+from granular.shared.errors import Interrupted, Terminated
 from granular.shared.stop_signals import AGAIN, defer_stop_signals, handle_sigterm
 
 pytestmark = pytest.mark.usefixtures("interruptible")
@@ -103,6 +104,30 @@ def test_a_stop_among_the_causes_of_an_error_ends_a_command(
 
         assert launch(command, []) == code
         assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("path", "saved", "words"),
+    [
+        (None, "", ""),
+        ("run", "", ": what was done is in run; the same command goes on (run with --resume)"),
+        (None, "simulations are kept in out", ": simulations are kept in out"),
+        ("out/runs/1", "simulations are kept in out", ": simulations are kept in out"),
+    ],
+)
+@pytest.mark.parametrize("terminated", [False, True])
+def test_the_line_of_a_stop_says_what_is_kept_and_no_more(
+    path: str | None, saved: str, words: str, terminated: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A report that is stopped has written pieces, of which a run in it knows nothing."""
+
+    def command(_: Sequence[str]) -> None:
+        stop = Interrupted(SimpleNamespace(path=path), terminated)
+        stop.saved = saved  # type: ignore[attr-defined]
+        raise stop
+
+    assert launch(command, []) == (143 if terminated else 130)
+    assert capsys.readouterr().err == f"error: {'terminated' if terminated else 'interrupted'}{words}\n"
 
 
 def test_a_stop_that_was_swallowed_at_the_very_end_ends_the_command() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -183,7 +184,7 @@ def test_every_drawn_edit_makes_runs_kernels_and_studies_new(tmp_path: Path) -> 
     unedited = pushed()
     simulate(unedited, dt=1e-4, t_end=0.005, out=run, progress=False)
     with ThreadPoolExecutor(1) as pool:
-        more = {"cases": [{}], "dt": 1e-4, "out": study, "executor": pool, "progress": False}
+        more: dict[str, Any] = {"cases": [{}], "dt": 1e-4, "out": study, "executor": pool, "progress": False}
         sweep(unedited, measure=before.measures["figures"], **more)
         for place, value in drawn_edits():
             edited = imported(tmp_path, text_with(place, value))
@@ -194,7 +195,7 @@ def test_every_drawn_edit_makes_runs_kernels_and_studies_new(tmp_path: Path) -> 
                     simulate(pushed(), dt=1e-4, out=run, resume=True, progress=False)
             result = sweep(unedited, measure=edited.measures["figures"], **more)
             assert (result.reused, result.failed) == (0, ())
-            assert result.outcomes[0]["figures"] == edited.measures["figures"](None)
+            assert result.outcomes[0]["figures"] == edited.measures["figures"](cast("Any", None))
         assert sweep(unedited, measure=before.measures["figures"], **more).reused == 1
 
 
