@@ -49,8 +49,8 @@ def functions_digest(functions: Mapping[str, Callable[..., Any]], parameters: Se
 class _Walk:
     """One pass over objects, each of which is digested once."""
 
-    def __init__(self, own_packages: set[str]) -> None:
-        self._own_packages = own_packages
+    def __init__(self, followed_packages: set[str]) -> None:
+        self._followed_packages = followed_packages
         self._seen: dict[int, tuple[object, bytes]] = {}
 
     def digest_of_root(self, function: Callable[..., Any]) -> bytes:
@@ -122,7 +122,7 @@ class _Walk:
     def _is_followed(self, module: str | None) -> bool:
         """Return True for a module that is neither the toolkit's nor a library's."""
         top = _top_package(module)
-        if top in self._own_packages:
+        if top in self._followed_packages:
             return True
         if top in TOOLKIT or top in sys.stdlib_module_names:
             return False
