@@ -135,7 +135,7 @@ class DepaulaStepTest(PlainData):
         return _slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
 
     def scatter_about_slope(self, form: str) -> float:
-        """Greatest distance of the errors relative to the finest step from their fitted line."""
+        """Largest distance of the errors from their fitted line, over its value."""
         *runs, last = self.runs_of_form(form)
         steps = np.log([run.step for run in runs])
         errors = np.log([abs(run.end - last.end) for run in runs])

@@ -26,7 +26,7 @@ from granular.pairs.multilevel_mesh import MultilevelMesh
 
 @compiled(inline=True)
 def compute_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
-    """Compute the far field's forces at the present positions; time [tau]."""
+    """Compute the far field at the present positions; non-zero if grains crowd its mesh; time [tau]."""
     if far is None:
         return 0
     far.timing[TIME] = time

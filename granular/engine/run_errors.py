@@ -90,7 +90,7 @@ def misplaced_grain_error(
 def unbalanced_energy_error(
     residual: float, limit: float, step: int, time: float, remedy: str
 ) -> EnergyError:
-    """Make the error for an energy ledger that does not balance; time [s]."""
+    """Make the error for an energy ledger off by a fraction of the energy turned over; time [s]."""
     return EnergyError(
         f"the energy ledger is off by {residual:.2g} of the energy turned over, {limit:g} is the limit",
         step=step,

@@ -28,7 +28,7 @@ class VoronoiCells(NamedTuple):
 
     sides: Int[np.ndarray, "n"]  # of each cell, the number of neighbours; 0: absent
     area: Float[np.ndarray, "n"]  # area of each interior cell [m^2], NaN for the others
-    side_squares: Float[np.ndarray, "n"]  # sum over the sides of each interior cell [m^2]
+    side_squares: Float[np.ndarray, "n"]  # sum over the sides of each interior cell, NaN for others [m^2]
     interior: Bool[np.ndarray, "n"]  # the cell lies wholly in the box of the outermost centres
     neighbours: Int[np.ndarray, "m 2"]  # every pair once
     triangles: Int[np.ndarray, "t 3"]  # Delaunay triangles

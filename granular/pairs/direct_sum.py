@@ -59,7 +59,7 @@ def pad_values(values: np.ndarray) -> Float[np.ndarray, "m"]:
 
 
 def partial_sum_buffers(size: int) -> Float[np.ndarray, "PARTS 5 m"] | None:
-    """Allocate sums of their own for the parts that the direct sum is split into."""
+    """Allocate the sums of the parts that a direct sum is split into; None below `PARTED_FROM`."""
     return np.zeros((PARTS, 5, size)) if size >= PARTED_FROM else None
 
 

@@ -149,8 +149,8 @@ class SceneSimulator:
             for parameter, log in zip(self.parameters, position, strict=True)
         }
 
-    def simulate_points(self, positions: Sequence[np.ndarray]) -> list[SimulatedPoint]:
-        """Simulate the scene at positions (p,), with all random starts side by side."""
+    def simulate_points(self, positions: Sequence[Float[np.ndarray, "p"]]) -> list[SimulatedPoint]:
+        """Simulate the scene at positions (logarithms), with all random starts side by side."""
         cases = [
             self.scene_changes(position) | {"arrangement.seed": seed}
             for position in positions

@@ -117,7 +117,7 @@ def parameter_bounds(
 
 
 def parameter_starts(law: Law, start: Mapping[str, float]) -> dict[str, float]:
-    """Start values of parameters, as numbers."""
+    """Start values of parameters, as numbers in SI units."""
     result = {}
     for name, value in start.items():
         _check_parameter_name(law, name)

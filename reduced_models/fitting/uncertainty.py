@@ -21,7 +21,7 @@ from reduced_models.models.quality import ParameterDirection
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-Interval = tuple[float, float]
+Interval = tuple[float, float]  # low, high, in the SI unit of the quantity
 
 # A direction is undetermined if the data leave the logarithm along it this uncertain: 28 % either way.
 OPEN = 0.25
@@ -42,7 +42,7 @@ def interval_analysis(
     unknowns: Unknowns,
     theta: Float[np.ndarray, "p"],
     known: FitStatistics,
-    confidence: float,
+    confidence: float,  # between 0 and 1
     seen: tuple[float, float],
     shifts: Float[np.ndarray, "m p"],
 ) -> tuple[dict[str, Interval], AtRest | NoSwing, tuple[ParameterDirection, ...]]:

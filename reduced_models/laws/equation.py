@@ -198,7 +198,7 @@ def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "j
 
 @functools.lru_cache(maxsize=COMPILED)
 def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
-    """Compile the derivatives of z'' and of the hidden states' rates by the state."""
+    """Compile the derivatives (rates, states) of z'' and of the hidden states' rates by the state."""
     # All of it is NaN at a jump, as of dry friction at z' = 0.
     import sympy
 
@@ -213,7 +213,7 @@ def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..
 def jacobian_function(
     rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
 ) -> Callable[..., np.ndarray]:
-    """Compile derivatives of rates as a function of real symbols; see `compile_jacobian`."""
+    """Compile the derivatives (rates, by) of rates as a function of real symbols; NaN at a jump."""
     # The derivative of a sign is an impulse.
     names = [{"DiracDelta": lambda position: math.nan if position == 0.0 else 0.0}, "numpy"]
     function = algebra.compile_function(arguments, rate_derivatives(rates, by), names)

@@ -192,8 +192,8 @@ class PredictedResponse:
     """The response of a host by the law."""
 
     frequencies: Float[np.ndarray, "f"]  # [Hz]
-    displacement: Float[np.ndarray, "f"]  # [m]
-    stroke: Float[np.ndarray, "f"]  # [m]
+    displacement: Float[np.ndarray, "f"]  # amplitude of the host [m]
+    stroke: Float[np.ndarray, "f"]  # amplitude of the piston over the cell [m]
     linear: Float[np.ndarray, "f"]  # amplitude of the host by the law's small swing [m]
     outside: bool  # the stroke at the peak is outside `RANGE`
 

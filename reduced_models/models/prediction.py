@@ -42,11 +42,11 @@ def correlation_matrix(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray
 
 def predict_with_deviations(
     model: M,
-    covariance: Float[np.ndarray, "p p"],
+    covariance: Float[np.ndarray, "p p"],  # of the names, in products of SI units
     names: Sequence[str],
     moved: Callable[[M, str, float], M],
     times: Float[np.ndarray, "n"],
-    inputs: Mapping[str, np.ndarray] | None,
+    inputs: Mapping[str, Float[np.ndarray, "n"]] | None,  # at the times
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
     """Return heights [m] at times [s] from the fitted start on, and standard deviations by a covariance."""
     # One direction of the correlation matrix at a time: their variances add.

@@ -32,7 +32,8 @@ def find_whole_swings(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], moving_samples: int
 ) -> tuple[slice, ...]:
     """Return the samples of the whole swings above the noise; time [s], height [m, rad]."""
-    # From a passage through equilibrium to the one after next; halves if there are few, blocks if many.
+    # The errors of two halves of a cycle are alike. Few cycles are halved, or too few parts remain for a
+    # standard error; more than `_MOST_BLOCKS` parts tell no more of it.
     swing = height[:moving_samples] - height[-len(height) // 3 :].mean()
     largest = float(np.abs(swing).max())
     least = max(_LEAST_SWING * largest, _NOISES * noise_level(height, time))
