@@ -7,7 +7,10 @@ mass m on a spring s and a dashpot d, D = -omega^2 m (s + i omega d)/(s - omega^
 Without damping of the host, the tuned mass with the least peak has (Den Hartog, Mechanical
 Vibrations (1956), 3.3), for the mass ratio mu = m/M,
 
-    frequency over the host's = 1/(1 + mu),    damping ratio = sqrt(3 mu/(8 (1 + mu)^3)).
+    frequency over the host's = 1/(1 + mu),    damping ratio = sqrt(3 mu/(8 (1 + mu))),
+
+the ratio to the critical damping of the tuned mass at its frequency; Den Hartog gives it at the
+host's, which is 1 + mu higher.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float
     body = host.bodies[-1]
     ratio = mass / body.mass
     omega = math.sqrt(body.stiffness / body.mass) / (1.0 + ratio)
-    zeta = math.sqrt(3.0 * ratio / (8.0 * (1.0 + ratio) ** 3))
+    zeta = math.sqrt(3.0 * ratio / (8.0 * (1.0 + ratio)))
     return mass * omega**2, 2.0 * zeta * mass * omega
 
 
