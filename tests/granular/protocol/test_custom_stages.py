@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, quantity, simulate, stage
+from granular.protocol.piston_motion import driven_height_and_velocity
 from granular.run.simulation import custom_code_digests
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, SceneError
 from granular.user_code import import_user_code
 
@@ -125,3 +127,15 @@ def test_functions_that_are_no_motion(function: object, words: str) -> None:
     scene = bed({"kind": "faulty", "name": "one", "duration": 0.1})
     with pytest.raises((InputError, SceneError), match=words):
         simulate(scene, dt=1e-4, progress=False)
+
+
+@pytest.mark.parametrize("frequency", [6.4, 12.8, 6.41, 3.2])
+def test_a_path_keeps_its_amplitude_at_any_frequency(frequency: float) -> None:
+    """Also at those that fit the spacing of 64 or 128 knots in 10 s, where the spline looked right."""
+    path = {"kind": "path", "name": "sine", "height": "h0 + a*sin(2*pi*f*t)", "a": "1 mm", "duration": "10 s"}
+    scene = bed(path | {"f": f"{frequency} Hz"})
+    scales = Scales.from_grains(scene.grains)
+    motion = scene.protocol[0].motion(0.1, scales)
+    time = np.linspace(0.0, 10.0, 20011)[1:-1]
+    height = [driven_height_and_velocity(motion, t / scales.time)[0] * scales.length for t in time]
+    np.testing.assert_allclose(height, 0.1 + 1e-3 * np.sin(2.0 * np.pi * frequency * time), atol=1e-12)
