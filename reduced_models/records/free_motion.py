@@ -10,15 +10,21 @@ larger than the one before it.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granular.readers.read_options import ALL
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
+from granular.shared.message_text import quote
 from reduced_models.records.first_guesses import LEAST_SAMPLES, noise_level, zero_crossing_times
-from reduced_models.records.release import cut_at_release, has_active_input
+from reduced_models.records.release import active_inputs, cut_at_release, has_active_input
 from reduced_models.records.sensor_artefacts import clipped_sample_mask, cut_noise_tail, drop_lost_samples
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 # Thresholds. Durations are in half periods of the record's motion, displacements over its largest one.
 # The values come from the records of tests/reduced_models/records/test_motion.py: decays of damping ratio
@@ -73,20 +79,25 @@ _LEFT = 3.0
 # Large half cycles that make a motion of what is before a hold. 2: a hand that slips before the release
 # makes one; 4: the first of three releases of damping ratio 0.1 is lost.
 _LEAST_SWINGS = 3
-# Growth of a cycle that shows a knock. 1.15: beats of 0.8 Hz and sums of two modes are cut; 1.35: a release
-# 0.9 s after another is missed.
-_GROWN = 1.25
-# Largest growth of the cycles before and after a knock, as noise makes it. 1.02: the motion after the
-# second of two knocks is missed; 1.1: a random drive is cut.
-_STEADY = 1.05
+# Growth of a half cycle that shows a knock, and what noise and sampling make of a steady one. On 60 decays
+# with one to three knocks of 0.5 to 2, and twelve of each of ten kinds without any (beats, two modes, sweeps,
+# random drives, two wells, one-sided springs), both under 0, 0.5 and 2 % of noise.
+_GROWN, _STEADY = 1.25, 1.05
+# Half cycles in which a knock is over: one before its own, its own and one behind. Beats grow for longer.
+_SUDDEN = 3
+# Fraction of growing half cycles, above which a record beats or is driven.
+_RARELY = 0.2
+# Average that lowers the noise, in half periods: an eighth of a period lowers all extremes by 3 %.
+_SMOOTHED = 0.25
+# Smallest extreme that counts; where a motion has decayed to less, a knock is a release.
+_SEEN = 0.005
 # Noise above which nothing is concluded. 0.02: three releases under 3 % of noise are taken for one motion;
 # 0.1: noise of 10 % cuts one decay into four.
 _NOISIEST = 0.05
 # Middle of a cycle over its height. 0.05: knocks on asymmetric springs are missed; 0.5: beats are cut; 1.0:
 # a jump between two wells, which changes the middle, is taken for a knock.
 _CENTRED = 0.35
-# Periods between two knocks, and half of the periods of a record that can show one. 1 to 5 do the same;
-# 7: a knock in a record of 3 s, twelve periods, is missed.
+# Half of the half cycles of a record that can show a knock.
 _LEAST_PERIODS = 3
 # Shortest motion in half periods. 2: the last tenth of a random drive is taken for a motion; 12: decays cut
 # short by a knock are lost.
@@ -100,6 +111,9 @@ def find_free_motion(record: PistonRecord, release: int | str | None = None) -> 
             "release = 'all' where one motion is taken; give its number, or take them together "
             "with fit, compare or discover"
         )
+    drives = active_inputs(record) if release is None else []
+    if drives:
+        return _driven_motion(record, drives)
     motions = _cut_free_motions(record)
     if len(motions) > 1 and release is None:
         times = ", ".join(f"{motion.time[0]:.4g}:{motion.time[-1]:.4g}" for motion in motions)
@@ -121,13 +135,27 @@ def find_free_motions(record: PistonRecord) -> list[PistonRecord]:
     return [_trim_motion(motion) for motion in _cut_free_motions(record)]
 
 
+def _driven_motion(record: PistonRecord, drives: Sequence[str]) -> PistonRecord:
+    """Whole record of a motion that columns drive, without lost and clipped samples."""
+    record = drop_lost_samples(record)
+    clipped = clipped_sample_mask(record)
+    count = len(_free_motion_slices(record))
+    if count > 1:
+        warnings.warn(
+            f"{' and '.join(map(quote, drives))} acts in all of the record, which stays whole; if it holds "
+            f"{count} free motions, --release 1 takes the first, and --release all each of them",
+            RecordWarning,
+            stacklevel=3,
+        )
+    return cut_at_release(record.select(~clipped) if clipped.any() else record)
+
+
 def _cut_free_motions(record: PistonRecord) -> list[PistonRecord]:
     """Free motions of a record, each with what stands still before it."""
     record = drop_lost_samples(record)
     # a hold that is clipped tells a release all the same
     clipped = clipped_sample_mask(record)
-    # what is driven may stand still between two moves without being released
-    parts = _free_motion_slices(record, holds=not has_active_input(record))
+    parts = _free_motion_slices(record)
     start = parts[0].start
     if start > 0:
         warnings.warn(
@@ -164,7 +192,7 @@ def _trim_motion(record: PistonRecord) -> PistonRecord:
     return cut_noise_tail(record)
 
 
-def _free_motion_slices(record: PistonRecord, *, holds: bool) -> list[slice]:
+def _free_motion_slices(record: PistonRecord) -> list[slice]:
     """Return the samples of each free motion, with the hold before it."""
     total = slice(0, len(record))
     if len(record) < LEAST_SAMPLES:
@@ -177,10 +205,10 @@ def _free_motion_slices(record: PistonRecord, *, holds: bool) -> list[slice]:
     if half is None:
         return [total]
     small = away < _SMALL * largest
-    tops = {k: _top_sample_of_lift(time, away, small, k, half) if holds else None for k in gaps}
+    tops = {k: _top_sample_of_lift(time, away, small, k, half) for k in gaps}
     anew = [k for k in gaps if tops[k] or _starts_suddenly(time, away, k, half)]
     starts = [0]
-    for first, last in _find_holds(record, away, half) if holds else ():
+    for first, last in _find_holds(record, away, half):
         anew = [k for k in anew if not first - _count_samples_before(time, first, _PAUSE * half) <= k <= last]
         starts.append(first)
     starts += [tops[k] or _onset_sample(time, small, k, half) for k in anew]
@@ -191,9 +219,21 @@ def _free_motion_slices(record: PistonRecord, *, holds: bool) -> list[slice]:
     stops = [_end_of_undisturbed_motion(time, swing, small, k, half) for k in starts[1:]] + [len(record)]
     if len(starts) > 1 and not _is_oscillating(away[: stops[0]], _LARGE * largest):
         starts, stops = starts[1:], stops[1:]
-    return [
+    parts = [
         slice(start, stop) for start, stop in zip(starts, stops, strict=True) if stop - start >= LEAST_SAMPLES
-    ] or [total]
+    ]
+    noise = _SIGMAS * noise_level(swing, time)
+    return parts if parts and all(_decays(time[part], swing[part], noise) for part in parts) else [total]
+
+
+def _decays(time: Float[np.ndarray, "n"], swing: Float[np.ndarray, "n"], noise: float) -> bool:
+    """Return whether a motion is largest at first and hardly grows again, as noise does."""
+    _, extremes = _half_cycle_extremes(time, swing, max(noise, _SMALL * float(np.abs(swing).max())))
+    size = 0.5 * np.abs(np.diff(extremes))
+    if len(size) < 2:
+        return True
+    grows = size[1:] > _STEADY * size[:-1]
+    return bool(size[0] * _STEADY >= size.max() and grows.mean() <= _RARELY)
 
 
 def _swing_about_rest(record: PistonRecord) -> np.ndarray:
@@ -309,7 +349,7 @@ def _is_oscillating(away: np.ndarray, least: float) -> bool:
 
 
 def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
-    """Return the times before and after each sudden growth of a free swing."""
+    """Return the times of the extremes before and after each sudden growth of a free oscillation [s]."""
     if len(record) < LEAST_SAMPLES:
         return []
     time = record.time
@@ -317,34 +357,37 @@ def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
     half, _ = _half_period_and_restarts(time, swing)
     if half is None:
         return []
-    period = 2.0 * half
-    numbers = ((time - time[0]) / period).astype(int)
-    firsts = np.flatnonzero(np.diff(numbers, prepend=-1))
-    peaks = np.maximum.reduceat(np.abs(swing), firsts)
-    # over two windows, as a period that is longer than the usual one may leave one without a peak
-    before = np.maximum(peaks[:-1], np.append(0.0, peaks[:-2]))
-    growth = peaks[1:] / np.maximum(before, 1e-300)
-    noise = _SIGMAS * noise_level(record.height, time)
-    seen = peaks[1:] - before > noise
-    grows, steady = (growth > _GROWN) & seen, (growth <= _STEADY) | ~seen
-    # what grows across the end of a window grows in the next one too
-    grows[1:] |= grows[:-1] & ~steady[1:]
-    grown = np.flatnonzero(grows)
-    events = np.split(grown, np.flatnonzero(np.diff(grown) > 1) + 1) if len(grown) else []
-    apart = np.diff(grown)[np.diff(grown) > 1]
-    if len(events) > 1 and not (np.delete(steady, grown).all() and apart.min() >= _LEAST_PERIODS):
+    from scipy.ndimage import uniform_filter1d
+
+    count = max(1, int(_SMOOTHED * half / float(np.median(np.diff(time)))))
+    noise = _SIGMAS * noise_level(swing, time) / np.sqrt(count)
+    swing = uniform_filter1d(swing, count)
+    times, extremes = _half_cycle_extremes(time, swing, max(noise, _SEEN * float(np.abs(swing).max())))
+    size, middle = 0.5 * np.abs(np.diff(extremes)), 0.5 * (extremes[1:] + extremes[:-1])
+    grows = (size[1:] > _STEADY * size[:-1]) & (size[1:] - size[:-1] > noise / np.sqrt(2.0))
+    if len(size) < 2 * _LEAST_PERIODS or grows.mean() > _RARELY:
         return []
-    least, most = (limit.reduceat(swing, firsts) for limit in (np.minimum, np.maximum))
-    for event in events:
-        first, last = int(event[0]), int(event[-1])
-        if last - first > 1 or not 1 <= first <= last < len(growth) - 1 or len(peaks) < 2 * _LEAST_PERIODS:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], grows, [False]]).astype(int)))
+    knocks = []
+    for before, after in zip(edges[::2], edges[1::2], strict=True):
+        if size[after] <= _GROWN * size[before]:
+            continue
+        if after - before > _SUDDEN:  # a drive or a beat
             return []
-        about = [first - 1, first, last + 2]
-        if (np.abs(least + most)[about] > 2.0 * _CENTRED * peaks[about]).any():
+        if (np.abs(middle[[before, after]]) > _CENTRED * size[[before, after]]).any():
             return []
-        if not (steady[first - 1] and steady[last + 1]):
-            return []
-    return [
-        (float(time[firsts[event[0] + 1]]) - half, float(time[firsts[event[-1] + 1]]) + period)
-        for event in events
-    ]
+        # the first and last half cycles may be cut by the record's ends
+        if before > 0 and after < len(size) - 1:
+            knocks.append((float(times[before]), float(times[after + 1])))
+    return knocks
+
+
+def _half_cycle_extremes(
+    time: Float[np.ndarray, "n"], swing: Float[np.ndarray, "n"], least: float
+) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+    """Return times [s] and values of the largest displacement of each half cycle beyond a least one."""
+    beyond = np.flatnonzero(np.abs(swing) > least)
+    firsts = np.flatnonzero(np.diff(np.sign(swing[beyond]), prepend=0.0))
+    parts = np.split(beyond, firsts[1:]) if len(firsts) else []
+    tops = np.array([part[np.argmax(np.abs(swing[part]))] for part in parts], dtype=int)
+    return time[tops], swing[tops]

@@ -217,14 +217,24 @@ def _onset_of_motion(time: np.ndarray, height: np.ndarray, between: tuple[float,
 
 
 def has_active_input(record: PistonRecord) -> bool:
-    """Return whether a column acts, by its name, in more than a short part of a record."""
+    """Return whether a column drives the motion, by its name, in more than a short part of a record."""
+    return bool(active_inputs(record))
+
+
+def active_inputs(record: PistonRecord) -> list[str]:
+    """Names of the columns that drive the motion, by their names, in more than a short part of a record."""
     columns = {} if record.force is None else {"force": record.force}
+    names = []
     for name, values in (columns | dict(record.extra)).items():
         away = np.abs(values - np.median(values))
-        named = any(word in name.lower() for word in _DRIVES)
-        if named and float((away > _CHANGED * away.max(initial=0.0)).mean()) > _LASTS:
-            return True
-    return False
+        if not any(word in name.lower() for word in _DRIVES) or not away.any():
+            continue
+        acts = away > max(_CHANGED * float(away.max()), _SIGMAS * noise_level(values, record.time))
+        # pulses act in few samples, and drive from the first of them to the last
+        between = np.flatnonzero(acts)
+        if len(between) and between[-1] - between[0] > _LASTS * len(values):
+            names.append(name)
+    return names
 
 
 def _input_acts_before_release(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:
