@@ -171,7 +171,8 @@ class KernelCache(_Cache):
         if folder is None or not self.enabled:
             return None
         stamp = digest_of_sources()
-        label = f"{self.name} {self.options} {sig} {codegen.magic_tuple()} {stamp}"
+        checked = numba.config.BOUNDSCHECK  # code with checks of indices is other code
+        label = f"{self.name} {self.options} {sig} {codegen.magic_tuple()} {checked} {stamp}"
         key = hashlib.sha256(label.encode()).hexdigest()
         # 64 bits of each digest do: a clash is harmless, since the label in the file holds them in full.
         return folder / f"{self.name}-{key[:16]}-{stamp[:16]}.kernel", label

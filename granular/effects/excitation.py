@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -33,14 +34,15 @@ KNOTS_A_PERIOD = 24
 MOST_LINES, MOST_KNOTS = 2048, 2**20
 LEAST_ROWS = 4
 """Fewest rows of a table."""
-_NEEDED = {
+_KEYS = {
     "sine": ("frequency",),
     "sweep": ("frequency", "to", "duration"),
     "impulse": ("duration",),
-    "noise": ("frequency", "to", "duration"),
-    "table": (),
+    "noise": ("frequency", "to", "duration", "seed"),
+    "table": ("times", "values"),
     "record": ("file",),
 }
+"""Keys of each kind besides those that all kinds have."""
 _AMPLITUDES = ("force", "acceleration", "displacement")
 
 
@@ -99,9 +101,7 @@ class Excitation(Section):
         given = [name for name in _AMPLITUDES if getattr(self, name) is not None]
         if len(given) != 1:
             raise FieldError(f"give one of {', '.join(_AMPLITUDES)}, not {len(given)}")
-        for name in _NEEDED[self.kind]:
-            if getattr(self, name) is None:
-                raise FieldError(f"must be given for {quote(self.kind)}", name)
+        self._check_keys_of_kind()
         if self.displacement is not None and self.kind not in ("sine", "sweep"):
             raise FieldError(
                 f"only a sine or a sweep has one; {quote(self.kind)} takes an acceleration", "displacement"
@@ -114,6 +114,20 @@ class Excitation(Section):
             self._check_table()
         if self.kind == "noise":
             _noise_knot_count(self)
+
+    def _check_keys_of_kind(self) -> None:
+        """Check that the keys of the kind are given, and those of the other kinds are not."""
+        own = _KEYS[self.kind]
+        for field in dataclasses.fields(self):
+            given = getattr(self, field.name) != field.default
+            if field.name in own and getattr(self, field.name) is None:
+                raise FieldError(f"must be given for {quote(self.kind)}", field.name)
+            if given and field.name not in (*own, *_AMPLITUDES, "kind", "start"):
+                raise FieldError(
+                    f"has no meaning for {quote(self.kind)}, which has {', '.join(own)} and start; "
+                    "leave it away",
+                    field.name,
+                )
 
     def _load_record_as_table(self) -> None:
         from granular.readers.file_formats import read_time_series

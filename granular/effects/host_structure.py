@@ -41,7 +41,7 @@ RESOLVED = 4.0
 CELL, PISTON_MOUNT, FIXED = range(3)
 """The load of the chain's last body: the cell; the piston; nothing, for the cell is the base."""
 
-PUSH, PULL = range(2)
+PUSH, PULL, CARRIED = range(3)
 """Entries of what holds for the present kick: the frame's acceleration A [D/tau^2], and the force
 of the chain on the piston [F*]."""
 
@@ -210,9 +210,11 @@ class Host(MovingFrameEffect):
             drive=drive.make_kernel_law(scales),
             frame_mass=float(frame),
             piston_mass=piston_mass,
+            recoil=0.0 if self.mount == "base" else piston_mass / (float(frame) + piston_mass),
             bed_mass=float(context.grains.masses().sum()) / scales.mass,
             reacts=self.damps or self._bed_dissipates(context),
             entry=LOSSES + context.indices[self.key],
+            laws=1 + max(context.indices.values()),
             driven=self.excitation is not None,
         )
 
@@ -243,7 +245,7 @@ class HostWorkspace(NamedTuple):
     """The motion of the host, and scratch."""
 
     persistent: Float[np.ndarray, "2 n"]  # displacements [D], velocities [D/tau]; last: the frame
-    present: Float[np.ndarray, "2"]  # `PUSH` [D/tau^2], `PULL` [F*]
+    present: Float[np.ndarray, "3"]  # `PUSH` [D/tau^2], `PULL` [F*], `CARRIED` [D/tau]
     forces: Float[np.ndarray, "n"]  # [F*]
     changes: Float[np.ndarray, "n"]  # [D/tau]
     diagonal: Float[np.ndarray, "n"]  # [m]
@@ -260,9 +262,11 @@ class HostLaw(NamedTuple):
     drive: ExcitationLaw
     frame_mass: float  # [m], fixed to the frame while the piston is free
     piston_mass: float  # [m], with the body that carries it; 0: none
+    recoil: float  # velocity that the cell loses over that which its drive gives the piston
     bed_mass: float  # [m]
     reacts: bool  # something dissipates, on either side of the frame
     entry: int  # index in the ledger of the loss to the dashpots
+    laws: int  # number of laws, this one among them
     driven: bool  # something shakes it
 
     def workspace(self, size: int, count: int) -> HostWorkspace:
@@ -270,13 +274,13 @@ class HostLaw(NamedTuple):
         bodies = max(len(self.chain.masses), 1)
         return HostWorkspace(
             persistent=np.zeros((2, bodies)),
-            present=np.zeros(2),
+            present=np.zeros(3),
             forces=np.zeros(bodies),
             changes=np.zeros(bodies),
             diagonal=np.zeros(bodies),
             speeds=np.zeros((2, size)),
             push=np.zeros(size),
-            ledger=np.zeros(LOSSES + 64),
+            ledger=np.zeros(LOSSES + self.laws),
         )
 
     @staticmethod

@@ -26,6 +26,11 @@ The base is the reference: where it moves, all masses feel minus its acceleratio
 energy is that of the motion over the base. Weights are held by the springs' rest lengths.
 
 Seen from a free cell (``mount = "piston"``), the piston is one body with the chain's last one.
+
+A piston that is driven along a path z(t) is pushed off the cell, so that (M + m) A = F - m z'' with
+its mass m: the momentum M V + m (V + z') is what a kick changes. In a drift it stays as it is, and
+so do the velocities of the grains over the base; z', V and the v_i take their means over the drift
+for its duration, and thereafter the values at its end.
 """
 
 from __future__ import annotations
@@ -35,6 +40,7 @@ from typing import TYPE_CHECKING
 from granular.compiled import Array, compiled
 from granular.effects.excitation import evaluate_excitation, excitation_during_kick
 from granular.effects.host_structure import (
+    CARRIED,
     FIXED,
     PISTON_MOUNT,
     PULL,
@@ -47,10 +53,10 @@ from granular.effects.host_structure import (
 )
 from granular.effects.wall_side import TOP
 from granular.engine.grain_kicks import kick_grains
-from granular.engine.piston import kick_piston
-from granular.kernel_data.state import SPEED, WORK, Bed, State
+from granular.engine.piston import kick_piston, prescribed_speed
+from granular.kernel_data.state import HEIGHT, SPEED, WORK, Bed, State
 from granular.pairs.grain_arrays import value_or_one
-from granular.protocol.piston_motion import Motion, outer_force_on_piston
+from granular.protocol.piston_motion import Motion, driven_height_and_velocity, outer_force_on_piston
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -70,6 +76,8 @@ def kick_host(
     """Kick host, grains and piston together; see the head of this file; dt, time, start [tau]."""
     state = bed.state
     apart = law.mount == PISTON_MOUNT and motion.free
+    if not motion.free:  # a table's slope jumps between a kick that closes a step and one that opens it
+        _change_driven_speed(law, workspace, bed, prescribed_speed(motion, time, dt, opens_step))
     if apart and not opens_step:
         _apply_chain_dashpots(law, workspace, dt, state)
     _kick_chain(law, workspace, dt, bed, motion, time, start, opens_step)
@@ -78,14 +86,43 @@ def kick_host(
 
 
 @compiled(inline=True)
-def drift_host(law: HostLaw | None, workspace: HostWorkspace | None, dt: float, state: State) -> None:
-    """Move the bodies at their velocities, where there is a host; dt [tau]."""
+def open_drift_of_host(
+    law: HostLaw | None, workspace: HostWorkspace | None, dt: float, bed: Bed, motion: Motion, time: float
+) -> None:
+    """Give a driven piston its mean speed in a drift that ends at ``time``; dt, time [tau]."""
+    if law is not None and workspace is not None and not motion.free:
+        way = driven_height_and_velocity(motion, time)[0] - bed.state.piston[HEIGHT]
+        _change_driven_speed(law, workspace, bed, way / dt)
+
+
+@compiled
+def _change_driven_speed(law: HostLaw, workspace: HostWorkspace, bed: Bed, speed: float) -> None:
+    """Change the speed of a driven piston; the cell recoils, and the grains keep theirs over the base."""
+    state = bed.state
+    before = state.piston[SPEED]
+    if speed == before:
+        return
+    state.piston[SPEED] = speed
+    state.ledger[WORK] += 0.5 * law.piston_mass * (1.0 - law.recoil) * (speed * speed - before * before)
+    change = law.recoil * (speed - before)
+    workspace.persistent[1, workspace.persistent.shape[1] - 1] -= change
+    for i in range(bed.constants.grains):
+        state.vy[i] += change
+
+
+@compiled(inline=True)
+def close_drift_of_host(
+    law: HostLaw | None, workspace: HostWorkspace | None, dt: float, bed: Bed, motion: Motion, time: float
+) -> None:
+    """Move the bodies at their velocities, and give a driven piston its speed at the end; dt, time [tau]."""
     if law is not None and workspace is not None:
-        last = law.chain.masses.size - 1
+        state, last = bed.state, law.chain.masses.size - 1
         for k in range(last):
             workspace.persistent[0, k] += dt * workspace.persistent[1, k]
         if last >= 0:
             workspace.persistent[0, last] += dt * last_body_velocity(law, workspace, state)
+        if not motion.free:
+            _change_driven_speed(law, workspace, bed, driven_height_and_velocity(motion, time)[1])
 
 
 @compiled
@@ -220,8 +257,10 @@ def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     grains, speed = bed_momentum(bed), state.piston[SPEED]
     power, total = (
         _excited_body_velocity(law, workspace, state),
-        _total_momentum(law, workspace, grains, speed),
+        # The drive holds a driven piston against the acceleration of the base.
+        _total_momentum(law, workspace, grains, speed if free else 0.0),
     )
+    workspace.present[CARRIED] = speed if law.mount == PISTON_MOUNT and not free else 0.0
     frame = workspace.persistent[1, max(last, 0)]
     # What the passes but the last one are for is how much of the momentum is taken.
     passes = 3 if law.reacts and law.mount != FIXED else 1
@@ -257,8 +296,13 @@ def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         for k in range(last + 1):
             workspace.persistent[1, k] += workspace.changes[k]
         state.ledger[WORK] += dt * outer * 0.5 * (frame + workspace.persistent[1, last])
+        if not free:
+            drawn = law.piston_mass * change
+            if law.mount == PISTON_MOUNT:
+                drawn -= dt * (chain + held)
+            state.ledger[WORK] += drawn * prescribed_speed(motion, time, dt, opens_step)
     power += _excited_body_velocity(law, workspace, state)
-    total += _total_momentum(law, workspace, bed_momentum(bed), state.piston[SPEED])
+    total += _total_momentum(law, workspace, bed_momentum(bed), state.piston[SPEED] if free else 0.0)
     state.ledger[WORK] += 0.5 * dt * (force * power - base * total)
 
 
@@ -335,7 +379,8 @@ def _solve_body_velocity_changes(
         if not dashpots:
             own, above = 0.0, 0.0
         speed, below = workspace.persistent[1, k], workspace.persistent[1, k - 1] if k > 0 else 0.0
-        drag = above * (workspace.persistent[1, k + 1] - speed) - own * (speed - below)
+        upper = workspace.persistent[1, k + 1] + (workspace.present[CARRIED] if k == last - 1 else 0.0)
+        drag = above * (upper - speed) - own * (speed - below)
         gain = dt * (workspace.forces[k] - chain.masses[k] * base + drag)
         if k == last - 1:
             gain += half * above * change
@@ -354,7 +399,8 @@ def _solve_body_velocity_changes(
         return 0.0
     workspace.changes[last] = change
     below = workspace.persistent[1, last - 1] + 0.5 * workspace.changes[last - 1] if last > 0 else 0.0
-    return -chain.damping[last] * (workspace.persistent[1, last] + 0.5 * change - below)
+    upper = workspace.persistent[1, last] + workspace.present[CARRIED]
+    return -chain.damping[last] * (upper + 0.5 * change - below)
 
 
 @compiled
@@ -363,5 +409,7 @@ def _record_dashpot_loss(law: HostLaw, workspace: HostWorkspace, dt: float, stat
     below = 0.0
     for k in range(law.chain.masses.size):
         mean = workspace.persistent[1, k] + 0.5 * workspace.changes[k]
+        if k == law.chain.masses.size - 1:
+            mean += workspace.present[CARRIED]
         state.ledger[law.entry] += dt * law.chain.damping[k] * (mean - below) * (mean - below)
         below = mean

@@ -136,7 +136,7 @@ def _slow_by_friction(resistance: PistonResistance, dt: float, mass: float, stat
 
 
 @compiled
-def _prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) -> float:
+def prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) -> float:
     """Speed on the path [D/tau]; dt, time [tau]."""
     if motion.kind == TABLE:
         # A table's speed jumps from row to row: the mean over the half step that the kick stands for.
@@ -162,7 +162,7 @@ def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, 
         # Force times mean velocity: the ledger then has the method's order.
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
-        state.ledger[WORK] -= dt * state.wall_forces[TOP] * _prescribed_speed(motion, time, dt, opens_step)
+        state.ledger[WORK] -= dt * state.wall_forces[TOP] * prescribed_speed(motion, time, dt, opens_step)
     record_external_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 

@@ -11,7 +11,7 @@ from granular.compiled.hook_calls import call_last_hook
 from granular.effects.host_structure import HostLaw, HostWorkspace
 from granular.engine.forces import compute_and_measure_forces, compute_forces
 from granular.engine.grain_kicks import kick_grains
-from granular.engine.host_motion import drift_host, kick_host
+from granular.engine.host_motion import close_drift_of_host, kick_host, open_drift_of_host
 from granular.engine.piston import drift_piston, kick_piston
 from granular.engine.runge_kutta import runge_kutta_step
 from granular.engine.step_size import StepRequest
@@ -121,9 +121,10 @@ def advance_one_step(
             if k < stages:
                 dt = drifts[k] * h
                 stage += dt
+                open_drift_of_host(constants.acting.host, state.host, dt, bed, motion, stage)
                 _drift_all(constants.acting.laws, state.workspaces, dt, bed)
+                close_drift_of_host(constants.acting.host, state.host, dt, bed, motion, stage)
                 drift_piston(dt, bed, motion, stage, start)
-                drift_host(constants.acting.host, state.host, dt, state)
                 last = k == stages - 1
                 if last and measuring:
                     outside += compute_and_measure_forces(bed, start + stage, measurement)

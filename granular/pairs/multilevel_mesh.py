@@ -220,9 +220,14 @@ def multilevel_mesh_workspace(
         windows=np.zeros((levels, 4), dtype=np.int64),
         part_sources=np.zeros((parts, begins[1])),
         reached=np.zeros((parts, 2), dtype=np.int64),
-        rows=np.zeros((PARTS, (most + 2 * reach + BESIDE) * TERMS * WIDTH)),
+        rows=row_scratch(most, reach, strides),
         points_per_length=None,
     )
+
+
+def row_scratch(lines: int, reach: int, strides: list[int]) -> Samples:
+    """Scratch of each part: eight columns and the reach of a table on both sides, or one whole line."""
+    return np.zeros((PARTS, max((lines + 2 * reach + BESIDE) * TERMS * WIDTH, *strides)))
 
 
 @compiled

@@ -29,10 +29,9 @@ from numpy.typing import NDArray
 
 from granular.compiled import Array, compiled
 from granular.pairs.dipole_law import far_part_of_inverse_cube
-from granular.pairs.mesh_convolution import BESIDE, TERMS
+from granular.pairs.mesh_convolution import TERMS
 from granular.pairs.multilevel_mesh import (
     ACROSS,
-    PARTS,
     REACH,
     UP,
     MeshTables,
@@ -40,8 +39,9 @@ from granular.pairs.multilevel_mesh import (
     SeparableTable,
     inverse_fifth_factor_by_level,
     repeat_for_levels,
+    row_scratch,
 )
-from granular.pairs.simd import WIDTH, pad_to_vectors
+from granular.pairs.simd import pad_to_vectors
 from granular.pairs.spline_stencil import add_spline_weights, interpolate_with_splines
 
 if TYPE_CHECKING:
@@ -370,6 +370,6 @@ def periodic_mesh_workspace(
         windows=np.array([(0, 0, across, up) for across, up in points], dtype=np.int64),
         part_sources=np.zeros((0, 0)),
         reached=np.zeros((0, 2), dtype=np.int64),
-        rows=np.zeros((PARTS, (most + 2 * reach + BESIDE) * TERMS * WIDTH)),
+        rows=row_scratch(most, reach, strides),
         points_per_length=np.array([points[0][0] / width, points[0][1] / height]),
     )

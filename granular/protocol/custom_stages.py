@@ -49,18 +49,22 @@ class CustomStage(CustomSection, SampledStage):
         (name,) = self.definition.functions
         return name
 
+    def sample_values(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
+        """Sample the user's function [m, N] at any times [s]; height [m]."""
+        ((name, function),) = self.definition.functions.items()
+        start = () if self.needs_piston_mass else (height,)
+        try:
+            return np.array([float(function(self, float(time), *start)) for time in times])
+        except Exception as error:
+            raise user_code_error(self.definition, f"{name} fails", error) from None
+
     def sample_values_and_slopes(
         self, times: Float[np.ndarray, "k"], height: float
     ) -> Float[np.ndarray, "2 k"]:
         """Sample the user's function [m; N] and its spline's slopes [m/s; N/s]; times [s], height [m]."""
         from scipy.interpolate import CubicSpline
 
-        ((name, function),) = self.definition.functions.items()
-        start = () if self.needs_piston_mass else (height,)
-        try:
-            values = np.array([float(function(self, float(time), *start)) for time in times])
-        except Exception as error:
-            raise user_code_error(self.definition, f"{name} fails", error) from None
+        values = self.sample_values(times, height)
         if not np.isfinite(values).all():
             return np.array([values, values])
         return np.array([values, CubicSpline(times, values)(times, 1)])

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
 
 from granular.formulas.dimensions import TIME, Dimension
 from granular.protocol.piston_motion import Motion
@@ -12,6 +14,9 @@ from granular.protocol.stage import FormulaStage, TimedStage
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity, text_field
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class Free(TimedStage):
@@ -54,6 +59,15 @@ class Push(TimedStage):
             raise FieldError("must be above 0 Hz where the force has an amplitude", "frequency")
         if self.until == "rest" and self.amplitude > 0.0:
             raise FieldError("a piston that is pushed to and fro does not come to rest", "until")
+
+    @property
+    def has_outer_force(self) -> bool:
+        """True: the sinusoidal force."""
+        return True
+
+    def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+        """Sinusoidal force [N] at times since the stage's start [s]."""
+        return self.mean + self.amplitude * np.sin(2.0 * math.pi * self.frequency * times)
 
     def motion(self, height: float, scales: Scales) -> Motion:
         """Free motion under a sinusoidal force; height [m]."""

@@ -72,11 +72,11 @@ def _exponential_descent(motion: Motion, time: float) -> tuple[float, float]:
 
 @compiled
 def _last_row_before(times: Array, time: float) -> int:
-    """Last row that is not behind a time, by bisection; -1 where there is none."""
+    """Last row before a time, by bisection; -1 without one."""
     low, high = 0, times.size
     while low < high:
         middle = (low + high) // 2
-        if times[middle] <= time:
+        if times[middle] < time:
             low = middle + 1
         else:
             high = middle
@@ -85,10 +85,8 @@ def _last_row_before(times: Array, time: float) -> int:
 
 @compiled
 def _interpolate_linearly(times: Array, heights: Array, time: float) -> tuple[float, float]:
-    """Straight lines from row to row; behind the last row its height."""
-    k = _last_row_before(times, time)
-    if k >= times.size - 1:
-        return heights[-1], 0.0
+    """Straight lines from row to row; at a row the slope before it, which a piston released there keeps."""
+    k = min(max(_last_row_before(times, time), 0), times.size - 2)
     speed = (heights[k + 1] - heights[k]) / (times[k + 1] - times[k])
     return heights[k] + speed * (time - times[k]), speed
 

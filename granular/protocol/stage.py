@@ -59,6 +59,31 @@ class Stage(Section):
         """True if the stage ends at a force on the piston."""
         return False
 
+    @property
+    def has_outer_force(self) -> bool:
+        """True if a force from outside acts on the free piston."""
+        return False
+
+    def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+        """Force from outside on the free piston, where the stage has one.
+
+        Parameters
+        ----------
+        times : float64 (k,)
+            Times since the stage's start [s].
+
+        Returns
+        -------
+        float64 (k,)
+            Upwards [N].
+
+        Raises
+        ------
+        NotImplementedError
+            In the base class.
+        """
+        raise NotImplementedError
+
     def initial_jump(self, height: float) -> float:
         """Jump of the piston at the stage's start.
 
@@ -206,6 +231,19 @@ class SampledStage(Stage):
     def total_duration(self, height: float) -> float | None:
         """Duration of the stage [s]; height [m]."""
         return self.duration
+
+    @property
+    def has_outer_force(self) -> bool:
+        """True for a force."""
+        return self.driven_quantity == "force"
+
+    def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+        """Force of the function [N] at times since the stage's start [s]."""
+        return self.sample_values(times, 0.0)
+
+    def sample_values(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
+        """Sample the height or force [m, N] at any times [s]; height [m]."""
+        return self.sample_values_and_slopes(times, height)[0]
 
     def sample_values_and_slopes(
         self, times: Float[np.ndarray, "k"], height: float

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,9 @@ from granular.effects.effect import RecordedVariable
 from granular.effects.wall_side import SIDES
 from granular.engine.columns import column_names_for_laws, energy_column, law_record_column, loss_column
 from granular.scene.scene import Scene
+from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -60,6 +63,8 @@ _STATE = (
     DatasetVariable("stiffest_mode", "rad/s", "bound of the highest frequency", "stiffest", "rate"),
 )
 
+COORDINATES = ("frame", "grain", "axis", "species", "diameter")
+"""Names that a run's dataset has besides those of its variables."""
 STAGE = DatasetVariable("stage", "1", "index of the stage in the protocol")
 FRAME_TIME = DatasetVariable("frame_time", "s", "time of the frame", scale="time", dims=("frame",))
 GRAIN_FIELDS = (
@@ -130,6 +135,21 @@ def all_run_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
     """Variables of a scene's runs, in the order in which they are recorded."""
     scalars = (TIME, *scalar_variables(scene), STAGE)
     return (*scalars, FRAME_TIME, FRAME_HEIGHT, *grain_field_variables(scene))
+
+
+def check_variable_names(scene: Scene) -> None:
+    """Check that no two variables of a scene's runs have one name, before anything is recorded."""
+    names = Counter([*COORDINATES, *(variable.name for variable in all_run_variables(scene))])
+    for effect in sorted(scene.effects.in_loop_order, key=lambda effect: not effect.user_code_digests):
+        brought = (effect.energy_record, effect.loss_record, *effect.extra_records, *effect.grain_records)
+        for record in brought:
+            if record is not None and names[record.name] > 1:
+                raise FieldError(
+                    f"its record {quote(record.name)} has the name of another one of the run; "
+                    "give the effect another name",
+                    "effects",
+                    effect.key,
+                )
 
 
 def record_column_names(scene: Scene) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from granular.effects.host_structure import PISTON_MOUNT
 from granular.engine import columns
 from granular.engine.energy_ledger import EnergyLedger
 from granular.engine.far_field_forces import update_held_far_field
@@ -97,6 +98,7 @@ class ProtocolRunner(RunState):
     def _jump_piston(self, by: float) -> None:
         before = self.total_energy(ARRANGE)
         self.state.piston[HEIGHT] += by
+        self._let_cell_recoil(by, 0.0)
         moved = f"stage {self.stage.name!r} sets the piston into the bed; let it end higher"
         self.state.ledger[WORK] += self.total_energy(moved) - before
 
@@ -105,11 +107,24 @@ class ProtocolRunner(RunState):
         mass, piston = self.constants.piston_mass, self.state.piston
         if self.scene.effects.host is not None:  # which has a fraction in the piston's momentum
             before = self.total_energy(ARRANGE)
+            self._let_cell_recoil(0.0, speed - float(piston[SPEED]))
             piston[SPEED] = speed
             self.state.ledger[WORK] += self.total_energy(ARRANGE) - before
         elif math.isfinite(mass):
             self.state.ledger[WORK] += 0.5 * mass * (speed**2 - piston[SPEED] ** 2)
         piston[SPEED] = speed
+
+    def _let_cell_recoil(self, height: float, speed: float) -> None:
+        """Move a cell on a host against a jump of the driven piston; grains stay where they are."""
+        law, workspace = self.constants.acting.host, self.state.host
+        if law is None or workspace is None:
+            return
+        state, present = self.state, slice(self.constants.grains)
+        workspace.persistent[:, -1] -= law.recoil * np.array([height, speed])
+        if law.mount == PISTON_MOUNT:
+            workspace.persistent[0, -1] += height
+        state.y[present] += law.recoil * height
+        state.vy[present] += law.recoil * speed
 
     # Advancing ---------------------------------------------------------------------------------
 

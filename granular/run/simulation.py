@@ -19,6 +19,7 @@ from granular.engine.step_size import StepRequest
 from granular.methods.method import Method
 from granular.methods.registry import method_as_run_setting, resolve_method
 from granular.run.checkpoint import read_checkpoint, read_verified_files
+from granular.run.dataset_variables import check_variable_names
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.record_buffer import RecordBuffer
 from granular.run.run_directory import SETTINGS, is_run_directory
@@ -139,6 +140,7 @@ def simulate(
         promised = {"accuracy": words}
     plan = resolve_method(method)
     step = parse_time_step(dt, scene)
+    check_variable_names(scene)
     check_method_fits_scene(plan, step, scene)
     check_end_time(scene, t_end)
     check_time_step_fits_scene(step, scene, t_end)

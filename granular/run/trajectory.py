@@ -13,7 +13,7 @@ import numpy as np
 
 from granular.effects.shaking import Shaking
 from granular.methods import Method, resolve_method
-from granular.protocol import Push, Stage
+from granular.protocol import Stage
 from granular.run.piston_record import PistonRecord
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
@@ -183,9 +183,9 @@ class Trajectory:
         """Piston's motion, with what drives it as further columns.
 
         Where the cell is shaken, these are ``base_height`` [m], ``base_velocity`` [m/s] and
-        ``base_acceleration`` [m/s^2], and where the piston is pushed, ``outer_force`` [N]; see
-        `shaken_base_motion` and `outer_force`. Heights are those above the moving cell. A piston whose
-        path is given has its drive in ``height`` and ``velocity``.
+        ``base_acceleration`` [m/s^2], with a host of ``mount = "base"`` the last alone, and where the
+        piston is pushed, ``outer_force`` [N]; see `shaken_base_motion` and `outer_force`. Heights are those
+        above the moving cell. A piston whose path is given has its drive in ``height`` and ``velocity``.
 
         Parameters
         ----------
@@ -222,13 +222,16 @@ class Trajectory:
         if name is not None:  # the first of its records ends the stage before
             indices = np.full_like(indices, self._stage_index(name))
         drive = self._drive_at_times(time[last], indices)
+        host = self.scene.effects.host
+        if host is not None and host.mount == "base" and "base_acceleration" in data:
+            drive["base_acceleration"] = data["base_acceleration"].values[chosen][last]
         return PistonRecord(time=time[last], **columns, extra=drive)
 
     def _drive_at_times(self, time: np.ndarray, indices: np.ndarray) -> dict[str, np.ndarray]:
         """Drive of the run at some times [s], in stages by their indices in the protocol."""
         shaking, protocol = self.scene.effects.shaking, self.scene.protocol
         columns = {} if shaking is None else shaken_base_motion(shaking, time)
-        if any(isinstance(protocol[index], Push) for index in np.unique(indices).astype(int)):
+        if any(protocol[index].has_outer_force for index in np.unique(indices).astype(int)):
             starts = [stage.start for stage in self.stages]
             columns["outer_force"] = outer_force(protocol, starts, indices, time)
         return columns
@@ -369,11 +372,10 @@ def outer_force(
     stage: Int[np.ndarray, "n"],
     time: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n"]:
-    """Force from outside on the free piston in pushed stages, upwards, else 0 [N]; starts, time [s]."""
+    """Force from outside on the free piston, upwards; 0 in stages without one [N]; starts, time [s]."""
     force = np.zeros(len(time))
     for index, (segment, start) in enumerate(zip(protocol, starts, strict=False)):
-        if isinstance(segment, Push):
+        if segment.has_outer_force:
             inside = stage == index
-            phase = 2.0 * math.pi * segment.frequency * (time[inside] - start)
-            force[inside] = segment.mean + segment.amplitude * np.sin(phase)
+            force[inside] = segment.outer_force(np.maximum(time[inside] - start, 0.0))
     return force

@@ -176,3 +176,23 @@ def test_what_is_left_out_of_a_record_is_said(tmp_path: Path) -> None:
 def test_what_cannot_be_is_refused(words: dict[str, Any], reason: str) -> None:
     with pytest.raises(FieldError, match=reason):
         Excitation(**words)
+
+
+SOUND: dict[str, dict[str, Any]] = {
+    "sine": {"frequency": 2.0},
+    "sweep": {"frequency": 1.0, "to": 4.0, "duration": 2.0},
+    "impulse": {"duration": 0.1},
+    "noise": {"frequency": 1.0, "to": 4.0, "duration": 2.0, "seed": 3},
+    "table": {"times": (0.0, 1.0, 2.0, 3.0), "values": (0.0, 1.0, 0.0, 1.0)},
+}
+
+
+@pytest.mark.parametrize("kind", SOUND)
+def test_a_key_without_a_meaning_for_a_kind_is_refused(kind: str) -> None:
+    """A sine with a duration would act for ever; a key that every kind has stays."""
+    own = {"kind": kind, "force": 1.0, "start": 0.5} | SOUND[kind]
+    assert Excitation(**own).kind == kind
+    keys = {name: value for words in SOUND.values() for name, value in words.items()} | {"file": "a.csv"}
+    for name in keys.keys() - SOUND[kind].keys():
+        with pytest.raises(FieldError, match=rf"{name}.*has no meaning for '{kind}', which has .*and start"):
+            Excitation(**own, **{name: keys[name]})

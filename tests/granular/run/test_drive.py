@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granular import Scene, simulate
+from granular import Scene, quantity, simulate, stage
 
 MASS, GRAVITY = 2.0, 9.8
 BASE = ("base_height", "base_velocity", "base_acceleration")
@@ -68,9 +68,60 @@ def test_a_push_lends_its_force() -> None:
     force = record.extra["outer_force"][1:299]
     assert found == pytest.approx(-GRAVITY + force / MASS, abs=1e-3)
     integer = run.piston().extra["outer_force"]
-    stage = run.dataset["stage"].values
-    assert np.count_nonzero(integer) == pytest.approx(np.count_nonzero(stage == 1), abs=2)
+    indices = run.dataset["stage"].values
+    assert np.count_nonzero(integer) == pytest.approx(np.count_nonzero(indices == 1), abs=2)
     assert "outer_force" not in run.piston("fall").extra
+
+
+@stage
+class Tug:
+    """A pull that dies out."""
+
+    size: float = quantity("N")
+
+    @staticmethod
+    def force(p: Any, time: float) -> float:
+        return float(p.size * math.exp(-100.0 * time))
+
+
+def test_a_force_formula_and_an_own_stage_lend_their_force() -> None:
+    """M z'' = -M g + F in either stage, and 0 before them."""
+    scene = empty(
+        {"kind": "hold", "name": "wait", "duration": 0.01},
+        {
+            "kind": "force",
+            "name": "formula",
+            "force": "f*exp(-t/s)",
+            "f": "30 N",
+            "s": "5 ms",
+            "duration": 0.02,
+        },
+        {"kind": "tug", "name": "own", "size": "40 N", "duration": 0.02},
+    )
+    run = simulate(scene, progress=False)
+    for name, size, rate in (("formula", 30.0, 200.0), ("own", 40.0, 100.0)):
+        record = run.piston(name)
+        force = record.extra["outer_force"]
+        wanted = size * np.exp(-rate * (record.time - run.stage(name).start))
+        np.testing.assert_allclose(force, wanted, rtol=1e-9)
+        found = acceleration(record.time, record.height)
+        assert found == pytest.approx(-GRAVITY + force[1:-1] / MASS, abs=2e-2)
+    force = run.piston().extra["outer_force"]
+    assert not force[run.piston().time < 0.01 - 1e-9].any()
+    assert np.count_nonzero(force) > 390
+
+
+def test_a_shaken_base_lends_its_acceleration() -> None:
+    """Seen from the base that carries the cell: z'' = -g - b''."""
+    drive = {"displacement": "2 mm", "frequency": "25 Hz"}
+    scene = empty(
+        {"kind": "free", "name": "fall", "duration": 0.05},
+        **{"effects.host": {"mount": "base", "bodies": [], "excitation": drive}},
+    )
+    record = simulate(scene, dt="auto/4", progress=False).piston()
+    assert tuple(record.extra) == ("base_acceleration",)
+    found = acceleration(record.time, record.height)
+    assert found == pytest.approx(-GRAVITY - record.extra["base_acceleration"][1:-1], abs=2e-3)
 
 
 def test_a_piston_that_is_not_driven_has_no_further_columns() -> None:

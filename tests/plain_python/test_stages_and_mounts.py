@@ -1,0 +1,249 @@
+"""Stages of the protocol on every mount of a machine, against equations written down again.
+
+Each run is made at two steps and extrapolated, since the engine's own order is two with what
+dissipates: what is compared is the engine's equations and not its step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+
+from granular import Scene, simulate
+from granular.run.trajectory import Trajectory
+from tests.plain_python.independent_equations import Case, solve
+from tests.plain_python.test_every_effect import Dip, Fade
+
+pytestmark = [
+    pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile"),
+    pytest.mark.filterwarnings("ignore:two grains came as close"),
+]
+
+OWN = {Dip.definition.key, Fade.definition.key}
+STEP = 4e-5
+CLOSE = 1e-9
+"""[m]"""
+
+DRIVEN = ("hold", "move", "descend", "path", "oscillate", "follow", "dip", "lift")
+FREE = ("free", "push", "force", "fade")
+MOUNTS = ("none", "cell", "piston", "base")
+ASPECTS = {"square": (5.0, 5.0), "flat": (400.0, 4.0), "tall": (5.0, 60.0)}
+"""Width and height of the piston [D]."""
+
+
+def stage(kind: str, random: np.random.Generator, height: float) -> dict[str, Any]:
+    """A stage of 2 or 3 ms, in SI; ``height`` is about that at its start."""
+    duration = float(random.choice([2e-3, 3e-3]))
+    way, size = float(random.uniform(-6e-4, 6e-4)), float(random.uniform(-1.0, 1.0))
+    if kind in ("hold", "free"):
+        more: dict[str, Any] = {"duration": duration}
+    elif kind == "move":
+        more = {"to": height + way, "duration": duration}
+    elif kind == "descend":
+        more = {"to": height - abs(way), "duration": duration, "steepness": 1.0 + size / 2}
+    elif kind == "path":
+        more = {"height": "h0 - a*(1 - cos(w*t))", "a": way, "w": 900.0, "duration": duration}
+    elif kind == "dip":
+        more = {"depth": abs(way), "omega": 700.0, "duration": duration}
+    elif kind == "oscillate":
+        more = {"amplitude": abs(way), "frequency": 220.0, "duration": duration}
+    elif kind == "follow":
+        more = {"times": [0.0, 1e-3, duration], "heights": [height, height + way, height - way / 2]}
+    elif kind == "lift":
+        more = {"by": way / 3}
+    elif kind == "push":
+        more = {"mean": size, "amplitude": 1.0, "frequency": 150.0, "duration": duration}
+    elif kind == "force":
+        more = {"force": "f*exp(-t/s)", "f": size, "s": 2e-3, "duration": duration}
+    else:
+        more = {"size": 0.5, "span": 1e-3, "duration": duration}
+    return {"kind": kind} | more
+
+
+def with_units(one: dict[str, Any]) -> dict[str, Any]:
+    """Stage as a scene has it: the parameters of a formula with their units."""
+    units = {"a": "m", "w": "1/s", "f": "N", "s": "s"}
+    return {key: f"{value!r} {units[key]}" if key in units else value for key, value in one.items()}
+
+
+def host(mount: str, random: np.random.Generator) -> dict[str, Any]:
+    """A machine of one to three bodies, shaken by a force, by its base, or left alone."""
+    drives: list[dict[str, Any] | None] = [
+        None,
+        {"force": 3.0, "frequency": 60.0},
+        {"acceleration": 4.0, "frequency": 60.0},
+        {"displacement": 2e-4, "frequency": 60.0},
+    ]
+    if mount == "none":
+        return {}
+    if mount == "base":
+        return {"mount": mount, "bodies": [], "excitation": drives[random.integers(2, 4)]}
+    count = int(random.integers(1, 4))
+    bodies = [
+        {"mass": random.uniform(0.1, 1.0), "stiffness": random.uniform(0.0, 3e3), "damping": damping}
+        for damping in (random.uniform(0.0, 3.0, count) * random.integers(0, 2)).tolist()
+    ]
+    result: dict[str, Any] = {"mount": mount, "bodies": bodies, "excited": int(random.integers(count))}
+    drive = drives[random.integers(len(drives))]
+    if drive is not None:
+        result["excitation"] = drive
+    return result | ({"cell_mass": random.uniform(0.1, 1.0)} if mount == "piston" else {})
+
+
+def draw(number: int) -> tuple[Scene, Case]:
+    """Combination of that number: every stage and every mount is drawn in turn."""
+    random = np.random.default_rng([65, number])
+    mount = MOUNTS[number % len(MOUNTS)]
+    kinds = [
+        DRIVEN[number % len(DRIVEN)],
+        FREE[random.integers(len(FREE))],
+        DRIVEN[random.integers(len(DRIVEN))],
+    ]
+    kinds = [kinds[k] for k in random.permutation(3)[: random.integers(2, 4)]]
+    width, height = ASPECTS[list(ASPECTS)[random.integers(len(ASPECTS))]]
+    count = int(random.integers(1, 4))
+    place = np.column_stack([1.3 + 1.2 * np.arange(count), height - random.uniform(1.3, 2.2, count)]) * 6e-3
+    speeds = random.normal(size=(count, 2)) * 0.05
+    springs = [
+        (float(random.uniform(0.5, 3.0)), float(random.uniform(0.0, 0.02)))
+        for _ in range(random.choice([0, 1, 3]))
+    ]
+    protocol = []
+    # A table of heights comes first: later the height at its start is not known before the run.
+    kinds = [kinds[0], *("oscillate" if kind == "follow" else kind for kind in kinds[1:])]
+    for index, kind in enumerate(kinds):
+        protocol.append({"name": f"s{index}", **stage(kind, random, height * 6e-3)})
+    drag = float(random.choice([0.0, 0.1]))
+    effects: dict[str, Any] = {"dipole": True, "walls": True}
+    machine = host(mount, random)
+    effects |= {"drag": {"coefficient": drag}} if drag else {}
+    effects |= {"gravity": True} if random.integers(2) else {}
+    effects |= {"host": machine} if machine else {}
+    if springs:
+        effects["field"] = [
+            {"energy": "k*(y - h)**2/2", "k": f"{k!r} N/m", "h": f"{h!r} m"} for k, h in springs
+        ]
+    mass, piston_drag = float(random.uniform(0.1, 0.5)), float(random.choice([0.0, 2.0]))
+    end = sum(one["times"][-1] if one["kind"] == "follow" else one.get("duration", 0.0) for one in protocol)
+    scene = Scene.from_plain(
+        {
+            "grains": {
+                "count": count,
+                "species": [
+                    {"name": "big", "diameter": "6 mm", "share": 0.6},
+                    {"name": "small", "diameter": "5 mm", "share": 0.4},
+                ],
+            },
+            "cell": {"width": width * 6e-3},
+            "piston": {"height": height * 6e-3, "mass": mass, "drag": piston_drag},
+            "effects": effects,
+            "arrangement": {"positions": place.tolist(), "velocities": speeds.tolist()},
+            "protocol": [with_units(one) for one in protocol],
+            "output": {"scalars": 1e-3, "frames": end},
+        }
+    )
+    case = Case(
+        diameters=scene.grains.diameters(),
+        positions=place,
+        velocities=speeds,
+        width=width * 6e-3,
+        height=height * 6e-3,
+        mass=mass,
+        piston_drag=piston_drag,
+        drag=drag,
+        weight="gravity" in effects,
+        springs=tuple(springs),
+        host=machine,
+        stages=tuple(protocol),
+    )
+    return scene, case
+
+
+def last(run: Trajectory, name: str) -> np.ndarray:
+    return np.asarray(run.dataset[name].values[-1])
+
+
+QUICK = (1, 2, 3, 6, 18)
+
+
+@pytest.mark.parametrize(
+    "number", [n if n in QUICK else pytest.param(n, marks=pytest.mark.long) for n in range(60)]
+)
+def test_a_drawn_combination_solves_the_equations_written_down_again(number: int) -> None:
+    scene, case = draw(number)
+    coarse, fine = (simulate(scene, dt=dt, progress=False) for dt in (STEP, STEP / 2))
+    for name, wanted in solve(case).items():
+        found = (4.0 * last(fine, name) - last(coarse, name)) / 3.0
+        assert np.abs(found - wanted).max() < CLOSE, (name, scene.to_toml())
+    assert fine.settings()["ledger_residual"] < 1e-3
+
+
+def test_the_draws_hold_every_stage_and_mount() -> None:
+    cases = [draw(number)[1] for number in range(60)]
+    assert {one["kind"] for case in cases for one in case.stages} == {*DRIVEN, *FREE}
+    assert {case.host.get("mount", "none") for case in cases} == set(MOUNTS)
+    quick = {cases[number].host["mount"] for number in QUICK}
+    assert quick == set(MOUNTS) - {"none"}
+
+
+MASS, BODY, STIFFNESS = 0.4, 2.0, 800.0
+
+
+def empty_machine(mount: str, stage: dict[str, Any], mass: float = MASS) -> Scene:
+    """A piston that is driven in a cell without grains, on a machine of one body."""
+    machine: dict[str, Any] = {"mount": mount, "bodies": [{"mass": BODY, "stiffness": STIFFNESS}]}
+    if mount == "piston":
+        machine["cell_mass"] = 0.7
+    if mount == "base":
+        machine |= {"bodies": [], "excitation": {"displacement": "2 mm", "frequency": "3 Hz"}}
+    return Scene.from_plain(
+        {
+            "grains": {"count": 0, "species": [{"diameter": "6 mm"}]},
+            "cell": {"width": "60 D"},
+            "piston": {"height": "20 D", "mass": mass},
+            "effects": {"host": machine},
+            "protocol": [{"name": "driven", **stage}],
+            "output": {"scalars": "4 ms", "frames": "0.2 s"},
+        }
+    )
+
+
+@pytest.mark.parametrize("mass", [MASS, 0.05])
+def test_a_driven_piston_swings_the_machine_that_carries_it(mass: float) -> None:
+    """(m + M) X'' = -k X - M z'' with z = A sin(w t), which begins with the velocity A w."""
+    frequency, reach = 5.0, 2e-3
+    oscillate = {"kind": "oscillate", "amplitude": reach, "frequency": frequency, "duration": 0.2}
+    run = simulate(empty_machine("cell", oscillate, mass), dt=2e-4, progress=False)
+    omega, total = math.tau * frequency, BODY + mass
+    own = math.sqrt(STIFFNESS / total)
+    driven = mass * reach * omega**2 / total / (own**2 - omega**2)
+    free = -(mass * reach * omega / total + driven * omega) / own
+    time = run.dataset["time"].values
+    wanted = driven * np.sin(omega * time) + free * np.sin(own * time)
+    found = run.dataset["host_displacement"].values
+    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-5 * np.abs(wanted).max())
+
+
+COURSES: tuple[dict[str, Any], ...] = (
+    {"kind": "move", "to": "18 D", "duration": 0.1},
+    {"kind": "descend", "to": "18 D", "duration": 0.1, "steepness": 2.0},
+    {"kind": "path", "height": "h0 - a*(1 - cos(w*t))", "a": "1 mm", "w": "60 1/s", "duration": 0.1},
+    {"kind": "oscillate", "amplitude": "2 mm", "frequency": "9 Hz", "duration": 0.1},
+    {"kind": "follow", "times": [0.0, 0.04, 0.1], "heights": ["20 D", "19 D", "20 D"]},
+    {"kind": "dip", "depth": "1 mm", "omega": "60 1/s", "duration": 0.1},
+)
+
+
+@pytest.mark.parametrize("mount", ["cell", "piston", "base"])
+def test_the_ledger_of_a_driven_piston_closes_on_every_mount(mount: str) -> None:
+    for course in COURSES:
+        scene = empty_machine(mount, course)
+        coarse, fine = (
+            float(simulate(scene, dt=dt, progress=False).settings()["ledger_residual"]) for dt in (4e-4, 2e-4)
+        )
+        assert coarse < 2e-3, course
+        assert fine < 0.3 * coarse or fine < 1e-9, course
