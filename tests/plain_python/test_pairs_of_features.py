@@ -16,10 +16,11 @@ import numba
 import numpy as np
 import pytest
 
-from granular import Scene, evaluate, load_scene, simulate
+from granular import Scene, effect, evaluate, load_scene, simulate
 from granular.effects.registry import all_effects
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
+from tests.granular.run.test_record_names import pull
 from tests.plain_python.test_every_effect import EXAMPLES
 
 pytestmark = [
@@ -33,7 +34,28 @@ PERIODIC = {name for name, one in all_effects().items() if one.periodic}
 LAW = {"energy": "a*q1*q2*exp(-r/l)", "a": "30 uJ", "l": "3 mm"}
 REACH = {"pair law below a spacing": 0.8, "pair law above spacings": 6.0}
 """[D]"""
-ACTING = EXAMPLES | {name: [LAW | {"reach": f"{reach} D"}] for name, reach in REACH.items()}
+MACHINES: dict[str, dict[str, Any]] = {
+    "cell": {"bodies": [{"mass": "0.5 kg", "stiffness": "400 N/m", "damping": "0.2 kg/s"}]},
+    "piston": {"bodies": [{"mass": "0.5 kg", "stiffness": "400 N/m"}], "cell_mass": "0.3 kg"},
+    "base": {"bodies": [], "excitation": {"acceleration": "5 m/s^2", "frequency": "90 Hz"}},
+}
+"""What carries the cell, by its mount."""
+STAGES: dict[str, dict[str, Any]] = {
+    "hold": {},
+    "move": {"to": -0.05},
+    "path": {"height": "h0 - a*(1 - cos(w*t))", "a": "0.02 D", "w": "5000 1/s"},
+    "follow": {"times": [0.0, 1.5 * STEP, STEPS * STEP], "heights": [0.0, -0.02, -0.01]},
+    "free": {},
+    "force": {"force": "f*exp(-t/s)", "f": "-0.5 N", "s": "0.1 ms"},
+}
+"""Heights are over that of the piston at its start [D]."""
+OWN = ("Time", "Grain")
+"""Names of own effects that a dataset or a kernel might take for something else."""
+for own in OWN:
+    effect(pull(own))
+ACTING = {name: one for name, one in EXAMPLES.items() if name != "host"} | {
+    name: [LAW | {"reach": f"{reach} D"}] for name, reach in REACH.items()
+}
 METHODS: dict[str, dict[str, Any]] = {
     "direct": {"method": "direct"},
     "far pairs less often": {"method": "direct", "far_every": 4},
@@ -54,6 +76,11 @@ FACTORS: dict[str, tuple[Any, ...]] = {
     "threads": (1, 2),
     "size": (0, 1),
     "resumed": (False, True),
+    "stage": tuple(STAGES),
+    "mount": ("none", *MACHINES),
+    "own": ("none", *OWN),
+    "aspect": ("square", "flat"),
+    "fields": (0, 3),
 }
 Row = dict[str, Any]
 
@@ -73,10 +100,22 @@ REFUSED: list[tuple[Row, str]] = [
     ),
     ({"method": "verlet-list", "sides": "periodic"}, "knows no images"),
     ({"method": "far pairs less often", "sides": "periodic"}, "has no far field"),
-    ({"effect": "host", "method": "far pairs less often"}, "a host moves by the whole force"),
+    *(
+        ({"mount": name, "method": "far pairs less often"}, "a host moves by the whole force")
+        for name in MACHINES
+    ),
+    *(({"mount": name, "effect": "shaking"}, "shaken already") for name in MACHINES),
+    *(({"mount": name, "effect": "bath"}, "takes no notice of what carries") for name in MACHINES),
+    *(
+        ({"mount": name, "sides": "periodic"}, "periodic sides|the host carries the piston")
+        for name in MACHINES
+    ),
+    *(({"own": name, "sides": "periodic"}, "in a cell with periodic sides") for name in OWN),
+    ({"fields": 3, "sides": "periodic"}, "in a cell with periodic sides"),
+    *(({"stage": name, "sides": "periodic"}, "moves the piston") for name in STAGES if name != "hold"),
 ]
-"""What cannot be together, and the words that say so: what knows of no images, and a host, whose
-motion needs the whole force."""
+"""What cannot be together, and the words that say so: what knows of no images or needs a piston, and a
+host, whose motion needs the whole force and which alone moves the cell."""
 
 
 def refused(row: Row) -> bool:
@@ -112,7 +151,7 @@ def table_of_pairs(seed: int) -> list[Row]:
 
 def cheaper(row: Row, rows: list[Row]) -> Row:
     """The row, changed in its place to what takes less time where no pair is lost by that."""
-    for name in ("sides", "resumed", "threads", "size"):
+    for name in ("sides", "resumed", "threads", "size", "mount", "stage", "own", "aspect", "fields"):
         held = Counter(pair for one in rows for pair in parameter_bounds(one))
         if all(held[pair] > 1 for pair in parameter_bounds(row) if name in pair):
             row[name] = FACTORS[name][0]
@@ -126,6 +165,18 @@ def named(row: Row) -> str:
     return "-".join(str(value) for value in row.values())
 
 
+def stage_of(kind: str, height: float) -> dict[str, Any]:
+    """Stage of a run's length, in a cell of that height [D]."""
+    more = dict(STAGES[kind])
+    if kind == "follow":
+        more["heights"] = [f"{height + over} D" for over in more["heights"]]
+    else:
+        more["duration"] = STEPS * STEP
+    if kind == "move":
+        more["to"] = f"{height + more['to']} D"
+    return {"name": "only", "kind": kind} | more
+
+
 def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
     """A bed of the row's features, whose grains move."""
     count, name, around = sizes[row["size"]], row["effect"], row["sides"] == "periodic"
@@ -133,22 +184,31 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
         count = max(count, 40)
     key = {"own walls": "walls", "walls of the guide": "walls"} | dict.fromkeys(REACH, "pair_law")
     width, height = (max(2.0 * count**0.5, 17.5),) * 2 if around else MESH_REACH[count]
+    width *= {"square": 1.0, "flat": 4.0}[row["aspect"]]
     species = [{"name": "big", "diameter": "6 mm", "share": 1.0 if row["species"] == 1 else 0.6}]
     if row["species"] == 2:
         species.append({"name": "small", "diameter": "4 mm", "share": 0.4})
-    acting = {"dipole": True} | ({} if around else {"walls": True})
+    acting: dict[str, Any] = {"dipole": True} | ({} if around else {"walls": True})
+    acting |= {key.get(name, name): ACTING[name]}
+    if row["mount"] != "none":
+        acting["host"] = MACHINES[row["mount"]] | {"mount": row["mount"]}
+    if row["own"] != "none":
+        acting[row["own"].lower()] = {"k": "0.1 N/m"}
+    if row["fields"]:
+        more = [{"energy": "k*y**2/2", "k": f"{0.1 * k} N/m"} for k in range(1, row["fields"] + 1)]
+        acting["field"] = [*acting.get("field", []), *more]
     bed = load_scene("bed").to_plain()
     plain = {
         "grains": bed["grains"] | {"count": count, "species": species, "spread": row["spread"]},
         "cell": {"width": f"{width} D"} | ({"sides": "periodic", "height": f"{height} D"} if around else {}),
-        "effects": acting | {key.get(name, name): ACTING[name]},
+        "effects": acting,
         "pairs": METHODS[row["method"]],
         "arrangement": {"speed": "30 D/s", "jitter": 0.1},
-        "protocol": bed["protocol"],
+        "protocol": [stage_of(row["stage"], height)],
         "output": {"scalars": STEPS * STEP, "frames": STEPS * STEP},  # far pairs act every fourth step
     }
     if not around:
-        plain["piston"] = {"height": f"{height} D"}
+        plain["piston"] = {"height": f"{height} D", "mass": "0.2 kg"}
     scene = Scene.from_plain(plain)
     if name == "contact":
         place, velocity = scene.initial_positions_and_velocities()
@@ -172,9 +232,10 @@ def by_pairs(scene: Scene, row: Row, place: np.ndarray) -> tuple[np.ndarray, flo
         sides = np.array(scene.cell.periods) / scales.length
         way -= sides * np.round(way / sides)
         if scene.pair_method == "mesh":
-            most = np.arange(-8, 9)
-            shifts = np.stack(np.meshgrid(most, most), axis=-1).reshape(-1, 2) * sides
-            radius = 8.0 * float(sides.min())
+            radius = 8.0 * float(sides.max())
+            most = np.ceil(radius / sides).astype(int)
+            images = np.meshgrid(*(np.arange(-many, many + 1) for many in most))
+            shifts = np.stack(images, axis=-1).reshape(-1, 2) * sides
         elif scene.pair_method == "direct":
             radius = 0.5 * float(sides.min())
     elif row["method"] == "verlet-list":
@@ -286,6 +347,6 @@ def test_every_two_features_in_a_whole_bed(row: Row, tmp_path: Path) -> None:
 @pytest.mark.parametrize(("levels", "words"), REFUSED, ids=str)
 def test_what_cannot_be_together_is_refused(levels: Row, words: str) -> None:
     """Only what is refused in a line may be left out of the table."""
-    plain = {name: values[0] for name, values in FACTORS.items()}
+    plain = {name: values[0] for name, values in FACTORS.items()} | {"effect": "dipole"}
     with pytest.raises(InputError, match=words):
         simulate(scene_of(plain | levels, SMALL), dt=STEP, t_end=STEP, progress=False)
