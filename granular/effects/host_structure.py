@@ -42,8 +42,8 @@ CELL, PISTON_MOUNT, FIXED = range(3)
 """The load of the chain's last body: the cell; the piston; nothing, for the cell is the base."""
 
 PUSH, PULL, CARRIED = range(3)
-"""Entries of what holds for the present kick: the frame's acceleration A [D/tau^2], and the force
-of the chain on the piston [F*]."""
+"""Entries of what holds for the present kick: the frame's acceleration A [D/tau^2], the force
+of the chain on the piston [F*], and the velocity in the frame of a last body that it drives [D/tau]."""
 
 _MOUNTS = {"cell": CELL, "piston": PISTON_MOUNT, "base": FIXED}
 
