@@ -91,8 +91,8 @@ def open_drift_of_host(
 ) -> None:
     """Give a driven piston its mean speed in a drift that ends at ``time``; dt, time [tau]."""
     if law is not None and workspace is not None and not motion.free:
-        way = driven_height_and_velocity(motion, time)[0] - bed.state.piston[HEIGHT]
-        _change_driven_speed(law, workspace, bed, way / dt)
+        change = driven_height_and_velocity(motion, time)[0] - bed.state.piston[HEIGHT]
+        _change_driven_speed(law, workspace, bed, change / dt)
 
 
 @compiled

@@ -9,9 +9,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numba
 import pytest
 
-from granular.compiled.kernel_cache import _read_kernel_file_or_claim, _release_claim
+from granular.compiled.kernel_cache import KernelCache, _read_kernel_file_or_claim, _release_claim
 
 ROOT = Path(__file__).parents[3]
 
@@ -133,6 +134,21 @@ def test_a_form_is_compiled_once(end: str, wanted: bytes | None, tmp_path: Path)
 
 # Files that may not grow fail to be written as on a full disk.
 FULL = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
+
+
+def test_code_that_checks_its_indices_is_kept_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    def increase(number: float) -> float:
+        return number + 1.0
+
+    codegen = numba.njit(increase).targetctx.codegen()
+    cache = KernelCache(increase, {})
+    found = set()
+    for checked in (None, 1):
+        monkeypatch.setattr(numba.config, "BOUNDSCHECK", checked)
+        entry = cache._kernel_file_and_label((numba.float64,), codegen)
+        assert entry is not None
+        found.add(entry[0])
+    assert len(found) == 2
 
 
 def test_a_full_disk_stops_nothing(workshop: Any) -> None:
