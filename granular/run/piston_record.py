@@ -15,6 +15,7 @@ from granular.readers.column_headers import ACCELERATION, VELOCITY
 from granular.readers.read_options import options_from_plain
 from granular.readers.sheet import numbers_in_si
 from granular.readers.signal_integration import integrate_without_drift
+from granular.run.record_source import RecordSource, source_of_file
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.files import write_atomically
 from granular.shared.message_text import quote, sanitize
@@ -61,6 +62,8 @@ class PistonRecord:
         Column that was measured and that fits compare: ``"height"``, or ``"velocity"`` or
         ``"acceleration"`` of a record without a position. Its ``height`` is then their integral about zero,
         without what is slow, for first guesses. ``"force"`` where the height is a prescribed stroke.
+    source : RecordSource or None
+        File (with its digest and calibration) or scene that it comes from, and notes on its samples.
 
     Raises
     ------
@@ -83,6 +86,7 @@ class PistonRecord:
     angle: bool = False
     deviations: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     measured: str = "height"
+    source: RecordSource | None = None
 
     def __post_init__(self) -> None:
         for name in UNITS:
@@ -321,11 +325,13 @@ class PistonRecord:
     ) -> PistonRecord:
         from granular.readers.file_formats import interpret_record_file
 
-        meaning = interpret_record_file(path, options_from_plain({"units": units or {}, **options}), form)
+        said = options_from_plain({"units": units or {}, **options})
+        meaning = interpret_record_file(path, said, form)
         try:
             record = cls.from_interpreted_columns(meaning)
         except RecordError as error:
             raise RecordError(f"{sanitize(path)}: {error}") from None
+        record = dataclasses.replace(record, source=source_of_file(path, said, meaning.notes))
         if meaning.notes:
             warnings.warn(f"{sanitize(path)}: {'; '.join(meaning.notes)}", RecordWarning, stacklevel=3)
         return record
@@ -412,6 +418,16 @@ class PistonRecord:
         return {**UNITS, "height": "rad", "velocity": "rad/s"} if self.angle else dict(UNITS)
 
     @property
+    def signal(self) -> np.ndarray:
+        """Measured quantity, float64 (n,), in `signal_unit`."""
+        return self.columns[self.measured] if self.measured in _INTEGRALS else self.height
+
+    @property
+    def signal_unit(self) -> str:
+        """SI unit of `signal`, such as "m" or, of an acceleration, "m/s^2"."""
+        return self.units["height"] + ("", "/s", "/s^2")[_INTEGRALS.get(self.measured, 0)]
+
+    @property
     def columns(self) -> dict[str, np.ndarray]:
         """All columns, a dict of float64 (n,) in SI by names; a height that was integrated is none."""
         own = {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
@@ -453,8 +469,7 @@ class PistonRecord:
 
     def _with_integrated_height(self) -> PistonRecord:
         """Record with the integral of what was measured for its height."""
-        values = self.columns[self.measured]
-        height = integrate_without_drift(self.time, values, _INTEGRALS[self.measured])
+        height = integrate_without_drift(self.time, self.signal, _INTEGRALS[self.measured])
         return dataclasses.replace(self, height=height)
 
     def between(self, start: float, stop: float) -> PistonRecord:
@@ -512,6 +527,7 @@ class PistonRecord:
             self.angle,
             {key: values[:, samples] for key, values in self.deviations.items()},
             self.measured,
+            self.source,
         )
 
     def first(self, count: int) -> PistonRecord:

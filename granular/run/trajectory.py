@@ -15,6 +15,7 @@ from granular.effects.shaking import Shaking
 from granular.methods import Method, resolve_method
 from granular.protocol import Stage
 from granular.run.piston_record import PistonRecord
+from granular.run.record_source import source_of_scene
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import unknown_word_message
@@ -225,7 +226,8 @@ class Trajectory:
         host = self.scene.effects.host
         if host is not None and host.mount == "base" and "base_acceleration" in data:
             drive["base_acceleration"] = data["base_acceleration"].values[chosen][last]
-        return PistonRecord(time=time[last], **columns, extra=drive)
+        source = source_of_scene(self.scene, name)
+        return PistonRecord(time=time[last], **columns, extra=drive, source=source)
 
     def _drive_at_times(self, time: np.ndarray, indices: np.ndarray) -> dict[str, np.ndarray]:
         """Drive of the run at some times [s], in stages by their indices in the protocol."""

@@ -38,7 +38,11 @@ class SceneError(InputError):
     """A scene, or a change to it, is not valid."""
 
 
-class RecordWarning(UserWarning):
+class CautionWarning(UserWarning):
+    """Warning that the print-out of a result repeats, as a caution or a line on its record."""
+
+
+class RecordWarning(CautionWarning):
     """Guess about a record, or change of its samples."""
 
 

@@ -33,6 +33,7 @@ from reduced_models.commands.records import (
     A_SOURCE,
     READING,
     SOURCES,
+    leave_cautions_to_print_out,
     load_records,
     parse_reading_options,
     print_result_and_report_path,
@@ -114,10 +115,10 @@ def identify(options: Any) -> None:
     from granular.shared.progress_bars import print_above_bar
     from granular.user_code import import_user_code
     from reduced_models.identification.identify import identify as identify_source
-    from reduced_models.identification.terminal_summary import summary_before_checks, terminal_summary
     from reduced_models.records.sources import open_source
 
     import_user_code(options.user_files)
+    leave_cautions_to_print_out(options)
     result = identify_source(
         open_source(options.source, parse_reading_options(options)),
         options.out,
@@ -128,10 +129,10 @@ def identify(options: Any) -> None:
         dt=None if options.dt is None else parse_time_step(options.dt),
         checks=not options.no_checks,
         progress=not options.quiet,
-        announce=None if options.quiet else lambda first: print_above_bar(summary_before_checks(first)),
+        announce=None if options.quiet else lambda first: print_above_bar(first.line_before_checks),
         **pick_options(options, "drive", "method", "threads", "starts", "budget"),
     )
-    print_result_and_report_path(result, options, None if options.verbose else terminal_summary(result))
+    print_result_and_report_path(result, options, None if options.verbose else result.printout())
 
 
 @command(
@@ -204,6 +205,7 @@ def fit(options: Any) -> None:
     require_options(options, sources="SOURCE")
     laws = (FORCE_LAWS.get(options.law), LAWS.get(options.law))
     units = {name: unit for law in laws if law is not None for name, unit in law.units.items()}
+    leave_cautions_to_print_out(options)
     models = fit_law(
         load_records(options.sources, options),
         options.law,
@@ -309,6 +311,7 @@ def discover(options: Any) -> None:
     from reduced_models.discovery.term_libraries import AUTO
 
     require_options(options, sources="SOURCE")
+    leave_cautions_to_print_out(options)
     records = load_records(options.sources, options)
     result = discover_law(
         records[0] if len(records) == 1 else records,
@@ -319,8 +322,6 @@ def discover(options: Any) -> None:
         **pick_options(options, "method", "form", "degree", "terms", "functions", "target", "effort", "seed"),
     )
     text, model = str(result), result.best.model
-    if model is not None:
-        text += f"\n\n{result.model}"
     if options.out is not None and model is not None:
         model.save(options.out)
         text += f"\nmodel: {options.out}"
@@ -391,6 +392,7 @@ def _compare_laws(options: Any) -> None:
     from reduced_models.records.sources import make_directory
 
     target = make_directory(options.out)
+    leave_cautions_to_print_out(options)
     table = compare_laws(
         load_records(options.sources, options),
         parse_laws(options.laws or CANDIDATES),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from granular.commands.console import command, option, option_group, print_result
 from granular.commands.options import OUTPUT
 from granular.readers.read_options import ALL
-from granular.shared.errors import InputError, SceneError
+from granular.shared.errors import CautionWarning, InputError, SceneError
 from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
@@ -165,6 +166,12 @@ def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
         else:
             records.append(load_record(open_source(source, said), None, run)[0])
     return records
+
+
+def leave_cautions_to_print_out(options: Any) -> None:
+    """Silence the warnings that a print-out for people repeats."""
+    if not options.json:
+        warnings.simplefilter("ignore", CautionWarning)
 
 
 def print_result_and_report_path(result: Any, options: Any, text: str | None = None) -> None:

@@ -18,6 +18,8 @@ from reduced_models.designs.maps import DamperMaps, PredictedFigures
 from reduced_models.designs.page import add_map_legend, draw_contour_map
 from reduced_models.designs.proposal import DesignTarget
 from reduced_models.falls.workshop_sheet import workshop_sheet
+from reduced_models.models.printout import caution_lines, figure_lines, wrap_words
+from reduced_models.models.quantities import DAMPING_RATIO, LEVEL, QuantityWithError, student_half_width
 from reduced_models.records.sources import make_directory
 
 if TYPE_CHECKING:
@@ -175,26 +177,43 @@ class Design:
             )
         return tuple(notes)
 
+    @property
+    def figures(self) -> tuple[QuantityWithError, ...]:
+        """Natural frequency, damping ratio and equilibrium: means, with the scatter of random packings."""
+        named = (
+            ("natural frequency", "f0", "Hz", "frequency", 1.0),
+            (DAMPING_RATIO, "zeta", "%", "damping_ratio", 100.0),
+            (LEVEL, "z0", "mm", "rest_height", 1e3),
+        )
+        count = len(self.checks)
+        quantities = []
+        for name, symbol, unit, key, scale in named:
+            values = [scale * getattr(check, key) for check in self.checks]
+            parts = {} if count < 2 else {"start": student_half_width(values)}
+            quantities.append(QuantityWithError(name, symbol, unit, sum(values) / count, parts))
+        return tuple(quantities)
+
     def __str__(self) -> str:
         chosen, target = self.damper, self.target
-        fraction = f", {100.0 * chosen.small_share:.3g} % of them small" if chosen.small_share else ""
-        lines = [
-            f"damper for {target.frequency:g} Hz and a damping ratio of {target.damping:g}:",
-            f"  piston {chosen.mass:.4g} kg on {chosen.grains} grains{fraction}",
-            f"  drag {chosen.drag:.4g} kg/s a grain (a liquid of {chosen.viscosity:.3g} Pa s, by Stokes)",
-            f"  rests at {self.rest_height:.4g} m",
-        ]
+        fraction = f" ({100.0 * chosen.small_share:.3g} % of them small)" if chosen.small_share else ""
+        lines = wrap_words(
+            f"design for f0 {target.frequency:g} Hz, zeta {100.0 * target.damping:g} %: {chosen.grains} "
+            f"magnets{fraction}, piston {chosen.mass:.4g} kg, drag {chosen.drag:.4g} kg/s a magnet "
+            f"(liquid of {chosen.viscosity:.3g} Pa s, by Stokes)",
+            "",
+        )
+        lines += figure_lines(self.figures)
         lines += [
-            f"  simulated from random start {check.seed}: {check.frequency:.4g} Hz "
-            f"({_deviation_text(check.frequency, target.frequency)}), damping ratio "
-            f"{check.damping_ratio:.4g} ({_deviation_text(check.damping_ratio, target.damping)})"
+            f"  random packing {check.seed}: {check.frequency:.4g} Hz "
+            f"({_deviation_text(check.frequency, target.frequency)}), {100.0 * check.damping_ratio:.3g} % "
+            f"({_deviation_text(check.damping_ratio, target.damping)} of the wanted value)"
             for check in self.checks
         ]
         lines.append(
-            f"  maps of earlier runs had promised {self.promised_figures.frequency:.4g} Hz and "
-            f"{self.promised_figures.damping_ratio:.4g}; dampers simulated: {len(self.rounds)}"
+            f"  maps of earlier simulations: {self.promised_figures.frequency:.4g} Hz, "
+            f"{100.0 * self.promised_figures.damping_ratio:.3g} %; dampers simulated: {len(self.rounds)}"
         )
-        return "\n".join(lines + [f"  note: {note}" for note in self.notes])
+        return "\n".join([*lines, *caution_lines(self.notes)])
 
     def to_plain(self) -> dict[str, Any]:
         """Design as plain data (numbers, texts, lists)."""

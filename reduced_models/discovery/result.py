@@ -14,6 +14,7 @@ from reduced_models.discovery.hidden_states import ScaledHiddenState
 from reduced_models.discovery.terms import AnyTerm, expression_text, round_fractions_for_print, split_terms
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.model import ReducedModel
+from reduced_models.models.printout import caution_lines, wrap_words
 
 if TYPE_CHECKING:
     import sympy
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 
 _NEIGHBOURS = 4
 """Candidates shown on either side of the chosen one."""
-_COLUMNS = 100
-"""Width of a line of words."""
 _EQUATION_COLUMNS = 82
 """Columns shown of an equation that was not chosen."""
 
@@ -118,7 +117,14 @@ class Discovery:
         return self.best.model
 
     def __str__(self) -> str:
-        lines = [f"discovered by {self.method}, {self.map}:"]
+        model = self.best.model
+        said = () if model is None else model.notes
+        lines = wrap_words(f"model: {self.best.text}   ({self.map})", "")
+        if model is not None:
+            lines = str(model).splitlines()
+        lines.append(
+            f"candidates by {self.method} (complexity, error over that of the record's noise; * is chosen):"
+        )
         first, last = max(0, self.chosen - _NEIGHBOURS), self.chosen + _NEIGHBOURS + 1
         for k, candidate in enumerate(self.candidates[first:last], start=first):
             mark = "*" if k == self.chosen else " "
@@ -128,21 +134,16 @@ class Discovery:
             lines.append(f" {mark} {candidate.complexity:3d}  {candidate.error:9.4g}  {text}")
         if left_out := len(self.candidates) - len(self.candidates[first:last]):
             lines.append(f"   and {left_out} more, which .candidates and --json tell")
-        lines.append(
-            "   columns: numbers, names and operations of the equation; its rms error (1: as\n"
-            "   large as the record's noise makes it, so nothing is left to explain); * is chosen"
-        )
         fractions = ", ".join(
             f"{name}: {fraction:.2f}" for name, fraction in self.inclusion_fractions.items()
         )
         if fractions:
-            lines += _wrap(f"  needed in this fraction of resampled records: {fractions}")
+            lines += wrap_words(f"needed in this fraction of resampled records: {fractions}")
         increases = ", ".join(f"{name}: {price:.3g}" for name, price in self.criterion_increases.items())
         if increases:
             words = "the extended Bayesian information criterion rises by so much without each term"
-            lines += [f"  {words} (10 is decisive):", *_wrap(f"    {increases}")]
-        lines += [f"  note: {note}" for note in self.notes]
-        return "\n".join(lines)
+            lines += wrap_words(f"{words} (10 is decisive): {increases}")
+        return "\n".join([*lines, *caution_lines([note for note in self.notes if note not in said])])
 
     def to_plain(self) -> dict[str, Any]:
         """Discovery as plain data (numbers, texts, lists)."""
@@ -176,7 +177,3 @@ def pareto_front(candidates: list[CandidateEquation]) -> list[CandidateEquation]
         if math.isfinite(candidate.error) and (not front or candidate.error < front[-1].error):
             front.append(candidate)
     return front
-
-
-def _wrap(words: str) -> list[str]:
-    return textwrap.wrap(words, _COLUMNS, subsequent_indent="    ", break_long_words=False)

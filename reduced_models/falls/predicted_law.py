@@ -49,7 +49,8 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import NoSwing, small_swing
-from reduced_models.models.fitted_law import AtRest, FittedLaw
+from reduced_models.models.at_rest import AtRest
+from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.inputs import Interpolation
 
 if TYPE_CHECKING:

@@ -42,7 +42,7 @@ from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import NoSwing
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, remove_random_walk
 from reduced_models.least_squares.unknowns import Unknowns
-from reduced_models.models.fitted_law import AtRest
+from reduced_models.models.at_rest import AtRest
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import Quality
 from reduced_models.records.envelope import envelope
@@ -50,6 +50,7 @@ from reduced_models.records.first_guesses import noise_level
 from reduced_models.records.held_out_swings import SwingTestError, error_on_swings
 from reduced_models.records.release import release_sample
 from reduced_models.records.sensor import Sensor
+from reduced_models.records.sources import describe_record
 
 FEW = 0.25
 """Fraction of the starts that must lead to the best fit before it is taken without a note."""
@@ -178,7 +179,7 @@ def _make_model_of_record(
         initial=(float(height_map.to_height(z0)), float(v0 * scale)),
         at_rest=None
         if isinstance(at_rest, NoSwing)
-        else _add_peak_damping(at_rest, motions[k], unknowns.law),
+        else dataclasses.replace(_add_peak_damping(at_rest, motions[k], unknowns.law), angle=record.angle),
         no_swing=at_rest.reason if isinstance(at_rest, NoSwing) else "",
         quality=quality,
         domain=_ranges_of_motion(motions),
@@ -192,7 +193,9 @@ def _make_model_of_record(
             *_bound_notes(parameters, problem.bounds),
             *(() if record.angle else _suspicious_unit_notes(unknowns.amplitude, unknowns.speed)),
         ),
-        provenance=_provenance_words(record, problem),
+        provenance=_provenance_words(
+            record, problem, None if isinstance(at_rest, NoSwing) else at_rest.period
+        ),
         hidden={
             name: float(state)
             for name, state in zip(unknowns.law.hidden, hidden, strict=True)
@@ -234,7 +237,7 @@ def _ranges_of_motion(records: Sequence[PistonRecord]) -> dict[str, tuple[float,
     }
 
 
-def _provenance_words(record: PistonRecord, problem: FitProblem) -> dict[str, str]:
+def _provenance_words(record: PistonRecord, problem: FitProblem, period: float | None) -> dict[str, str]:
     """Origin of a model, in words: the same for the same data and settings."""
     digest = hashlib.sha256(record.time.tobytes() + record.height.tobytes()).hexdigest()
     pairs = problem.bounds.items()
@@ -246,6 +249,7 @@ def _provenance_words(record: PistonRecord, problem: FitProblem) -> dict[str, st
         intervals = f"bootstrap, {REPLICATES} records, seed {problem.seed}"
     return {
         "data": f"{len(record)} samples over {record.time[-1] - record.time[0]:.6g} s, sha256 {digest[:16]}",
+        "record": "\n".join(describe_record(record, period)),
         "records": str(len(problem.data)),
         "fit": f"{problem.starts} starts, intervals {intervals}" + (f", {bounds}" * bool(bounds)),
     }
@@ -390,8 +394,8 @@ def _release_transient_text(grid: GriddedRecord, residuals: np.ndarray) -> str:
         return ""
     missed, until = float(np.abs(left[:start]).max()) / swing, time[start] - time[0]
     return (
-        f"the law misses {100 * missed:.2g} % of the swing in the release's first {1e3 * until:.2g} ms, "
-        f"{100 * after:.2g} % later"
+        f"in the first {1e3 * until:.2g} ms after release the model misses {100 * missed:.2g} % of the "
+        f"displacement, {100 * after:.2g} % later"
     )
 
 

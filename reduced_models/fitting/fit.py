@@ -19,7 +19,7 @@ from typing import Any, Concatenate, Literal, ParamSpec, Protocol, cast, overloa
 import numpy as np
 
 from granular.run.piston_record import PandasOrXarray, PistonRecord
-from granular.shared.errors import InputError
+from granular.shared.errors import CautionWarning, InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.assessment import has_sensor_drift, models_from_fit
 from reduced_models.fitting.force_fit import fit_force, is_force_fit
@@ -320,7 +320,7 @@ def fit(
     if drift is None and intervals != "profile" and _has_random_walk_residuals(result, models):
         models = models_from_fit(solve_on_verified_grids(_fit_with_drift(result)), drift_was_found=True)
     for note in dict.fromkeys(note for model in models for note in model.notes):
-        warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=3)
+        warnings.warn(f"fit of {chosen.name}: {note}", CautionWarning, stacklevel=3)
     return models
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from reduced_models.fitting.covariance import FitStatistics, marginal_information
 from reduced_models.laws.linearization import JUMPS, NoSwing, harmonic_cycles, law_rates, small_swing
 from reduced_models.least_squares.unknowns import Unknowns
-from reduced_models.models.fitted_law import AtRest, EquivalentDamping
+from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.quality import ParameterDirection
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ _SMALL_POWER = 0.05
 # In units of the entry: a smaller value is no scale for its own error.
 _NEAR_ZERO = 0.25
 _UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
+_ROUNDING = 1e-9  # of the amplitude: an equilibrium nearer to 0 is 0
 # What the data leave open is finite, so that a covariance times slopes holds no NaN.
 _MOST_VARIANCE = 1e99
 
@@ -283,4 +284,7 @@ def small_motion_figures(unknowns: Unknowns, theta: Float[np.ndarray, "p"]) -> n
     result = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
     if isinstance(result, NoSwing):
         return result
-    return np.array([shift + scale * result.z, result.period, result.damping_ratio])
+    level = float(shift + scale * result.z)
+    if abs(level) < _ROUNDING * unknowns.amplitude:  # the root finder's way of saying 0
+        level = 0.0
+    return np.array([level, result.period, result.damping_ratio])

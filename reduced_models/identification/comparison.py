@@ -25,13 +25,13 @@ from reduced_models.identification.comparison_table import (
     NOISE_TIE,
     Comparison,
     ComparisonRow,
-    format_percent,
     largest_tied_error,
     root_mean_square,
 )
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
+from reduced_models.models.printout import format_percent
 from reduced_models.models.roll_out import RollOut, roll_out
 
 # Twice the difference of two log-likelihoods below which the data cannot tell two laws apart: "very strong"
@@ -265,8 +265,8 @@ def _ranking_text(
 ) -> str:
     best = alike[0]
     words = (
-        f"{best.name} is first: its test error is {format_percent(best.error)} of the rms swing "
-        f"(baseline, standing still: {format_percent(at_rest)})"
+        f"{best.name} is first: its error on held-out data is {format_percent(best.error)} "
+        f"{best.models[0].rms_noun} (of a motionless piston: {format_percent(at_rest)})"
     )
     if best.error > _NO_BETTER * at_rest:
         words += ", no better than rest, so only what the fits leave over judges the laws"

@@ -7,8 +7,16 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.html_pages import format_number
+from granular.shared.text_tables import align_columns
 from reduced_models.models.model import ReducedModel
+from reduced_models.models.printed_model import swing_quantities
+from reduced_models.models.printout import (
+    caution_lines,
+    figure_lines,
+    format_percent,
+    record_lines,
+    wrap_words,
+)
 from reduced_models.models.roll_out import RollOut
 
 if TYPE_CHECKING:
@@ -17,9 +25,11 @@ if TYPE_CHECKING:
 
 
 TIE = 0.05
-"""Test errors closer than this fraction are alike."""
+"""Held-out errors closer than this fraction are alike."""
 NOISE_TIE = 1.25
-"""Test errors below so many noise levels are alike."""
+"""Held-out errors below so many noise levels are alike."""
+LINEAR = "linear"
+_LONGEST = 44  # characters of a law's name in a table
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -159,8 +169,9 @@ class Comparison:
         return (
             "law",
             "parameters",
-            "test error",
-            *(("test swings", *(f"record {k + 1}" for k in range(held))) if held else ()),
+            *(("all held out",) if held else ()),
+            "held-out cycles",
+            *(f"record {k + 1}" for k in range(held)),
             "AIC",
             "BIC",
             "diverged",
@@ -183,22 +194,26 @@ class Comparison:
                 empty = [""] * (len(self.header) - 2)
                 lines.append((row.name, row.failure, *empty))
                 continue
-            parts = []
-            if row.records:
-                parts = [format_percent(root_mean_square(row.stretches)) if row.stretches else "-"]
-                parts += [format_percent(record.relative) for record in row.records]
             lines.append(
                 (
                     row.name,
                     str(row.parameters),
                     format_percent(row.error, row.standard_error),
-                    *parts,
+                    *(self._errors_by_part(row) if row.records else ()),
                     f"{row.aic - aic:+.1f}",
                     f"{row.bic - bic:+.1f}",
                     str(row.divergence_count),
                 )
             )
         return lines
+
+    @staticmethod
+    def _errors_by_part(row: ComparisonRow) -> list[str]:
+        """Errors of a law on held-out cycles and on each held-out record."""
+        if not row.records:
+            return [format_percent(row.error, row.standard_error)]
+        cycles = format_percent(root_mean_square(row.stretches)) if row.stretches else "-"
+        return [cycles, *(format_percent(record.relative) for record in row.records)]
 
     @property
     def table_text(self) -> str:
@@ -213,8 +228,68 @@ class Comparison:
         ]
         return "\n".join(lines)
 
+    def law_lines(
+        self, records: Sequence[str] = (), most: int | None = None, *, criteria: bool = False
+    ) -> list[str]:
+        """Lines of the laws with their errors, the best first, and whether a linear one suffices.
+
+        Parameters
+        ----------
+        records : sequence of str
+            Heads for the columns of held-out records; their numbers if not given.
+        most : int, optional
+            Greatest number of laws; all if not given. The linear one is always among them.
+        criteria : bool
+            Also give AIC and BIC, above the least ones.
+
+        Returns
+        -------
+        list of str
+            Lines of at most a hundred characters.
+        """
+        sound = [row for row in self.rows if not row.failure]
+        shown = sound[:most]
+        if most is not None and len(sound) > most:
+            shown = [
+                *sound[: most - 1],
+                next((row for row in sound[most - 1 :] if row.name == LINEAR), sound[most - 1]),
+            ]
+        count = len(sound[0].records)
+        heads = list(records) or [f"record {k + 1}" for k in range(count)]
+        aic, bic = (min(getattr(row, name) for row in sound) for name in ("aic", "bic"))
+        held = any(row.stretches or row.records for row in sound)
+        best = sound[0].name if len(sound[0].name) <= _LONGEST else f"{sound[0].name[: _LONGEST - 3]}..."
+        title = f"model: {best}, best of {len(sound)}" if len(sound) > 1 else f"model: {best}"
+        table = [[title, "held-out cycles" if held else "residual", *heads, *("AIC", "BIC") * criteria, ""]]
+        for row in shown:
+            name = row.name if len(row.name) <= _LONGEST else f"{row.name[: _LONGEST - 3]}..."
+            parameters = f"{row.parameters} parameter{'s' * (row.parameters != 1)}"
+            of = sound[0].models[0].rms_noun if row is shown[0] else ""
+            worse = [f"{row.aic - aic:+.1f}", f"{row.bic - bic:+.1f}"] if criteria else []
+            table.append([f"  {name} ({parameters})", *self._errors_by_part(row), *worse, of])
+        linear = self._linear_text(records)
+        return [*align_columns(table).splitlines(), *(wrap_words(linear) if linear else ())]
+
+    def _linear_text(self, records: Sequence[str]) -> str:
+        """Sentence on whether a linear model suffices; empty where it was not compared with another."""
+        sound = [row for row in self.rows if not row.failure]
+        linear = next((row for row in sound if row.name == LINEAR), None)
+        if linear is None or len(sound) < 2:
+            return ""
+        if linear.error <= largest_tied_error(sound, self.noise):
+            return "a linear model suffices: no other law predicts better"
+        error, *others = self._errors_by_part(linear)
+        heads = list(records) or [f"record {k + 1}" for k in range(len(others))]
+        further = "".join(f" ({head}: {other})" for head, other in zip(heads, others, strict=True))
+        return f"a linear model suffices only if an error of {error}{further} is acceptable"
+
     def __str__(self) -> str:
-        return f"{self.table_text}\n\n{self.verdict}"
+        best = self.best
+        lines = record_lines(best.provenance.get("record", "").splitlines())
+        lines += figure_lines(swing_quantities(best, best.angle, None), confidence=best.confidence)
+        lines += [*self.law_lines(criteria=True), *best.equation_lines(), *wrap_words(self.verdict)]
+        lines += [f"  {row.name} was not fitted: {row.failure}" for row in self.rows if row.failure]
+        return "\n".join([*lines, *caution_lines(best.cautions)])
 
     def to_plain(self) -> dict[str, Any]:
         """Table and verdict as plain data, such as JSON holds but for infinite errors.
@@ -308,12 +383,12 @@ class Comparison:
         # By place, since names that are cut may be alike.
         ax.barh(range(len(sound)), values, color=COLOURS[0])
         ax.set_yticks(range(len(sound)), [figure_label(name) for name in names])
-        for level, words, style in ((self.at_rest, "standing still", "--"), (self.noise, "noise", ":")):
+        for level, words, style in ((self.at_rest, "motionless", "--"), (self.noise, "noise", ":")):
             if level > 1e-3 * min(row.error for row in sound):
                 ax.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
         ax.set_xscale("log")
         label_log_axis_plainly(ax.xaxis)
-        ax.set_xlabel("test error [% of the rms swing]")
+        ax.set_xlabel("error on held-out data [% of rms displacement]")
         ax.grid(visible=False, axis="y")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
         return ax
@@ -335,21 +410,13 @@ def largest_tied_error(rows: Sequence[ComparisonRow], noise: float) -> float:
 def best_error_text(best: ComparisonRow) -> str:
     """Return the error of the first law of a record in a sentence."""
     if math.isinf(best.error):
-        return "No law predicts what it has not seen."
+        return "No law predicts held-out cycles."
     return (
-        f"The best law of the record, {best.name}, predicts what it has not seen to "
-        f"{format_percent(best.error)} of the rms swing."
+        f"The best law of the record, {best.name}, predicts held-out cycles to "
+        f"{format_percent(best.error)} of rms displacement."
     )
 
 
 def root_mean_square(errors: Sequence[float]) -> float:
     """Root mean square of some errors."""
     return math.sqrt(sum(error**2 for error in errors) / len(errors))
-
-
-def format_percent(fraction: float, standard_error: float = 0.0) -> str:
-    """Error in per cent as text, with its standard error where there is one."""
-    if math.isinf(fraction):
-        return "diverges"
-    spread = f" ± {format_number(100.0 * standard_error, 2)}" if standard_error else ""
-    return f"{format_number(100.0 * fraction, 3)}{spread} %"

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from granular.run.piston_record import PandasOrXarray, PistonRecord
-from granular.shared.errors import InputError, TimeBudgetError
+from granular.shared.errors import CautionWarning, InputError, TimeBudgetError
 from granular.shared.message_text import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_fit_options
 from reduced_models.fitting.problem import record_from_table, refuse_integrated_heights
@@ -35,11 +35,12 @@ from reduced_models.identification.scene_checks import (
     end_time_of_open_run,
     piston_record_columns,
 )
-from reduced_models.identification.swing_quantities import QuantityWithError, swing_quantities
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.levenberg_marquardt import time_budget
 from reduced_models.models.model import ReducedModel
+from reduced_models.models.printed_model import swing_quantities
+from reduced_models.models.quantities import QuantityWithError
 from reduced_models.records.sources import (
     METHOD,
     STEP,
@@ -186,7 +187,7 @@ def identify(
         result = _fit_and_compare(record, run, laws, discovery, drive, mass, starts, budget, clock)
         doubts = [f"fit of {result.best.law.name}: {note}" for note in result.best.notes]
         for note in (*result.notes, *doubts):
-            warnings.warn(note, stacklevel=2)
+            warnings.warn(note, CautionWarning, stacklevel=2)
         checkable = further is not None and bool(result.figures)
         if checkable and announce is not None:
             announce(result)
@@ -372,11 +373,11 @@ def _add_check_outcomes(
         figures = swing_quantities(model, record.angle, mass)
         own = measure_swing(record, order[0])
     duration = float(record.time[-1] - record.time[0])
-    figures, own, failed = add_check_errors(figures, own, model, mass, duration, checks)
+    figures, parameters, own, failed = add_check_errors(figures, own, model, mass, duration, checks)
     failures = dict.fromkeys((*checks.failures, *failed))
     notes = tuple(f"the check with {entry.what} failed: {entry.cause}" for entry in failures)
     for note in notes:
-        warnings.warn(note, stacklevel=3)
+        warnings.warn(note, CautionWarning, stacklevel=3)
     models = tuple(
         dataclasses.replace(entry, notes=entry.notes + notes) if entry is model else entry
         for entry in result.models
@@ -387,6 +388,7 @@ def _add_check_outcomes(
         comparison=comparison,
         figures=figures,
         figures_law=model.law.name,
+        parameters=parameters if model is comparison.best else (),
         own=own,
         notes=result.notes + notes,
         lift=None if comparison is result.comparison else checks.lift,

@@ -13,13 +13,10 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, READABLE, figure, figure_label, label_log_axis_plainly
-from reduced_models.identification.swing_quantities import (
-    EngineeringUnits,
-    QuantityWithError,
-    engineering_units,
-)
 from reduced_models.laws.equation import compile_rates
+from reduced_models.models.at_rest import EngineeringUnits, engineering_units
 from reduced_models.models.model import ReducedModel
+from reduced_models.models.quantities import QuantityWithError
 from reduced_models.records.backbone import Backbone, driven_backbone, free_backbone
 from reduced_models.records.inputs import input_column
 
@@ -115,6 +112,25 @@ class MeasuredSwing:
     def quantities_at(self, index: int) -> tuple[QuantityWithError, QuantityWithError]:
         """Frequency [Hz] and damping ratio [%] of the record at an amplitude that is shown."""
         return self.figures[2 * index], self.figures[2 * index + 1]
+
+    @property
+    def range_text(self) -> str:
+        """Range of amplitudes, how constant frequency and damping are in it, and how that is known."""
+        words: list[str] = []
+        limits = ((_FREQUENCY, "frequency"), (_DAMPING, "damping"))
+        for k, (limit, name) in enumerate(limits):
+            shown = [self.quantities_at(index)[k] for index in range(len(self.amplitudes))]
+            values = [item.value for item in shown]
+            least, most = min(shown, key=lambda item: item.value), max(shown, key=lambda item: item.value)
+            spread = (most.value - least.value) / max(abs(np.mean(values)), 1e-300)
+            if spread <= limit:
+                constant = "constant " * (not any("constant" in item for item in words))
+                words.append(f"{name} {constant}to {_round_up_bound(100.0 * spread):g} %")
+            else:
+                words.append(f"{name} {least.value:.3g} to {most.value:.3g} {most.unit}")
+        how = "from peaks" if self.record.method == "envelope" else "from the restoring force"
+        ends = f"{self.units.scale * self.amplitudes[-1]:.2g} to {self.amplitude_text(0)}"
+        return f"{ends}: {', '.join(words)} (model-free, {how})"
 
     @property
     def summary_text(self) -> str:

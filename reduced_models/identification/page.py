@@ -13,17 +13,17 @@ from granular.shared.version import versions
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.pictures import add_comparison_section
 from reduced_models.identification.residual_tests import ResidualTests
-from reduced_models.identification.swing_quantities import (
+from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
+from reduced_models.models.model import OPEN, ReducedModel
+from reduced_models.models.printed_model import swing_noun
+from reduced_models.models.quantities import (
     DAMPING_RATIO,
     PARTS,
     QuantityWithError,
     decimal_places_of_interval,
     format_fixed,
     format_interval,
-    swing_noun,
 )
-from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
-from reduced_models.models.model import OPEN, ReducedModel
 
 __all__ = ["comparison_page"]
 

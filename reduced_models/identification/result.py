@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.files import make_directory, write_text
 from granular.shared.html_pages import HtmlPage
 from granular.shared.message_text import format_factor
-from reduced_models.falls.unseen_fall_scores import DropScores
+from reduced_models.falls.unseen_fall_scores import DropScores, format_percent_of_drop
 from reduced_models.identification import page as blocks
 from reduced_models.identification import pictures
 from reduced_models.identification.comparison_table import Comparison, best_error_text
@@ -25,20 +25,22 @@ from reduced_models.identification.elliptic_averaging import (
 )
 from reduced_models.identification.measured_swing import MeasuredSwing
 from reduced_models.identification.residual_tests import ResidualTests
-from reduced_models.identification.swing_quantities import (
-    DAMPING_RATIO,
-    QuantityWithError,
-    swing_noun,
-    swing_sentences,
-)
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.elliptic_motion import EllipticMotion
+from reduced_models.models.at_rest import swing_sentences
 from reduced_models.models.model import ReducedModel
-from reduced_models.records.sources import time_step_text
+from reduced_models.models.printout import caution_lines, figure_lines, record_lines, wrap_words
+from reduced_models.models.quantities import DAMPING_RATIO, ERROR_SOURCES, LEVEL, QuantityWithError
+from reduced_models.records.sources import describe_record, time_step_text
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
+
+LINES = 24
+"""Most lines above the one that names the report, so that a cold run writes at most thirty."""
+_FEWEST = 3
+"""Lines of laws, and of cautions, that are printed in any case."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -93,6 +95,7 @@ class Identification:
     lift: PistonRecord | None = None
     falls: DropScores | None = None
     own: MeasuredSwing | None = None
+    parameters: tuple[QuantityWithError, ...] = ()  # of the best law, with errors of further runs
 
     @property
     def best(self) -> ReducedModel:
@@ -203,21 +206,65 @@ class Identification:
             "falls": None if self.falls is None else self.falls.to_plain(),
         }
 
+    @property
+    def line_before_checks(self) -> str:
+        """Equilibrium, frequency and damping ratio, rounded, while their uncertainties are computed."""
+        level, frequency = self.figure(LEVEL), self.figure("natural frequency")
+        ratio = next((item for item in self.figures if item.name.startswith(DAMPING_RATIO)), None)
+        words = [
+            *([] if level is None else [f"equilibrium {level.value:.3g} {level.unit}"]),
+            *([] if frequency is None else [f"{frequency.value:.3g} Hz"]),
+            *([] if ratio is None else [f"{ratio.value:.2g} % of critical"]),
+        ]
+        return f"{', '.join(words)}; uncertainties follow"
+
+    def printout(self, most: int | None = LINES) -> str:
+        """Record, figures, model and cautions as text, in at most so many lines; all of them for None."""
+        model, contradiction = self.best, []
+        period = None if model.at_rest is None else model.at_rest.period
+        if self.own is not None and not self.own.law_agrees:
+            contradiction = wrap_words(f"caution: {self.own.agreement_text}", "", "  ")
+        start = [*record_lines(describe_record(self.record, period)), *contradiction]
+        amplitude = "" if self.own is None else self.own.range_text
+        figures = figure_lines(self.figures, self.mass, model.confidence, amplitude)
+        start += figures or [f"  no oscillation about an equilibrium: {model.no_swing}"]
+        end = [*model.equation_lines(self.parameters or None), *self._fall_lines]
+        free = None if most is None else max(most - len(start) - len(end), 2 * _FEWEST)
+        said = caution_lines(self.cautions, None if free is None else max(_FEWEST, free - 2 * _FEWEST))
+        laws = self.comparison.law_lines(
+            ["3x higher lift"] if self.lift is not None else (),
+            None if free is None else max(2, free - len(said) - 2),
+        )
+        return "\n".join([*start, *laws, *end, *said])
+
+    @property
+    def _fall_lines(self) -> list[str]:
+        """Error of the law that predicts other falls best."""
+        if self.falls is None or self.falls.best.model is None:
+            return []
+        height, best = 1e3 * float(self.falls.record.height[0]), self.falls.best
+        error, count = format_percent_of_drop(best.median_error), len(self.falls.labels)
+        words = f"whole fall from {height:.0f} mm: {best.name}, error {error} of the drop"
+        return wrap_words(f"{words} (median of {count} others)", "")
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """Cautions, the gravest first."""
+        words = [*self.notes, *self.best.cautions, *self.advice]
+        if self.figures and self.figures_law != self.best.law.name:
+            words.append(f"frequency, damping and stiffness are those of {self.figures_law}")
+        return tuple(dict.fromkeys(words))
+
     def __str__(self) -> str:
-        lines = [*map(str, self.models), "", self.comparison.table_text]
+        lines = [self.printout(None), "", *wrap_words(self.verdict, "", "")]
+        others = [model for model in self.models if model is not self.best]
+        for model in others:
+            lines += ["", f"model: {model.law.name}", *model.equation_lines()]
         if self.falls is not None:
             lines += ["", "whole falls, errors over the height of the drop:", self.falls.table]
             if self.falls.best.model is not None:
-                lines += ["", str(self.falls.best.model)]
-        lines += ["", self.verdict]
-        if self.own is not None:
-            lines.append(self.own.summary_text)
-        if self.figures:
-            lines.append(f"{swing_noun(self.model_of_figures)} about rest, by {self.figures_law}:")
-        lines += [
-            f"  {figure.name}: {figure.text_with_error}{_error_parts_text(figure)}"
-            for figure in self.figures_to_print
-        ]
+                lines += self.falls.best.model.equation_lines()
+        lines += ["", *_error_part_lines(self.figures_to_print)]
         if self.elliptic_averaging is not None:
             lines.append(self.elliptic_averaging.text)
         if self.run is not None:
@@ -226,10 +273,8 @@ class Identification:
             lines.append(
                 f"simulated with {method}, pairs.method = {pairs}, time step {time_step_text(self.run)}"
             )
-            lines.append(checked_work_precision_text(self.run, self.figure("level of rest")))
-        lines += [f"left out: {words}" for words in self.left_out]
-        lines += [f"to try: {words}" for words in self.advice]
-        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
+            lines.append(checked_work_precision_text(self.run, self.figure(LEVEL)))
+        return "\n".join([*lines, *(f"not fitted: {words}" for words in self.left_out)])
 
     def page(self) -> HtmlPage:
         """Make the report: the answer in an engineer's words, the record, then the rest."""
@@ -287,11 +332,17 @@ class Identification:
         self.page().save(out / "report.html")
 
 
-def _error_parts_text(figure: QuantityWithError) -> str:
-    """Parts of a total error, where there are several."""
-    if len(figure.parts) < 2:
-        return ""
-    return f"  ({', '.join(f'{name} {value:.2g}' for name, value in figure.parts.items())})"
+def _error_part_lines(figures: Sequence[QuantityWithError]) -> list[str]:
+    """Parts of the errors of the figures, where there are several."""
+    return [
+        f"± of {figure.label}: "
+        + ", ".join(
+            f"{ERROR_SOURCES[part]} {value:.2g} {figure.unit}".rstrip()
+            for part, value in figure.parts.items()
+        )
+        for figure in figures
+        if len(figure.parts) > 1
+    ]
 
 
 def higher_lift_verdict(table: Comparison) -> str:

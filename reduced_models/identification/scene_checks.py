@@ -13,12 +13,9 @@ from granular.shared.errors import GranularError, InputError, RecordError
 from reduced_models.falls.unseen_fall_scores import FALL_LAWS, DropScores, fit_laws_to_fall, score_fitted_laws
 from reduced_models.fitting.fit import fit
 from reduced_models.identification.measured_swing import MeasuredSwing, quantities_at_amplitudes
-from reduced_models.identification.swing_quantities import (
-    QuantityWithError,
-    add_step_and_start_errors,
-    swing_quantities,
-)
 from reduced_models.models.model import ReducedModel
+from reduced_models.models.printed_model import swing_quantities
+from reduced_models.models.quantities import QuantityWithError, add_step_and_start_errors
 from reduced_models.records.first_guesses import first_guesses
 
 if TYPE_CHECKING:
@@ -186,13 +183,15 @@ def add_check_errors(
     mass: float | None,
     duration: float,
     outcomes: CheckOutcomes,
-) -> tuple[tuple[QuantityWithError, ...], MeasuredSwing | None, list[CheckFailure]]:
-    """Return figures and own swing with errors of step and start, as far as there are runs; mass [kg]."""
+) -> tuple[
+    tuple[QuantityWithError, ...], tuple[QuantityWithError, ...], MeasuredSwing | None, list[CheckFailure]
+]:
+    """Return figures, parameters and own swing with errors of step and start, as far as there are runs."""
     # By the same law and map over the same duration [s], so that what differs is the run.
     runs_by_name = [(outcomes.step_check.check.what, outcomes.step), *outcomes.starts]
+    every = (*figures, *model.parameter_quantities())
     fits = [
-        _quantities_of_further_run(what, swing, duration, model, mass, figures)
-        for what, swing in runs_by_name
+        _quantities_of_further_run(what, swing, duration, model, mass, every) for what, swing in runs_by_name
     ]
     refitted = [None if isinstance(outcome, CheckFailure) else outcome for outcome in fits]
     factor = outcomes.step_check.factor
@@ -207,7 +206,8 @@ def add_check_errors(
             measured, figures=add_step_and_start_errors(measured.figures, factor, *read)
         )
     failed = [outcome for outcome in fits if isinstance(outcome, CheckFailure)]
-    return add_step_and_start_errors(figures, factor, *refitted), measured, failed
+    every = add_step_and_start_errors(every, factor, *refitted)
+    return every[: len(figures)], every[len(figures) :], measured, failed
 
 
 def _cut_to_duration(record: PistonRecord, duration: float) -> PistonRecord:
@@ -238,7 +238,7 @@ def _quantities_of_further_run(
             )
     except GranularError as error:
         return CheckFailure(what, str(error))
-    figures = swing_quantities(again, model.angle, mass)
+    figures = (*swing_quantities(again, model.angle, mass), *again.parameter_quantities())
     if [figure.symbol for figure in figures] != [figure.symbol for figure in reference]:
         return CheckFailure(what, "its fit has no such figures")
     return figures

@@ -16,8 +16,8 @@ from granular.scene.scene import Scene
 from reduced_models.falls.predicted_law import PredictedLaw
 from reduced_models.laws.annealing_bed import ANNEALING_BED
 from reduced_models.machines.response import ORDER, CoupledSystem
+from reduced_models.models.at_rest import AtRest
 from reduced_models.models.export import write_code
-from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.ports import ForcePort
 
 if TYPE_CHECKING:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-import decimal
 import functools
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +24,7 @@ from reduced_models.laws.linearization import (
     small_swing_of_equation,
 )
 from reduced_models.laws.printing import latex, round_equation, round_expression, round_significant
-from reduced_models.records.envelope import PeakDamping
+from reduced_models.models.at_rest import AtRest
 from reduced_models.records.inputs import TIME, Interpolation, input_column
 
 if TYPE_CHECKING:
@@ -36,118 +34,10 @@ if TYPE_CHECKING:
     from reduced_models.laws.solution import Solution
 
 _METRE = re.compile(r"\bm\b")
-FEWEST_DIGITS, MOST_DIGITS = 4, 15
-"""Digits of printed numbers; a double holds 15."""
+FEWEST_DIGITS, MOST_DIGITS = 4, 9
+"""Digits of printed numbers: more are those of a record without noise, and tell nobody anything."""
 _FLOORS = {"height": 1e-9, "period": 1e-9, "damping_ratio": 1e-6}
 """Least width of an interval: that of a noiseless record, or of what a law fixes."""
-
-
-@dataclasses.dataclass(frozen=True)
-class EquivalentDamping:
-    """Damping that small swings do not show, by the energy that harmonic cycles dissipate."""
-
-    amplitude: float  # [m]
-    tenth_ratio: float  # fraction of critical damping at a tenth of the largest swing
-    friction: float  # [m/s^2]
-    intervals: Mapping[str, tuple[float, float]]
-
-    @property
-    def tenth_of_greatest_swing(self) -> float:
-        """A tenth of the greatest swing [m]."""
-        return 0.2 * self.amplitude
-
-    @property
-    def is_swinging_at_tenth(self) -> bool:
-        """True where damping leaves a swing of that amplitude."""
-        return self.tenth_ratio < 1.0
-
-
-@dataclasses.dataclass(frozen=True)
-class AtRest:
-    """Small motions by a law about its level of rest, with intervals.
-
-    Attributes
-    ----------
-    height, period, damping_ratio : float
-        [m], period of the undamped small swing [s], fraction of critical damping. Where that of
-        small swings is far from what the record's swings can show, as with dry friction, it is the
-        energy lost in a harmonic cycle of the amplitude ``equivalent.amplitude``, over 4 pi times
-        that of its swing.
-    intervals : mapping of str to (float, float)
-    equivalent : EquivalentDamping or None
-        None where the damping ratio is that of small swings.
-    peaks : PeakDamping or None
-        Damping ratios by how the record's own peaks fall, where they contradict the law's: they are
-        what is printed then.
-    calibration : mapping of str to float
-        Part of half the intervals that a sensor's calibration makes, where there is one.
-    """
-
-    height: float
-    period: float
-    damping_ratio: float
-    intervals: Mapping[str, tuple[float, float]]
-    equivalent: EquivalentDamping | None = None
-    peaks: PeakDamping | None = None
-    calibration: Mapping[str, float] = dataclasses.field(default_factory=dict)
-
-    def small_swing_text(self, coordinate: str, unit: str, untold: Collection[str]) -> str:
-        """Line of a model's text on the small swing."""
-        words = "  small swing about rest: "
-        words += "" if "level" in untold else f"{coordinate} {self.height:.5g} {unit}, "
-        words += f"period {self.period:.5g} s, damping ratio "
-        if self.peaks is not None:
-            return words + f"{self.peaks.mean:.4g} by the record's peaks"
-        words += f"{self.damping_ratio:.4g}"
-        item = self.equivalent
-        if item is not None:
-            sized = "size" not in untold
-            half = f"{item.amplitude:.3g} {unit}" if sized else "half of the swing"
-            tenth = f"{item.tenth_of_greatest_swing:.3g} {unit}" if sized else "a tenth"
-            words += f" at {half}" + f" and {item.tenth_ratio:.4g} at {tenth}" * item.is_swinging_at_tenth
-            if sized and item.friction > 0.0:
-                words += f", friction {item.friction:.4g} {unit}/s^2"
-        return words
-
-    def __str__(self) -> str:
-        item, known = self.equivalent, dict(self.intervals)
-        rows = [("height", self.height, "m"), ("period", self.period, "s")]
-        if self.peaks is not None:
-            by_peaks = "damping ratio by the record's peaks"
-            rows.append((by_peaks, self.peaks.mean, ""))
-            known |= {by_peaks: (self.peaks.low, self.peaks.high)}
-        elif item is None:
-            rows.append(("damping_ratio", self.damping_ratio, ""))
-        else:
-            at_half, at_tenth = (
-                f"damping ratio at {size:.3g} m" for size in (item.amplitude, item.tenth_of_greatest_swing)
-            )
-            rows.append((at_half, self.damping_ratio, ""))
-            if item.is_swinging_at_tenth:
-                rows.append((at_tenth, item.tenth_ratio, ""))
-            rows.append(("friction", item.friction, "m/s^2"))
-            known |= {at_half: known["damping_ratio"], at_tenth: item.intervals["tenth_ratio"]}
-            known |= {"friction": item.intervals["friction"]}
-        return "\n".join(
-            f"{name.replace('_', ' ')}: {_value_with_interval_text(value, unit, known.get(name))}"
-            for name, value, unit in rows
-        )
-
-
-def _value_with_interval_text(value: float, unit: str, interval: tuple[float, float] | None) -> str:
-    """To the decimal that the interval's width tells; its ends are rounded outwards."""
-    unit = f" {unit}".rstrip()
-    if interval is None:
-        return f"{value:.4g}{unit}"
-    low, high = interval
-    if not 0.0 < high - low < math.inf:
-        return f"{value:.4g}{unit}  [{low:.4g}, {high:.4g}]"
-    decimals = min(MOST_DIGITS, max(0, 1 - math.floor(math.log10(high - low))))
-    below, above = (
-        decimal.Decimal(repr(float(item))).quantize(decimal.Decimal(1).scaleb(-decimals), rounding=how)
-        for item, how in ((low, decimal.ROUND_FLOOR), (high, decimal.ROUND_CEILING))
-    )
-    return f"{value:.{decimals}f}{unit}  [{below:f}, {above:f}]"
 
 
 class FittedLaw:
@@ -242,7 +132,7 @@ class FittedLaw:
         """Return whether so many digits give rest level and small swing within their intervals."""
         assert self.at_rest is not None
         rest, law = self.at_rest, self.law
-        z = self.map.to_law(rest.height)
+        z, reach = self.map.to_law(rest.height), float(np.ptp(self.domain.get("height", (0.0,))))
         values = [round_significant(self.parameters[name], digits) for name in law.parameters]
         shift, scale = (
             round_significant(value, max(digits, 5)) for value in (self.map.shift, self.map.scale)
@@ -262,7 +152,7 @@ class FittedLaw:
             printed = (shift + scale * swing.z, swing.period, ratio)
             for (name, floor), figure in zip(_FLOORS.items(), printed, strict=True):
                 low, high = rest.intervals[name]
-                slack = floor * abs(getattr(rest, name))
+                slack = floor * max(abs(getattr(rest, name)), reach if name == "height" else 0.0)
                 if not low - slack <= figure <= high + slack:
                     return False
         return True

@@ -18,11 +18,12 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.sensor_signal import motion_signal
 from reduced_models.models import export, prediction, response, schema
-from reduced_models.models.fitted_law import AtRest, FittedLaw
+from reduced_models.models.at_rest import AtRest
 from reduced_models.models.ports import GRAVITY, force_port
+from reduced_models.models.printed_model import PrintedModel
 from reduced_models.models.quality import ParameterDirection, Quality
 from reduced_models.records.inputs import Interpolation
-from reduced_models.records.sensor import Sensor, sensor_report_lines
+from reduced_models.records.sensor import Sensor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,15 +31,10 @@ if TYPE_CHECKING:
 OPEN = 20.0
 """Width of an interval, over its value, from which on it is called open."""
 _MARGIN = 0.05  # of the range of heights seen
-_COLLOCATION = {
-    "same": ", and so does a fit to accelerations",
-    "worse": "; a fit to accelerations ends at more",
-    "better": "; a fit to accelerations led here",
-}
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class ReducedModel(FittedLaw):
+class ReducedModel(PrintedModel):
     """A law with parameters.
 
     Attributes
@@ -442,42 +438,6 @@ class ReducedModel(FittedLaw):
             f"{self.law.name!r} was fitted to {self.coordinate}s from {low:.4g} to {high:.4g} "
             f"{self.unit}: read it as an extrapolation"
         )
-
-    def __str__(self) -> str:
-        lines, digits = [f"{self.law.name}: {self.law.equation}"], max(5, self.printed_digits)
-        if self.law.mapped:
-            lines.append(f"  {self.map_text(digits)}" + ("" if self.map.fitted else " (fixed in the fit)"))
-        motion = "" if self.law.mapped else f"z is the {self.coordinate} in {self.unit}, "
-        level = f"{100.0 * self.confidence:.3g} % intervals"
-        lines.append(f"  {motion}' the rate of change; in brackets {level}")
-        values = dict(self.parameters)
-        if self.map.fitted:
-            values |= {"shift": self.map.shift, "scale": self.map.scale}
-        for name, value in values.items():
-            if name in self.untold:
-                continue
-            low, high = self.intervals[name]
-            unit = self.unit_of_parameter(name)
-            interval = "open" if high - low > OPEN * abs(value) else f"{low:.{digits}g}, {high:.{digits}g}"
-            lines.append(f"  {name} = {value:.{digits}g} {unit}  [{interval}]")
-        lines += [f"  open: {direction}" for direction in self.undetermined]
-        if self.at_rest is not None:
-            lines.append(self.at_rest.small_swing_text(self.coordinate, self.unit, self.untold))
-        elif self.no_swing:
-            lines.append(f"  small swing about rest: none, {self.no_swing}")
-        lines += sensor_report_lines(self.sensor, self.untold)
-        quality, at_rest = self.quality, ""
-        lines.append(f"  residual {100.0 * quality.relative:.3g} % of the rms swing")
-        if quality.test_error is not None:
-            error = f"  test error {100.0 * quality.test_error:.3g} %"
-            if quality.test_error_at_rest is not None:
-                at_rest = f" (standing still: {100.0 * quality.test_error_at_rest:.3g} %)"
-            lines.append(f"{error}, on {quality.test_swings_text} that a first fit has not seen{at_rest}")
-        if quality.starts:
-            second = _COLLOCATION.get(quality.collocation, "")
-            lines.append(f"  search: {quality.converged} of {quality.starts} starts end here{second}")
-        lines += [f"  note: {note}" for note in self.notes]
-        return "\n".join(lines)
 
     def to_plain(self) -> dict[str, Any]:
         """Model as plain data (numbers, texts, lists).

@@ -20,7 +20,7 @@ from granular.shared.files import read_text
 from granular.shared.message_text import quote, sanitize
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.law import Law
-from reduced_models.models.fitted_law import AtRest, EquivalentDamping
+from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.quality import Quality
 from reduced_models.records.envelope import PeakDamping
 from reduced_models.records.inputs import INTERPOLATIONS
@@ -201,6 +201,7 @@ _MODEL = _keyed_table_checker(
                         )
                     ),
                     "calibration": _table_checker(_number_checker(0.0, math.inf)),
+                    "angle": _check_flag,
                 }
             )
         ),
@@ -265,7 +266,7 @@ def check_plain_model(data: object) -> dict[str, Any]:
     if isinstance(data, Mapping):  # models of earlier versions
         data = {"sensor": None, "untold": [], **data}
         if isinstance(data.get("at_rest"), Mapping):
-            data["at_rest"] = {"calibration": {}, **data["at_rest"]}
+            data["at_rest"] = {"calibration": {}, "angle": data.get("angle", False), **data["at_rest"]}
     result: dict[str, Any] = _MODEL("model", data)
     parameters = result["parameters"]
     for name in result["positive"]:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
-from collections.abc import Mapping
+import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.readers.read_options import ReadOptions, is_record_description, read_record_description
 from granular.run.piston_record import PistonRecord
-from granular.shared.errors import InputError, StoreError
-from granular.shared.message_text import quote, sanitize
+from granular.shared.errors import InputError, RecordWarning, StoreError
+from granular.shared.message_text import one_line, quote, sanitize
 from reduced_models.records.free_motion import find_free_motion, find_free_motions
 
 if TYPE_CHECKING:
@@ -133,7 +135,8 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     record, options = PistonRecord.from_file(path, units, **said), ReadOptions(**said)
     if record.measured == "force" or has_stated_time_interval(Path(path), options):
         return record
-    return find_free_motion(record, stated_release_number(Path(path), options))
+    release = stated_release_number(Path(path), options)
+    return _note_what_is_cut(lambda: [find_free_motion(record, release)])[0]
 
 
 def read_releases(
@@ -173,7 +176,43 @@ def read_releases(
         Of what was guessed or left out.
     """
     record = PistonRecord.from_file(path, units, **said)
-    return [record] if record.measured == "force" else find_free_motions(record)
+    if record.measured == "force":
+        return [record]
+    return _note_what_is_cut(lambda: find_free_motions(record))
+
+
+def _note_what_is_cut(find: Callable[[], list[PistonRecord]]) -> list[PistonRecord]:
+    """Motions that a function finds, with its warnings among the notes of their source."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RecordWarning)
+        motions = find()
+    for warning in caught:
+        warnings.warn(warning.message, stacklevel=3)
+    notes = tuple(str(item.message) for item in caught if issubclass(item.category, RecordWarning))
+    return [
+        motion
+        if motion.source is None
+        else dataclasses.replace(
+            motion, source=dataclasses.replace(motion.source, notes=(*motion.source.notes, *notes))
+        )
+        for motion in motions
+    ]
+
+
+def describe_record(record: PistonRecord, period: float | None = None) -> list[str]:
+    """Title with name, contents, duration and number of periods [s]; then calibration, cuts and repairs."""
+    duration = float(record.time[-1] - record.time[0])
+    cycles = f" ({duration / period:.0f} cycles)" if period and duration > period else ""
+    source = record.source
+    if source is not None and source.scene:
+        return [f"{sanitize(source.name)}: {source.scene}, {duration:.2g} s{cycles}"]
+    what = "angle" if record.angle and record.measured == "height" else record.measured
+    rate = f"{(len(record) - 1) / duration:.4g}"
+    title = f"{what}, {len(record)} samples at {rate} Hz, {duration:.3g} s{cycles}"
+    if source is None:
+        return [f"record: {title}"]
+    notes = [f"calibration: {source.calibration}"] * bool(source.calibration) + list(source.notes)
+    return [f"{sanitize(source.name)}: {title}", *map(one_line, notes)]
 
 
 def has_stated_time_interval(path: Path, options: ReadOptions) -> bool:

@@ -25,7 +25,6 @@ from reduced_models import identify, load_model
 from reduced_models.identification import scene_checks
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import RECORD, choose_step_check
-from reduced_models.identification.terminal_summary import terminal_summary
 
 ROOT = Path(__file__).parents[3]
 
@@ -77,7 +76,7 @@ def test_a_spring_by_the_laws_that_may_be_its(spring: tuple[Identification, Path
     assert "the data cannot tell polynomial-spring from it" in found.verdict
     for name in ("coulomb", "quadratic-drag"):
         assert any(f"{name} was not fitted" in words for words in found.left_out)
-    fits_a_screen(found, "as a mass on a spring of")
+    fits_a_screen(found, " N/m per kg")
     page = (out / "report.html").read_text()
     assert page.count("<svg") == 5
     for words in (
@@ -116,14 +115,23 @@ def test_the_report_of_a_record(identified: tuple[Identification, Path], lab: Pa
 
 
 def fits_a_screen(found: Identification, words: str) -> None:
-    """At most nineteen lines of a hundred columns, before that of the report."""
-    text = terminal_summary(found)
+    """At most twenty-four lines of a hundred columns, before that of the report."""
+    text = found.printout()
     lines = text.splitlines()
-    assert len(lines) <= 19
+    assert len(lines) <= 24
     assert max(map(len, lines)) <= 100
-    for expected in (found.best.law.equation, "natural frequency", found.best.law.name, words):
+    for expected in (found.best.law.equation, found.best.law.name, words):
         assert expected in text
-    assert "' the rate of change:" in text.replace("\n  ", " ")
+    for label in (
+        "natural frequency  f0 ",
+        "damping ratio      zeta ",
+        "equilibrium        z0 ",
+        "± is 95 %: ",
+    ):
+        assert label in text
+    assert text.count("a linear model suffices") == (len(found.models) > 1)
+    for parameter in found.parameters or found.best.parameter_quantities():
+        assert f"{parameter.name} {parameter.text_with_error}" in " ".join(text.split())
 
 
 @pytest.mark.long  # quick: from a run, one law of a file by command, a check that fails, falls
@@ -157,7 +165,7 @@ def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch
     assert found.falls.labels[-2:] == ("start 2", "start 3")
     assert len(found.falls.labels) >= 4  # grains may not fit under a lower piston
     assert found.falls.verdict in page
-    fits_a_screen(found, "other falls, errors in % of the drop")
+    fits_a_screen(found, "whole fall from ")
     assert "Falls that no law has seen are predicted best by" in found.verdict
     assert (tmp_path / "out" / "fall.json").is_file()
     assert found.mass == scene.piston.mass
@@ -356,7 +364,7 @@ def test_verdict_calls_equals_equal(identified: tuple[Identification, Path]) -> 
     assert any("quadratic-drag was not fitted" in words for words in found.left_out)
     assert found.residuals["linear"].verdict == "noise"
     assert found.advice == ()
-    fits_a_screen(found, "as a mass on a spring of")
+    fits_a_screen(found, " N/m per kg")
 
 
 CODE = """

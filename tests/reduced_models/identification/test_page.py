@@ -15,8 +15,8 @@ from reduced_models import load_model
 from reduced_models.identification.comparison_table import Comparison, ComparisonRow
 from reduced_models.identification.page import comparison_page
 from reduced_models.identification.result import Identification
-from reduced_models.identification.swing_quantities import swing_quantities
 from reduced_models.laws.catalogue import LAWS
+from reduced_models.models.printed_model import swing_quantities
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 HOSTILE = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from granular import load_scene, simulate
 from granular.run.work_precision import work_precision_text
 from reduced_models.identification.result import checked_work_precision_text
-from reduced_models.identification.swing_quantities import QuantityWithError
+from reduced_models.models.quantities import QuantityWithError
 
 
 def test_the_step_check_is_told_where_there_was_one() -> None:

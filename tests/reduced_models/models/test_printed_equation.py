@@ -26,7 +26,7 @@ from reduced_models.laws.linearization import (
     small_swing_of_equation,
 )
 from reduced_models.laws.printing import mathml, mathml_of_rate, round_significant
-from reduced_models.models.fitted_law import AtRest
+from reduced_models.models.at_rest import AtRest
 
 COMBINED = ("van-der-pol", "viscous-coulomb", "viscous-quadratic", "pendulum-coulomb", "pendulum-quadratic")
 """Laws of parts that other laws here have or nearly have, each of which takes seconds to compile.
@@ -75,11 +75,12 @@ def test_the_linear_law_as_it_is_printed(record: PistonRecord) -> None:
     on_page = mathml(model.printed_equation)
     assert all(f"<mn>{number}</mn>" in on_page for number in match.groups())
     assert all(number in model.text for number in match.groups())
-    values = {
-        name: float(value) for name, value in re.findall(rf"^  (\w+) = {NUMBER} ", str(model), re.MULTILINE)
-    }
-    lam, omega, g0 = values["lam"], values["omega"], values["g0"]
-    inside(model, g0 / omega**2, omega, 2.0 * lam)
+    for name, value in model.parameters.items():
+        found = re.search(rf"\b{name} {NUMBER} ± {NUMBER} ", str(model))
+        assert found is not None
+        half = 0.5 * (model.intervals[name][1] - model.intervals[name][0])
+        assert float(found[2]) == pytest.approx(half, rel=0.05)
+        assert float(found[1]) == pytest.approx(value, abs=0.05 * half)
 
 
 @pytest.mark.parametrize("product", ["friction*tanh(v)", "c*gain", "friction*c"])
@@ -207,11 +208,17 @@ def assert_rates_as_printed(model: ReducedModel) -> None:
         assert "<mover><mi>z</mi>" in formula
 
 
-def test_what_a_law_says_of_rest_is_printed_to_its_intervals() -> None:
-    """Ends are rounded outwards, and no interval that has a width is printed without one."""
-    rest = AtRest(0.062123456, 0.3, 0.0867512, {"height": (0.06212341, 0.06212350), "period": (0.2, 0.4)})
-    assert str(rest).splitlines() == [
-        "height: 0.062123456 m  [0.062123410, 0.062123500]",
-        "period: 0.30 s  [0.20, 0.40]",
-        "damping ratio: 0.08675",
+def test_what_a_law_says_of_rest_is_printed_with_its_errors() -> None:
+    """To two digits of half the interval."""
+    intervals = {
+        "height": (0.06212341, 0.06212350),
+        "period": (0.2999, 0.3001),
+        "damping_ratio": (0.08, 0.09),
+    }
+    rest = AtRest(0.062123456, 0.3, 0.085, intervals)
+    assert [" ".join(line.split()) for line in str(rest).splitlines()] == [
+        "natural frequency f0 3.3333 ± 0.0011 Hz damped 3.321 Hz",
+        "damping ratio zeta 8.50 ± 0.50 % of critical; log decrement 0.536, Q 5.88",
+        "stiffness k 438.65 ± 0.29 N/m per kg damping c 3.56 ± 0.21 N s/m per kg",
+        "equilibrium z0 62.123456 ± 0.000045 mm ± is 95 %: fit",
     ]

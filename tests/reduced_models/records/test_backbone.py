@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from granular import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models import fit
-from reduced_models.identification.swing_quantities import swing_quantities
+from reduced_models.models.printed_model import swing_quantities
 from reduced_models.records.backbone import driven_backbone, free_backbone
 
 SEEDS = range(10)

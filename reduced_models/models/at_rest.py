@@ -1,0 +1,256 @@
+"""Small motion of a law about its equilibrium, and its figures in an engineer's units.
+
+Stiffness and damping are those of a mass on a spring with a dashpot that oscillates likewise,
+m z'' + c z' + k z = 0; where no mass is known they are per kilogram, and of an angle over its moment
+of inertia.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from reduced_models.models.printout import figure_lines
+from reduced_models.models.quantities import DAMPING_RATIO, LEVEL, QuantityWithError
+from reduced_models.records.envelope import PeakDamping
+
+if TYPE_CHECKING:
+    import pandas
+
+_UNDERDAMPED = 0.999  # a damping ratio above which nothing swings
+_STEP = 1e-4  # of a number, by which it is changed to see what follows from it
+
+
+@dataclasses.dataclass(frozen=True)
+class EquivalentDamping:
+    """Damping that small swings do not show, by the energy that harmonic cycles dissipate."""
+
+    amplitude: float  # [m]
+    tenth_ratio: float  # fraction of critical damping at a tenth of the largest swing
+    friction: float  # [m/s^2]
+    intervals: Mapping[str, tuple[float, float]]
+
+    @property
+    def tenth_of_greatest_swing(self) -> float:
+        """A tenth of the greatest swing [m]."""
+        return 0.2 * self.amplitude
+
+    @property
+    def is_swinging_at_tenth(self) -> bool:
+        """True where damping leaves a swing of that amplitude."""
+        return self.tenth_ratio < 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class AtRest:
+    """Small motions by a law about its level of rest, with intervals.
+
+    Attributes
+    ----------
+    height, period, damping_ratio : float
+        [m], period of the undamped small swing [s], fraction of critical damping. Where that of
+        small swings is far from what the record's swings can show, as with dry friction, it is the
+        energy lost in a harmonic cycle of the amplitude ``equivalent.amplitude``, over 4 pi times
+        that of its swing.
+    intervals : mapping of str to (float, float)
+    equivalent : EquivalentDamping or None
+        None where the damping ratio is that of small swings.
+    peaks : PeakDamping or None
+        Damping ratios by how the record's own peaks fall, where they contradict the law's: they are
+        what is printed then.
+    calibration : mapping of str to float
+        Part of half the intervals that a sensor's calibration makes, where there is one.
+    """
+
+    height: float
+    period: float
+    damping_ratio: float
+    intervals: Mapping[str, tuple[float, float]]
+    equivalent: EquivalentDamping | None = None
+    peaks: PeakDamping | None = None
+    calibration: Mapping[str, float] = dataclasses.field(default_factory=dict)
+
+    angle: bool = False
+
+    def to_series(self) -> pandas.Series[float]:
+        """Height, period and damping ratio with their errors, half of the intervals, as a row of a table.
+
+        Returns
+        -------
+        pandas.Series
+            ``height`` [m] (of an angle [rad]), ``period`` [s], ``damping_ratio``, and each of these with
+            ``_error`` behind its name.
+        """
+        import pandas
+
+        names = ("height", "period", "damping_ratio")
+        errors = {f"{name}_error": 0.5 * (high - low) for name, (low, high) in self.intervals.items()}
+        return pandas.Series({name: getattr(self, name) for name in names} | errors)
+
+    def __str__(self) -> str:
+        lines = figure_lines(quantities_at_rest(self, None))
+        return "\n".join(line.strip() for line in [*lines, *self.peak_texts])
+
+    @property
+    def peak_texts(self) -> tuple[str, ...]:
+        """Sentence on a damping ratio of the record's peaks that contradicts that of the law, if it does."""
+        if self.peaks is None:
+            return ()
+        return (
+            f"the record's peaks show a damping ratio of {100.0 * self.peaks.mean:.3g} %, and contradict "
+            f"the {100.0 * self.damping_ratio:.3g} % of the model",
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class EngineeringUnits:
+    """Units in which the coordinate and its forces are shown."""
+
+    length: str
+    scale: float  # from SI
+    stiffness: str
+    damping: str
+    friction: str
+    inertia: float  # times the law's stiffness and damping
+
+
+def engineering_units(angle: bool, mass: float | None) -> EngineeringUnits:
+    """Units in which a coordinate and its forces are shown; mass [kg]."""
+    if angle:
+        return EngineeringUnits("°", 180.0 / math.pi, "1/s²", "1/s", "rad/s²", 1.0)
+    if mass is None:
+        return EngineeringUnits("mm", 1e3, "N/m per kg", "N s/m per kg", "m/s²", 1.0)
+    return EngineeringUnits("mm", 1e3, "N/m", "N s/m", "N", mass)
+
+
+def quantities_at_rest(rest: AtRest, mass: float | None) -> tuple[QuantityWithError, ...]:
+    """Equilibrium [mm or degrees], frequency [Hz], damping ratio [%], stiffness and damping; mass [kg]."""
+    units = engineering_units(rest.angle, mass)
+    inertia = units.inertia
+    figures = [
+        _quantity_with_propagated_errors(
+            LEVEL, "z0", units.length, rest, lambda height, *_: units.scale * height
+        ),
+        _quantity_with_propagated_errors(
+            "natural frequency", "f0", "Hz", rest, lambda _, period, __: 1.0 / period
+        ),
+    ]
+    if rest.peaks is None and rest.equivalent is not None:
+        figures += _damping_at_two_amplitudes(rest, rest.equivalent, units)
+    elif rest.peaks is None:
+        figures += _damping_of_small_swing(rest)
+    figures.append(
+        _quantity_with_propagated_errors(
+            "stiffness", "k", units.stiffness, rest, lambda _, period, __: inertia * (math.tau / period) ** 2
+        )
+    )
+    if any(figure.name == DAMPING_RATIO for figure in figures):
+        figures.append(
+            _quantity_with_propagated_errors(
+                "damping",
+                "c",
+                units.damping,
+                rest,
+                lambda _, period, ratio: inertia * 2.0 * math.tau * ratio / period,
+            )
+        )
+    return tuple(figures)
+
+
+def _damping_of_small_swing(rest: AtRest) -> list[QuantityWithError]:
+    ratio = rest.damping_ratio
+    quantities = [
+        _quantity_with_propagated_errors(DAMPING_RATIO, "zeta", "%", rest, lambda *at: 100.0 * at[2])
+    ]
+    if 0.0 < ratio < _UNDERDAMPED:
+        quantities += [
+            _quantity_with_propagated_errors(
+                "damped frequency", "fd", "Hz", rest, lambda _, *at: damped_frequency(*at)
+            ),
+            _quantity_with_propagated_errors(
+                "logarithmic decrement", "delta", "", rest, lambda *at: _logarithmic_decrement(at[2])
+            ),
+            _quantity_with_propagated_errors("quality factor", "Q", "", rest, lambda *at: 0.5 / at[2]),
+        ]
+    return quantities
+
+
+def _damping_at_two_amplitudes(
+    rest: AtRest, equivalent: EquivalentDamping, units: EngineeringUnits
+) -> list[QuantityWithError]:
+    """Damping ratios at two amplitudes, as far as it swings with them, and friction."""
+    wide, narrow = (
+        f"{DAMPING_RATIO} at {units.scale * size:.3g} {units.length}"
+        for size in (equivalent.amplitude, equivalent.tenth_of_greatest_swing)
+    )
+
+    def quantity(
+        name: str, symbol: str, unit: str, scale: float, value: float, key: str
+    ) -> QuantityWithError:
+        low, high = equivalent.intervals[key]
+        return QuantityWithError(name, symbol, unit, scale * value, {"fit": 0.5 * scale * (high - low)})
+
+    quantities = [_quantity_with_propagated_errors(wide, "zeta", "%", rest, lambda *at: 100.0 * at[2])]
+    quantities.append(quantity(narrow, "zeta", "%", 100.0, equivalent.tenth_ratio, "tenth_ratio"))
+    quantities = [figure for figure in quantities if figure.value < 100.0 * _UNDERDAMPED]
+    if equivalent.friction > 0.0:
+        quantities.append(
+            quantity("friction", "F", units.friction, units.inertia, equivalent.friction, "friction")
+        )
+    return quantities
+
+
+def _quantity_with_propagated_errors(
+    name: str, symbol: str, unit: str, rest: AtRest, function: Callable[[float, float, float], float]
+) -> QuantityWithError:
+    """Quantity that follows from height, period and damping ratio, with the errors of these."""
+    names = ("height", "period", "damping_ratio")
+    at = [float(getattr(rest, key)) for key in names]
+    parts: dict[str, float] = {}
+    for k, key in enumerate(names):
+        low, high = rest.intervals[key]
+        step = _STEP * max(abs(at[k]), _STEP)
+        ends = ([*at[:k], at[k] + side * step, *at[k + 1 :]] for side in (1.0, -1.0))
+        above, below = (function(*end) for end in ends)
+        if slope := abs(above - below) / (2.0 * step):
+            calibration = rest.calibration.get(key, 0.0)
+            of_fit = math.sqrt(max((0.5 * (high - low)) ** 2 - calibration**2, 0.0))
+            parts["fit"] = math.hypot(parts.get("fit", 0.0), slope * of_fit)
+            if calibration:
+                parts["calibration"] = math.hypot(parts.get("calibration", 0.0), slope * calibration)
+    return QuantityWithError(name, symbol, unit, function(*at), parts)
+
+
+def damped_frequency(period: float, ratio: float) -> float:
+    """Frequency [Hz] of a damped linear motion, sqrt(1 - zeta^2)/T (Inman 2014, ch. 1); period [s]."""
+    return math.sqrt(1.0 - ratio**2) / period
+
+
+def _logarithmic_decrement(ratio: float) -> float:
+    """Logarithm of two amplitudes a period apart."""
+    return 2.0 * math.pi * ratio / math.sqrt(1.0 - ratio**2)
+
+
+def swing_sentences(quantities: Sequence[QuantityWithError], subject: str, mass: float | None) -> str:
+    """Rest, frequency, damping and stiffness of the swing in a sentence or two; mass [kg]."""
+    known = {quantity.name: quantity.text_with_error for quantity in quantities}
+    words = (
+        f"{subject} comes to rest at {known['level of rest']}, and swings about that with a natural "
+        f"frequency of {known['natural frequency']}"
+    )
+    ratios = [
+        f"{known[name]}{name.removeprefix(DAMPING_RATIO)}" for name in known if name.startswith(DAMPING_RATIO)
+    ]
+    if ratios:
+        words += f" and a damping ratio of {' and '.join(ratios)}"
+    if "friction" in known:
+        words += f"; dry friction is {known['friction']}"
+    words += "."
+    if mass is not None and "damping" in known:
+        words += (
+            f" A mass of {mass:.4g} kg on a spring of {known['stiffness']} with a dashpot of "
+            f"{known['damping']} does the same."
+        )
+    return words

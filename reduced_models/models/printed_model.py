@@ -1,0 +1,112 @@
+"""Print-out of a model: its record, figures, equation and parameters with errors, and cautions."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+from reduced_models.laws.height_map import HeightMap
+from reduced_models.models.at_rest import quantities_at_rest
+from reduced_models.models.fitted_law import FittedLaw
+from reduced_models.models.printout import (
+    caution_lines,
+    equation_lines,
+    figure_lines,
+    format_percent,
+    record_lines,
+    wrap_words,
+)
+from reduced_models.models.quality import ParameterDirection, Quality
+from reduced_models.models.quantities import LEVEL, QuantityWithError, parameter_quantities
+from reduced_models.records.sensor import Sensor, sensor_report_lines
+
+_COLLOCATION = {
+    "same": ", and so does a fit to accelerations",
+    "worse": "; a fit to accelerations ends at more",
+    "better": "; a fit to accelerations led here",
+}
+
+
+class PrintedModel(FittedLaw):
+    """A law with numbers and their errors, as it is printed; the attributes are those of `ReducedModel`."""
+
+    intervals: Mapping[str, tuple[float, float]]
+    confidence: float
+    quality: Quality
+    undetermined: tuple[ParameterDirection, ...]
+    notes: tuple[str, ...]
+    no_swing: str
+    sensor: Sensor | None
+    untold: tuple[str, ...]
+
+    def __str__(self) -> str:
+        figures = swing_quantities(self, self.angle, None)
+        lines = record_lines(self.provenance.get("record", "").splitlines())
+        lines += figure_lines(figures, confidence=self.confidence) or [f"  no oscillation: {self.no_swing}"]
+        count = len(self.law.parameters)
+        title = f"model: {self.law.name} ({count} parameter{'s' * (count != 1)})"
+        lines += wrap_words(f"{title}, {self._error_text}", "")
+        lines += self.equation_lines()
+        lines += [f"  {direction}" for direction in self.undetermined]
+        lines += sensor_report_lines(self.sensor, self.untold)
+        if self.quality.starts:
+            second = _COLLOCATION.get(self.quality.collocation, "")
+            lines.append(
+                f"  search: {self.quality.converged} of {self.quality.starts} starts end here{second}"
+            )
+        return "\n".join([*lines, *caution_lines(self.cautions)])
+
+    @property
+    def _error_text(self) -> str:
+        """Errors on held-out cycles and of the fit, in words."""
+        residual = f"residual {format_percent(self.quality.relative)}"
+        if self.quality.test_error is None:
+            return f"{residual} {self.rms_noun}"
+        held = format_percent(self.quality.test_error)
+        return f"error on held-out cycles {held} {self.rms_noun}, {residual}"
+
+    @property
+    def rms_noun(self) -> str:
+        """Reference of relative errors, "of rms displacement", or of what else was measured."""
+        quantity = "displacement" if self.sensor is None else self.sensor.quantity.replace("_", " ")
+        return f"of rms {quantity}"
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """Cautions that are printed with the model."""
+        peaks = () if self.at_rest is None else self.at_rest.peak_texts
+        return (*peaks, *self.notes)
+
+    def parameter_quantities(self) -> tuple[QuantityWithError, ...]:
+        """Parameters that the record tells, and the map where it is fitted, with errors of the fit."""
+        values = dict(self.parameters)
+        if self.map.fitted:
+            values |= {"shift": self.map.shift, "scale": self.map.scale}
+        known = {name: value for name, value in values.items() if name not in self.untold}
+        return parameter_quantities(
+            known, self.intervals, {name: self.unit_of_parameter(name) for name in known}
+        )
+
+    def equation_lines(self, parameters: Sequence[QuantityWithError] | None = None) -> list[str]:
+        """Lines of the equation, the meaning of z, and parameters, by default with errors of the fit."""
+        plain = f"z: {self.coordinate} [{self.unit}]"
+        meaning = plain if self.map == HeightMap() else self.map_text(5)
+        values = self.parameter_quantities() if parameters is None else parameters
+        return equation_lines(f"{self.law.equation}   ({meaning})", values, self.intervals)
+
+
+def swing_quantities(model: PrintedModel, angle: bool, mass: float | None) -> tuple[QuantityWithError, ...]:
+    """Figures of a model's oscillation about its equilibrium; none where it has none; mass [kg]."""
+    # k = m (2 pi/T)^2 and c = 4 pi m zeta/T of the linear oscillator (Inman 2014, Engineering Vibration, ch.
+    # 1). A damping ratio that the record's own peaks contradict is not shown.
+    rest = model.at_rest
+    if rest is None:
+        return ()
+    figures = quantities_at_rest(dataclasses.replace(rest, angle=angle), mass)
+    return tuple(figure for figure in figures if figure.name != LEVEL or "level" not in model.untold)
+
+
+def swing_noun(model: PrintedModel) -> str:
+    """Noun for the swing that a model's figures are of."""
+    rest = model.at_rest
+    return "small swing" if rest is None or rest.equivalent is None else "swing"
