@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
 
+IN_MEMORY = ("xarray", "DataFrame", "columns")
+"""Forms of a sheet that is no file's."""
+
+
 @dataclasses.dataclass(eq=False)
 class Column:
     """A column of a sheet."""

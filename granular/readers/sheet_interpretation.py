@@ -23,7 +23,7 @@ from granular.readers.column_headers import (
 from granular.readers.column_roles import assign_roles, is_index, motion_role
 from granular.readers.read_options import ANGLE, STROKE, ReadOptions
 from granular.readers.role_units import ANGLE_UNITS, example_unit, is_level, role_unit_size, si_unit_of_role
-from granular.readers.sheet import Column, Sheet
+from granular.readers.sheet import IN_MEMORY, Column, Sheet
 from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
@@ -97,7 +97,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
         else:
             own[role] = numbers * _unit_size_in_role(role, units.get(role), angle)
     _convert_epoch_times(own, chosen[TIME], notes)
-    _note_large_values_without_unit(own, chosen, units, notes)
+    _note_large_values_without_unit(own, chosen, units, notes, in_memory=sheet.form in IN_MEMORY)
     _note_velocity_unlike_slope(own, notes)
     if options.flip:
         own |= {role: -own[role] for role in (HEIGHT, VELOCITY, ACCELERATION) if role in own}
@@ -236,11 +236,18 @@ def _convert_epoch_times(own: dict[str, np.ndarray], column: Column, notes: list
 
 
 def _note_large_values_without_unit(
-    own: Mapping[str, np.ndarray], chosen: Mapping[str, Column], units: Mapping[str, str], notes: list[str]
+    own: Mapping[str, np.ndarray],
+    chosen: Mapping[str, Column],
+    units: Mapping[str, str],
+    notes: list[str],
+    *,
+    in_memory: bool,
 ) -> None:
     """Note numbers without a unit that are large for those of a laboratory in SI."""
     if HEIGHT not in own:
         return
+    if in_memory and (chosen[TIME].name, chosen[HEIGHT].name) == (TIME, HEIGHT):
+        return  # who names the columns of a table as a record does means its units
     known = {role: own[role][np.isfinite(own[role])] for role in (TIME, HEIGHT)}
     if min(map(len, known.values())) < _LEAST_SAMPLES:
         return

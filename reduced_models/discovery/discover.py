@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Literal
 
-from granular.run.piston_record import PandasOrXarray, PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from granular.shared.progress_bars import stage_reporter
@@ -41,7 +41,7 @@ from reduced_models.discovery.weak_form import (
     force_weak_form,
     weak_form,
 )
-from reduced_models.fitting.problem import list_of_records, refuse_integrated_heights
+from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_integrated_heights
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 from reduced_models.records.inputs import column_names
@@ -57,7 +57,7 @@ METHODS: tuple[Method, ...] = ("auto", "sindy", "operon", "pysr")
 
 
 def discover(
-    record: PistonRecord | PandasOrXarray | Sequence[PistonRecord | PandasOrXarray],
+    record: RecordLike | Sequence[RecordLike],
     method: Method = "auto",
     *,
     form: Literal["weak", "strong"] = "weak",
@@ -86,7 +86,7 @@ def discover(
 
     Parameters
     ----------
-    record : PistonRecord or table of one (pandas, xarray), or a sequence of them
+    record : PistonRecord, table (pandas, xarray, mapping), path, (time, height), or a list of these
         Times [s] and heights [m], at least 20 samples each. Several obey the same equation, with
         the same numbers, each from its own initial state.
     method : str

@@ -18,7 +18,7 @@ from typing import Any, Concatenate, Literal, ParamSpec, Protocol, cast, overloa
 
 import numpy as np
 
-from granular.run.piston_record import PandasOrXarray, PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import CautionWarning, InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.assessment import has_sensor_drift, models_from_fit
@@ -40,7 +40,9 @@ from reduced_models.fitting.options import (
 from reduced_models.fitting.problem import (
     FitProblem,
     Intervals,
+    RecordLike,
     list_of_records,
+    read_given_record,
     split_training_data,
     weights_and_noise,
 )
@@ -66,19 +68,17 @@ _MOST_GAIN = 0.5  # of a walk that is found without being asked for
 _LEAST_GAIN = 1e-4  # a walk that gains as much as the noise in ten thousand samples
 
 P = ParamSpec("P")
-Records = PistonRecord | PandasOrXarray | Sequence[PistonRecord | PandasOrXarray]
+Records = RecordLike | Sequence[RecordLike]
 
 
 class _FitFunction(Protocol[P]):
     """A fit of one record, which gives a model, or of several, which gives one for each."""
 
     @overload
-    def __call__(
-        self, record: PistonRecord | PandasOrXarray, /, *args: P.args, **kwargs: P.kwargs
-    ) -> ReducedModel: ...
+    def __call__(self, record: RecordLike, /, *args: P.args, **kwargs: P.kwargs) -> ReducedModel: ...
     @overload
     def __call__(
-        self, record: Sequence[PistonRecord | PandasOrXarray], /, *args: P.args, **kwargs: P.kwargs
+        self, record: Sequence[RecordLike], /, *args: P.args, **kwargs: P.kwargs
     ) -> tuple[ReducedModel, ...]: ...
 
 
@@ -89,8 +89,9 @@ def _unwrap_single_record(
 
     @functools.wraps(function)
     def fit_records(record: Records, *args: P.args, **kwargs: P.kwargs) -> Any:
-        models = function(record, *args, **kwargs)
-        return models if isinstance(record, Sequence) else models[0]
+        single = read_given_record(record)
+        models = function(single, *args, **kwargs)
+        return models[0] if isinstance(single, PistonRecord) else models
 
     return cast("_FitFunction[P]", fit_records)
 
@@ -126,9 +127,9 @@ def fit(
 
     Parameters
     ----------
-    record : PistonRecord or table of one (pandas, xarray), or a sequence of them
-        Times [s] and heights [m]; samples may be irregular and have gaps. At least 20 samples must
-        be left to fit.
+    record : PistonRecord, table (pandas, xarray, mapping), path, (time, height), or a list of these
+        Times [s] and heights [m], or a file that `read_record` reads; samples may be irregular and have
+        gaps. At least 20 samples must be left to fit.
     law : str, Law or ForceLaw
         A law of the package by its name, an equation such as ``"z'' + 2*lam*z' + k*z = g0"``, or a
         Law; for forces as in `fit_force`. The coordinate, that with two primes, may have any name;

@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -19,10 +20,15 @@ from reduced_models.records.held_out_swings import choose_test_swings
 from reduced_models.records.inputs import Interpolation
 from reduced_models.records.sensor import Sensor
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
+from reduced_models.records.sources import read_record
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+RecordLike = (
+    PistonRecord | PandasOrXarray | str | Path | Mapping[str, np.ndarray] | tuple[np.ndarray, np.ndarray]
+)
+"""A record, a table of one, the name of its file, or its times and heights."""
 Pairs = Mapping[str, tuple[float, float]]
 Intervals = Literal["linear", "bootstrap", "profile"]
 
@@ -163,24 +169,37 @@ def clip_outliers(record: PistonRecord) -> PistonRecord:
 
 
 def record_from_table(source: Any) -> Any:
-    """Record in a table of pandas or xarray; anything else as it is."""
-    return PistonRecord.from_table(source) if hasattr(source, "equals") else source
+    """Record in a table, in a mapping of names to arrays or in a pair (time, height); else the source."""
+    if isinstance(source, tuple) and len(source) == 2 and all(map(_is_plain_array, source)):
+        return PistonRecord(*source)
+    is_table = hasattr(source, "equals") or isinstance(source, Mapping)
+    return PistonRecord.from_table(source) if is_table else source
+
+
+def _is_plain_array(values: object) -> bool:
+    """Return whether values are one column, and no table of a column."""
+    return np.ndim(values) == 1 and not hasattr(values, "equals")  # type: ignore[call-overload]  # of anything
+
+
+def read_given_record(source: Any) -> Any:
+    """Record in a file, as `read_record` reads it, or in a table; anything else as it is."""
+    return read_record(source) if isinstance(source, str | Path) else record_from_table(source)
 
 
 def list_of_records(record: Any) -> list[PistonRecord]:
-    """One record or table, or a sequence of them, as a list of records."""
-    if isinstance(single := record_from_table(record), PistonRecord):
+    """One record, file or table, or a sequence of them, as a list of records."""
+    if isinstance(single := read_given_record(record), PistonRecord):
         return [single]
-    if isinstance(record, Sequence) and not isinstance(record, str):
-        records = [record_from_table(item) for item in record]
+    if isinstance(record, Sequence):
+        records = [read_given_record(item) for item in record]
         if not records:
             raise InputError("there is no record to fit; give at least one")
         if all(isinstance(item, PistonRecord) for item in records):
             return records
     kind = type(record).__name__
     raise InputError(
-        f"a {kind} is no record; give a PistonRecord, such as "
-        "PistonRecord.from_columns({'time': ..., 'height': ...})"
+        f"a {kind} is no record; give a file's name, (time, height), a table, or a PistonRecord, such as "
+        "read_record(path) gives"
     )
 
 

@@ -14,12 +14,12 @@ import warnings
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from granular.run.piston_record import PandasOrXarray, PistonRecord
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_fit_options
-from reduced_models.fitting.problem import list_of_records, refuse_integrated_heights
+from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_integrated_heights
 from reduced_models.fitting.start_values import start_values_near
 from reduced_models.identification.comparison_table import (
     NOISE_TIE,
@@ -42,10 +42,10 @@ _NO_BETTER = 0.9
 
 
 def compare(
-    record: PistonRecord | PandasOrXarray | Sequence[PistonRecord | PandasOrXarray],
+    record: RecordLike | Sequence[RecordLike],
     laws: str | Law | ReducedModel | Sequence[str | Law | ReducedModel],
     test_fraction: float = TEST_FRACTION,
-    test_records: Sequence[PistonRecord] = (),
+    test_records: Sequence[RecordLike] = (),
     *,
     own: Sequence[str] = (),
     starts: int = STARTS,
@@ -58,7 +58,7 @@ def compare(
 
     Parameters
     ----------
-    record : PistonRecord or table of one (pandas, xarray), or a sequence of them
+    record : PistonRecord, table (pandas, xarray, mapping), path, (time, height), or a list of these
         Records to train on, times [s] and heights [m].
     laws : str, Law or ReducedModel, or a sequence of them
         Names, equations, laws, or models whose structure is fitted again, from their parameters;
@@ -66,7 +66,7 @@ def compare(
     test_fraction : float
         Fraction of each record's whole swings that is held out, from 0 to 0.9, as in `fit`. With 0
         and no ``test_records`` laws are ranked by the residuals of their fits.
-    test_records : PistonRecord or table of one, or a sequence of them
+    test_records : sequence of the same
         Whole records that no fit sees; each is predicted from an initial state that its first
         period tells.
     own : sequence of str

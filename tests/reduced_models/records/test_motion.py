@@ -154,7 +154,7 @@ def test_all_releases_of_a_file_are_fitted_together(tmp_path: Path, command: Cal
         "2",
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("linear: z''") == 3
+    assert done.stdout.count("model: linear (3 parameters)") == 3
     assert len(read_releases(tmp_path / "lab.csv")) == 3
     done = command("reduced_models", "look", str(tmp_path / "lab.csv"), "--release", "2", "--json")
     assert json.loads(done.stdout)["from"] == pytest.approx(2.5, abs=0.01)

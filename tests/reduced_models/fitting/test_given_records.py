@@ -1,0 +1,65 @@
+"""Records as users hand them over: files, tables, arrays; each means the same motion."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+import pytest
+
+from granular import PistonRecord
+from granular.shared.errors import InputError
+from reduced_models import compare, fit
+from reduced_models.fitting.problem import list_of_records
+
+TIME = np.linspace(0.0, 2.0, 2000)
+HEIGHT = 0.06 + 1e-3 * np.exp(-0.8 * TIME) * np.cos(21.8 * TIME)
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("given") / "lab.csv"
+    PistonRecord(TIME, HEIGHT).to_csv(file)
+    return file
+
+
+GIVEN: dict[str, Callable[[Path], Any]] = {
+    "name": str,
+    "path": Path,
+    "pair": lambda _: (TIME, HEIGHT),
+    "lists": lambda _: (TIME.tolist(), HEIGHT.tolist()),
+    "mapping": lambda _: {"time": TIME, "height": HEIGHT},
+    "frame": lambda _: pandas.DataFrame({"time": TIME, "height": HEIGHT}),
+}
+
+
+@pytest.mark.parametrize("form", GIVEN)
+def test_one_record_in_any_form(form: str, path: Path) -> None:
+    (record,) = list_of_records(GIVEN[form](path))
+    assert np.array_equal(record.height, HEIGHT)
+    assert len(list_of_records([GIVEN[form](path)] * 3)) == 3
+
+
+def test_one_record_gives_a_model_and_a_list_gives_several(path: Path) -> None:
+    model = fit(str(path), starts=1, test_fraction=0.0)
+    assert model.parameters["omega"] == pytest.approx(np.hypot(21.8, 0.8), rel=1e-6)
+    assert fit((TIME, HEIGHT), starts=1, test_fraction=0.0).parameters == model.parameters
+    assert isinstance(fit([path], starts=1, test_fraction=0.0), tuple)
+    assert compare(path, "linear", starts=1).best.law.name == "linear"
+
+
+def test_a_table_with_a_record_s_own_names_is_in_si_without_a_word() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        PistonRecord.from_table({"time": 10.0 * TIME, "height": 1e3 * HEIGHT})
+    with pytest.warns(UserWarning, match="has no unit and is taken for m"):
+        PistonRecord.from_table({"time": TIME, "z": 1e3 * HEIGHT})
+
+
+def test_anything_else_is_refused_with_what_to_give() -> None:
+    with pytest.raises(InputError, match=r"give a file's name, \(time, height\), a table, or a PistonRecord"):
+        list_of_records(5)
