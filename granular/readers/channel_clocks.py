@@ -37,7 +37,9 @@ def columns_on_one_clock(
     slack = _SAME * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     common = np.isfinite(times)
     for column, own in channels:
-        if len(own) == len(times) and np.allclose(own, times, rtol=0.0, atol=slack, equal_nan=True):
+        if own is times or (
+            len(own) == len(times) and np.allclose(own, times, rtol=0.0, atol=slack, equal_nan=True)
+        ):
             continue
         assert column.values is not None
         known = np.isfinite(own) & np.isfinite(column.values)
@@ -50,10 +52,26 @@ def columns_on_one_clock(
         together = common & np.isfinite(values)
         if _has_role(column, options) and together.sum() >= _LEAST_SAMPLES:
             common = together
-    for column, _ in channels:
-        assert column.values is not None
-        column.values = column.values[common]
-    return [Column(TIME, "s", times[common]), *(column for column, _ in channels)]
+    if not common.all():
+        times = times[common]
+        for column, _ in channels:
+            assert column.values is not None
+            column.values = column.values[common]
+    return [Column(TIME, "s", times), *(column for column, _ in channels)]
+
+
+class SampledTimes:
+    """Times of evenly sampled channels, one array for all that share a clock."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[float, float, int], Float[np.ndarray, "n"]] = {}
+
+    def at(self, first: float, step: float, count: int) -> Float[np.ndarray, "n"]:
+        """Return the times of so many samples from a first one on, a step apart [s]."""
+        key = (first, step, count)
+        if key not in self._made:
+            self._made[key] = first + step * np.arange(count)
+        return self._made[key]
 
 
 def _motion_channel(channels: Sequence[SampledChannel], options: ReadOptions) -> SampledChannel:

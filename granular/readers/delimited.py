@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import functools
 import io
 import itertools
 import re
@@ -41,12 +42,15 @@ _WITH_UNIT = re.compile(
     r"(?=\s*[,;|\"]|\s*$|\s+[+-]?[.,]?\d)"
 )
 """A number with a unit behind it, at the end of a cell."""
+_is_known_unit = functools.lru_cache(maxsize=1024)(is_unit)  # of each cell of a file
 _LONGEST_ROW = 10_000
 """Characters of a row beyond which no units are looked for in its cells."""
 _MOST_NUMBERS = 50
 """Lines above the rows that begin with a number: as many as a preamble may have."""
 _HEADER_SEPARATORS = (r"\t+", r"\s{2,}", ";", ",", r"\|")
 """Separators of a header that is written otherwise than the rows, as one aligned by blanks."""
+_NAME_AND_UNIT = re.compile(r"[^\[\](){}]+[\[({][^\[\](){}]*[\])}]")
+"""Names of several words with a unit behind each, as in ``Elapsed Time (s) Stage Position (mm)``."""
 _HEADER = 4
 """Lines above the rows among which names and units are looked for."""
 
@@ -115,7 +119,7 @@ def _strip_units_of_cells(lines: list[NumberedLine]) -> tuple[list[NumberedLine]
     for line in lines:
         matches = _units_in(line.text) if _BEGINS_WITH_NUMBER.match(line.text) else []
         odd = {match[2] for match in matches} - set(units)
-        if odd:
+        if odd and len(matches) == len(units):
             raise RecordError(
                 f"line {line.number} holds a number in {quote(odd.pop())}, and others are in "
                 f"{' and '.join(map(quote, units))}; write each column in one unit"
@@ -134,7 +138,7 @@ def _units_of_fields(row: str, separator: str) -> list[str]:
 
 def _units_in(text: str) -> list[re.Match[str]]:
     """Numbers of a row with a unit behind them."""
-    return [match for match in _WITH_UNIT.finditer(text) if is_unit(match[2])]
+    return [match for match in _WITH_UNIT.finditer(text) if _is_known_unit(match[2])]
 
 
 def _without(text: str, matches: Sequence[re.Match[str]], group: int) -> str:
@@ -283,6 +287,9 @@ def _split_header_line(line: str, dialect: Dialect) -> list[str]:
         others = [cell.strip(' "') for cell in re.split(mark, line.strip())]
         if len(others) == dialect.width and all(others) and any(map(_is_column_header, others)):
             return others
+    bracketed = [name.strip() for name in _NAME_AND_UNIT.findall(line)]
+    if len(bracketed) == dialect.width and any(map(_is_column_header, bracketed)):
+        return bracketed
     words = split_header(line, " ")
     return words if len(words) == dialect.width and any(map(_is_column_header, words)) else fields
 

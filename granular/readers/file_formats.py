@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.readers.column_headers import ACCELERATION, FORCE, TIME, guess_column_role, normalize_unit
-from granular.readers.column_roles import find_time_column, has_same_dimension
+from granular.readers.column_roles import find_time_column, has_same_dimension, is_index
 from granular.readers.delimited import read_delimited
 from granular.readers.instruments import is_labview, is_rigol, read_labview, read_rigol, read_tdms
 from granular.readers.matlab import read_matlab
@@ -230,7 +230,7 @@ def read_time_series(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"], Flo
 
 def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
     """Return the only column besides the time, of that unit or name; without names the next."""
-    others = [column for column in sheet.columns if column is not time]
+    others = [column for column in sheet.columns if column is not time and not is_index(sheet, column)]
     choices: Sequence[list[Column]] = (
         others,
         [column for column in others if column.unit and has_same_dimension(column.unit, unit)],

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.readers.channel_clocks import SampledChannel, columns_on_one_clock
+from granular.readers.channel_clocks import SampledChannel, SampledTimes, columns_on_one_clock
 from granular.readers.column_headers import TIME, guess_column_role, is_unit, name_and_unit
 from granular.readers.delimited import read_delimited
 from granular.readers.read_options import ReadOptions, note_on_other_tables
@@ -54,17 +54,19 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
         column.name, unit = name_and_unit(column.heading, label, sheet.notes)
         column.unit = unit if label or is_unit(unit or "") else None
     without_times = file_head.get("X_Columns", [""])[0] == "No"
-    channels, times = [], None
+    channels, times, clocks = [], None, SampledTimes()
     for number, column in enumerate(sheet.columns):
+        start = _seconds_of_start(head, number - 1)
         if column.name.lower() == _X_VALUE:
-            times = column.values
+            start = _seconds_of_start(head, number)
+            times = column.values if column.values is None or start == 0.0 else column.values + start
         elif column.name.lower() != "comment" and column.values is not None:
             if without_times:
                 # National Instruments, Specification for the LabVIEW Measurement File (.lvm), 2020.
                 first, step = (_header_number(head, name, number - 1, decimal) for name in ("X0", "Delta_X"))
-                times = first + step * np.arange(len(column.values))
+                times = clocks.at(first + start, step, len(column.values))
             if times is not None:
-                channels.append(SampledChannel(column, times + _seconds_of_start(head, number - 1)))
+                channels.append(SampledChannel(column, times))
     if channels:
         sheet.columns = columns_on_one_clock(channels, options, sheet.notes)
     return sheet
@@ -72,12 +74,10 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
 
 def _seconds_of_start(head: dict[str, list[str]], channel: int) -> float:
     """Return the start of a channel after the first one's [s]; 0 where the header does not hold both."""
-    starts = [
-        f"{day} {time[:15]}" for day, time in zip(head.get("Date", []), head.get("Time", []), strict=False)
-    ]
+    days, times = head.get("Date", []), head.get("Time", [])
     try:
         first, own = (
-            datetime.datetime.strptime(starts[k].replace(",", "."), "%Y/%m/%d %H:%M:%S.%f")
+            datetime.datetime.fromisoformat(f"{days[k].replace('/', '-')} {times[k].replace(',', '.')}")
             for k in (0, channel)
         )
     except (IndexError, ValueError):
@@ -136,7 +136,8 @@ def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
         channels.remove(channel)
     columns = [_tdms_column(channel, notes) for channel in channels]
     if timed:
-        times = [_tdms_times(channel, timed[0]) for channel in channels]
+        clocks = SampledTimes()
+        times = [_tdms_times(channel, timed[0], clocks) for channel in channels]
         columns = columns_on_one_clock(list(map(SampledChannel, columns, times)), options, notes)
     return Sheet(columns, None, True, f"group {quote(name)} of a TDMS file", notes)
 
@@ -147,7 +148,7 @@ def _tdms_column(channel: Any, notes: list[str]) -> Column:
     return Column(name, unit, np.asarray(channel[:], dtype=np.float64), heading=channel.name)
 
 
-def _tdms_times(channel: Any, first: Any) -> Float[np.ndarray, "n"]:
+def _tdms_times(channel: Any, first: Any, clocks: SampledTimes) -> Float[np.ndarray, "n"]:
     """Return the times of a channel's samples since the start of another one [s]."""
     own = channel.properties if channel.properties.get("wf_increment") else first.properties
     starts = [properties.get("wf_start_time") for properties in (own, first.properties)]
@@ -156,7 +157,7 @@ def _tdms_times(channel: Any, first: Any) -> Float[np.ndarray, "n"]:
         here, there = (np.datetime64(start, "us") for start in starts)
         delay = float((here - there) / np.timedelta64(1, "us")) * 1e-6
     begin = delay + float(own.get("wf_start_offset", 0.0))
-    return np.asarray(begin + float(own["wf_increment"]) * np.arange(len(channel)))
+    return clocks.at(begin, float(own["wf_increment"]), len(channel))
 
 
 # Rigol -----------------------------------------------------------------------------------------

@@ -78,7 +78,7 @@ class ReadOptions:
     rate : str, float or None
         Samples a second [Hz] of a file without times.
     sort : bool
-        Whether rows are put in the order of their times.
+        Whether rows are put in the order of their times, those of one time as their mean.
 
     Raises
     ------

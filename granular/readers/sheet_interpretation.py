@@ -20,7 +20,7 @@ from granular.readers.column_headers import (
     normalize_column_name,
     normalize_unit,
 )
-from granular.readers.column_roles import assign_roles, is_index, motion_role
+from granular.readers.column_roles import NUMBERED, assign_roles, is_index, motion_role
 from granular.readers.read_options import ANGLE, STROKE, ReadOptions
 from granular.readers.role_units import ANGLE_UNITS, example_unit, is_level, role_unit_size, si_unit_of_role
 from granular.readers.sheet import IN_MEMORY, Column, Sheet
@@ -158,8 +158,12 @@ def _check_duplicate_names(sheet: Sheet, chosen: Mapping[str, Column], options: 
         indices = [k for k, item in enumerate(names, start=1) if item == name]
         alias = next((word for word in (ANGLE, STROKE) if role == HEIGHT and word in options.columns), role)
         said = str(options.columns.get(alias, ""))
-        alone = sum(item.is_called(said) for item in sheet.columns) == 1
-        if name and len(indices) > 1 and not said.isdigit() and not alone:
+        alone = (
+            said.isdigit()
+            or NUMBERED.fullmatch(said)
+            or sum(item.is_called(said) for item in sheet.columns) == 1
+        )
+        if name and len(indices) > 1 and not alone:
             listed = ", ".join(map(str, indices[:-1])) + f" and {indices[-1]}"
             choices = " or ".join(f"--columns {alias}={k}" for k in indices[:_MOST_SHOWN])
             raise RecordError(
@@ -177,11 +181,12 @@ def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOpti
     for alias in {ANGLE, STROKE} & {*said} - known:
         said[HEIGHT] = said.pop(alias)
     for name in said:
-        if name not in known:
+        if name not in known and not any(column.is_called(name) for column in sheet.columns):
             raise RecordError(unknown_word_message(name, sorted(known), "column"))
     result = {}
     for role, column in chosen.items():
-        unit = said.get(role, said.get(column.name.lower(), column.unit))
+        by_name = next((said[name] for name in said if column.is_called(name)), column.unit)
+        unit = said.get(role, by_name)
         if column.clock and role == TIME:
             unit = "s"
         if unit is not None:

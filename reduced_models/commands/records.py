@@ -72,7 +72,11 @@ READING = option_group(
         "compare and discover); the first if not given",
     ),
     option("--rate", metavar="RATE", help="sampling rate of a file without times: '610.35 Hz'"),
-    option("--sort", action="store_true", help="put the rows in the order of their times"),
+    option(
+        "--sort",
+        action="store_true",
+        help="put the rows in the order of their times, those of one time as their mean",
+    ),
     title="how a record's file is read, where it is not to be guessed",
 )
 

@@ -54,6 +54,17 @@ def test_an_index_is_no_data(tmp_path: Path) -> None:
     assert np.array_equal(read(headless).time, index)
 
 
+def test_a_further_column_of_a_doubled_name_can_be_named(tmp_path: Path) -> None:
+    path = write(tmp_path / "lab.csv", "time [s],height [mm],cell,cell", TIME, MM, TIME, 2.0 * TIME)
+    assert {"cell (3)", "cell (4)"} <= set(read(path).extra)
+    assert np.allclose(read(path, columns={"drive": "cell (4)"}).extra["drive"], 2.0 * TIME)
+
+
+def test_units_are_given_by_headings_too(tmp_path: Path) -> None:
+    path = write(tmp_path / "lab.csv", "time [s],height [cm]", TIME, MM)
+    assert np.allclose(read(path, units={"Height [cm]": "mm"}).height, HEIGHT, atol=1e-10)
+
+
 @pytest.mark.parametrize("said", ["left [mm]", "LEFT  [mm]", "left", "3"])
 def test_a_heading_as_it_stands_in_the_file_names_a_column(said: str, tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", "time [s],height [mm],left [mm]", TIME, 2.0 * MM, MM)
@@ -135,7 +146,13 @@ def test_units_inside_cells(row: str, comma: bool, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rows", ["\t", ";", " "])
 @pytest.mark.parametrize(
-    "head", ["Time (s)      Position (mm)", "Time (s)\tPosition (mm)", "Time (s);Position (mm)"]
+    "head",
+    [
+        "Time (s)      Position (mm)",
+        "Time (s)\tPosition (mm)",
+        "Time (s);Position (mm)",
+        "Elapsed Time (s) Stage Position (mm)",
+    ],
 )
 def test_a_header_that_is_separated_otherwise(head: str, rows: str, tmp_path: Path) -> None:
     lines = [f"{t:.4f}{rows}{z:.7f}" for t, z in zip(TIME, MM, strict=True)]
