@@ -51,6 +51,8 @@ def columns_on_one_clock(
         notes.append(_note_on_clock(column.name, motion.column.name, float(own[0] - times[0]), slack))
         together = common & np.isfinite(values)
         if _has_role(column, options) and together.sum() >= _LEAST_SAMPLES:
+            if together.sum() < common.sum():
+                notes[-1] += "; the record is cut to those of both"
             common = together
     if not common.all():
         times = times[common]

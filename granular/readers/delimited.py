@@ -279,19 +279,19 @@ def _read_header(
 
 
 def _split_header_line(line: str, dialect: Dialect) -> list[str]:
-    """Split a header as the rows are, or by what else makes as many names of it, of which one is known."""
+    """Split a header as the rows are, or by what else makes as many names of it, a time among them."""
     fields = split_header(line, dialect.separator)
     if len(fields) == dialect.width or (len(fields) > dialect.width and dialect.separator != " "):
         return fields
-    for mark in _HEADER_SEPARATORS:
-        others = [cell.strip(' "') for cell in re.split(mark, line.strip())]
-        if len(others) == dialect.width and all(others) and any(map(_is_column_header, others)):
-            return others
-    bracketed = [name.strip() for name in _NAME_AND_UNIT.findall(line)]
-    if len(bracketed) == dialect.width and any(map(_is_column_header, bracketed)):
-        return bracketed
-    words = split_header(line, " ")
-    return words if len(words) == dialect.width and any(map(_is_column_header, words)) else fields
+    splits = [re.split(mark, line.strip()) for mark in _HEADER_SEPARATORS]
+    for cells in (*splits, _NAME_AND_UNIT.findall(line), split_header(line, " ")):
+        names = [cell.strip(' "') for cell in cells]
+        if len(names) == dialect.width and all(names):
+            # a title above rows without a header may hold a quantity too
+            timed = any(guess_column_role(parse_header(name)[0]) == TIME for name in names)
+            if timed or all(map(_is_column_header, names)):
+                return names
+    return fields
 
 
 def _best_header_row(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:

@@ -212,7 +212,7 @@ FILES = (
         ),
         force=True,
         start=0.3,
-        note="'Force' starts 0.3 s after 'Position'",
+        note="read at the times of the latter; the record is cut to those of both",
     ),
     Made(
         "twins.lvm",
@@ -233,7 +233,7 @@ FILES = (
         ),
         force=True,
         start=0.3,
-        note="'Force' starts 0.3 s after 'Position'",
+        note="read at the times of the latter; the record is cut to those of both",
     ),
     Made(
         "offsets.tdms",

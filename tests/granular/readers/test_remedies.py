@@ -160,6 +160,12 @@ def test_a_header_that_is_separated_otherwise(head: str, rows: str, tmp_path: Pa
     assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-9)
 
 
+def test_a_title_above_rows_without_a_header_is_none(tmp_path: Path) -> None:
+    lines = [f"{t:.4f}\t{z:.7f}" for t, z in zip(TIME, HEIGHT, strict=True)]
+    (tmp_path / "lab.dat").write_text("\n".join(["Piston height, run 3", *lines, ""]))
+    assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-6)
+
+
 def test_a_level_in_decibels_is_no_length(tmp_path: Path) -> None:
     said = refusal(write(tmp_path / "lab.csv", "time [s],envelope [dBm]", TIME, MM))
     assert "a logarithmic level: write its amplitude" in said
