@@ -47,7 +47,7 @@ _LEAST_STEPS = 10
 """Samples from which on even steps tell that two columns may be the time."""
 _INDEX = re.compile(r"(unnamed|index level|level) \d+|index")
 """Names, besides none, of a column that numbers the rows: as pandas writes and reads it."""
-NUMBERED = re.compile(r"(.+) \((\d{1,5})\)")
+NUMBERED = re.compile(r"(.+) \(([1-9]\d{0,4})\)")
 """Name and number of a further column whose name stands twice in a file."""
 _SIZE = re.compile(r"abs|total|magnitude|betrag")
 """Words for the size of a vector, whose frequency is twice that of its components."""
@@ -148,9 +148,9 @@ def _find_named_column(sheet: Sheet, wanted: str | int) -> Column:
         if column.is_called(wanted):
             return column
     numbered = NUMBERED.fullmatch(wanted)  # as further columns of one name are called
-    column = None if numbered is None else dict(enumerate(sheet.columns, 1)).get(int(numbered[2]))
-    if numbered is not None and column is not None and column.is_called(numbered[1]):
-        return column
+    here = [] if numbered is None else sheet.columns[int(numbered[2]) - 1 : int(numbered[2])]
+    if numbered is not None and here and here[0].is_called(numbered[1]):
+        return here[0]
     names = [column.name for column in sheet.columns if column.name] or _column_numbers(sheet)
     raise RecordError(unknown_word_message(wanted, names, "column"))
 
