@@ -82,7 +82,7 @@ def _parse_scene_work_precision(plain: Mapping[str, Any], date: str) -> SceneWor
 
 def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecision | None:
     """Find the scene of the work-precision table that is most like another one."""
-    if not KNOWN.issuperset(active_effect_names(scene)):
+    if not KNOWN.issuperset(active_effect_names(scene)) or not scene.has_closed_walls:
         return None
 
     kind = damping_kind(scene)

@@ -125,9 +125,9 @@ def whole_fall(
     ------
     InputError
         If the scene has no piston with a mass under gravity, no dipoles or discs, friction of the
-        piston, or effects other than dipoles or discs, walls, gravity, drag and contact; if its
-        piston presses discs together at rest; or if the height is no finite number above the level
-        of rest.
+        piston, or effects other than dipoles or discs, walls, gravity, drag and contact; if it has
+        walls or a cut-off that `predict` refuses; if its piston presses discs together at rest; or
+        if the height is no finite number above the level of rest.
     RunError
         If the simulation cannot be trusted any more.
 

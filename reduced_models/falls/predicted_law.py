@@ -37,7 +37,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -125,7 +125,8 @@ def predict(scene: Scene) -> PredictedLaw:
     ------
     InputError
         If the scene has no piston with a mass under gravity, no dipoles or discs, or effects other
-        than dipoles or discs, walls, gravity, drag and contact; or if its piston presses discs
+        than dipoles or discs, walls, gravity, drag and contact; if a side is open, has a gap or
+        has a law of one's own; if a cut-off leaves pairs out; or if its piston presses discs
         together at rest.
 
     Warns
@@ -173,10 +174,12 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
     # falls.
     piston, grains = scene.piston, scene.grains
     present = {name for name in _SHAPED if getattr(scene.effects, name) is not None}
-    if piston is None or piston.mass is None or "gravity" not in present:
+    effects = scene.effects
+    gravity = effects.gravity.acceleration if effects.gravity is not None else 0.0
+    if piston is None or piston.mass is None or not gravity > 0.0:
         raise InputError(
             f"the scene {quote(scene.name)} has no piston with a mass under gravity, so nothing "
-            "falls; give it piston.mass"
+            "falls; give it piston.mass and effects.gravity"
         )
     others = sorted({effect.key for effect in scene.effects.acting} - _SHAPED)
     if others or piston.friction or "dipole" not in present:
@@ -185,11 +188,14 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
             f"the scene {quote(scene.name)} has {what}; the law of a fall is known for dipoles or discs, "
             "walls, gravity, drag and contact: fit it to a fall instead"
         )
+    if unknown := ", ".join(_unknown_keys(scene)):
+        raise InputError(
+            f"the scene {quote(scene.name)} has {unknown}; the law of a fall is known where four walls of "
+            "the package's laws hold the grains and all pairs repel: simulate the scene instead"
+        )
     from granular.schema.natural_units import Scales
 
     scales, width = Scales.from_grains(grains), scene.cell.width
-    effects = scene.effects
-    gravity = effects.gravity.acceleration if effects.gravity is not None else 0.0
     drag = 0.0 if effects.drag is None else effects.drag.coefficient
     weight = piston.mass * gravity
     lattice = lattice_at_rest(scene)
@@ -215,6 +221,23 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
         "modulus": modulus,
         "strength": STRENGTH,
     }
+
+
+def _unknown_keys(scene: Scene) -> Iterator[str]:
+    """Yield keys, with their values, by which a bed leaves its cell or its pairs do not carry the piston."""
+    from granular.effects.wall_side import SIDES
+
+    walls = scene.effects.walls
+    for side in SIDES:
+        key, wall = f"effects.walls.{side}", None if walls is None else getattr(walls, side)
+        if wall is None:
+            yield f"{key} = 'none'"
+        elif wall.own is not None:
+            yield f"{key}.law = {wall.law!r}"
+        elif wall.has_gap:
+            yield f"{key}.gap_start = {wall.gap_start:g} m"
+    if scene.pair_method in ("cut-off", "verlet-list"):
+        yield f"pairs.method = {scene.pair_method!r}"
 
 
 def lattice_at_rest(scene: Scene) -> PressedLattice:
@@ -327,9 +350,9 @@ def valid_shaking_range(scene: Scene) -> ValidShakingRange:
     ------
     InputError
         If the scene has no piston with a mass under gravity, no dipoles or discs, friction of the
-        piston, effects other than dipoles or discs, walls, gravity, drag and contact, discs that
-        its piston presses together, fewer than 250 grains, walls of discs, or more drag over the
-        piston's mass than was compared with falls.
+        piston, effects other than dipoles or discs, walls, gravity, drag and contact, walls or a
+        cut-off that `predict` refuses, discs that its piston presses together, fewer than 250
+        grains, walls of discs, or more drag over the piston's mass than was compared with falls.
     """
     predict_bed_parameters(scene)  # refuses what is not known
     grains = scene.grains

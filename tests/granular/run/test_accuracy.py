@@ -97,6 +97,9 @@ def test_what_cannot_be_promised_is_refused(bed: Scene) -> None:
         choose_settings_for_accuracy(damper(), "1e-7 rest height")
     with pytest.raises(InputError, match="holds no scene like 'bed' with this quantity"):
         choose_settings_for_accuracy(bed.replace(**{"effects.contact": {"modulus": 1e7}}), "1 % piston force")
+    for key in ("effects.walls.left", "effects.walls.bottom"):
+        with pytest.raises(InputError, match="holds no scene like 'bed' with this quantity"):
+            choose_settings_for_accuracy(bed.replace(**{key: "none"}), "10 % piston force")
     with pytest.raises(InputError, match="leaves pairs out"):
         choose_settings_for_accuracy(bed.replace(**{"pairs.method": "cut-off"}), "10 % piston force")
     with pytest.raises(InputError, match="either it or them"):

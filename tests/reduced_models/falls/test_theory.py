@@ -12,7 +12,7 @@ from scipy.integrate import odeint
 from granular import damper, load_scene, simulate
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
-from reduced_models import predict
+from reduced_models import predict, valid_shaking_range, whole_fall
 from reduced_models.falls.lattice_pressure import POWER, PRESSURE
 from reduced_models.falls.predicted_law import (
     WEIGHT,
@@ -159,11 +159,32 @@ def test_friction_of_the_piston_is_added_to_the_law() -> None:
         ),
         ({"effects.gravity": None}, "nothing falls"),
         ({"effects.friction": True}, "has friction"),
+        ({"effects.gravity.acceleration": 0.0}, "nothing falls"),
+        ({"effects.walls.left": "none"}, r"has effects\.walls\.left = 'none'; .* simulate the scene"),
+        ({"effects.walls.bottom": "none"}, r"effects\.walls\.bottom = 'none'"),
+        (
+            {"effects.walls.bottom": {"law": "slab", "gap_start": 0.1, "gap_end": 0.12}},
+            r"bottom\.gap_start = 0\.1 m",
+        ),
+        (
+            {"effects.walls.left": {"energy": "a*(l/w)**3", "a": "1 uJ", "l": "6 mm"}},
+            r"walls\.left\.law = 'formula'",
+        ),
+        ({"pairs": {"method": "cut-off", "cut_off": "2 D"}}, r"pairs\.method = 'cut-off'"),
+        ({"pairs": {"method": "verlet-list"}}, r"pairs\.method = 'verlet-list'"),
     ],
 )
 def test_what_is_not_known_is_refused(changes: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        predict(damper().replace(**changes))
+    scene = damper().replace(**changes)
+    for known in (predict, whole_fall, valid_shaking_range):
+        with pytest.raises(InputError, match=said):
+            known(scene)
+
+
+@pytest.mark.parametrize("law", ["infinite", {"law": "slab", "length": 1.0}])
+def test_other_walls_of_the_package_hold_a_bed(law: Any) -> None:
+    plain, other = predict(damper()), predict(damper().replace(**{"effects.walls.left": law}))
+    assert other.parameters == plain.parameters
 
 
 DISCS = {"grains.magnets": "cylinders", "effects.contact": {"modulus": "1 GPa"}}
