@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,11 +16,27 @@ LINES_EVERY = 60.0
 def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
     """Make a progress bar of tqdm: a widget in a notebook, else a line of a terminal."""
     tqdm = _import_tqdm()
-    if wanted and not _is_terminal():
-        form = options.get("bar_format", "{desc}: {n_fmt} of {total_fmt}{postfix} [{elapsed}]")
-        options["bar_format"] = form.replace(" {bar:20}", "")
-        options |= {"file": _ProgressLinesInLog(), "mininterval": LINES_EVERY, "maxinterval": LINES_EVERY}
-    return tqdm(disable=not wanted, **options)
+    if not wanted or _is_terminal():
+        return tqdm(disable=not wanted, **options)
+    form = options.get("bar_format", "{desc}: {n_fmt} of {total_fmt}{postfix} [{elapsed}]")
+    options["bar_format"] = form.replace(" {bar:20}", "")
+    options |= {"file": _ProgressLinesInLog(), "mininterval": LINES_EVERY, "maxinterval": LINES_EVERY}
+    bar = tqdm(**options)
+    bar.refresh = _call_seldom(bar.refresh)  # which words that are set call every time
+    return bar
+
+
+def _call_seldom(function: Callable[..., Any]) -> Callable[..., None]:
+    """Let calls of a function pass as often as a log may have a line."""
+    last = time.monotonic()
+
+    def call(*args: Any, **keywords: Any) -> None:
+        nonlocal last
+        if time.monotonic() >= last + LINES_EVERY:
+            last = time.monotonic()
+            function(*args, **keywords)
+
+    return call
 
 
 @contextmanager

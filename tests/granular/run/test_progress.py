@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,7 +12,6 @@ from pathlib import Path
 import numba
 import pytest
 
-import granular.shared.progress_bars
 from granular import Scene, load_scene, load_trajectory
 from granular.compiled import entry
 from granular.engine.step_size import StepRequest
@@ -90,11 +90,10 @@ def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit(small_b
 
 
 COMPILING = """
-import granular.shared.progress_bars as progress
-progress.LINES_EVERY = 0.0
+import sys
 from granular import load_scene, simulate
 for _ in range(2):
-    print("run", file=progress.sys.stderr)
+    print("run", file=sys.stderr)
     simulate(load_scene("single-particle"), t_end=1e-3)
 """
 
@@ -111,21 +110,29 @@ def test_compiling_is_said_with_its_progress(tmp_path: Path) -> None:
         env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
     )
     _, first, second = done.stderr.split("run\n")
-    assert "compiling for scenes of this kind, kept for later runs, kernel 2" in first
+    lines = [line for line in first.splitlines() if "compiling" in line]
+    *_, number, length = re.findall(r"\d+(?::\d+)*", lines[-1])
+    minutes = int(length.rpartition(":")[0].replace(":", ""))
+    assert int(number) > 50
+    assert len(lines) <= 2 + minutes  # the first and the last, and one a minute
     assert "compiling" not in second
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+@pytest.mark.parametrize("terminal", [False, True])
 def test_kernels_are_counted_while_they_are_compiled(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], terminal: bool
 ) -> None:
-    """Kernels that stand in no file of the package are compiled in every process."""
-    monkeypatch.setattr(granular.shared.progress_bars, "LINES_EVERY", 0.0)
-    kernels = [entry(lambda x, k=k: x + k) for k in range(2)]
-    opening = "compiling for scenes of this kind, kept for later runs, kernel "
-    for told in ([f"{opening}1", f"{opening}2"], []):
+    """Kernels that stand in no file of the package are compiled in every process.
+
+    A log has a line at the start and one at the end, however many there are.
+    """
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    kernels = [entry(lambda x, k=k: x + k) for k in range(5)]
+    opening = "compiling for scenes of this kind, kept for later runs"
+    for compiled in (True, False):
         with RunProgressBar(True):
-            assert [kernel(1.0) for kernel in kernels] == [1.0, 2.0]
+            assert [kernel(1.0) for kernel in kernels] == [1.0, 2.0, 3.0, 4.0, 5.0]
         said = capsys.readouterr().err
-        assert [words for words in told if words not in said] == []
-        assert ("compiling" in said) == bool(told)
+        assert said.count(opening) == (0 if not compiled else said.count("\r") if terminal else 2)
+        assert (f"{opening}, kernel 5 [" in said) == compiled
