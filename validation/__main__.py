@@ -71,6 +71,7 @@ def _measuring_options(default: str = "") -> Option:
         "printed, and written where -o says so",
     ),
     CHANGES,
+    IMPORT,
     _measuring_options(f" ({REPORT} if not given)"),
     examples="""\
 examples:
@@ -81,12 +82,14 @@ examples:
 def measure_report(options: Any) -> None:
     """Measure all sections, the overview alone, or scenes of the user's own."""
     from granular.scene.loading import load_scene
+    from granular.user_code import import_user_code
     from validation.overview import OVERVIEW, overview_section_for
     from validation.report import SECTIONS
 
+    import_user_code(options.user_files)
     changes = parse_changes(options.changes)
     if changes and not options.scenes:
-        raise InputError("--set changes a scene; name one, such as: report damper")
+        raise InputError(f"--set changes a scene; name one, such as: {options.prog} damper")
     if options.overview:
         refuse_options(options, "--overview, which is of packaged scenes", scenes="SCENE")
         _measure_sections(options, [OVERVIEW], options.out)
@@ -181,6 +184,7 @@ def measure_own_methods(options: Any) -> None:
     "the setting that reaches a tolerance in the least time",
     SCENE,
     CHANGES,
+    IMPORT,
     option("quantity", help="such as energy, positions, 'rest height', period"),
     option("tolerance", type=quantity_reader("1"), help="error that is allowed, such as 0.01 or '1 %%'"),
     UNTIL,

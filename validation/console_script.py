@@ -71,10 +71,12 @@ def dispatch_command(arguments: Sequence[str]) -> None:
     if command in _FORMER:
         raise InputError(f"there is no command '{command}'; did you mean '{_FORMER[command]}'?")
     if command == _VALIDATE:
-        named = bool(words) and words[0] in _command_names(programs["validation"])
-        programs["validation"].main(
-            words if named else ["report", *words], f"{PROG} {_VALIDATE}" if named else PROG
-        )
+        program = programs["validation"]
+        if words and words[0] in _command_names(program):
+            program.main(words, f"{PROG} {_VALIDATE}")
+            return
+        every = [entry._replace(name=_VALIDATE) for entry in program.commands if entry.name == "report"]
+        program._replace(commands=tuple(every)).main(arguments, PROG)
         return
     homes = {name: package for package, program in programs.items() for name in _command_names(program)}
     if command not in homes:

@@ -159,7 +159,7 @@ def convergence(
         Name as in `granular.methods.method_named`, or any where solver and order are given.
     counts : sequence of int, optional
         Numbers of equal steps (about as many, of a method that chooses its own) up to the problem's
-        time, integers from 2, increasing; `step_counts` without.
+        time, integers from 2, in any order; `step_counts` without.
     solver : callable, optional
         Another integration than the toolkit's, a control: from a problem and a number of steps to
         `GrainStates`.
@@ -188,7 +188,7 @@ def convergence(
     """
     order = method_named(method).order if order is None else order
     solve = toolkit_solver(method) if solver is None else solver
-    counts = step_counts(problem, solve, order) if counts is None else tuple(counts)
+    counts = step_counts(problem, solve, order) if counts is None else tuple(sorted(counts))
     if not counts or min(counts) < 2:
         raise InputError(f"counts = {counts}; give numbers of steps, each at least 2")
     exact = problem.exact(problem.time).positions

@@ -51,7 +51,7 @@ from validation.hard_case_outcomes import (
 from validation.hard_cases import COSTLY, hard_case_catalogue
 from validation.measured_quantities import QUANTITIES, MeasuredQuantity
 from validation.report_scenes import compression_scene
-from validation.report_tasks import Plain, Section, Task
+from validation.report_tasks import Plain, Section, Task, scene_key
 from validation.text_tables import WIDTH, TextTable, add_table_to_page, draw_legend_below, text_table
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[T
     seconds = FULL_SECONDS if full else QUICK_SECONDS
     tasks = []
     for scene in scenes:
-        key = {"scene": scene.digest(), "name": scene.name}
+        key = {**scene_key(scene), "name": scene.name}
         tasks += [
             Task(
                 f"{scene.name}: accuracy",

@@ -15,10 +15,12 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, get_args, get_type_hints
 
+from granular.run.simulation import custom_code_digests
 from granular.shared.errors import GranularError
 from granular.shared.result_cache import ResultCache, digest
 
 if TYPE_CHECKING:
+    from granular.scene.scene import Scene
     from granular.shared.html_pages import HtmlPage
     from validation.text_tables import TextTable
 
@@ -177,6 +179,11 @@ _SHOWING = ("report.py", "text_tables.py", "html_pages.py", "plotting.py", "publ
 
 
 @cache
+def scene_key(scene: Scene) -> dict[str, Any]:
+    """Part of a task's key that tells a scene from others, and a user's functions in it from edited ones."""
+    return {"scene": scene.digest(), "own": custom_code_digests(scene)}
+
+
 def source_digest() -> str:
     """Digest (SHA-256) of all code that a figure of the report may depend on."""
     import granular

@@ -39,7 +39,7 @@ DT = option("--dt", default="auto", help="time step [s], 'auto' (default), or a 
 METHOD = option(
     "--method",
     default="stormer-verlet",
-    help="integration method, by name (stormer-verlet); 'granular scenes --methods' lists them",
+    help="integration method, by name (stormer-verlet); the command 'scenes --methods' lists them",
 )
 THREADS = option(
     "--threads", type=int, help="number of threads; the result is the same to the last bit with any number"

@@ -65,6 +65,13 @@ TEST_FRACTION = option(
     metavar="S",
     help="fraction of the swings that judge the laws, by fits without them: 0.3 (default) or '30 %%'",
 )
+BUDGET = option(
+    "--budget",
+    type=quantity_reader("s"),
+    default=300.0,
+    metavar="T",
+    help="processor time for fits and discovery [s]; what comes later is left out, and said (300)",
+)
 STARTS = option("--starts", type=int, default=16, help="how many starting points each fit tries (16)")
 
 
@@ -83,13 +90,7 @@ STARTS = option("--starts", type=int, default=16, help="how many starting points
         "--mass", metavar="M", help="mass of what moves [kg], for stiffness and damping (a scene has its own)"
     ),
     STARTS,
-    option(
-        "--budget",
-        type=quantity_reader("s"),
-        default=300.0,
-        metavar="T",
-        help="processor time for fits and discovery [s]; what comes later is left out, and said (300)",
-    ),
+    BUDGET,
     option("--no-checks", action="store_true", help="skip the runs that show step error and scatter"),
     option(
         "--dt",
@@ -361,6 +362,7 @@ def _parse_height_map(text: str) -> HeightMap:
     ),
     TEST_FRACTION,
     STARTS,
+    BUDGET,
     option("-o", "--out", metavar="DIR", help="directory for report and models"),
     option(
         "--response",
@@ -389,17 +391,17 @@ def compare(options: Any) -> None:
 def _compare_laws(options: Any) -> None:
     from reduced_models.identification.candidate_laws import CANDIDATES
     from reduced_models.identification.comparison import compare as compare_laws
+    from reduced_models.identification.identify import check_budget
+    from reduced_models.least_squares.levenberg_marquardt import spent_budget_text, time_budget
     from reduced_models.records.sources import make_directory
 
+    check_budget(options.budget)
     target = make_directory(options.out)
     leave_cautions_to_print_out(options)
-    table = compare_laws(
-        load_records(options.sources, options),
-        parse_laws(options.laws or CANDIDATES),
-        options.test_fraction,
-        load_records(options.test_records, options),
-        starts=options.starts,
-    )
+    records, further = (load_records(paths, options) for paths in (options.sources, options.test_records))
+    laws = parse_laws(options.laws or CANDIDATES)
+    with time_budget(options.budget, spent_budget_text(options.budget)):
+        table = compare_laws(records, laws, options.test_fraction, further, starts=options.starts)
     text = str(table)
     if target is not None:
         from reduced_models.identification.page import comparison_page

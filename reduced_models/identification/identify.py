@@ -37,7 +37,7 @@ from reduced_models.identification.scene_checks import (
 )
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.levenberg_marquardt import time_budget
+from reduced_models.least_squares.levenberg_marquardt import spent_budget_text, time_budget
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.models.quantities import QuantityWithError
@@ -163,8 +163,7 @@ def identify(
     """
     _check_arguments(laws, mass)
     check_fit_options(starts=starts)
-    if not isinstance(budget, Real) or not float(budget) > 0.0:
-        raise InputError(f"budget = {quote(budget)} s; give a time above 0")
+    check_budget(budget)
     target = make_directory(out)
     clock = _Stopwatch()
     options = RunOptions(changes or {}, STEP if dt is None else dt, method, threads, progress)
@@ -257,10 +256,7 @@ def _fit_and_compare(
     else:
         wanted = [_add_drive_to_law(law, record, drive) for law in laws]
     clock.lap("a glance at the laws")
-    words = (
-        f"not done when the budget of {budget:g} s of processor was spent; for more: "
-        f"budget={5.0 * budget:g} (--budget {5.0 * budget:g})"
-    )
+    words = spent_budget_text(budget)
     with time_budget(budget, words):
         if discovery is not None:
             from reduced_models.discovery.discover import discover
@@ -300,6 +296,12 @@ def _fit_and_compare(
         },
         advice=suggest_next_steps(comparison, models, record, run, discovery),
     )
+
+
+def check_budget(budget: object) -> None:
+    """Refuse a processor time [s] that is none."""
+    if not isinstance(budget, Real) or not float(budget) > 0.0:
+        raise InputError(f"budget = {quote(budget)} s; give a time above 0")
 
 
 def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> None:

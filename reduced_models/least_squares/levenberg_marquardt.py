@@ -54,6 +54,14 @@ _DESCENT: optimistix.DampedNewtonDescent[Any] = optimistix.DampedNewtonDescent(
 _END: contextvars.ContextVar[tuple[float, str]] = contextvars.ContextVar("end", default=(math.inf, ""))
 
 
+def spent_budget_text(budget: float) -> str:
+    """Say of a law or a discovery that it came too late for a budget, and how to give more; budget [s]."""
+    return (
+        f"not done when the budget of {budget:g} s of processor was spent; for more: "
+        f"budget={5.0 * budget:g} (--budget {5.0 * budget:g})"
+    )
+
+
 @contextlib.contextmanager
 def time_budget(seconds: float, words: str) -> Iterator[None]:
     """Let searches begun within it end with `TimeBudgetError` after so much processor time; seconds [s]."""

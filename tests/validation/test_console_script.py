@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -13,9 +14,26 @@ import pytest
 
 from granular import __version__
 from granular.commands.console import launch
+from granular.shared.errors import InputError
 from validation.console_script import dispatch_command
 
 ROOT = Path(__file__).parents[2]
+
+OWN = """
+from granular import effect, quantity
+
+@effect
+class ValidatedPush:
+    k: float = quantity("N", default="1 mN")
+
+    @staticmethod
+    def energy(p, grain, time):
+        return p.k * grain.y
+
+    @staticmethod
+    def force(p, grain, time):
+        return 0.0, -p.k
+"""
 
 
 def test_a_command_reaches_its_package(capsys: pytest.CaptureFixture[str]) -> None:
@@ -35,8 +53,26 @@ def test_help_of_a_command_is_what_one_types(
     assert stopped.value.code == 0
     text = capsys.readouterr().out
     assert words in text
-    assert "granular-damper " in text
+    assert f"usage: granular-damper {command} " in text
     assert "python -m" not in text
+
+
+def test_help_calls_no_program_that_is_not_there() -> None:
+    """There is no program ``granular``: its commands are those of ``granular-damper``."""
+    import granular.__main__
+    import reduced_models.__main__
+    import validation.__main__
+
+    for module in (granular.__main__, reduced_models.__main__, validation.__main__):
+        for parser in module.parser("granular-damper").parsers.values():
+            assert not re.search(r"(?<![\w.-])(?<!from )granular [a-z]", parser.format_help())
+
+
+def test_what_is_wrong_with_a_report_names_the_command_as_typed(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["validate"], ["validate", "report"], ["report"]):
+        assert launch(dispatch_command, [*words, "--set", "piston.mass=6"]) == 2
+        said = capsys.readouterr().err
+        assert f"name one, such as: granular-damper {' '.join(words)} damper" in said
 
 
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
@@ -123,6 +159,32 @@ def test_the_validation_s_commands_are_called_by_both_names(capsys: pytest.Captu
             launch(dispatch_command, words)
         texts.append(capsys.readouterr().out.replace("granular-damper validate", "granular-damper"))
     assert texts[0].split() == texts[1].split()
+
+
+@pytest.mark.parametrize("words", [["validate", "mine.toml"], ["cheapest", "mine.toml", "energy", "0.01"]])
+def test_the_validation_takes_scenes_with_effects_of_a_users_own(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import validation.recommendation
+    import validation.report
+
+    measured: list[object] = []
+
+    def measure(*given: object, **_: object) -> None:
+        measured.append(given)
+        raise InputError("that is enough")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(validation.report, "report", measure)
+    monkeypatch.setattr(validation.recommendation, "recommend_settings", measure)
+    Path("mine.py").write_text(OWN)
+    Path("mine.toml").write_text(
+        "effects.validated_push = true\ncell.width = 0.3\narrangement.height = 0.2\n"
+        'grains = { count = 1, species = [{ diameter = "5 mm" }] }\n'
+    )
+    assert launch(dispatch_command, [*words, "--import", "mine.py"]) == 2
+    assert capsys.readouterr().err == "error: that is enough\n"
+    assert len(measured) == 1
 
 
 def test_papers_are_cited_by_name_and_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -95,6 +95,17 @@ def test_a_sound_solver_shows_its_order() -> None:
     assert result.shows_declared_order(0.02)
 
 
+def test_counts_may_be_given_in_any_order() -> None:
+    counts = [round(64 * 2.0 ** (k / 2)) for k in range(8)]
+    problem = exact_problem("oscillation")
+    fits = [
+        convergence(problem, "verlet", given, solver=plain_verlet(), order=2).fit
+        for given in (counts, counts[::-1], [*counts[4:], *counts[:4]])
+    ]
+    assert fits[0] is not None
+    assert fits[0] == fits[1] == fits[2]
+
+
 def test_controls_are_told_apart() -> None:
     counts = [round(64 * 2.0 ** (k / 2)) for k in range(8)]
     drag = exact_problem("drag")

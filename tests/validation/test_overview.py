@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from granular import Scene
+from granular import Scene, effect
 from granular.shared.html_pages import HtmlPage
 from validation import overview
 from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
+from validation.cost.report_section import work_precision_task
 from validation.cost.work_precision_result import WorkPrecision
 from validation.effect_costs import NOTHING, effect_costs, first_and_last_costs_agree
 from validation.overview import (
@@ -111,6 +113,27 @@ def test_plan_keeps_to_its_time(small_bed: Scene) -> None:
     assert len(short[0]) < len(long[0])
     assert long[2].dt == "auto/8"
     assert len(long[1]) > 1
+
+
+def test_pieces_of_an_edited_effect_are_measured_again(bed: Scene) -> None:
+    """Its scene is the same, as text; its functions are not."""
+    keys = []
+    for factor in (1.0, 2.0):
+
+        @effect
+        class EditedPush:
+            @staticmethod
+            def energy(p: Any, grain: Any, time: float, factor: float = factor) -> float:
+                return factor * grain.y
+
+            @staticmethod
+            def force(p: Any, grain: Any, time: float, factor: float = factor) -> tuple[float, float]:
+                return 0.0, -factor
+
+        scene = bed.replace(**{"effects.edited_push": True})
+        keys.append([task.key for task in overview_tasks([scene], full=False, hard=False)])
+        keys[-1].append(work_precision_task(scene, ("energy",), (), {}).key)
+    assert all(first != second for first, second in zip(*keys, strict=True))
 
 
 def test_first_screen_of_a_small_bed(

@@ -18,7 +18,7 @@ from validation.cost.work_precision_result import LEVELS, WorkPrecision
 from validation.exact import exact_problem
 from validation.external_integrators import ORDERS
 from validation.report_scenes import compression_scene, disturbed_lattice, frictionless_bed
-from validation.report_tasks import Plain, Section, Task
+from validation.report_tasks import Plain, Section, Task, scene_key
 from validation.text_tables import WIDTH, TextTable, add_table_to_page, draw_legend_below, text_table
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def work_precision_task(
 ) -> Task:
     """Task that runs one scene with many settings."""
     key = {
-        "scene": scene.digest(),
+        **scene_key(scene),
         "quantities": quantities,
         "settings": str(settings),
         "options": str(options),

@@ -196,7 +196,8 @@ def test_every_drawn_edit_makes_runs_kernels_and_studies_new(tmp_path: Path) -> 
             result = sweep(unedited, measure=edited.measures["figures"], **more)
             assert (result.reused, result.failed) == (0, ())
             assert result.outcomes[0]["figures"] == edited.measures["figures"](cast("Any", None))
-        assert sweep(unedited, measure=before.measures["figures"], **more).reused == 1
+        again = imported(tmp_path, text_with())
+        assert sweep(pushed(), measure=again.measures["figures"], **more).reused == 1
 
 
 def test_another_version_of_the_toolkit_makes_cases_new(monkeypatch: pytest.MonkeyPatch) -> None:

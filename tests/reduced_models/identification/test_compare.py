@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -135,6 +136,20 @@ def test_what_exceeds_the_budget_is_left_out_and_named(made: Any, monkeypatch: p
     monkeypatch.setattr(levenberg_marquardt.time, "process_time", iter(range(0, 10**6, 7)).__next__)
     with pytest.raises(InputError, match=r"no law could be fitted; linear: .*--budget 25"):
         identify(made("linear"), laws=laws, budget=5.0, progress=False)
+
+
+def test_the_command_compare_keeps_a_budget(
+    made: Any, command: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    made("linear").to_csv(tmp_path / "lab.csv")
+    words = ("compare", str(tmp_path / "lab.csv"), "--law", "all", "--starts", "1")
+    monkeypatch.setattr(levenberg_marquardt.time, "process_time", iter(range(0, 10**6, 7)).__next__)
+    done = command("reduced_models", *words, "--budget", "5")
+    assert done.returncode == 2
+    assert "no law could be fitted; " in done.stderr
+    assert "not done when the budget of 5 s of processor was spent; for more: " in done.stderr
+    done = command("reduced_models", *words, "--budget", "0")
+    assert done.stderr == "error: budget = 0.0 s; give a time above 0\n"
 
 
 WRONG = {
