@@ -53,10 +53,14 @@ class CustomStage(CustomSection, SampledStage):
         """Sample the user's function [m, N] at any times [s]; height [m]."""
         ((name, function),) = self.definition.functions.items()
         start = () if self.needs_piston_mass else (height,)
-        try:
-            return np.array([float(function(self, float(time), *start)) for time in times])
-        except Exception as error:
-            raise user_code_error(self.definition, f"{name} fails", error) from None
+        values = np.empty(len(times))
+        for k, time in enumerate(times):
+            try:
+                values[k] = float(function(self, float(time), *start))
+            except Exception as error:
+                what = f"{name} fails {time:g} s after the stage's start"
+                raise user_code_error(self.definition, what, error) from None
+        return values
 
     def sample_values_and_slopes(
         self, times: Float[np.ndarray, "k"], height: float

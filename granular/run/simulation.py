@@ -18,6 +18,7 @@ from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.engine.step_size import StepRequest
 from granular.methods.method import Method
 from granular.methods.registry import method_as_run_setting, resolve_method
+from granular.protocol.stage_trials import try_stages
 from granular.run.checkpoint import read_checkpoint, read_verified_files
 from granular.run.dataset_variables import check_variable_names
 from granular.run.protocol_runner import ProtocolRunner
@@ -42,6 +43,7 @@ from granular.scene.scene_in_natural_units import (
     explain_compile_errors,
     scene_in_natural_units,
 )
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
 from granular.shared.version import versions
@@ -144,6 +146,8 @@ def simulate(
     check_method_fits_scene(plan, step, scene)
     check_end_time(scene, t_end)
     check_time_step_fits_scene(step, scene, t_end)
+    if scene.piston is not None:
+        try_stages(scene.protocol, scene.piston.height, Scales.from_grains(scene.grains))
     _warn_of_changed_record_spacing(step, scene)
     count = choose_thread_count(scene, threads)
     system = scene_in_natural_units(scene, threads=count, method=plan)
@@ -153,10 +157,11 @@ def simulate(
         raise InputError("resume = True needs out, the directory of the run to go on with")
     run = ProtocolRunner(scene, system, plan, step, t_end)
     run.threads = ThreadCountTuner(count if threads is None else 1)
-    with defer_stop_signals() as stop, measure_compile_time() as compiling:
+    with defer_stop_signals() as stop:
         store = None if out is None else _create_or_resume_directory(Path(out), run, settings, resume)
         try:
-            with explain_compile_errors(scene):
+            # From where the job counts its seconds: to restore a run may compile before.
+            with measure_compile_time() as compiling, explain_compile_errors(scene):
                 return _SimulationJob(run, store, settings, compiling).run_to_end(progress, stop)
         finally:
             if store is not None:

@@ -11,6 +11,7 @@ import pytest
 
 from granular import Scene, load_scene, quantity, simulate, stage
 from granular.protocol.piston_motion import driven_height_and_velocity
+from granular.protocol.stage_trials import try_stages
 from granular.run.simulation import custom_code_digests
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, SceneError
@@ -119,13 +120,58 @@ def test_what_a_class_cannot_be() -> None:
     [
         (lambda p, time, start: start + 1e-3, "begins at .* let it begin at the height"),
         (lambda p, time, start: start + 1e-3 * (time > 0.031), "changes too fast, or is not smooth"),
-        (lambda p, time, start: math.sqrt(-time - 1.0), "height fails: ValueError"),
+        (lambda p, time, start: math.sqrt(-time - 1.0), "height fails 0 s after .* start: ValueError"),
     ],
 )
 def test_functions_that_are_no_motion(function: object, words: str) -> None:
     stage(type("Faulty", (), {"height": staticmethod(function)}))
     scene = bed({"kind": "faulty", "name": "one", "duration": 0.1})
-    with pytest.raises((InputError, SceneError), match=words):
+    with pytest.raises(InputError, match=f"stage 'one', tried before the run: .*{words}"):
+        simulate(scene, dt=1e-4, progress=False)
+
+
+FREE = {"kind": "free", "name": "first", "duration": 0.01}
+HELD = {"kind": "hold", "name": "first", "duration": 0.01}
+
+
+@pytest.mark.parametrize(
+    ("before", "function", "words"),
+    [
+        (HELD, lambda p, time, start: p.nothing, "height fails 0 s after .*AttributeError"),
+        (FREE, lambda p, time, start: p.nothing, "height fails 0 s after .*AttributeError"),
+        (HELD, lambda p, time, start: start + math.sqrt(0.05 - time), "fails 0.05.* s after .*ValueError"),
+        (FREE, lambda p, time, start: math.inf, "height: is not finite at the stage's start"),
+        (HELD, lambda p, time, start: 0.1, "begins at 0.1 m and the piston stands at 0.12 m"),
+    ],
+)
+def test_a_later_stage_is_tried_before_the_run(
+    before: dict[str, object], function: object, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage(type("Faulty", (), {"height": staticmethod(function)}))
+    monkeypatch.setattr("granular.run.simulation.ProtocolRunner", None)  # which no run comes to
+    with pytest.raises(InputError, match=f"stage 'second', tried before the run: .*{words}"):
+        simulate(bed(before, {"kind": "faulty", "name": "second", "duration": 0.1}), progress=False)
+
+
+def test_stages_after_a_free_one_begin_where_it_ends() -> None:
+    """What depends on that height is not refused before the run."""
+    stage(type("Timed", (), {"height": staticmethod(lambda p, time, start: 0.05 + 0.0 * time)}))
+    stage(type("Pushed", (), {"force": staticmethod(lambda p, time: math.sqrt(0.05 - time))}))
+    later = {"kind": "timed", "name": "second", "duration": 0.1}
+    scales = Scales.from_grains(bed(HELD).grains)
+    try_stages(bed(FREE, later).protocol, 0.12, scales)
+    moved = {"kind": "move", "name": "m", "to": 0.05, "speed": 0.1}
+    try_stages(bed(HELD, moved, later).protocol, 0.12, scales)
+    for first in (FREE, HELD):
+        scene = bed(first, {"kind": "pushed", "name": "second", "duration": 0.1})
+        with pytest.raises(InputError, match=r"stage 'second', tried .*force fails 0\.05.* s after"):
+            try_stages(scene.protocol, 0.12, scales)
+
+
+def test_what_fails_in_its_turn_names_stage_and_time() -> None:
+    stage(type("Timed", (), {"height": staticmethod(lambda p, time, start: 0.05 + 0.0 * time)}))
+    scene = bed(FREE, {"kind": "timed", "name": "second", "duration": 0.1})
+    with pytest.raises(InputError, match=r"stage 'second', at t = 0\.01 s: height: begins at 0\.05 m"):
         simulate(scene, dt=1e-4, progress=False)
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from numba.core.compiler_lock import global_compiler_lock
 
 import granular.run.protocol_runner
+import granular.run.simulation
 from granular import Scene, damper, load_scene, simulate
 from granular.run.settings_for_accuracy import (
     FLOORS,
@@ -145,6 +147,24 @@ def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None
     assert 0.0 < settings["seconds"] <= passed - settings["compile_seconds"]
     assert f"price: {settings['seconds']:.3g} s" in work_precision_text(run)
     assert f"{settings['compile_seconds']:.2g} s of compiling" in run_text(run)
+
+
+def test_the_price_of_a_resumed_run_is_without_what_compiled_before_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It was below zero, where the run was shorter than that."""
+    plain, scene = granular.run.simulation.restore_snapshot, load_scene("single-particle")
+
+    def restore(*known: Any) -> None:
+        with global_compiler_lock:
+            time.sleep(0.5)
+        plain(*known)
+
+    simulate(scene, 1e-4, 0.05, out=tmp_path / "run", progress=False)
+    monkeypatch.setattr(granular.run.simulation, "restore_snapshot", restore)
+    run = simulate(scene, 1e-4, 0.06, out=tmp_path / "run", resume=True, progress=False)
+    assert run.settings()["seconds"] > 0.0
+    assert not work_precision_text(run).startswith("price: -")
 
 
 def test_price_without_a_like_scene_is_the_energy_s() -> None:
