@@ -27,7 +27,8 @@ def import_user_code(paths: Iterable[str | Path]) -> UserCode:
     user_code = UserCode({}, {})
     for path in paths:
         file = run_user_file(path)
-        load_user_sections(file)
+        for section in load_user_sections(file).values():
+            section.register_class()  # also of a text that was imported before, and then another one
         values = user_definitions(file).values()
         methods = [function for function in values if isinstance(function, Method)]
         register_methods(function for function in methods if METHODS.get(function.name) is not function)

@@ -118,6 +118,11 @@ class CustomSection(Section):
     origin: ClassVar[UserFile | None] = None
     made_by: ClassVar[Callable[[type], Any]]
 
+    @classmethod
+    def register_class(cls) -> None:
+        """Let scenes name it; an own one of the same name is replaced."""
+        raise NotImplementedError
+
     @property
     def user_code_digests(self) -> tuple[str, ...]:
         """Digest of its functions, for the run's settings; those of the package have a version."""
@@ -147,6 +152,13 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
 
     rank = 1
 
+    @classmethod
+    def register_class(cls) -> None:
+        """Let scenes name it; an own one of the same name is replaced, a built-in one refused."""
+        if not is_built_in(cls):  # which the registry knows by its file
+            register_effect(cls)
+        DEFINITIONS[cls.definition.digest] = cls.definition
+
     def make_kernel_law(self, context: EffectContext) -> CustomLaw:
         """Law in natural units."""
         p = self.parameters_in_natural_units(context.scales)
@@ -172,6 +184,12 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
 
 class CustomWall(CustomSection):
     """Base of the wall laws that `wall_law` makes."""
+
+    @classmethod
+    def register_class(cls) -> None:
+        """Let walls name it; an own one of the same name is replaced."""
+        WALL_LAWS[cls.definition.key] = cls
+        DEFINITIONS[cls.definition.digest] = cls.definition
 
     def make_kernel_law(self, scales: Scales) -> CustomWallLaw:
         """Law in natural units."""
@@ -222,9 +240,7 @@ def effect(user_class: type) -> Any:
         energy_record=energy_variable(f"{key}_energy", f"energy of: {meaning}") if has_energy else None,
         loss_record=energy_variable(f"{key}_loss", f"lost to: {meaning}") if "flow" in functions else None,
     )
-    if not is_built_in(made):  # which the registry knows by its file
-        register_effect(made)
-    DEFINITIONS[made.definition.digest] = made.definition
+    made.register_class()
     return made
 
 
@@ -264,8 +280,7 @@ def wall_law(user_class: type) -> Any:
         energy, fail when a run begins.
     """
     made = make_section_class(user_class, CustomWall, WALL_FUNCTIONS, WALL_FUNCTIONS, "wall law")
-    WALL_LAWS[made.definition.key] = made
-    DEFINITIONS[made.definition.digest] = made.definition
+    made.register_class()
     return made
 
 

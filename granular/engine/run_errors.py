@@ -56,7 +56,8 @@ def misplaced_grain_error(
         "the piston": (top, state.piston[HEIGHT] - position[:, 1]),
     }
     for name, (law, gap) in gaps.items():
-        if law is not None and len(gap) and not gap.min() > 0.0:
+        held = getattr(law, "closed", law is not None)  # grains may be below a bottom with a gap
+        if held and len(gap) and not gap.min() > 0.0:
             value = -float(gap.min()) * scales.length
             return OutsideError(
                 f"the grain is {value:.3g} m behind {name}, 0 m is the limit",

@@ -43,6 +43,11 @@ _FUNCTIONS = ("height", "force")
 class CustomStage(CustomSection, SampledStage):
     """Base of the stages that `stage` makes."""
 
+    @classmethod
+    def register_class(cls) -> None:
+        """Let protocols name it; an own one of the same name is replaced."""
+        KINDS[cls.definition.key] = cls
+
     @property
     def driven_quantity(self) -> str:
         """Name of the user's function, ``"height"`` or ``"force"``."""
@@ -106,7 +111,7 @@ def stage(user_class: type) -> Any:
     if not issubclass(KINDS.get(key, CustomStage), CustomStage):
         raise InputError(f"stage {key!r} is a built-in one; give the class another name")
     made: type[CustomStage] = make_section_class(user_class, CustomStage, _FUNCTIONS, (), "stage")
-    KINDS[key] = made
+    made.register_class()
     return made
 
 

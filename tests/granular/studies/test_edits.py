@@ -173,6 +173,8 @@ def test_every_drawn_edit_gives_other_digests(tmp_path: Path) -> None:
         seen.add(measure_identity(edited.measures["figures"]))
         assert (custom_code_digests(pushed()) != effect_digests) is (place < OF_EFFECT), place
     assert len(seen) == 1 + EDITS
+    imported(tmp_path, text_with())
+    assert custom_code_digests(pushed()) == effect_digests  # an edit that is taken back
 
 
 @pytest.mark.long  # quick: the digests, above

@@ -1,0 +1,44 @@
+"""What stopped a run is told, and not another thing that is as it may be."""
+
+from __future__ import annotations
+
+from granular import Scene
+from granular.engine.step_size import StepRequest
+from granular.methods import METHODS
+from granular.run.protocol_runner import ProtocolRunner
+from granular.scene.scene_in_natural_units import scene_in_natural_units
+from granular.shared.errors import OutsideError
+
+GAP = {"law": "slab", "gap_start": "4 D", "gap_end": "8 D"}
+
+
+def runner(scene: Scene) -> ProtocolRunner:
+    """A run that has not begun."""
+    system = scene_in_natural_units(scene)
+    return ProtocolRunner(scene, system, METHODS["stormer-verlet"], StepRequest(seconds=1e-4), None)
+
+
+def test_a_contact_that_is_too_deep_is_told_while_a_grain_leaves_through_a_gap(small_bed: Scene) -> None:
+    changes = {
+        "grains.magnets": "cylinders",
+        "effects.contact": {"modulus": "1 MPa"},
+        "effects.walls.bottom": GAP,
+    }
+    run = runner(small_bed.replace(**changes))
+    state, close = run.state, run.state.close
+    assert close is not None
+    state.x[0], state.y[0] = 6.0, -1.5
+    state.x[1:3], state.y[1:3] = 3.0, 3.0
+    state.x[2] += 0.1
+    close.first[0], close.second[0], close.filled[0] = 1, 2, 1
+    error = run.misplaced_grain_error("shorten dt")
+    assert "two discs are at 0.1 of the distance at which they touch" in str(error)
+
+
+def test_a_grain_behind_a_wall_without_a_gap_is_told(small_bed: Scene) -> None:
+    for bottom in ("experimental", "slab"):
+        run = runner(small_bed.replace(**{"effects.walls.bottom": bottom}))
+        run.state.y[0] = -1.5
+        error = run.misplaced_grain_error("shorten dt")
+        assert isinstance(error, OutsideError)
+        assert "m behind the bottom, 0 m is the limit" in str(error)
