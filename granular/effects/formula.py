@@ -173,7 +173,8 @@ class _DerivedFunctions(Mapping[str, Callable[..., Any]]):
         }
         tree = sympy_expression(parse(self.energy), symbols | given)
         forms = self.kind.derivative_expressions(tree, symbols)
-        if forms["force"].has(sympy.DiracDelta):
+        # Of sign(u/a), where a may be zero, SymPy leaves the derivative as it is.
+        if forms["force"].has(sympy.DiracDelta, sympy.Derivative):
             raise InputError(f"the energy {quote(self.energy)} jumps; write one without jumps")
         arguments = [*symbols.values(), *given.values()]
         made = {
@@ -188,7 +189,8 @@ def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
     """Without the infinite stiffness of a kink, at the one point where it is."""
     import sympy
 
-    form = form.replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
+    for infinite in (sympy.DiracDelta, sympy.Derivative):
+        form = form.replace(infinite, lambda *_: sympy.Integer(0))
     return form.replace(sympy.Heaviside, lambda x, *_: (1 + sympy.sign(x)) / 2)
 
 

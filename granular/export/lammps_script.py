@@ -139,9 +139,14 @@ def check_exportable_scene(scene: Scene) -> None:
     for side in ("left", "right", "bottom", "top"):
         wall = None if walls is None else getattr(walls, side)
         if wall is not None and wall.law not in WALL_EXPONENTS:
+            why = (
+                "it depends on two coordinates"
+                if wall.own is None
+                else "a deck has laws of the package alone"
+            )
             raise InputError(
-                f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: it depends on "
-                f"two coordinates; take {' or '.join(map(repr, WALL_EXPONENTS))}"
+                f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: {why}; take "
+                f"{' or '.join(map(repr, WALL_EXPONENTS))}"
             )
     if scene.pair_method == "verlet-list":
         raise InputError(

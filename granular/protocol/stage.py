@@ -355,6 +355,6 @@ def _value_and_slope_functions(
     tree = sympy_expression(parse(formula), symbols | given)
     arguments = [*symbols.values(), *given.values()]
     slope = tree.diff(symbols["t"])
-    if slope.has(sympy.DiracDelta):
+    if slope.has(sympy.DiracDelta, sympy.Derivative):
         raise FieldError(f"{quote(formula)} jumps; write it without jumps")
     return compile_function(arguments, tree), compile_function(arguments, slope)

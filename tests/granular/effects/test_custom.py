@@ -163,6 +163,7 @@ def test_what_is_missing_is_told_at_once(functions: Any, words: str) -> None:
 
 
 def test_a_class_that_is_refused_leaves_nothing_behind() -> None:
+    effect_names()  # those of the package are defined now
     before = dict(DEFINITIONS)
     with pytest.raises(InputError, match="'drag' is there already"):
         made("Drag", energy=_energy, force=_swung)
@@ -213,9 +214,10 @@ def test_work_is_derived_where_the_time_is_in_a_formula() -> None:
     assert "power" in known[1]
 
 
-def test_a_formula_that_jumps_is_refused() -> None:
+@pytest.mark.parametrize("step", ["heaviside(y - h)", "sign(y/h - 1)"])
+def test_a_formula_that_jumps_is_refused(step: str) -> None:
     pytest.importorskip("sympy")
-    jump = {"energy": "k*heaviside(y - h)", "k": "1 J", "h": "5 mm"}
+    jump = {"energy": f"k*{step}", "k": "1 J", "h": "5 mm"}
     definition = bed(field=[jump]).effects.field.fields[0].definition
     with pytest.raises(InputError, match="jumps"):
         definition.functions["force"]
@@ -232,6 +234,17 @@ def test_the_kink_of_a_formula_compiles(compressed: str) -> None:
         within = max(1.0 - r, 0.0)
         assert functions["pair_energy"]((2.0, 1.0), r, grain, grain) == pytest.approx(2 * within**2)
         assert functions["pair_force"]((2.0, 1.0), r, grain, grain) == pytest.approx(4 * within)
+
+
+def test_a_kink_at_a_ratio_of_a_wall_s_parameters_compiles() -> None:
+    """SymPy leaves the derivative of sign(1 - w/l) as it is, where l may be zero."""
+    law = {"energy": "a*abs(1 - w/l)", "a": "2 uJ", "l": "1 D"}
+    scene = load_scene("bed").replace(**{"effects.walls.left": law})
+    functions = scene.effects.walls.left.own.definition.functions
+    for w in (0.5, 1.5):
+        assert functions["energy"]((2.0, 1.0), w) == pytest.approx(1.0)
+        assert functions["force"]((2.0, 1.0), w) == pytest.approx(2.0 if w < 1.0 else -2.0)
+        assert functions["stiffness"]((2.0, 1.0), w) == 0.0
 
 
 def test_a_wall_law_that_is_no_gradient_is_told() -> None:

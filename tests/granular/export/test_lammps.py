@@ -276,6 +276,10 @@ REFUSED: dict[str, tuple[dict[str, object], str]] = {
     "gradient": ({"effects.gradient.x": 1e-3}, "effects.gradient cannot be exported"),
     "spread": ({"grains.spread": 0.1}, "grains.spread cannot be exported"),
     "slab": ({"effects.walls.bottom": "slab"}, "effects.walls.bottom.law = 'slab'"),
+    "formula": (
+        {"effects.walls.bottom": {"energy": "a*(l/w)**3", "a": "1 uJ", "l": "6 mm"}},
+        "law = 'formula' cannot be exported to LAMMPS: a deck has laws of the package alone; take 'experimental'",
+    ),
     "list": ({"pairs.method": "verlet-list"}, "pairs.method = 'verlet-list'"),
     "free": (
         {"piston.mass": 1.0, "protocol": [{"kind": "free", "name": "drop", "until": "rest"}]},
