@@ -142,7 +142,7 @@ def check_exportable_scene(scene: Scene) -> None:
             why = (
                 "it depends on two coordinates"
                 if wall.own is None
-                else "a deck has laws of the package alone"
+                else "no deck has its law"
             )
             raise InputError(
                 f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: {why}; take "
