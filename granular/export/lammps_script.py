@@ -139,11 +139,7 @@ def check_exportable_scene(scene: Scene) -> None:
     for side in ("left", "right", "bottom", "top"):
         wall = None if walls is None else getattr(walls, side)
         if wall is not None and wall.law not in WALL_EXPONENTS:
-            why = (
-                "it depends on two coordinates"
-                if wall.own is None
-                else "no deck has its law"
-            )
+            why = "it depends on two coordinates" if wall.own is None else "no deck has its law"
             raise InputError(
                 f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: {why}; take "
                 f"{' or '.join(map(repr, WALL_EXPONENTS))}"
