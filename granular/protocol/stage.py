@@ -198,7 +198,7 @@ def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales:
 CLOSE = 1e-11
 """Largest error of the spline between its knots, over the range of the course."""
 # A period that fits the knots' spacing looks constant halfway between them, but not at the golden section.
-PLACES = (0.5, 0.3819660112501051)
+CHECKED_FRACTIONS = (0.5, 0.3819660112501051)
 LEAST_KNOTS, MOST_KNOTS = 64, 2**17  # 2**17 hold 195 periods of a sine to `CLOSE`
 
 
@@ -297,7 +297,7 @@ class SampledStage(Stage):
             if not np.isfinite(knots).all():
                 raise FieldError("is not finite everywhere in the stage", self.driven_quantity)
             h = self.duration / count
-            off = max(self._spline_error(times[:-1], h, knots, place, height) for place in PLACES)
+            off = max(self._spline_error(times[:-1], h, knots, u, height) for u in CHECKED_FRACTIONS)
             if off <= CLOSE * max(np.ptp(knots[0]), np.abs(knots[0]).max()):
                 return times, knots
             count *= 2
