@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import shlex
 
+from granular.schema.units import unit_size
+from granular.shared.errors import SceneError
 from granular.shared.message_text import quote, sanitize
 
 TIME, HEIGHT, VELOCITY, FORCE = "time", "height", "velocity", "force"
@@ -178,10 +180,17 @@ def is_unit(text: str) -> bool:
     )
 
 
+def _has_size(unit: str) -> bool:
+    try:
+        return unit_size(normalize_unit(unit))[0] > 0.0
+    except SceneError:
+        return False
+
+
 def parse_header(cell: str) -> tuple[str, str | None]:
     """Split a column's header into its name and its unit."""
     cell = cell.strip()
-    if "$" in cell and len(cell) <= _LONGEST:
+    if ("$" in cell or "_{" in cell) and len(cell) <= _LONGEST:  # Tracker writes t_{1} without TeX's dollars
         cell = _TEX.sub("", cell).strip()
     group = _find_unit_brackets(cell)
     if group is not None:
@@ -194,7 +203,8 @@ def parse_header(cell: str) -> tuple[str, str | None]:
             return f"{name} {group[0]}", before
         if " " in unit or unit == "t" or unit.isdigit():
             return cell, None
-        return (cell if rest else "", unit)  # a unit that is not known, or a part of the name
+        # a unit that is less usual, as mN, or one that is not known, or a part of the name
+        return (rest if not rest or _has_size(unit) else cell), unit
     # ``height [mm]`` by any name; ``height/mm``, ``height_mm``, ``height mm``, ``height, mm`` where name and
     # unit are known; ``height in mm``; the quotient ``s / mm`` of ISO 80000 by any name; a unit of time
     # alone.

@@ -296,6 +296,12 @@ FILES = (
         ("--columns height=y",),
         unit="m",
     ),
+    Made(
+        "subscripts.txt",
+        text(table(TIME, 0.01 * HEIGHT, HEIGHT, head="t_{1}\tx_{1}\ty_{1}", mark="\t")),
+        unit="m",
+        note="height is the column 'y', not 'x'",
+    ),
     Made("german.txt", text(table(TIME, HEIGHT, head="Masse A\nt\ty", mark="\t", comma=True)), unit="m"),
     # phyphox
     Made(
