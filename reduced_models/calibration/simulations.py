@@ -24,7 +24,7 @@ from granular.studies.measures import piston_columns
 from granular.studies.sweep import sweep
 from reduced_models.fitting.fit import fit
 from reduced_models.laws.law import Law
-from reduced_models.records.first_guesses import noise_level
+from reduced_models.records.derivatives import noise_level
 
 if TYPE_CHECKING:
     from jaxtyping import Float

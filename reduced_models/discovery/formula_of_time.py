@@ -16,7 +16,7 @@ from reduced_models.discovery.result import CandidateEquation, Discovery, pareto
 from reduced_models.discovery.structure_proposals import SymbolicSearch
 from reduced_models.discovery.terms import complexity
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.records.first_guesses import noise_level
+from reduced_models.records.derivatives import noise_level
 
 if TYPE_CHECKING:
     import sympy

@@ -22,8 +22,8 @@ from granular.shared.errors import InputError, RecordError
 from granular.shared.message_text import quote
 from reduced_models.discovery.terms import AnyTerm, state_symbols
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.records.derivatives import DerivativeMethod, derivatives
-from reduced_models.records.first_guesses import first_guesses, noise_level
+from reduced_models.records.derivatives import DerivativeMethod, derivatives, noise_level
+from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.inputs import input_column
 
 if TYPE_CHECKING:

@@ -27,7 +27,9 @@ from reduced_models.fitting.residual_diagnostics import (
     SLIGHT,
     autocorrelation_time,
     count_release_transient_samples,
+    delay_remarks,
     diagnose_residuals,
+    held_at_zero_remarks,
 )
 from reduced_models.fitting.uncertainty import (
     Interval,
@@ -38,15 +40,19 @@ from reduced_models.fitting.uncertainty import (
     widen_to_linear_intervals,
 )
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import NoSwing
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, remove_random_walk
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import Quality
-from reduced_models.records.envelope import envelope
-from reduced_models.records.first_guesses import noise_level
+from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level
+from reduced_models.records.envelope import (
+    amplitude_remarks,
+    envelope_of_extremes,
+    extremes_apart,
+    find_extremes,
+)
 from reduced_models.records.held_out_swings import SwingTestError, error_on_swings
 from reduced_models.records.release import release_sample
 from reduced_models.records.sensor import Sensor
@@ -54,8 +60,6 @@ from reduced_models.records.sources import describe_record
 
 FEW = 0.25
 """Fraction of the starts that must lead to the best fit before it is taken without a note."""
-NORMAL_MEDIAN = 0.6745
-"""Median of the modulus of a standard normal number."""
 # Residuals below this fraction of the swing are rounding, and the solver's: ten times `SOLVER_LIMIT`.
 SMALL = 1e-5
 FRACTION = 0.5
@@ -170,6 +174,14 @@ def _make_model_of_record(
     height_map = HeightMap(float(shift), float(scale), fitted=unknowns.map is None)
     quality = _assess_quality(result, k, residuals)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
+    rest = None if isinstance(at_rest, NoSwing) else at_rest
+    remarks: tuple[str, ...] = ()
+    if unknowns.law.inputs:
+        if quality.has_structured_residuals:
+            remarks = delay_remarks(result.joint, result.theta, k, math.tau / problem.data[k].guess.frequency)
+    else:
+        fitted = record.height + residuals * unknowns.residual_unit
+        rest, remarks = _what_peaks_show(rest, motions[k], fitted)
     return ReducedModel(
         law=unknowns.law,
         parameters=parameters,
@@ -177,9 +189,7 @@ def _make_model_of_record(
         confidence=problem.confidence,
         map=height_map,
         initial=(float(height_map.to_height(z0)), float(v0 * scale)),
-        at_rest=None
-        if isinstance(at_rest, NoSwing)
-        else dataclasses.replace(_add_peak_damping(at_rest, motions[k], unknowns.law), angle=record.angle),
+        at_rest=None if rest is None else dataclasses.replace(rest, angle=record.angle),
         no_swing=at_rest.reason if isinstance(at_rest, NoSwing) else "",
         quality=quality,
         domain=_ranges_of_motion(motions),
@@ -189,6 +199,12 @@ def _make_model_of_record(
                 _robust_residual_size(grid, residuals),
                 record,
                 _release_transient_text(grid, residuals),
+            ),
+            *remarks,
+            *held_at_zero_remarks(
+                unknowns.law,
+                np.flatnonzero(~result.joint.held_entries[result.joint.entries[k]]),
+                *grid.linearised_residuals(theta),
             ),
             *_bound_notes(parameters, problem.bounds),
             *(() if record.angle else _suspicious_unit_notes(unknowns.amplitude, unknowns.speed)),
@@ -216,15 +232,24 @@ def _fitted_sensor(unknowns: Unknowns, theta: np.ndarray) -> Sensor | None:
     return dataclasses.replace(unknowns.sensor, gain=gain, offset=offset)
 
 
-def _add_peak_damping(rest: AtRest, record: PistonRecord, law: Law) -> AtRest:
-    """With the damping that the peaks of a free swing show, where they contradict the law's."""
-    if law.inputs:
-        return rest
+def _what_peaks_show(
+    rest: AtRest | None, record: PistonRecord, fitted: np.ndarray
+) -> tuple[AtRest | None, tuple[str, ...]]:
+    """Small motion, with the damping by the peaks of a free oscillation if they contradict it, and remarks.
+
+    Peaks that are not those of the fitted motion (n,) are noise, and show no damping.
+    """
     try:
-        seen = envelope(record).peak_damping
+        extremes = find_extremes(record)
+        cycles = envelope_of_extremes(extremes)
+        motion = find_extremes(PistonRecord(record.time, fitted), exact=True)
     except GranularError:  # too few of them
-        return rest
-    return dataclasses.replace(rest, peaks=seen) if seen.contradicts(rest.damping_ratio) else rest
+        return rest, ()
+    peaks = cycles.peak_damping
+    if rest is not None and peaks.contradicts(rest.damping_ratio) and not extremes_apart(extremes, motion):
+        rest = dataclasses.replace(rest, peaks=peaks)
+    low, high = (0.0, 0.0) if rest is None or rest.peaks else rest.intervals["damping_ratio"]
+    return rest, amplitude_remarks(cycles, low > 0.0 or high < 0.0)
 
 
 def _ranges_of_motion(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:

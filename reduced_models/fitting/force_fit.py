@@ -41,7 +41,7 @@ from reduced_models.least_squares.levenberg_marquardt import levenberg_marquardt
 from reduced_models.least_squares.residuals import Loss
 from reduced_models.models.force_model import ForceModel, stroke_cycles
 from reduced_models.models.quality import Quality
-from reduced_models.records.first_guesses import noise_level
+from reduced_models.records.derivatives import noise_level
 from reduced_models.records.inputs import column_names
 from reduced_models.records.sensor import Sensor
 

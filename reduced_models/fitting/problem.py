@@ -15,11 +15,13 @@ from granular.shared.errors import InputError, RecordError
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.residuals import Loss, LossName
-from reduced_models.records.first_guesses import FirstGuesses, first_guesses, noise_level
+from reduced_models.records.derivatives import noise_level
+from reduced_models.records.first_guesses import LEAST_SAMPLES, FirstGuesses, first_guesses
 from reduced_models.records.held_out_swings import choose_test_swings
 from reduced_models.records.inputs import Interpolation
+from reduced_models.records.release import has_active_input
 from reduced_models.records.sensor import Sensor
-from reduced_models.records.sensor_artefacts import count_samples_in_motion
+from reduced_models.records.sensor_artefacts import clipped_sample_mask, count_samples_in_motion
 from reduced_models.records.sources import read_record
 
 if TYPE_CHECKING:
@@ -131,6 +133,11 @@ def split_training_data(
         total = dataclasses.replace(
             total, height=sensor.signal(columns), deviations=sensor.signal_deviations(total.deviations)
         )
+    if not has_active_input(record):  # what is driven may be held at a level again and again
+        seen = ~clipped_sample_mask(total, "")
+        if not seen.all() and seen.sum() >= LEAST_SAMPLES:
+            total, motion = (entry.select(seen).with_time_from_zero() for entry in (total, motion))
+            weights = None if weights is None else weights[seen]
     moving = count_samples_in_motion(total) if test_fraction > 0.0 else len(total)
     stop = float(total.time[moving - 1]) * (1.0 - test_fraction)
     # Two samples make a record; what is too short to fit is reported by its first guesses.
@@ -162,7 +169,7 @@ def clip_outliers(record: PistonRecord) -> PistonRecord:
         return record
     around = np.pad(height, _WINDOW // 2, mode="edge")
     medians = np.median(np.lib.stride_tricks.sliding_window_view(around, _WINDOW), axis=1)
-    step = float(np.median(np.abs(np.diff(medians))))
+    step = float(np.median(np.abs(np.diff(height))))
     limit = _FAR * max(noise_level(height, record.time), step)
     far = np.abs(height - medians) > limit
     return dataclasses.replace(record, height=np.where(far, medians, height))

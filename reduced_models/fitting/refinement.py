@@ -22,6 +22,8 @@ from reduced_models.fitting.start_values import (
     fit_to_accelerations,
     search_entries_from_draws,
 )
+from reduced_models.fitting.uncertainty import small_motion_figures
+from reduced_models.laws.linearization import NoSwing
 from reduced_models.laws.solution import Solution, solve_law
 from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.least_squares.joint_records import JointRecords, joint_vector
@@ -48,6 +50,8 @@ _TELLING = 1e-4  # of a cost: tolerance of a fit that is only compared
 _JUDGED, _STEPS, _OPEN = 1e-8, 4, 1e-10
 """Tolerance of the fit that is judged, of its cost; its steps at most, and the strength, over the
 greatest, of directions that are open to it."""
+_NEAR_ALIAS = 0.4  # of half the sampling rate, below which no start comes near its mirror image
+_SAME = 0.05  # of the entries of a search vector, up to which two are the same
 # Of a cost: a hundred times `_TELLING`, so that a fit that has only not ended is no other one.
 _BETTER = 0.99
 
@@ -86,7 +90,7 @@ def refine_best_start(
     problem: FitProblem, coarse: JointRecords, vectors: tuple[np.ndarray, np.ndarray]
 ) -> SearchResult:
     """Fit on fine grids from the best start of a search, compared with the fit to accelerations."""
-    thetas, costs = vectors
+    _, costs = vectors
     unknowns = coarse.unknowns
     grids = [
         record_on_grid(
@@ -101,7 +105,7 @@ def refine_best_start(
     ]
     joint = JointRecords(tuple(grids), coarse.entries, coarse.bounds)
     count = sum(problem.samples)
-    first = _canonical_vector(problem, joint, thetas[int(costs.argmin())])
+    first = _best_of_equals(problem, joint, vectors)
     reached = [float(grid.record.time[-1]) for grid in coarse.grids]
     best = _refit_from_time(problem, joint, first, reached)
     cost, coarse_cost = _training_cost(problem, joint, best), float(costs.min())
@@ -120,6 +124,39 @@ def refine_best_start(
     limit = agreeing_cost_limit(np.array([coarse_cost]), count)
     converged = int((costs <= limit).sum())
     return SearchResult(problem, joint, best, best, converged, cost, coarse_cost, collocation)
+
+
+def _best_of_equals(
+    problem: FitProblem, joint: JointRecords, vectors: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Vector of the least cost on a fine grid, of those that are equal on a coarse one.
+
+    A coarse grid fits motions that decay within a step or two, which no solution has.
+    """
+    thetas, costs = vectors
+    limit = agreeing_cost_limit(costs, sum(problem.samples))
+    equal = [thetas[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
+    distinct = equal[:1]
+    for theta in equal[1:]:
+        if not any(np.allclose(theta, other, rtol=_SAME, atol=_SAME) for other in distinct):
+            distinct.append(theta)
+    candidates = [_canonical_vector(problem, joint, theta) for theta in distinct]
+    slow = [theta for theta in candidates if not _is_alias(problem, joint, theta)]
+    candidates = slow or candidates
+    if len(candidates) == 1:
+        return candidates[0]
+    return min(candidates, key=lambda theta: _training_cost(problem, joint, theta))
+
+
+def _is_alias(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> bool:
+    """Tell whether a vector's small oscillation is faster than half the sampling rate of a record."""
+    for data, here in zip(problem.data, joint.entries, strict=True):
+        if data.guess.frequency < _NEAR_ALIAS * data.guess.fastest:
+            continue
+        figures = small_motion_figures(joint.unknowns, theta[here])
+        if not isinstance(figures, NoSwing) and math.tau / figures[1] > data.guess.fastest:
+            return True
+    return False
 
 
 def _canonical_vector(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> np.ndarray:

@@ -39,6 +39,7 @@ _DRAWS = 96  # a frequency in the law has a narrow valley, that few of them fall
 _OTHER_DRAWS = 1
 _STEPS = 20  # of a draw, at most
 _SPREAD = 0.05  # of the logarithm of repeated start values
+_TYPICAL = 16  # draws whose mean is a parameter's unit: one may be near zero, and the prior then narrow
 _GOOD = 4.0  # times the least mean square: a start that is kept
 _NEAR = 0.1  # spread of the logarithm of start values that are given
 
@@ -264,9 +265,9 @@ def scale_unknowns(
         seen, rest=abs(seen.rest) + seen.amplitude, crossings=max(seen.crossings, LEAST_CROSSINGS)
     )
     seen_record = data.look.mapped(given.shift, given.scale)
-    typical = start_values(law, away, seen_record, np.random.default_rng(0), 1)
+    typical = start_values(law, away, seen_record, np.random.default_rng(0), _TYPICAL)
     units = tuple(
-        1.0 if name in law.positive else abs(float(typical[name][0])) or 1.0 for name in law.parameters
+        1.0 if name in law.positive else float(np.abs(typical[name]).mean()) or 1.0 for name in law.parameters
     )
     speed = guess.amplitude * guess.frequency
     signal = data.training.height

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from granular.run.piston_record import PandasOrXarray, PistonRecord
-from granular.shared.errors import CautionWarning, InputError, TimeBudgetError
+from granular.shared.errors import CautionWarning, GranularError, InputError, TimeBudgetError
 from granular.shared.message_text import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_fit_options
 from reduced_models.fitting.problem import record_from_table, refuse_integrated_heights
@@ -26,7 +26,7 @@ from reduced_models.identification.candidate_laws import (
 )
 from reduced_models.identification.comparison import compare, compare_on_further_records, law_name
 from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.measured_swing import measure_swing
+from reduced_models.identification.measured_swing import MeasuredSwing, measure_swing
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import (
@@ -41,6 +41,7 @@ from reduced_models.least_squares.levenberg_marquardt import spent_budget_text, 
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.models.quantities import QuantityWithError
+from reduced_models.records.sensor_artefacts import without_clipped_samples
 from reduced_models.records.sources import (
     METHOD,
     STEP,
@@ -172,7 +173,7 @@ def identify(
     with contextlib.ExitStack() as stack:
         if isinstance(opened, PistonRecord):
             refuse_integrated_heights([opened], "identify")
-            record, run, further = opened, None, None
+            record, run, further = without_clipped_samples(opened), None, None
         else:
             background = None
             if checks:
@@ -275,6 +276,7 @@ def _fit_and_compare(
     best = comparison.best
     shown = next((model_ for model_ in (best, *models) if model_.at_rest is not None), best)
     figures = swing_quantities(shown, record.angle, mass)
+    own, no_own = _measured_swing(record, best)
     return Identification(
         record=record,
         models=models,
@@ -282,7 +284,8 @@ def _fit_and_compare(
         run=run,
         figures=figures,
         figures_law=shown.law.name,
-        own=measure_swing(record, best),
+        own=own,
+        no_own=no_own,
         notes=_collect_notes(record, run, comparison, models)
         + (_frequency_error_notes(figures) if run is None and not best.notes else ()),
         seconds=dict(clock.seconds),
@@ -302,6 +305,14 @@ def check_budget(budget: object) -> None:
     """Refuse a processor time [s] that is none."""
     if not isinstance(budget, Real) or not float(budget) > 0.0:
         raise InputError(f"budget = {quote(budget)} s; give a time above 0")
+
+
+def _measured_swing(record: PistonRecord, model: ReducedModel) -> tuple[MeasuredSwing | None, str]:
+    """Frequency and damping of the record itself, or why it does not tell them."""
+    try:
+        return measure_swing(record, model), ""
+    except GranularError as error:
+        return None, str(error)
 
 
 def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> None:
@@ -365,7 +376,8 @@ def _add_check_outcomes(
     """Judge laws on another lift and other falls; give figures step errors and scatter."""
     # Another lift is worth a run only if there are laws to choose from.
     checks = further.wait_for_outcomes(run, falls, progress)
-    comparison, model, figures, own = result.comparison, result.model_of_figures, result.figures, result.own
+    comparison, model, figures = result.comparison, result.model_of_figures, result.figures
+    own, no_own = result.own, result.no_own
     record, mass = result.record, result.mass
     if checks.lift is not None and len(result.models) > 1:
         # The laws are ranked anew, and the best one now gives the figures.
@@ -373,7 +385,7 @@ def _add_check_outcomes(
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((entry for entry in order if entry.at_rest is not None), order[0])
         figures = swing_quantities(model, record.angle, mass)
-        own = measure_swing(record, order[0])
+        own, no_own = _measured_swing(record, order[0])
     duration = float(record.time[-1] - record.time[0])
     figures, parameters, own, failed = add_check_errors(figures, own, model, mass, duration, checks)
     failures = dict.fromkeys((*checks.failures, *failed))
@@ -392,6 +404,7 @@ def _add_check_outcomes(
         figures_law=model.law.name,
         parameters=parameters if model is comparison.best else (),
         own=own,
+        no_own=no_own,
         notes=result.notes + notes,
         lift=None if comparison is result.comparison else checks.lift,
         falls=checks.falls,

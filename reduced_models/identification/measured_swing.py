@@ -10,18 +10,20 @@ from typing import Any
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from granular.shared.errors import GranularError
+from granular.shared.errors import GranularError, RecordError
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, READABLE, figure, figure_label, label_log_axis_plainly
 from reduced_models.laws.equation import compile_rates
 from reduced_models.models.at_rest import EngineeringUnits, engineering_units
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quantities import QuantityWithError
-from reduced_models.records.backbone import Backbone, driven_backbone, free_backbone
+from reduced_models.records.backbone import Backbone, backbone_of_extremes, driven_backbone, free_backbone
+from reduced_models.records.envelope import extremes_apart, find_extremes
 from reduced_models.records.inputs import input_column
 
 _NAMED = (0.5, 0.1)  # amplitudes of the headline, over the greatest one
 _FREQUENCY, _DAMPING = 0.01, 0.1  # relative differences, up to which law and record agree
+_KNOWN = 5e-3  # relative error of a frequency above which extremes are left to the fit
 _HOW = {
     "envelope": (
         "Frequency and damping ratio are read off the record's own extremes, without a law: the frequency "
@@ -212,22 +214,47 @@ def format_amplitude(size: float, units: EngineeringUnits) -> str:
     return f"{units.scale * size:.2g} {units.length}"
 
 
-def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | None:
-    """Frequency and damping of a record against amplitude, next to those of a law's motion there."""
+def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing:
+    """Frequency and damping of a record against amplitude, next to those of a law's motion there.
+
+    Raises RecordError if too few cycles are seen, or if extremes are not those of the fitted motion.
+    """
     # Free: from the envelope (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003); driven: from the
     # restoring force (Masri & Caughey 1979, doi:10.1115/1.3424568).
     units = engineering_units(record.angle, None)
-    own = _backbone_of_motion(record, record, model)
-    if own is None:
-        return None
+    law: Backbone | None
+    if model.law.inputs:
+        own = _driven_backbone(record, record, model)
+        try:
+            law = _driven_backbone(model.simulate_record(record), record, model)
+        except GranularError:
+            law = None
+    else:
+        seen = find_extremes(record)
+        own = backbone_of_extremes(seen)
+        try:
+            motion = find_extremes(model.simulate_record(record), exact=True)
+        except GranularError as error:
+            raise RecordError(f"the fitted law has no motion to compare them with: {error}") from None
+        if words := extremes_apart(seen, motion):
+            raise RecordError(words)
+        law = backbone_of_extremes(motion)
     amplitudes = own.amplitudes_to_show(units.scale)
-    try:
-        law = _backbone_of_motion(model.simulate_record(record), record, model)
-    except GranularError:
-        law = None
+    if not model.law.inputs:
+        amplitudes = _known_amplitudes(own, amplitudes)
     return MeasuredSwing(
         own, law, model.law.name, amplitudes, _frequency_and_damping(own, amplitudes, units), units
     )
+
+
+def _known_amplitudes(own: Backbone, amplitudes: Sequence[float]) -> tuple[float, ...]:
+    """Amplitudes at which the extremes tell the frequency as well as a fit is expected to."""
+    points = [own.interpolate_at(size) for size in amplitudes]
+    open_by = [point.frequency_error / point.frequency for point in points]
+    known = tuple(size for size, error in zip(amplitudes, open_by, strict=True) if error < _KNOWN)
+    if not known:
+        raise RecordError(f"their scatter leaves the frequency open by {100.0 * min(open_by):.2g} %")
+    return known
 
 
 def quantities_at_amplitudes(
@@ -240,27 +267,22 @@ def quantities_at_amplitudes(
         return None
 
 
-def _backbone_of_motion(motion: PistonRecord, record: PistonRecord, model: ReducedModel) -> Backbone | None:
-    """Curves of a motion; ``record`` has the inputs of the model."""
+def _driven_backbone(motion: PistonRecord, record: PistonRecord, model: ReducedModel) -> Backbone:
+    """Curves of a driven motion; ``record`` has the inputs of the model."""
     law = model.law
-    try:
-        if not law.inputs:
-            return free_backbone(motion)
-        rates = compile_rates(law.equation, law.inputs, "numpy")
-        values = [model.parameters[name] for name in law.parameters]
-        inputs = [input_column(record, name) for name in law.inputs]
+    rates = compile_rates(law.equation, law.inputs, "numpy")
+    values = [model.parameters[name] for name in law.parameters]
+    inputs = [input_column(record, name) for name in law.inputs]
 
-        def drive(height: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-            z, v, *still = model.map.to_law(height), velocity / model.map.scale, *(0.0,) * len(law.hidden)
-            with_drive, without = (
-                np.asarray(rates(z, v, *still, *given, *values)[0], dtype=float)
-                for given in (inputs, [0.0] * len(inputs))
-            )
-            return model.map.scale * (with_drive - without)
+    def drive(height: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        z, v, *still = model.map.to_law(height), velocity / model.map.scale, *(0.0,) * len(law.hidden)
+        with_drive, without = (
+            np.asarray(rates(z, v, *still, *given, *values)[0], dtype=float)
+            for given in (inputs, [0.0] * len(inputs))
+        )
+        return model.map.scale * (with_drive - without)
 
-        return driven_backbone(motion, drive)
-    except GranularError:
-        return None
+    return driven_backbone(motion, drive)
 
 
 def _frequency_and_damping(

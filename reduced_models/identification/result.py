@@ -96,6 +96,7 @@ class Identification:
     falls: DropScores | None = None
     own: MeasuredSwing | None = None
     parameters: tuple[QuantityWithError, ...] = ()  # of the best law, with errors of further runs
+    no_own: str = ""
 
     @property
     def best(self) -> ReducedModel:
@@ -176,7 +177,10 @@ class Identification:
     @property
     def _answer_paragraphs(self) -> list[str]:
         """Own swing, the law's swing with its error, and falls: a paragraph each."""
-        words = [] if self.own is None else [self.own.summary_text]
+        absence = (
+            f"The record's peaks do not tell frequency and damping ({self.no_own}); those of the fit stand."
+        )
+        words = [absence if self.own is None else self.own.summary_text]
         if self.figures:
             swing = swing_sentences(self.figures_to_print, self.subject_noun, self.mass)
             words.append(f"{swing} {best_error_text(self.comparison.rows[0])}")
@@ -225,7 +229,7 @@ class Identification:
         if self.own is not None and not self.own.law_agrees:
             contradiction = wrap_words(f"caution: {self.own.agreement_text}", "", "  ")
         start = [*record_lines(describe_record(self.record, period)), *contradiction]
-        amplitude = "" if self.own is None else self.own.range_text
+        amplitude = f"peaks do not tell: {self.no_own}" if self.own is None else self.own.range_text
         figures = figure_lines(self.figures, self.mass, model.confidence, amplitude)
         start += figures or [f"  no oscillation about an equilibrium: {model.no_swing}"]
         end = [*model.equation_lines(self.parameters or None), *self._fall_lines]

@@ -17,7 +17,14 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models.records.derivatives import derivatives
-from reduced_models.records.envelope import LEAST_EXTREMES, envelope, find_alternating_extremes
+from reduced_models.records.envelope import (
+    LEAST_EXTREMES,
+    Extremes,
+    Scatter,
+    check_extremes,
+    find_extremes,
+    residual_square,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -26,8 +33,12 @@ FRACTIONS = (1.0, 0.5, 0.25, 0.1)
 """Amplitudes that are looked at, over the greatest one of the record."""
 _NEAR = 1.6  # a cycle's neighbours have its amplitude to this factor
 _FEWEST = 5  # neighbours of a driven cycle, nearer or not
-_WIDTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # neighbours on either side of a free one
-_PRECISE = 0.03  # error of a fall that is known well enough
+_WIDTHS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # neighbours on either side of a free one
+_WIDE = 6  # neighbours from which on a cubic is told
+_PRECISE = 0.03  # error of a damping ratio that is known well enough
+_FINEST = 1e-4, 3e-3  # relative errors of a frequency and a damping ratio that polynomials leave
+_FEWEST_ROWS = 8  # from which on their scatter about a curve is told
+_CONFIDENCE = 0.975  # quantile of a half-width of 95 %
 _SLOW = 0.6  # of the usual frequency: a cycle that is slower is none
 _CUT = 1.9  # times the least amplitude: below it a cycle may be cut short
 _STEEPEST = 0.5  # fall of an amplitude [1/rad], up to which it is told from its bend
@@ -78,55 +89,126 @@ class Backbone:
 
 
 def free_backbone(record: PistonRecord) -> Backbone:
-    """Backbone [m or rad, rad/s] and damping curves of a free swing, from its extremes."""
+    """Backbone [m or rad, rad/s] and damping curves of a free oscillation, from its extremes."""
     # Frequency from the time between extremes, damping from the fall of the amplitude, by local polynomials
     # over neighbouring cycles (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003).
-    cycles = envelope(record)
-    count = _count_swinging_cycles(cycles.frequency)
-    size, turn = cycles.amplitude[:count], math.pi * np.arange(count)
-    rows = []
-    for k in range(count):
-        near, (fall, error) = _amplitude_loss_per_radian(turn, size, cycles.amplitude_noise, k)
-        away = turn[near] - turn[k]
-        (value, *_), (spread, *_) = _fit_local_polynomial(
-            away, cycles.frequency[near], cycles.frequency_noise[near], 1
+    return backbone_of_extremes(find_extremes(record))
+
+
+def backbone_of_extremes(extremes: Extremes) -> Backbone:
+    """Backbone [m or rad, rad/s] and damping curves from extremes."""
+    extremes = _before_standstill(extremes)
+    check_extremes(extremes)
+    size = np.full(len(extremes), np.nan)
+    size[1:-1] = np.abs(extremes.height[:-2] - 2.0 * extremes.height[1:-1] + extremes.height[2:]) / 4.0
+    scatter = extremes.scatter()
+    rows = [
+        row
+        for k in np.flatnonzero(np.isfinite(size))
+        if (row := _row_about(extremes, scatter, size, int(k))) is not None
+    ]
+    if len(rows) < LEAST_EXTREMES - 2:
+        raise RecordError(
+            f"{len(rows)} cycles tell a fall of the amplitude; record longer, or with less noise"
         )
-        per_radian = fall / size[k]
-        # zeta = d/sqrt(1 + d^2), d the logarithmic decrement per radian.
-        rows.append((value, per_radian / math.hypot(1.0, per_radian), spread, error / size[k]))
-    return _sorted_backbone("envelope", size, rows, None)
+    amplitude, frequency, ratio, frequency_error, error = np.array(rows).T
+    relative = amplitude / amplitude.max()
+    terms = np.stack([np.ones_like(relative), 1.0 / relative, relative], axis=1)
+    error = np.maximum(error, _scatter_of_rows(terms, ratio, error, relative))
+    terms = relative[:, None] ** np.arange(4)
+    frequency_error = np.maximum(
+        frequency_error, _scatter_of_rows(terms, frequency, frequency_error, relative)
+    )
+    frequency_error = np.hypot(frequency_error, _FINEST[0] * frequency)
+    error = np.hypot(error, _FINEST[1] * np.abs(ratio))
+    order = np.argsort(amplitude)
+    columns = (row[order] for row in (amplitude, frequency, ratio, frequency_error, error))
+    return Backbone("envelope", *columns)
 
 
-def _count_swinging_cycles(frequency: np.ndarray) -> int:
-    """Count the cycles before the first that takes much longer: by then the motion stands still."""
-    slow = np.flatnonzero(frequency < _SLOW * np.median(frequency))
-    return int(slow[0]) if len(slow) and slow[0] >= LEAST_EXTREMES - 2 else len(frequency)
+def _before_standstill(extremes: Extremes) -> Extremes:
+    """Extremes before the first that takes much longer: by then the motion stands still."""
+    halves = np.diff(extremes.time)
+    slow = np.flatnonzero(halves[1:] > halves[:-1] / _SLOW) + 2
+    stop = int(slow[0]) if len(slow) and slow[0] >= LEAST_EXTREMES else len(extremes)
+    return dataclasses.replace(
+        extremes, time=extremes.time[:stop], height=extremes.height[:stop], sign=extremes.sign[:stop]
+    )
 
 
-def _amplitude_loss_per_radian(
-    turn: np.ndarray, size: np.ndarray, noise: np.ndarray, k: int
-) -> tuple[slice, tuple[float, float]]:
-    """Neighbours of a cycle, and the fall of the amplitude there [m/rad] with its error."""
-    # Over many cycles an amplitude is no cubic, over few its fall is noise: as few as give it to `_PRECISE`,
-    # and none of a very different amplitude.
-    result = None
+def _row_about(
+    extremes: Extremes, scatter: Scatter, size: np.ndarray, k: int
+) -> tuple[float, float, float, float, float] | None:
+    """Amplitude [m], frequency [rad/s], damping ratio and the errors of both at an extreme.
+
+    By as few neighbours as tell the damping, and none of a very different amplitude.
+    """
+    from scipy.stats import t
+
+    row, seen = None, 0
+    sure = float(t.ppf(_CONFIDENCE, scatter.freedom[k]))
     for width in _WIDTHS:
-        first = min(max(0, k - width), max(0, len(size) - 2 * width - 1))
-        near = slice(first, first + 2 * width + 1)
-        spread = size[near].max() / size[near].min()
-        if result is not None and (spread > _NEAR**2 or len(size) <= result[0].stop - result[0].start):
+        first = min(max(0, k - width), max(0, len(extremes) - 2 * width - 1))
+        near = np.arange(first, min(len(extremes), first + 2 * width + 1))
+        near = near[np.isfinite(extremes.height[near])]
+        sign, away = extremes.sign[near], math.pi * (near - k)
+        if len(near) < LEAST_EXTREMES or np.abs(sign.sum()) > len(near) - 4:
+            continue
+        sizes = size[near][np.isfinite(size[near])]
+        if row is not None and (len(near) == seen or sizes.max() > _NEAR**2 * sizes.min()):
             break
-        away, degree = turn[near] - turn[k], 2 if width < 4 else 3
-        (_, slope, bend, *_), (_, error, *_) = _fit_local_polynomial(away, size[near], noise[near], degree)
+        degree = 2 if width < _WIDE else 3
+        powers = away[:, None] ** np.arange(degree + 1)
+        level = away[:, None] ** np.arange(1 if width < _WIDE else 2)  # wide enough to see it drift
+        (amplitude, slope, bend, *_), (_, error, *_) = _fit_columns(
+            np.concatenate([sign[:, None] * powers, level], axis=1), extremes.height[near]
+        )
         # An amplitude that falls exponentially is no parabola: what that does to one tells by how much.
         rate = 2.0 * bend / slope if slope else 0.0
         if 0.0 < abs(rate) < _STEEPEST:
-            slope *= rate / _fit_local_polynomial(away, np.exp(rate * away), noise[near], degree)[0][1]
-        result = near, (-slope, error)
-        if error < _PRECISE * abs(slope):
+            slope *= rate / _fit_columns(powers, np.exp(rate * away))[0][1]
+        # crests and troughs may come early and late in turn
+        (_, _, pace, *_), (_, _, pace_error, *_) = _fit_columns(
+            np.concatenate([sign[:, None], powers], axis=1) / scatter.time[near, None],
+            extremes.time[near] / scatter.time[near],
+        )
+        # zeta = d/sqrt(1 + d^2), d the logarithmic decrement per radian
+        fall = -float(slope) / abs(float(amplitude))
+        row = (
+            abs(float(amplitude)),
+            1.0 / float(pace),
+            fall / math.hypot(1.0, fall),
+            sure * float(pace_error) / float(pace) ** 2,
+            sure * scatter.height[k] * float(error) / abs(float(amplitude)),
+        )
+        seen = len(near)
+        if row[4] < _PRECISE * abs(row[2]):
             break
-    assert result is not None
-    return result
+    return row
+
+
+def _fit_columns(columns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of columns (n, p) in values (n,), and their standard deviations for noise of 1."""
+    units = np.abs(columns).max(axis=0)
+    basis = columns / units
+    solution, *_ = np.linalg.lstsq(basis, values, rcond=None)
+    return solution / units, np.sqrt(np.diag(np.linalg.pinv(basis.T @ basis))) / units
+
+
+def _scatter_of_rows(
+    terms: np.ndarray, values: np.ndarray, errors: np.ndarray, amplitude: np.ndarray
+) -> np.ndarray:
+    """Two standard deviations of rows (n,) about a smooth curve of the amplitude, among those near it.
+
+    Slow noise and beats move neighbouring rows together, which their own extremes do not tell.
+    """
+    if len(values) < _FEWEST_ROWS:
+        return np.zeros(len(values))
+    weight = 1.0 / np.maximum(errors, 1e-9 * np.abs(values).max())
+    solution, *_ = np.linalg.lstsq(terms * weight[:, None], values * weight, rcond=None)
+    squares = (terms @ solution - values) ** 2 * len(values) / (len(values) - terms.shape[1])
+    near = np.abs(np.log(amplitude[:, None] / amplitude)) < math.log(_NEAR)
+    return _SURE * np.sqrt((near * squares).sum(axis=1) / near.sum(axis=1))
 
 
 def driven_backbone(
@@ -138,7 +220,8 @@ def driven_backbone(
     smooth = derivatives(record)
     time, height, velocity = smooth.time, smooth.height, smooth.velocity
     force = drive_acceleration(height, velocity) - smooth.acceleration
-    times, heights, _ = find_alternating_extremes(smooth)
+    extremes = find_extremes(record)
+    times, heights = (row[np.isfinite(extremes.height)] for row in (extremes.time, extremes.height))
     sizes, rows = [], []
     for k in range(len(times) - 2):
         here = slice(*np.searchsorted(time, times[[k, k + 2]]))
@@ -160,11 +243,7 @@ def driven_backbone(
     for k in range(len(size)):
         near = _cycles_of_similar_amplitude(size, k)
         (omega, spread), (ratio, error) = (
-            [
-                float(part[0])
-                for part in _fit_local_polynomial(size[near] - size[k], values[near, column], None, 1)
-            ]
-            for column in (0, 1)
+            _fit_line(size[near] - size[k], values[near, column]) for column in (0, 1)
         )
         fitted.append((omega, ratio, spread, error))
     tone = math.pi * (len(times) - 1) / float(times[-1] - times[0])
@@ -186,22 +265,9 @@ def _cycles_of_similar_amplitude(size: np.ndarray, k: int) -> np.ndarray:
     return near if len(near) >= _FEWEST else np.sort(np.argsort(away, kind="stable")[:_FEWEST])
 
 
-def _fit_local_polynomial(
-    x: np.ndarray, y: np.ndarray, noise: np.ndarray | None, degree: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients, from the constant on, of a low polynomial through points, and their errors."""
-    # Errors are two standard deviations; the scatter of the points counts if it exceeds their noise.
-    degree = min(degree, len(x) - 1)
-    weight = np.ones(len(x))
-    if noise is not None:
-        weight = 1.0 / np.maximum(noise, 1e-9 * float(np.abs(y).max()))
-    reach = float(np.abs(x).max()) or 1.0
-    units = reach ** -np.arange(degree + 1.0)
-    basis = np.vander(x / reach, degree + 1, increasing=True) * weight[:, None]
-    coefficients, *_ = np.linalg.lstsq(basis, y * weight, rcond=None)
-    left = basis @ coefficients - y * weight
-    scatter = float(left @ left) / max(1, len(x) - degree - 1)
-    if noise is not None:
-        scatter = max(1.0, scatter)
-    errors = _SURE * np.sqrt(scatter * np.diag(np.linalg.pinv(basis.T @ basis)))
-    return coefficients * units, errors * units
+def _fit_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Value of a line through points at zero, and two standard deviations by their scatter."""
+    basis = np.stack([np.ones_like(x), x], axis=1)
+    (value, _), (error, _) = _fit_columns(basis, y)
+    scatter = residual_square(basis, y) / max(1, len(x) - 2)
+    return float(value), _SURE * math.sqrt(scatter) * float(error)

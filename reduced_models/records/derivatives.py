@@ -1,4 +1,4 @@
-"""Smoothing and derivatives of a record by named estimators, with what the noise leaves in them.
+"""Smoothing and derivatives of a record by named estimators, its noise, and what that leaves in them.
 
 Every estimator is linear in the heights once its width is chosen. The width is the greatest at
 which what is smoothed away still has the size of the record's noise (discrepancy principle,
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -17,7 +18,6 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from granular.shared.message_text import quote
-from reduced_models.records.first_guesses import noise_level
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -29,6 +29,14 @@ DERIVATIVE_METHODS: tuple[DerivativeMethod, ...] = (
     "finite-differences",
 )
 
+NORMAL_MEDIAN = 0.6745
+"""Median of the modulus of a standard normal number."""
+_LEAST_STEP = 1e-9  # of the range: finer steps are those of the floats
+_FEWEST_STEPS = 5  # levels of a sensor that rounds, but one; a signal of two or three is switched
+_INTEGER = 0.01  # of a step, by which a height of a sensor that rounds may miss a whole one
+_FAST = 1.7  # times the motion's frequency: what is faster is no part of it
+_FEWEST_CYCLES = 6.0  # in a Hann window, which leaves the motion's own line below that
+_EVEN = 0.01  # of a step of time, up to which a spectrum is that of even samples
 LEAST_SAMPLES = 20
 _DEGREE = 5  # of the local polynomials
 # One degree of freedom beyond the six coefficients of a quintic.
@@ -272,3 +280,83 @@ def _cubic_coefficients(position: np.ndarray, height: np.ndarray) -> np.ndarray:
     inverse = np.linalg.pinv(turned @ basis, _CROWDED, hermitian=True)
     a, b, c, d = (inverse @ (turned @ height[:, :, None]))[:, :, 0].T
     return np.stack([a - 0.5 * c, b - 1.5 * d, 1.5 * c])
+
+
+# Noise -----------------------------------------------------------------------------------------
+
+
+def rounding_step(height: Float[np.ndarray, "n"]) -> float:
+    """Step of a sensor that rounds, in the unit of its heights; 0 for one that does not."""
+    levels = np.unique(height)
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > _LEAST_STEP * float(np.ptp(height))]
+    if len(gaps) < _FEWEST_STEPS:
+        return 0.0
+    step = float(gaps.min())
+    steps = gaps / step
+    return step if np.abs(steps - np.round(steps)).max() < _INTEGER else 0.0
+
+
+def noise_level(height: Float[np.ndarray, "n"], time: Float[np.ndarray, "n"]) -> float:
+    """Return the standard deviation of a record's noise, white or of rounding [its unit]; time [s]."""
+    if len(height) < 4:
+        return 0.0
+    white = min(_noise_by_differences(height, time), _noise_by_spectrum(height, time))
+    # Rounding errors are uniform over a step: step/sqrt(12).
+    return max(white, rounding_step(height) / math.sqrt(12.0))
+
+
+def _noise_by_differences(height: np.ndarray, time: np.ndarray) -> float:
+    """Estimate white noise on a smooth record from its third differences."""
+    # Divided differences, which a smooth motion leaves small at uneven times too, each scaled to the noise.
+    # The median is not led by outliers.
+    quadruples = np.lib.stride_tricks.sliding_window_view(height, 4)
+    times = np.lib.stride_tricks.sliding_window_view(time, 4)
+    times = (times - times[:, :1]) / (times[:, 3:] - times[:, :1])
+    weights = 1.0 / (times[:, :, None] - times[:, None, :] + np.eye(4)).prod(axis=2)
+    weights /= np.sqrt((weights**2).sum(axis=1, keepdims=True))
+    return float(np.median(np.abs((quadruples * weights).sum(axis=1))) / NORMAL_MEDIAN)
+
+
+def _noise_by_spectrum(height: np.ndarray, time: np.ndarray) -> float:
+    """Estimate white noise by the median of a spectrum; infinite for uneven samples.
+
+    Of a motion with few samples a cycle the differences tell the motion itself, the spectrum a line.
+    """
+    steps = np.diff(time)
+    if np.ptp(steps) > _EVEN * float(steps.mean()):
+        return math.inf
+    window = np.hanning(len(height) + 2)[1:-1]
+    away = height - height.mean()
+    largest = float(np.abs(away).max()) or 1.0  # squares of heights may leave the floats
+    power = np.abs(np.fft.rfft(away / largest * window)) ** 2 / (window**2).sum()
+    return largest * math.sqrt(float(np.median(power)) / math.log(2.0))
+
+
+def noise_faster_than_motion(time: np.ndarray, height: np.ndarray) -> float:
+    """Return the root mean square of what is faster than 1.7 times the motion; 0 for few cycles.
+
+    Under a Hann window, and late in the record if cycles suffice: harmonics of a large motion are no noise.
+    """
+    count = len(time)
+    even = np.interp(np.linspace(time[0], time[-1], count), time, height)
+    frequency = spectral_peak_frequency(time, height - height.mean())
+    cycles = frequency * float(time[-1] - time[0]) / math.tau
+    if cycles < _FEWEST_CYCLES:
+        return 0.0
+    late = even[count // 2 :] if cycles >= 2.0 * _FEWEST_CYCLES else even
+    window = np.hanning(len(late))
+    spectrum = np.fft.rfft((late - np.average(late, weights=window)) * window)
+    lines = np.arange(len(spectrum)) / len(late) * count / cycles  # over the motion's frequency
+    spectrum[lines < _FAST] = 0.0
+    return float(np.sqrt((np.fft.irfft(spectrum, len(late)) ** 2).sum() / (window**2).sum()))
+
+
+def spectral_peak_frequency(time: Float[np.ndarray, "n"], swing: Float[np.ndarray, "n"]) -> float:
+    """Angular frequency [rad/s] of the strongest line of a swing; time [s]."""
+    # Hann's window against leakage, fourfold zeros against the coarse grid of a short record.
+    count = len(time)
+    even = np.interp(np.linspace(time[0], time[-1], count), time, swing)
+    spectrum = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count))
+    peak = max(4, int(spectrum.argmax()))  # one whole swing at least
+    return 2.0 * math.pi * peak * (count - 1) / (4 * count * float(time[-1] - time[0]))

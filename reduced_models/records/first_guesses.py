@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.shared.errors import RecordError
+from reduced_models.records.derivatives import noise_faster_than_motion, noise_level, spectral_peak_frequency
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -22,9 +23,14 @@ LEAST_CROSSINGS = 3
 """Passages through rest below which frequency and rest level are hardly better than guesses."""
 _APART = 0.05  # of logarithms of frequencies that are clearly others
 _FARTHEST = 8.0  # times the frequency, or a part of it: a rival further away is none
+_FAST_NOISES = 3.0  # root mean squares of hum, twice its crest, that a passage must exceed
+_FEW_SAMPLES = 2.5  # samples between two passages, below which a spectrum tells the frequency better
 # Half-widths of the logarithm of starting frequencies. 15 % is a third of a cycle after the two that a search
 # sees first, within the valley of the right one; with fewer than three passages, a factor of six.
 _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
+_LINEAR_SAMPLES, _LINEAR_GRID = 2000, 16
+"""Samples that a linear motion of few passages is fitted to at most, and rates that are tried first."""
+_LINEAR_MISFIT = 0.1  # of the height's deviation: a motion that it leaves more of is not linear
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +62,7 @@ class FirstGuesses:
     velocity: float
     crossings: int
     rivals: tuple[float, ...] = ()
+    fastest: float = math.inf
 
     def rescaled_to_law(self, shift: float, scale: float) -> FirstGuesses:
         """Return the same guesses for z = (height - shift)/scale.
@@ -133,7 +140,13 @@ class FirstGuesses:
         """
         spread = self.log_frequency_spread
         about = np.resize([self.frequency, *self.rivals], count)
-        return np.asarray(about * np.exp(random.uniform(-spread, spread, count)))
+        drawn = about * np.exp(self._spread_from_first(random.uniform(-spread, spread, count)))
+        # beyond half the sampling rate lies the mirror image of what is below
+        return np.asarray(np.where(drawn < self.fastest, drawn, self.fastest**2 / drawn))
+
+    def _spread_from_first(self, drawn: np.ndarray) -> np.ndarray:
+        """Spread of starts; the first is the estimate itself, if few passages leave a wide one."""
+        return drawn * (np.arange(len(drawn)) > 0) if self.is_poor else drawn
 
     def draw_rest_levels(self, random: np.random.Generator, count: int) -> np.ndarray:
         """Random starting levels of rest, uniform about the estimate.
@@ -156,7 +169,8 @@ class FirstGuesses:
             If the number is negative.
         """
         spread = 1.0 if self.is_poor else 0.1
-        return np.asarray(self.rest + self.amplitude * random.uniform(-spread, spread, count))
+        drawn = self._spread_from_first(random.uniform(-spread, spread, count))
+        return np.asarray(self.rest + self.amplitude * drawn)
 
     def draw_decay_rates(self, random: np.random.Generator, count: int) -> np.ndarray:
         """Random starting decay rates, log-uniform about the estimate.
@@ -178,7 +192,8 @@ class FirstGuesses:
         ValueError
             If the number is negative.
         """
-        return np.asarray(self.decay * np.exp(random.uniform(-1.5, 1.5, count)))
+        drawn = self._spread_from_first(random.uniform(-1.5, 1.5, count))
+        return np.asarray(self.decay * np.exp(drawn))
 
 
 def zero_crossing_times(
@@ -219,14 +234,61 @@ def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
     amplitude = float(np.abs(swing).max())
     if amplitude <= max(1e-12 * abs(rest), SMALLEST):
         raise RecordError(f"the height stays at {rest:g} m; a motion is needed to identify a law")
-    threshold = min(max(0.01 * amplitude, 4.0 * noise_level(height, time)), 0.5 * amplitude)
+    noise = max(4.0 * noise_level(height, time), _FAST_NOISES * noise_faster_than_motion(time, height))
+    threshold = min(max(0.01 * amplitude, noise), 0.5 * amplitude)
     passages = zero_crossing_times(time, swing, threshold)
     half = _half_period(passages, float(time[-1]))
+    if half < _FEW_SAMPLES * float(np.median(np.diff(time))):  # passages between samples are guesses
+        half = math.pi / spectral_peak_frequency(time, swing)
     frequency = math.pi / half
     start, speed = _initial_motion(time, height, half)
     decay = _decay_rate(time, swing, half)
     rivals = _alternative_frequencies(time, swing, passages, frequency)
-    return FirstGuesses(rest, amplitude, frequency, decay, start, speed, len(passages), rivals)
+    fastest = math.pi / float(np.median(np.diff(time)))
+    guess = FirstGuesses(rest, amplitude, frequency, decay, start, speed, len(passages), rivals, fastest)
+    return _without_oscillation(time, height, guess) if guess.is_poor else guess
+
+
+def _without_oscillation(time: np.ndarray, height: np.ndarray, guess: FirstGuesses) -> FirstGuesses:
+    """Guesses of a motion of few passages through rest, from the linear motion that fits it best.
+
+    Its level and its first height and velocity are linear in the record, so that decay rate and frequency
+    alone are searched for: of a creep back to rest they are those of two exponentials.
+    """
+    from scipy.optimize import least_squares
+
+    every = max(1, len(time) // _LINEAR_SAMPLES)
+    time, height = time[::every], height[::every]
+    duration, step = float(time[-1]), float(np.median(np.diff(time)))
+
+    def fitted(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        decay, omega = np.exp(logs)
+        root = np.sqrt(complex(decay**2 - omega**2)) or 1e-9 * decay
+        # of height and velocity 1 at the start
+        fast, slow = (np.exp((sign * root - decay) * time) for sign in (-1.0, 1.0))
+        displaced = 0.5 * (fast + slow) + 0.5 * decay * (slow - fast) / root
+        basis = np.stack([np.ones_like(time), displaced.real, (0.5 * (slow - fast) / root).real], axis=1)
+        solution, *_ = np.linalg.lstsq(basis, height, rcond=None)
+        return basis @ solution - height, solution
+
+    decays = np.geomspace(0.2 / duration, 0.5 / step, _LINEAR_GRID)
+    omegas = np.geomspace(0.5 / duration, 1.0 / step, _LINEAR_GRID)
+    grid = np.log([(decay, omega) for decay in decays for omega in omegas])
+    costs = [float((fitted(logs)[0] ** 2).sum()) for logs in grid]
+    solution = least_squares(lambda logs: fitted(logs)[0] / guess.amplitude, grid[int(np.argmin(costs))])
+    left, (rest, away, speed) = fitted(solution.x)
+    reach = float(np.ptp(height))
+    if left.std() > _LINEAR_MISFIT * height.std() or not abs(rest - height.mean()) < 2.0 * reach:
+        return guess
+    decay, frequency = np.exp(solution.x)
+    return dataclasses.replace(
+        guess,
+        rest=float(rest),
+        frequency=float(frequency),
+        decay=float(decay),
+        height=float(rest + away),
+        velocity=float(speed),
+    )
 
 
 def _alternative_frequencies(
@@ -242,30 +304,6 @@ def _alternative_frequencies(
         if min(apart) > _APART and max(apart) < math.log(_FARTHEST):
             result.append(rival)
     return tuple(result)
-
-
-def spectral_peak_frequency(time: Float[np.ndarray, "n"], swing: Float[np.ndarray, "n"]) -> float:
-    """Angular frequency [rad/s] of the strongest line of a swing; time [s]."""
-    # Hann's window against leakage, fourfold zeros against the coarse grid of a short record.
-    count = len(time)
-    even = np.interp(np.linspace(time[0], time[-1], count), time, swing)
-    spectrum = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count))
-    peak = max(4, int(spectrum.argmax()))  # one whole swing at least
-    return 2.0 * math.pi * peak * (count - 1) / (4 * count * float(time[-1] - time[0]))
-
-
-def noise_level(height: Float[np.ndarray, "n"], time: Float[np.ndarray, "n"]) -> float:
-    """Return the standard deviation of white noise on a smooth record, from third differences; time [s]."""
-    # Divided differences, which a smooth motion leaves small at uneven times too, each scaled to the noise.
-    # The median is not led by outliers; 0.6745 is that of a normal number's modulus.
-    if len(height) < 4:
-        return 0.0
-    quadruples = np.lib.stride_tricks.sliding_window_view(height, 4)
-    times = np.lib.stride_tricks.sliding_window_view(time, 4)
-    times = (times - times[:, :1]) / (times[:, 3:] - times[:, :1])
-    weights = 1.0 / (times[:, :, None] - times[:, None, :] + np.eye(4)).prod(axis=2)
-    weights /= np.sqrt((weights**2).sum(axis=1, keepdims=True))
-    return float(np.median(np.abs((quadruples * weights).sum(axis=1))) / 0.6745)
 
 
 def _half_period(passages: np.ndarray, duration: float) -> float:

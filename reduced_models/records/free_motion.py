@@ -19,7 +19,8 @@ from granular.readers.read_options import ALL
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.message_text import quote
-from reduced_models.records.first_guesses import LEAST_SAMPLES, noise_level, zero_crossing_times
+from reduced_models.records.derivatives import noise_level
+from reduced_models.records.first_guesses import LEAST_SAMPLES, zero_crossing_times
 from reduced_models.records.release import active_inputs, cut_at_release, has_active_input
 from reduced_models.records.sensor_artefacts import clipped_sample_mask, cut_noise_tail, drop_lost_samples
 

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from reduced_models.records.first_guesses import noise_level, zero_crossing_times
+from reduced_models.records.derivatives import noise_level
+from reduced_models.records.first_guesses import zero_crossing_times
 
 if TYPE_CHECKING:
     from jaxtyping import Float

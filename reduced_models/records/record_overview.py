@@ -15,7 +15,7 @@ from granular.readers.sheet_interpretation import SheetInterpretation
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.message_text import sanitize
-from reduced_models.records.first_guesses import noise_level
+from reduced_models.records.derivatives import noise_level
 from reduced_models.records.free_motion import find_free_motion
 from reduced_models.records.sensor_artefacts import end_time_of_motion
 from reduced_models.records.sources import has_stated_time_interval, stated_release_number

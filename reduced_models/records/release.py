@@ -21,7 +21,8 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordWarning
-from reduced_models.records.first_guesses import LEAST_SAMPLES, noise_level
+from reduced_models.records.derivatives import noise_level
+from reduced_models.records.first_guesses import LEAST_SAMPLES
 
 # Levels of the growth, over the largest displacement (a full stroke): lowest, ratio, highest. A cosine
 # reaches 0.05 and 0.2 of it within 4 % of the time of a square. With 0.1, or 0.8, holds of a tenth of a

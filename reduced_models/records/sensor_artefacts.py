@@ -10,7 +10,8 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordWarning
-from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, noise_level
+from reduced_models.records.derivatives import noise_level, rounding_step
+from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, zero_crossing_times
 from reduced_models.records.release import has_active_input
 
 if TYPE_CHECKING:
@@ -22,10 +23,19 @@ KEEP = "to keep them: --between :"
 _LEAST_CLIPPED = 6
 _RUN = 3
 """Least number of equal samples in a row: two may be the same by chance of rounding."""
+_COARSE = 1e-3  # step of a sensor over the range, from which on two samples are equal by chance
 # Samples at a limit over those of the next number inside, from which on a peak is cut off there. A crest that
 # is rounded has at most 1/(sqrt(2) - 1) = 2.4 times as many on its last step as on the one before; 8 misses
 # peaks cut off by 5 %.
 _RARE = 4.0
+_BEYOND, _REPEATED = 0.3, 2
+"""Displacement over the largest from which on passages through rest are counted; and plateaus at one level
+that are no hold."""
+_DEPTH, _DEEPEST, _LONGER = 7.0, 0.35, 1.1
+"""Standard deviations of the noise between the highest and the lowest sample of a plateau; most of that over
+the displacement; and its duration over that of a crest."""
+_CYCLE = 0.3  # of a period by which the time from plateau to plateau may differ from it
+_ROUND = 0.3  # standard deviations by which the middle of a plateau may be higher
 _LEAST_NOISE, _SAME = 1e-4, 0.3
 """Noise over the range of a record that hides no hold, and fraction of equal neighbours in a sensor that
 rounds: from there on a single run of equal samples may be a hold."""
@@ -103,7 +113,7 @@ def _spike_mask(time: np.ndarray, height: np.ndarray) -> np.ndarray:
     away = np.abs(height - middle)
     spread = np.median(np.abs(about - middle[:, None]), axis=1)
     low, high = np.quantile(height, [0.02, 0.98])
-    floor = max(_NOISES * _sensor_noise(time, height), _LEAST_SPIKE * float(high - low))
+    floor = max(_NOISES * noise_level(height, time), _LEAST_SPIKE * float(high - low))
     steps = np.abs(np.diff(np.pad(height, _WINDOW // 2, mode="reflect")))
     steps = np.lib.stride_tricks.sliding_window_view(steps, _WINDOW - 1)
     middle_two = slice(_WINDOW // 2 - 1, _WINDOW // 2 + 1)
@@ -115,49 +125,98 @@ def _spike_mask(time: np.ndarray, height: np.ndarray) -> np.ndarray:
     return spikes if spikes.mean() < _MOST_SPIKES else none
 
 
-def _sensor_noise(time: np.ndarray, height: np.ndarray) -> float:
-    """Noise of a sensor, its rounding among it."""
-    # Rounding errors are uniform over a step: step/sqrt(12).
-    steps = np.abs(np.diff(height))
-    extent = float(np.ptp(height))
-    rounding = float(steps[steps > 1e-9 * extent].min(initial=extent))
-    few = float((steps < 1.5 * rounding).mean()) > 0.5
-    return math.hypot(noise_level(height, time), rounding / math.sqrt(12.0) if few else 0.0)
+def clipped_sample_mask(record: PistonRecord, remedy: str = KEEP) -> Bool[np.ndarray, "n"]:
+    """Mask of the samples at the limits of a sensor, if runs of them stand at several crests."""
+    clipped = _equal_sample_mask(record)
+    if not clipped.any():
+        clipped = _plateau_mask(record)
+    if clipped.any():
+        words = f"{int(clipped.sum())} samples stand at the limit of the sensor (clipped) and are left out"
+        warnings.warn(f"{words}; {remedy}".removesuffix("; "), RecordWarning, stacklevel=3)
+    return clipped
 
 
-def clipped_sample_mask(record: PistonRecord) -> Bool[np.ndarray, "n"]:
-    """Mask of the samples at the limits of a sensor, where runs of them stand at a peak."""
+def without_clipped_samples(record: PistonRecord) -> PistonRecord:
+    """Record without the samples at a sensor's limits, which a fit would take for the motion."""
+    if has_active_input(record):  # what is driven may be held at a level again and again
+        return record
+    clipped = clipped_sample_mask(record, "")
+    return record if not clipped.any() or (~clipped).sum() < LEAST_SAMPLES else record.select(~clipped)
+
+
+def _equal_sample_mask(record: PistonRecord) -> np.ndarray:
+    """Mask of samples that are equal to the least or the largest, in runs."""
     height = record.height
     at_limit = np.zeros(len(height), dtype=bool)
-    several = False
+    runs = samples = 0
     # noise shows where the sensor does not stand at its limits
     free = (height > height.min()) & (height < height.max())
     if free.sum() < LEAST_SAMPLES:
         return at_limit
     noisy = noise_level(height[free], record.time[free]) > _LEAST_NOISE * float(np.ptp(height))
     noisy &= float((np.diff(height[free]) == 0.0).mean()) < _SAME
+    run = _RUN if rounding_step(height) > _COARSE * float(np.ptp(height)) else _RUN - 1
     values = np.unique(height)
     for limit, inside in ((values[0], values[1]), (values[-1], values[-2])):
         here = height == limit
         # a turning point of a sensor that rounds has nearly half as many samples a step further in
         if here.sum() <= _RARE * (height == inside).sum():
             continue
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], here, [False]]).astype(int)))
-        lengths = edges[1::2] - edges[::2]
-        long = lengths >= _RUN
-        # A hold is one long run; peaks that are cut off are several. In noise no hold is one number.
-        several |= bool((long.sum() >= 2 or noisy) and lengths[long].sum() >= _LEAST_CLIPPED)
+        lengths = np.array([stop - start for start, stop in _runs(here)])
+        long = lengths >= run
+        runs, samples = runs + int(long.sum()), samples + int(lengths[long].sum())
         if long.any():
             at_limit |= here
-    at_limit &= several
-    if not at_limit.any():
-        return at_limit
-    warnings.warn(
-        f"{int(at_limit.sum())} samples stand at the limit of the sensor (clipped) and are left out; {KEEP}",
-        RecordWarning,
-        stacklevel=3,
-    )
-    return at_limit
+    # A hold is one long run; crests that are cut off are several. In noise no hold is one number.
+    return at_limit & bool((runs >= _REPEATED or noisy) and samples >= _LEAST_CLIPPED)
+
+
+def _plateau_mask(record: PistonRecord) -> np.ndarray:
+    """Mask of samples that stay at the largest displacement, but for noise, longer than a crest does."""
+    time, height = record.time, record.height
+    plateau = np.zeros(len(height), dtype=bool)
+    noise = noise_level(height, time)
+    swing = height - np.median(height)
+    passages = zero_crossing_times(time, swing, _BEYOND * float(np.abs(swing).max()))
+    if noise == 0.0 or len(passages) < 2 * _REPEATED:
+        return plateau
+    half = float(np.median(np.diff(passages)))
+    step = float(np.median(np.diff(time)))  # a hole is no plateau
+    for away in (swing, -swing):
+        largest = float(away.max())
+        # the largest of many is three standard deviations above the plateau, the least as far below
+        depth = _DEPTH * noise
+        if depth > _DEEPEST * largest:
+            continue
+        # a harmonic crest is within the depth for this long
+        natural = half * math.acos(1.0 - depth / largest) * 2.0 / math.pi
+        near = away > largest - depth
+        starts = [
+            time[start]
+            for start, stop in _runs(near)
+            if (stop - start - 1) * step > _LONGER * natural
+            and stop - start >= _RUN
+            and _is_flat(away[start:stop], noise)
+        ]
+        # from cycle to cycle; holds before further releases are further apart
+        if (np.abs(np.diff(starts) / (2.0 * half) - 1.0) < _CYCLE).sum() >= _REPEATED - 1:
+            plateau |= near
+    return plateau
+
+
+def _is_flat(values: np.ndarray, noise: float) -> bool:
+    """Return whether the middle of a run is no higher than what is about it."""
+    quarter = max(1, len(values) // 5)
+    middle, about = values[2 * quarter : -2 * quarter], values[quarter:-quarter]
+    if not len(middle):
+        return True
+    return bool(middle.mean() - about.mean() < noise * (_ROUND + 3.0 / math.sqrt(len(middle))))
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """First and behind the last sample of each run of a mask."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def end_time_of_motion(record: PistonRecord) -> float:
@@ -169,7 +228,7 @@ def end_time_of_motion(record: PistonRecord) -> float:
     rms = np.sqrt(np.maximum(sums[count:] - sums[:-count], 0.0) / count)
     # the rms of so few samples of noise alone scatters by 1/sqrt(2 count)
     limit = max(_DEAD, 1.0 + 4.0 / math.sqrt(2.0 * count))
-    moving = np.flatnonzero(rms > limit * _sensor_noise(record.time, record.height) / largest)
+    moving = np.flatnonzero(rms > limit * noise_level(record.height, record.time) / largest)
     return float(record.time[int(moving[-1]) + count - 1 if len(moving) else 0])
 
 

@@ -281,7 +281,7 @@ def test_doubtful_fits_warn_and_keep_the_note(tmp_path: Path) -> None:
     time = np.linspace(0.0, 0.08, 400)  # a quarter of a period
     height = 0.059 + 0.0012 * np.exp(-0.8 * time) * np.cos(21.8 * time)
     with pytest.warns(UserWarning, match="random starts led to this fit"):
-        fit(PistonRecord(time, height), "linear", starts=4)
+        fit(PistonRecord(time, height), "linear", starts=8)
     time = np.linspace(0.0, 10.0, 2000)
     chirp = 0.06 + 0.001 * np.cos(10.0 * time + time**2)
     with pytest.warns(UserWarning, match="times the record's noise"):

@@ -17,7 +17,8 @@ from reduced_models.fitting.residual_diagnostics import (
 )
 from reduced_models.laws.solution import solve_law
 from reduced_models.least_squares.residuals import add_random_walk, remove_random_walk
-from reduced_models.records.first_guesses import first_guesses, spectral_peak_frequency
+from reduced_models.records.derivatives import spectral_peak_frequency
+from reduced_models.records.first_guesses import first_guesses
 
 TIME = np.linspace(0.0, 40.0, 2000)
 

@@ -12,7 +12,7 @@ from granular.shared.errors import InputError
 from reduced_models import ReducedModel, fit
 from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
-from reduced_models.records.first_guesses import noise_level
+from reduced_models.records.derivatives import noise_level
 
 TIME = np.linspace(0.0, 40.0, 2000)
 
