@@ -36,6 +36,7 @@ COMMENTS = "#%!"
 JSON = re.compile(r'\s*(?:\{\s*"|\[\s*[\[{"\d-])')
 """Beginning of a file of JSON."""
 _MOST_COLUMNS = 50_000
+_BEGINS_WITH_QUANTITY = re.compile(r'\s*"?[+-]?[.,]?\d')
 _BEGINS_WITH_NUMBER = re.compile(r"\s*[+-]?\d")
 _WITH_UNIT = re.compile(
     r"(?<![\w.])([+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s?([^\W\d_][^\s,;|\"]*|[°%][^\s,;|\"]*)"
@@ -107,7 +108,7 @@ def _strip_units_of_cells(lines: list[NumberedLine]) -> tuple[list[NumberedLine]
 
     Nothing is changed, and that row is empty, where fewer than half of the rows hold such cells.
     """
-    sample = [line.text for line in lines_to_inspect(lines) if _BEGINS_WITH_NUMBER.match(line.text)]
+    sample = [line.text for line in lines_to_inspect(lines) if _BEGINS_WITH_QUANTITY.match(line.text)]
     if max(map(len, sample), default=0) > _LONGEST_ROW:
         return lines, ""
     counted = collections.Counter(tuple(match[2] for match in _units_in(text)) for text in sample)
@@ -117,7 +118,7 @@ def _strip_units_of_cells(lines: list[NumberedLine]) -> tuple[list[NumberedLine]
     example = next(text for text in sample if tuple(match[2] for match in _units_in(text)) == units)
     stripped = []
     for line in lines:
-        matches = _units_in(line.text) if _BEGINS_WITH_NUMBER.match(line.text) else []
+        matches = _units_in(line.text) if _BEGINS_WITH_QUANTITY.match(line.text) else []
         odd = {match[2] for match in matches} - set(units)
         if odd and len(matches) == len(units):
             raise RecordError(
@@ -289,7 +290,7 @@ def _split_header_line(line: str, dialect: Dialect) -> list[str]:
         if len(names) == dialect.width and all(names):
             # a title above rows without a header may hold a quantity too
             timed = any(guess_column_role(parse_header(name)[0]) == TIME for name in names)
-            if timed or all(map(_is_column_header, names)):
+            if timed or all(map(_is_column_header, names)) or all(map(is_unit, names)):
                 return names
     return fields
 

@@ -126,7 +126,9 @@ def test_a_label_below_the_names_wins(tmp_path: Path) -> None:
     assert np.allclose(read(path).height, HEIGHT, atol=1e-10)
 
 
-@pytest.mark.parametrize("row", ["{t},{z} cm", "{t} s;{z} cm", "{t}\t{z}cm", "{t} s {z} cm", "{t} {z} cm"])
+@pytest.mark.parametrize(
+    "row", ["{t},{z} cm", "{t} s;{z} cm", "{t}\t{z}cm", "{t} s {z} cm", "{t} {z} cm", '"{t} s";"{z} cm"']
+)
 @pytest.mark.parametrize("comma", [False, True])
 def test_units_inside_cells(row: str, comma: bool, tmp_path: Path) -> None:
     mark = next((mark for mark in ";\t," if mark in row), " ")
@@ -157,6 +159,13 @@ def test_units_inside_cells(row: str, comma: bool, tmp_path: Path) -> None:
 def test_a_header_that_is_separated_otherwise(head: str, rows: str, tmp_path: Path) -> None:
     lines = [f"{t:.4f}{rows}{z:.7f}" for t, z in zip(TIME, MM, strict=True)]
     (tmp_path / "lab.dat").write_text("\n".join(["run 3, Ada Byron", head, *lines, ""]))
+    assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-9)
+
+
+@pytest.mark.parametrize("units", ["(s)         (mm)", "s           mm", "[s]\t[mm]"])
+def test_a_row_of_units_that_is_separated_otherwise(units: str, tmp_path: Path) -> None:
+    lines = [f"{t:.4f};{z:.7f}" for t, z in zip(TIME, MM, strict=True)]
+    (tmp_path / "lab.dat").write_text("\n".join(["Time        Position", units, *lines, ""]))
     assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-9)
 
 

@@ -71,6 +71,9 @@ REFUSED = {
     ),
     "words": Refused("notes.txt", b"Dear Ada,\nthe piston fell.\n", "0 samples|is not separated"),
     "one column": Refused("one.txt", b"1.0\n2.0\n3.0\n", "is not separated by commas"),
+    "a universal file": Refused(
+        "run.unv", b"    -1\n    58\nNONE\n", r"universal file \(data set 58\), .*pyuff"
+    ),
     "a picture": Refused(
         "plot.png",
         b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR",
