@@ -188,7 +188,7 @@ def _no_table_error(lines: Sequence[NumberedLine]) -> str:
 
 def _find_first_row(lines: Sequence[NumberedLine], dialect: Dialect) -> tuple[int, Sequence[NumberedLine]]:
     """Return the index of the first row, and the lines above it."""
-    full = next(
+    full_rows = (
         k
         for k, line in enumerate(lines)
         if len(fields := trim_fields(split_fields(line.text, dialect.separator), dialect.width))
@@ -196,6 +196,10 @@ def _find_first_row(lines: Sequence[NumberedLine], dialect: Dialect) -> tuple[in
         and all(is_number(fields[j], dialect.decimal) or fields[j] in LOST for j in dialect.numeric)
         and is_table_row(fields, dialect)
     )
+    full = next(full_rows, None)
+    if full is None:
+        numbers = ", ".join(str(j + 1) for j in dialect.numeric[:_HEADER])
+        raise RecordError(f"no line holds numbers in each of the columns {numbers}: correct the lines")
     start = full
     # A row with a wrong number stands above the first that is right, and below the header.
     while start and is_table_row(split_fields(lines[start - 1].text, dialect.separator), dialect):

@@ -73,3 +73,9 @@ def test_four_columns_without_names(text: str, tmp_path: Path) -> None:
         record = PistonRecord.from_file(path)
     assert record.time[:2].tolist() == [0.0, 1.0]
     assert record.height[0] in (5.0, 510.0)
+
+
+def test_columns_of_which_no_row_is_full(tmp_path: Path) -> None:
+    (tmp_path / "cut.csv").write_bytes(b",timestep,positio\nn\n0,0.0,0.06\xe1\n[1,0.005,0.061971")
+    with pytest.raises(RecordError, match="no line holds numbers in each of the columns 1, 2, 3"):
+        PistonRecord.from_file(tmp_path / "cut.csv")
