@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from granular.shared.message_text import format_factor
 from granular.shared.text_tables import align_columns
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
@@ -277,11 +278,12 @@ class Comparison:
         if linear is None or len(sound) < 2:
             return ""
         if linear.error <= largest_tied_error(sound, self.noise):
-            return "a linear model suffices: no other law predicts better"
+            return "a linear model suffices: more parameters predict no better"
         error, *others = self._errors_by_part(linear)
         heads = list(records) or [f"record {k + 1}" for k in range(len(others))]
         further = "".join(f" ({head}: {other})" for head, other in zip(heads, others, strict=True))
-        return f"a linear model suffices only if an error of {error}{further} is acceptable"
+        times = format_factor(linear.error / max(min(row.error for row in sound), 1e-300))
+        return f"a linear model is {times} times less accurate: {error}{further}"
 
     def __str__(self) -> str:
         best = self.best

@@ -54,15 +54,13 @@ def figure_lines(
     if not rows:
         return []
     parts = [part for part in PARTS if any(part in figure.parts for figure in figures)]
-    sources = f"± is {100.0 * confidence:g} %: {', '.join(ERROR_SOURCES[part] for part in parts)}"
-    rows[-1][-1] = "; ".join(filter(None, (rows[-1][-1], sources)))
-    lines = align_columns(rows).splitlines()
-    if not amplitude:
-        return lines
+    sources = ", ".join(ERROR_SOURCES[part] for part in parts)
     label, symbol = (max(len(row[k]) for row in rows) for k in (0, 1))
+    margin = label + symbol + 4
     return [
-        *lines,
-        *wrap_words(amplitude, "  amplitude".ljust(label + symbol + 4), " " * (label + symbol + 4)),
+        *align_columns(rows).splitlines(),
+        *(wrap_words(amplitude, "  amplitude".ljust(margin), " " * margin) if amplitude else ()),
+        f"  all ± are {100.0 * confidence:g} % intervals: {sources}",
     ]
 
 
@@ -75,7 +73,7 @@ def _damping_text(known: dict[str, QuantityWithError], mass: float | None) -> st
     damping = known.get("damping")
     if damping is None:
         return ""
-    return f"damping c {damping.text_with_error}" + ("" if mass is None else f" (as {mass:.4g} kg)")
+    return f"damping c {damping.text_with_error}" + ("" if mass is None else f" (for {mass:.4g} kg)")
 
 
 def _damping_ratio_text(ratio: QuantityWithError) -> str:

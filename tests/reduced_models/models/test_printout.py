@@ -67,15 +67,15 @@ def test_an_interval_that_is_not_about_its_value_is_printed_as_one() -> None:
 def test_figures_in_an_engineer_s_words() -> None:
     model = load_model(SAVED)
     lines = figure_lines(swing_quantities(model, angle=False, mass=7.5), 7.5, 0.95, "1 to 2 mm: constant")
-    assert [line.split("  ")[1] for line in lines] == [
+    assert [line.split("  ")[1] for line in lines[:-1]] == [
         "natural frequency",
         "damping ratio",
         "stiffness",
         "equilibrium",
         "amplitude",
     ]
-    assert "(as 7.5 kg)" in lines[2]
-    assert lines[3].endswith("± is 95 %: fit")
+    assert "(for 7.5 kg)" in lines[2]
+    assert lines[5] == "  all ± are 95 % intervals: fit"
     assert lines[4].index("1 to 2 mm") == lines[0].index(lines[0].split("f0")[1].strip()[:4])
 
 
