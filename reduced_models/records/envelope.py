@@ -437,5 +437,5 @@ def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ..
     return (
         f"the amplitude {'grows' if grows else 'does not fall'} from {cycles.time[0]:.4g} to "
         f"{cycles.time[-1]:.4g} s: driven? Then frequency and damping ratio are not the oscillator's own; "
-        "record the force in a column and give it (--input NAME)",
+        "record the force in a column and give it (identify --input NAME)",
     )
