@@ -182,7 +182,9 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
     count, name, around = sizes[row["size"]], row["effect"], row["sides"] == "periodic"
     if around and row["method"] in ("mesh", "cut-off"):
         count = max(count, 40)
-    key = {"own walls": "walls", "walls of the guide": "walls"} | dict.fromkeys(REACH, "pair_law")
+    key: dict[str, Any] = {"own walls": "walls", "walls of the guide": "walls"} | dict.fromkeys(
+        REACH, "pair_law"
+    )
     width, height = (max(2.0 * count**0.5, 17.5),) * 2 if around else MESH_REACH[count]
     if row["aspect"] == "flat":  # the mesh's error is over the forces of a bed as dense as a periodic one
         width, count = (2.0 * width, 2 * count) if around else (4.0 * width, count)

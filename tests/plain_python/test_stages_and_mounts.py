@@ -13,17 +13,16 @@ import numba
 import numpy as np
 import pytest
 
+import tests.plain_python.test_every_effect  # noqa: F401 (brings the stages "dip" and "fade")
 from granular import Scene, simulate
 from granular.run.trajectory import Trajectory
 from tests.plain_python.independent_equations import Case, solve
-from tests.plain_python.test_every_effect import Dip, Fade
 
 pytestmark = [
     pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile"),
     pytest.mark.filterwarnings("ignore:two grains came as close"),
 ]
 
-OWN = {Dip.definition.key, Fade.definition.key}
 STEP = 4e-5
 CLOSE = 1e-9
 """[m]"""
