@@ -10,10 +10,13 @@ import functools
 import itertools
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
+
+from granular import PistonRecord
 
 LAWS = {
     "linear": "linear",
@@ -176,3 +179,66 @@ def write_record(path: Path, time: np.ndarray, height: np.ndarray) -> Path:
     rows = (f"{t:.9g},{z:.9g}" for t, z in zip(time, height, strict=True))
     path.write_text("\n".join(["time [s],height [m]", *rows, ""]))
     return path
+
+
+OTHERS = ("drift", "second mode", "driven", "overdamped", "few samples", "clipped", "jitter")
+"""Kinds of linear records that are disturbed otherwise."""
+
+
+class OtherRecord(NamedTuple):
+    """A record, the oscillator that it is of [rad/s, 1], and words on what disturbs it."""
+
+    record: PistonRecord
+    omega: float
+    ratio: float
+    words: str
+
+
+def made_other_record(kind: str, seed: int) -> OtherRecord:
+    """A linear record of one of `OTHERS`."""
+    random = np.random.default_rng([100 + OTHERS.index(kind), seed])
+    frequency, ratio = np.exp(random.uniform(np.log([0.5, 0.008]), np.log([8.0, 0.04])))
+    size, density = float(random.uniform(2e-3, 8e-3)), float(random.uniform(30.0, 120.0))
+    level = 0.003
+    if kind == "overdamped":
+        ratio, density, level = float(random.uniform(1.2, 3.0)), 300.0, 1e-3
+    if kind == "few samples":
+        density, level = float(random.uniform(2.2, 5.0)), 0.01
+    omega, step = math.tau * frequency, 1.0 / (frequency * density)
+    cycles = 3.0 if kind == "overdamped" else CYCLES
+    time = step * np.arange(int(cycles * density))
+    words = f"{kind} {seed}: {frequency:.3g} Hz, {100.0 * ratio:.3g} %, {density:.3g} samples a period"
+    root = np.sqrt(complex(ratio**2 - 1.0))
+    roots = omega * np.array([-ratio + root, -ratio - root])
+
+    def free(times: np.ndarray) -> np.ndarray:
+        fast = roots[1] * np.exp(roots[0] * times) - roots[0] * np.exp(roots[1] * times)
+        return np.asarray(size * (fast / (roots[1] - roots[0])).real)
+
+    extra = {}
+    if kind == "driven":
+        tones = omega * random.uniform(0.5, 1.5, 3)
+        phases = random.uniform(0.0, math.tau, 3)
+        push = omega**2 * size * 0.1 * np.cos(tones[:, None] * time + phases[:, None]).sum(axis=0)
+        extra = {"push": push}
+
+        def rates(t: float, state: np.ndarray) -> list[float]:
+            drive = omega**2 * size * 0.1 * float(np.cos(tones * t + phases).sum())
+            return [state[1], drive - 2.0 * ratio * omega * state[1] - omega**2 * state[0]]
+
+        height = solve_ivp(rates, (0.0, time[-1]), [0.0, 0.0], "DOP853", time, rtol=1e-9, atol=1e-12).y[0]
+    elif kind == "jitter":  # of the clock, while the file has even times
+        height = free(np.maximum(time + random.normal(0.0, 0.05 * step, len(time)), 0.0))
+    else:
+        height = free(time)
+    if kind == "drift":
+        height = height + size * random.uniform(-0.2, 0.2) * time / time[-1]
+        height = height + np.cumsum(random.normal(0.0, 3e-4 * size, len(time)))
+    if kind == "second mode":
+        high, part = omega * random.uniform(3.1, 4.7), random.uniform(0.02, 0.08)
+        height = height + part * size * np.exp(-0.01 * high * time) * np.cos(high * time)
+    height = height + random.normal(0.0, level * float(np.ptp(height)) / 2.0, len(time))
+    if kind == "clipped":
+        limit = size * random.uniform(0.5, 0.8)
+        height = np.clip(height, -limit, limit)
+    return OtherRecord(PistonRecord(time, REST + height, extra=extra), float(omega), float(ratio), words)

@@ -20,8 +20,10 @@ from tests.reduced_models.records.made_decays import (
     DENSITIES,
     LAWS,
     NOISES,
+    OTHERS,
     SEEDS,
     Decay,
+    made_other_record,
     made_record,
     write_record,
 )
@@ -115,3 +117,44 @@ def judge(cells: list[tuple[str, tuple[str, float], int, int]], directory: Path)
 @pytest.mark.long
 def test_decays_with_every_kind_of_noise(tmp_path: Path) -> None:
     judge(list(itertools.product(LAWS, NOISES, DENSITIES, SEEDS)), tmp_path)
+
+
+NUMBER, RIGHT, FIRST_SEED = 60, 57, 0
+"""Records of other kinds, how many have no figure that is off by more than three errors, and their seeds."""
+
+
+@pytest.mark.long
+def test_records_of_other_kinds() -> None:
+    right = 0
+    for number in range(NUMBER):
+        kind = OTHERS[number % len(OTHERS)]
+        made = made_other_record(kind, FIRST_SEED + number)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            drive = "push" if kind == "driven" else None
+            found = identify(made.record, laws=["linear"], drive=drive, starts=8, progress=False)
+        truths = {"natural frequency": made.omega / math.tau, "damping ratio": 100.0 * made.ratio}
+        figures = [
+            Figure(one.name, one.value, one.total_error, truths[one.name])
+            for one in found.figures_to_print
+            if one.name in truths
+        ]
+        if found.own is not None:
+            damped = 1.0 if kind == "driven" else math.sqrt(1.0 - made.ratio**2)
+            for k in found.own.headline_indices:
+                frequency, ratio = found.own.quantities_at(k)
+                figures += [
+                    Figure(
+                        "own frequency",
+                        frequency.value,
+                        frequency.total_error,
+                        damped * made.omega / math.tau,
+                    ),
+                    Figure("own damping ratio", ratio.value, ratio.total_error, 100.0 * made.ratio),
+                ]
+        wrong = [one for one in figures if one.errors_off > FAR]
+        right += not wrong
+        for one in wrong:
+            print(f"{one.errors_off:.1f} errors off: {one}: {made.words}")
+    print(f"{right} of {NUMBER} right")
+    assert right >= RIGHT
