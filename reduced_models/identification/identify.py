@@ -41,7 +41,7 @@ from reduced_models.least_squares.levenberg_marquardt import spent_budget_text, 
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.models.quantities import QuantityWithError
-from reduced_models.records.sensor_artefacts import without_clipped_samples
+from reduced_models.records.sensor_artefacts import without_clipped_samples, without_spikes
 from reduced_models.records.sources import (
     METHOD,
     STEP,
@@ -269,6 +269,10 @@ def _fit_and_compare(
                 left_out += (f"discovery by {discovery}: {spent}",)
             clock.lap(f"discovery by {discovery}")
         comparison = compare(record, wanted, starts=starts)
+        if run is None:
+            whole, record = record, without_spikes(record, comparison.best.simulate_record(record).height)
+            if record is not whole:
+                comparison = compare(record, wanted, starts=starts)
     clock.lap("fits and comparison")
     names = [law_name(law) for law in wanted]
     sound = [row for row in comparison.rows if row.models]

@@ -23,7 +23,7 @@ from reduced_models.records.inputs import input_column
 
 _NAMED = (0.5, 0.1)  # amplitudes of the headline, over the greatest one
 _FREQUENCY, _DAMPING = 0.01, 0.1  # relative differences, up to which law and record agree
-_KNOWN = 5e-3  # relative error of a frequency above which extremes are left to the fit
+_KNOWN = 3e-3  # relative error of a frequency above which extremes are left to the fit
 _HOW = {
     "envelope": (
         "Frequency and damping ratio are read off the record's own extremes, without a law: the frequency "

@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordWarning
-from reduced_models.records.derivatives import noise_level, rounding_step
+from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
 from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, zero_crossing_times
 from reduced_models.records.release import has_active_input
 
@@ -52,6 +52,7 @@ _SUDDEN = 3.0
 """Steps to a spike and back over those about them."""
 # Fraction of samples from which on spikes are part of the record: of a tenth of them 15 to 30 % would still
 # be missed. 0.01 leaves all in if they are 2 %.
+_OFF = 8.0  # standard deviations of the usual residual, beyond which a single one is a spike
 _MOST_SPIKES = 0.05
 _DEAD, _FEWEST = 1.5, 5
 """Noise levels of a swing, as root mean square of at least so many samples, that count no more."""
@@ -142,6 +143,24 @@ def without_clipped_samples(record: PistonRecord) -> PistonRecord:
         return record
     clipped = clipped_sample_mask(record, "")
     return record if not clipped.any() or (~clipped).sum() < LEAST_SAMPLES else record.select(~clipped)
+
+
+def without_spikes(record: PistonRecord, fitted: Float[np.ndarray, "n"]) -> PistonRecord:
+    """Record without single samples far off the heights of a fitted motion [m]."""
+    # Among few samples a cycle the neighbours alone tell no spike from the motion.
+    away = np.abs(record.height - fitted)
+    about = np.pad(away, 1, mode="reflect")
+    alone = away > _SUDDEN * np.maximum(about[:-2], about[2:])
+    spikes = alone & (away > _OFF * float(np.median(away)) / NORMAL_MEDIAN)
+    if not spikes.any() or spikes.mean() > _MOST_SPIKES or (~spikes).sum() < LEAST_SAMPLES:
+        return record
+    warnings.warn(
+        f"single samples that stand far off the fitted motion (spikes) are left out: {int(spikes.sum())}, the "
+        f"first at {record.time[np.argmax(spikes)]:.4g} s",
+        RecordWarning,
+        stacklevel=3,
+    )
+    return record.select(~spikes)
 
 
 def _equal_sample_mask(record: PistonRecord) -> np.ndarray:

@@ -125,9 +125,8 @@ def made_decay(kind: str, seed: int) -> Decay:
     lam = ratio * omega
     if kind == "quadratic":
         drag, lam = 3.0 * math.pi * ratio / (4.0 * 0.5 * size), 0.2 * lam
-    if kind == "dry":  # friction stops it in the last third of the record
-        friction, lam = omega**2 * size / (4.0 * random.uniform(0.7, 0.9) * CYCLES), 0.3 * lam
-        friction *= 0.7
+    if kind == "dry":  # friction alone would stop it at the record's end
+        friction, lam = 0.7 * omega**2 * size / (4.0 * random.uniform(1.05, 1.3) * CYCLES), 0.3 * lam
     if kind == "hardening":
         cubic = float(random.uniform(0.1, 0.6)) * omega**2 / size**2
     return Decay(kind, omega, lam, drag, friction, cubic, size)

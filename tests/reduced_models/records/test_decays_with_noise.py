@@ -140,16 +140,11 @@ def test_records_of_other_kinds() -> None:
             if one.name in truths
         ]
         if found.own is not None:
-            damped = 1.0 if kind == "driven" else math.sqrt(1.0 - made.ratio**2)
+            damped = made.omega * (1.0 if kind == "driven" else math.sqrt(1.0 - made.ratio**2))
             for k in found.own.headline_indices:
                 frequency, ratio = found.own.quantities_at(k)
                 figures += [
-                    Figure(
-                        "own frequency",
-                        frequency.value,
-                        frequency.total_error,
-                        damped * made.omega / math.tau,
-                    ),
+                    Figure("own frequency", frequency.value, frequency.total_error, damped / math.tau),
                     Figure("own damping ratio", ratio.value, ratio.total_error, 100.0 * made.ratio),
                 ]
         wrong = [one for one in figures if one.errors_off > FAR]
