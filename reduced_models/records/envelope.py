@@ -211,7 +211,7 @@ class Extremes:
         known = np.isfinite(self.height)
         size = np.abs(self.height - np.nanmean(self.height))
         squares = np.full((2, len(self)), np.nan)
-        for k in number:
+        for k in range(len(self)):
             first = min(max(0, k - _NEIGHBOURS), max(0, len(self) - 2 * _NEIGHBOURS - 1))
             near = number[first : first + 2 * _NEIGHBOURS + 1]
             near = near[known[near]]

@@ -15,7 +15,7 @@ from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, z
 from reduced_models.records.release import has_active_input
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool
+    from jaxtyping import Bool, Float
 
 KEEP = "to keep them: --between :"
 # Samples at a sensor's limit from which on a record is clipped: half a crest, cut off by 5 % as a release
@@ -155,7 +155,7 @@ def without_spikes(record: PistonRecord, fitted: Float[np.ndarray, "n"]) -> Pist
     if not spikes.any() or spikes.mean() > _MOST_SPIKES or (~spikes).sum() < LEAST_SAMPLES:
         return record
     warnings.warn(
-        f"single samples that stand far off the fitted motion (spikes) are left out: {int(spikes.sum())}, the "
+        f"{int(spikes.sum())} single samples stand far off the fitted motion (spikes) and are left out, the "
         f"first at {record.time[np.argmax(spikes)]:.4g} s",
         RecordWarning,
         stacklevel=3,

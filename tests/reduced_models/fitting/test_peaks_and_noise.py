@@ -32,7 +32,7 @@ def decay(frequency: float, ratio: float, rate: float, duration: float) -> tuple
 def quiet_fit(record: PistonRecord, law: str = "linear", **options: object) -> ReducedModel:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return fit(record, law, **{"starts": 4, **options})  # type: ignore[call-overload, no-any-return]
+        return fit(record, law, **{"starts": 4, **options})  # type: ignore[call-overload]
 
 
 def hum(time: np.ndarray, height: np.ndarray, random: np.random.Generator) -> np.ndarray:
