@@ -102,7 +102,7 @@ def blocks_on_others(public: set[str]) -> Iterator[str]:
             kept = keeps or name in public or (isinstance(child, ast.ClassDef) and child.name in allowed)
             if not kept and BLOCK.search(ast.get_docstring(child, clean=False) or ""):
                 yield f"{path.relative_to(ROOT)}:{child.lineno}: {name}: a block on a name that is not public"
-            inner = kept and (child.name in BASES or name in public)
+            inner = kept and (child.name in BASES | RESULTS or name in public)
             yield from walk(child, name, path, isinstance(child, ast.ClassDef) and inner)
 
     for path, tree in trees.items():

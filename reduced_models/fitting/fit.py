@@ -74,8 +74,10 @@ Records = RecordLike | Sequence[RecordLike]
 class _FitFunction(Protocol[P]):
     """A fit of one record, which gives a model, or of several, which gives one for each."""
 
-    @overload
-    def __call__(self, record: RecordLike, /, *args: P.args, **kwargs: P.kwargs) -> ReducedModel: ...
+    @overload  # a text is one record, though a sequence of texts too
+    def __call__(  # type: ignore[overload-overlap]
+        self, record: RecordLike, /, *args: P.args, **kwargs: P.kwargs
+    ) -> ReducedModel: ...
     @overload
     def __call__(
         self, record: Sequence[RecordLike], /, *args: P.args, **kwargs: P.kwargs

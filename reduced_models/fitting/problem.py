@@ -183,9 +183,9 @@ def record_from_table(source: Any) -> Any:
     return PistonRecord.from_table(source) if is_table else source
 
 
-def _is_plain_array(values: object) -> bool:
+def _is_plain_array(values: Any) -> bool:
     """Return whether values are one column, and no table of a column."""
-    return np.ndim(values) == 1 and not hasattr(values, "equals")  # type: ignore[call-overload]  # of anything
+    return np.ndim(values) == 1 and not hasattr(values, "equals")
 
 
 def read_given_record(source: Any) -> Any:

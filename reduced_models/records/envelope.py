@@ -185,22 +185,12 @@ def check_extremes(extremes: Extremes) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Extremes:
-    """Crests and troughs of an oscillation in turn, half a cycle apart.
+    """Crests and troughs of an oscillation in turn, half a cycle apart; NaN if a hole hides one."""
 
-    Attributes
-    ----------
-    time, height : float64 (k,)
-        [s] and [m]; not a number if a hole in the record hides an extreme.
-    sign : float64 (k,)
-        1 for a crest, -1 for a trough.
-    rounding : float
-        Step of the sensor [m]; 0 if it does not round.
-    """
-
-    time: np.ndarray
-    height: np.ndarray
-    sign: np.ndarray
-    rounding: float = 0.0
+    time: Float[np.ndarray, "k"]  # [s]
+    height: Float[np.ndarray, "k"]  # [m]
+    sign: Float[np.ndarray, "k"]  # 1 for a crest, -1 for a trough
+    rounding: float = 0.0  # step of the sensor [m]; 0 if it does not round
 
     def __len__(self) -> int:
         return len(self.time)
