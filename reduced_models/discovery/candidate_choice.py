@@ -14,12 +14,15 @@ from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.structure_proposals import candidate_from_terms
 from reduced_models.discovery.subset_selection import EquationScorer, normalise_columns, score_terms
 from reduced_models.discovery.terms import AnyTerm, sort_terms, structure_text
+from reduced_models.models.model import ReducedModel
 
 _POOR = 2.0
 _STRONG = 6.0
 """Difference of criteria from which evidence is strong (Kass & Raftery 1995,
 doi:10.1080/01621459.1995.10476572); below it the simpler equation is chosen."""
 _MOST_TRIED = 20
+_PREFERRED, _MOST_PREFERRED = 0.25, 2
+"""Share of the random halves from which on a structure is fitted too, and how many such at most."""
 _HOPELESS = 15.0  # a criterion that is so much worse is not made good by fitting
 
 
@@ -29,14 +32,17 @@ def polish_and_choose_candidate(
     count: int,
     scorer: EquationScorer,
     others: Sequence[CandidateEquation] = (),
+    seed: int | None = None,
 ) -> tuple[list[CandidateEquation], int]:
-    """Fit the best candidates through their differential equation, and choose the simplest sound one."""
+    """Fit the best candidates, and with a seed those that halves prefer; choose the simplest sound one."""
     # Of those that could be fitted, the one with the fewest numbers to which no other is strongly preferred:
     # by 6 of the criterion (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
     order = sorted(candidates, key=lambda candidate_: candidate_.criterion)
     near = [candidate_ for candidate_ in order if candidate_.criterion <= order[0].criterion + _HOPELESS][
         :count
     ]
+    if count and seed is not None:
+        near += [item for item in _preferred_by_halves(order, scorer, seed) if item not in near]
     done = [polish(candidate_) for candidate_ in near]
     if count and not any(candidate_.models for candidate_ in done):
         done += _first_polishable_candidate(
@@ -80,7 +86,7 @@ def _add_pruned_candidates(
     """Polished candidates, and what is left of them without the terms that may be zero."""
     candidates = list(done)
     for candidate in candidates:  # which grows: what is left may have such terms as well
-        needed = _significant_terms(candidate)
+        needed = _needed_terms(candidate, scorer)
         if needed:
             simpler = candidate_from_terms(score_terms(scorer, needed))
             if not _has_same_structure(simpler, candidates):
@@ -98,14 +104,48 @@ def _has_same_structure(candidate: CandidateEquation, others: Sequence[Candidate
     )
 
 
-def _significant_terms(candidate: CandidateEquation) -> list[AnyTerm]:
-    """Terms whose coefficients' intervals leave out zero."""
-    if candidate.model is None or candidate.terms is None:
+def _needed_terms(candidate: CandidateEquation, scorer: EquationScorer) -> list[AnyTerm]:
+    """Terms whose coefficients are surely not zero; else all but the one that is needed least."""
+    rises = _rises_by_solution(candidate, scorer)
+    if rises is None or candidate.model is None:
         return []
     # The coefficients of a sum are named in the order of its terms.
-    intervals = [candidate.model.intervals[f"c{k}"] for k in range(len(candidate.terms))]
-    terms = zip(sort_terms(candidate.terms), intervals, strict=True)
-    return [term for term, (low, high) in terms if not low <= 0.0 <= high]
+    intervals = [candidate.model.intervals[f"c{k}"] for k in range(len(rises))]
+    sure = [term for term, (low, high) in zip(rises, intervals, strict=True) if not low <= 0.0 <= high]
+    least = min(rises, key=rises.__getitem__)
+    if len(sure) == len(rises) and rises[least] < _STRONG:
+        return [term for term in rises if term != least]
+    return sure
+
+
+def _rises_by_solution(candidate: CandidateEquation, scorer: EquationScorer) -> dict[AnyTerm, float] | None:
+    """Rise of the solution's criterion without each term, by its coefficient over its standard error."""
+    model = candidate.model
+    if model is None or not candidate.terms or not isinstance(model, ReducedModel):
+        return None
+    terms, count = sort_terms(candidate.terms), len(model.parameters)
+    if any(f"c{k}" not in model.covariance_names for k in range(len(terms))):
+        return None
+    price = scorer.information_criterion(0.0, count) - scorer.information_criterion(0.0, count - 1)
+    rises = {}
+    for k, term in enumerate(terms):
+        index = model.covariance_names.index(f"c{k}")
+        variance = float(model.covariance[index, index])
+        rises[term] = model.parameters[f"c{k}"] ** 2 / max(variance, 1e-300) - price
+    return rises
+
+
+def _preferred_by_halves(
+    order: Sequence[CandidateEquation], scorer: EquationScorer, seed: int
+) -> list[CandidateEquation]:
+    """Candidates that many random halves of the integrals prefer, the most frequent first."""
+    sums = [candidate for candidate in order if candidate.terms]
+    if len(sums) < 2:
+        return []
+    structures = [tuple(sort_terms(candidate.terms)) for candidate in sums if candidate.terms]
+    fractions = _selection_fractions(scorer, structures, seed)
+    best = np.argsort(-fractions, kind="stable")[:_MOST_PREFERRED]
+    return [sums[k] for k in best if fractions[k] >= _PREFERRED]
 
 
 def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[float]) -> CandidateEquation:
@@ -168,38 +208,52 @@ _LEAST_SHARE = 0.1
 
 
 class StructureEvidence(NamedTuple):
-    """Evidence for a structure, by stability selection."""
+    """Evidence for a structure: its terms by its criterion, and rivals by stability selection."""
 
     criterion_increases: dict[str, float]  # without each term
     fraction: float  # of random halves that choose it, or it with more terms
     rivals: tuple[str, ...]  # that other halves choose, the most frequent first
+    refuted: tuple[tuple[str, float, float], ...] = ()  # text, fraction of halves, rise of the criterion
 
     @property
     def rival_note(self) -> str:
-        """Note, a str, that the data cannot tell the structure from its rivals; empty without rivals."""
-        if not self.rivals:
-            return ""
-        return (
-            f"the data cannot tell this structure from {' or '.join(self.rivals)}: of "
-            f"{_RESAMPLES} random halves of it {100 * self.fraction:.0f} % choose it"
-        )
+        """Structures that other halves of the data choose, and why they are not taken; empty without any."""
+        notes = []
+        if self.rivals:
+            notes.append(
+                f"the data cannot tell this structure from {' or '.join(self.rivals)}: of "
+                f"{_RESAMPLES} random halves of it {100 * self.fraction:.0f} % choose it"
+            )
+        notes += [
+            f"integrals over random halves of the record choose {text} in {100 * fraction:.0f} %, but its "
+            f"solution misses the record by more (information criterion {rise:.0f} higher)"
+            for text, fraction, rise in self.refuted
+            if fraction > self.fraction
+        ]
+        return "; ".join(notes)
 
 
 def weigh_structure_evidence(
-    chosen: CandidateEquation, candidates: Sequence[CandidateEquation], scorer: EquationScorer, seed: int
+    chosen: CandidateEquation,
+    candidates: Sequence[CandidateEquation],
+    scorer: EquationScorer,
+    seed: int,
+    fitted: Sequence[CandidateEquation] = (),
 ) -> StructureEvidence | None:
-    """Weigh a chosen sum of terms against other structures, by stability selection."""
+    """Weigh the terms of a chosen sum by the criterion that chose it, and rivals by stability selection."""
     # Stability selection: each random half of the integrals chooses among the structures (Meinshausen &
     # Buhlmann 2010, doi:10.1111/j.1467-9868.2010.00740.x).
     if chosen.terms is None or not chosen.terms:
         return None
     own = sort_terms(chosen.terms)
-    total = score_terms(scorer, own).criterion
-    increases = {
-        term.text: (score_terms(scorer, rest).criterion if rest else _criterion_without_terms(scorer)) - total
-        for term in own
-        if (rest := [item for item in own if item != term]) is not None
-    }
+    rises = _rises_by_solution(chosen, scorer)
+    if rises is None:
+        total = score_terms(scorer, own).criterion
+        rests = {term: [item for item in own if item != term] for term in own}
+        rises = {
+            term: (score_terms(scorer, rest).criterion if rest else _criterion_without_terms(scorer)) - total
+            for term, rest in rests.items()
+        }
     structures = [tuple(own)]
     for candidate in candidates:
         terms = None if candidate.terms is None else tuple(sort_terms(candidate.terms))
@@ -207,16 +261,34 @@ def weigh_structure_evidence(
             structures.append(terms)
     fractions = _selection_fractions(scorer, structures, seed)
     order = np.argsort(-fractions[1:], kind="stable") + 1
+    worse = _criteria_above(chosen, fitted, scorer)
     # With a further term the structure holds as well: that is no other one.
-    rivals = tuple(
-        structure_text(structures[k])
-        for k in order
-        if fractions[k] >= _LEAST_SHARE and not set(structures[k]) >= set(own)
-    )
+    others = [k for k in order if fractions[k] >= _LEAST_SHARE and not set(structures[k]) >= set(own)]
+    refuted = [k for k in others if worse.get(frozenset(structures[k]), 0.0) > _STRONG]
     fraction = sum(
         value for value, terms in zip(fractions, structures, strict=True) if set(terms) >= set(own)
     )
-    return StructureEvidence(increases, float(fraction), rivals)
+    return StructureEvidence(
+        {term.text: rise for term, rise in rises.items()},
+        float(fraction),
+        tuple(structure_text(structures[k]) for k in others if k not in refuted),
+        tuple(
+            (structure_text(structures[k]), float(fractions[k]), worse[frozenset(structures[k])])
+            for k in refuted
+        ),
+    )
+
+
+def _criteria_above(
+    chosen: CandidateEquation, fitted: Sequence[CandidateEquation], scorer: EquationScorer
+) -> dict[frozenset[AnyTerm], float]:
+    """Criteria of fitted sums by their terms, above that of the chosen one, by their solutions."""
+    sums = [item for item in fitted if item.terms and isinstance(item.model, ReducedModel)]
+    if chosen not in sums:
+        return {}
+    criteria = _solution_criteria(sums, scorer)
+    own = criteria[sums.index(chosen)]
+    return {frozenset(item.terms or ()): value - own for item, value in zip(sums, criteria, strict=True)}
 
 
 def _criterion_without_terms(scorer: EquationScorer) -> float:

@@ -214,14 +214,21 @@ def discover(
 
         count = 0 if target == "force" else polish
         front, chosen = polish_and_choose_candidate(
-            proposed.candidates, polish_one, count, proposed.scorer, proposed.others
+            proposed.candidates,
+            polish_one,
+            count,
+            proposed.scorer,
+            proposed.others,
+            None if remembers else seed,
         )
         said = notes_on_candidate(front[chosen], proposed.scorer)
         if target == "force" and polish:
             front[chosen] = polish_force_candidate(front[chosen], records, height_map, input, seed)
         now("done")
     rivals = open_terms.with_chosen_values(proposed.candidates, front[chosen])
-    sure = None if remembers else weigh_structure_evidence(front[chosen], rivals, proposed.scorer, seed)
+    sure = (
+        None if remembers else weigh_structure_evidence(front[chosen], rivals, proposed.scorer, seed, front)
+    )
     notes = (
         library_note,
         *proposed.notes,

@@ -19,6 +19,7 @@ from reduced_models.discovery.subset_selection import (
 )
 from reduced_models.discovery.terms import (
     AnyTerm,
+    Term,
     parse_term_expressions,
     physical_library_terms,
     sort_terms,
@@ -259,6 +260,15 @@ def propose_library(
     return _choose_proposal(proposals)
 
 
+def cause_text(name: str, chosen: Sequence[AnyTerm], usual: Sequence[AnyTerm]) -> str:
+    """Terms of a library that the physical one lacks, and what they are of where the sum says so."""
+    words = ", ".join(term.text for term in chosen if term not in usual)
+    # sin(z) next to z is no pendulum but a correction that any bent spring or friction calls for.
+    if name == "trigonometric" and Term(1) in chosen:
+        return words
+    return f"{words}, {_WHY[name]}"
+
+
 def _choose_proposal(proposals: Sequence[LibraryProposal]) -> LibraryProposal:
     """LibraryProposal whose best sum has the least criterion, with a note why."""
     scored = [
@@ -282,10 +292,11 @@ def _choose_proposal(proposals: Sequence[LibraryProposal]) -> LibraryProposal:
         best = 0
     name, notes = proposals[best].name, []
     if best:
+        below = f"{gain:.0f}" if gain < 1e4 else "far"
         notes.append(
-            f"the terms are those of the library {name!r}: the record speaks for {_WHY[name]} "
-            f"(information criterion {f'{gain:.0f}' if gain < 1e4 else 'far'} below that of "
-            f"{PHYSICAL!r}); another library: library="
+            f"the terms are those of the library {name!r}: the record speaks for "
+            f"{cause_text(name, terms[best], proposals[0].terms)} (information criterion {below} below that "
+            f"of {PHYSICAL!r}); another library: library="
         )
         if (squares[0] - squares[best]) / scorers[0].excess < _CLEAR:
             notes.append(

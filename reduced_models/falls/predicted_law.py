@@ -97,6 +97,7 @@ class PredictedLaw(FittedLaw):
     hidden: Mapping[str, float] = dataclasses.field(default_factory=dict)
     input_interpolation: Interpolation = "spline"
     angle: bool = False
+    conventions: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 def predict(scene: Scene) -> PredictedLaw:

@@ -46,7 +46,7 @@ from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import Quality
-from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level
+from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
 from reduced_models.records.envelope import (
     amplitude_remarks,
     envelope_of_extremes,
@@ -73,10 +73,13 @@ VIOLENT = 500.0
 LAG = 0.1
 """Fraction of the interval between samples: a shorter lag is not reported."""
 _DRIFT_FOUND = (
-    "the record's zero drifts, as a random walk next to its noise: fitted with that, which the "
-    "intervals allow for; drift=False (fit --no-drift on the command line) leaves it out"
+    "the record's zero drifts, by {size:.2g} {unit} in all, as a random walk next to its noise: fitted with "
+    "that, which the intervals allow for; drift=False (fit --no-drift on the command line) leaves it out"
 )
 _LET_DRIFT = "fit with drift=True (fit --drift on the command line)"
+_NEARLY_ALL, _ROUNDED = 0.99, 0.6
+"""Fraction of the residuals, and the part of the step of a sensor that rounds, half of which is its own
+error, below which they show nothing but its rounding."""
 NOISE_TIMES, NOTABLE = 3.0, 0.05
 """A residual above so many noise levels, and above this fraction of the swing, is noted."""
 
@@ -100,6 +103,10 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
         [None if level is None else level / joint.unknowns.residual_unit for level in problem.noise],
         joint.entries,
         joint.held_entries,
+        [
+            (grid.record.time, grid.record.height / joint.unknowns.residual_unit, grid.gain == 0.0)
+            for grid in joint.grids
+        ],
     )
     shifts = shifts_by_calibration_errors(joint, theta)
     covariance = covariance + shifts.T @ shifts
@@ -150,7 +157,8 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
             intervals = widen_to_linear_intervals(linear, undetermined, profiled[k])
         names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
         model = _make_model_of_record(result, k, intervals, at_rest, motions, residuals[k])
-        notes = (*model.notes, _DRIFT_FOUND) if drift_was_found else model.notes
+        drift = _DRIFT_FOUND.format(size=model.quality.zero_drift, unit=model.unit)
+        notes = (*model.notes, drift) if drift_was_found else model.notes
         models.append(
             dataclasses.replace(
                 model, undetermined=undetermined, covariance_names=names, covariance=matrix, notes=notes
@@ -172,7 +180,8 @@ def _make_model_of_record(
     theta = result.theta[result.joint.entries[k]]
     values, shift, scale, z0, v0, hidden = unknowns.physical_values(theta)
     height_map = HeightMap(float(shift), float(scale), fitted=unknowns.map is None)
-    quality = _assess_quality(result, k, residuals)
+    left = remove_random_walk(residuals, grid.gain)
+    quality = _assess_quality(result, k, residuals, left)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
     rest = None if isinstance(at_rest, NoSwing) else at_rest
     remarks: tuple[str, ...] = ()
@@ -182,10 +191,11 @@ def _make_model_of_record(
     else:
         fitted = record.height + residuals * unknowns.residual_unit
         rest, remarks = _what_peaks_show(rest, motions[k], fitted)
+    known = {name: value for name, value in parameters.items() if name not in problem.untold}
     return ReducedModel(
         law=unknowns.law,
-        parameters=parameters,
-        intervals=intervals,
+        parameters=known,
+        intervals={name: pair for name, pair in intervals.items() if name not in problem.untold},
         confidence=problem.confidence,
         map=height_map,
         initial=(float(height_map.to_height(z0)), float(v0 * scale)),
@@ -195,10 +205,7 @@ def _make_model_of_record(
         domain=_ranges_of_motion(motions),
         notes=(
             *_model_notes(
-                quality,
-                _robust_residual_size(grid, residuals),
-                record,
-                _release_transient_text(grid, residuals),
+                quality, _robust_residual_size(grid, left), record, _release_transient_text(grid, left)
             ),
             *remarks,
             *held_at_zero_remarks(
@@ -221,6 +228,7 @@ def _make_model_of_record(
         angle=record.angle,
         sensor=_fitted_sensor(unknowns, theta),
         untold=problem.untold,
+        conventions={name: value for name, value in parameters.items() if name not in known},
     )
 
 
@@ -300,17 +308,17 @@ def _suspicious_unit_notes(amplitude: float, speed: float) -> tuple[str, ...]:
     )
 
 
-def _assess_quality(result: SearchResult, k: int, residuals: np.ndarray) -> Quality:
+def _assess_quality(result: SearchResult, k: int, residuals: np.ndarray, left: np.ndarray) -> Quality:
+    """Quality of a fit by its residuals, and by what is left of them without a fitted drift of the zero."""
     problem, grid, here = result.problem, result.joint.grids[k], result.joint.entries[k]
     record, swings = grid.record, problem.data[k].test_swings
     swing = float(record.height.std())
     unit = grid.unknowns.residual_unit
-    residual = _rms(residuals) * unit
+    residual, step = _rms(left) * unit, rounding_step(record.height)
     level = problem.noise[k]
     period = 2.0 * math.pi * grid.unknowns.amplitude / grid.unknowns.speed
     fitted = record.height + residuals * unit
-    left = remove_random_walk(residuals * unit, grid.gain)
-    structure = diagnose_residuals(record.time, left, np.gradient(fitted, record.time), period)
+    structure = diagnose_residuals(record.time, unit * left, np.gradient(fitted, record.time), period)
     error = None
     if swings:
         unseen = grid.residuals(result.trained[here])
@@ -327,11 +335,13 @@ def _assess_quality(result: SearchResult, k: int, residuals: np.ndarray) -> Qual
         test_error_at_rest=None if error is None else error.at_rest,
         test_standard_error=None if error is None else error.standard_error,
         noise=noise_level(record.height, record.time) if level is None else level,
-        correlation=autocorrelation_time(residuals),
+        correlation=autocorrelation_time(left),
         collocation=result.collocation,
         shifts=_relative_small_motion_changes(grid.unknowns, result.theta[here], result.trained[here])
         if swings
         else {},
+        rounded=float(np.quantile(np.abs(left), _NEARLY_ALL)) * unit <= _ROUNDED * step,
+        zero_drift=float(np.ptp(residuals - left)) * unit,
         **structure,
     )
 
@@ -365,19 +375,18 @@ def _error_on_held_out_swings(
 
 def residual_structure_text(quality: Quality, interval: float) -> str:
     """Words for residuals that are not white, however small, of samples an interval [s] apart."""
-    words = (
-        f"the residuals, {100 * quality.relative:.2g} % of the swing, are not white noise (they "
-        f"follow each other over {round(quality.correlation)} samples"
-    )
+    follow = f"follow each other over {round(quality.correlation)} samples"
+    if round(quality.correlation) < 2:
+        follow = "are correlated"
+    words = f"the residuals, {100 * quality.relative:.2g} % of the swing, are not white noise (they {follow}"
     if abs(quality.lag) > LAG * interval and quality.swinging > FRACTION:
         words += f"; the solution lags by {quality.lag:.2g} s"
     words += quality.figure_shifts_text
-    if has_sensor_drift(quality):
+    if has_sensor_drift(quality) and not quality.zero_drift:
         return f"{words}) but drift slowly, so the level of rest is known less; {_LET_DRIFT}"
     if quality.swinging > FRACTION:
         return f"{words}) and swing with the motion, so the law is not right; try another law"
-    drift = f", or {_LET_DRIFT} if the record's zero may drift" if quality.drift > DRIFT else ""
-    return f"{words}), so the law is not right, or the noise is not white; try another law{drift}"
+    return f"{words}), so the law is not right, or the noise is not white; try another law"
 
 
 def has_sensor_drift(quality: Quality) -> bool:
@@ -397,8 +406,7 @@ def _misfit_text(quality: Quality, record: PistonRecord) -> str:
             f"{record.time[start] - record.time[0]:.4g} s before it moves; fit it from there on "
             "(reduced_models.cut_at_release)"
         )
-    drift = f", or {_LET_DRIFT} if the record's zero may drift" if has_sensor_drift(quality) else ""
-    return f"the law or the fit is not right; try another law or more starts{drift}"
+    return "the law or the fit is not right; try another law or more starts"
 
 
 def _robust_residual_size(grid: GriddedRecord, residuals: np.ndarray) -> float:
@@ -432,13 +440,13 @@ def _model_notes(quality: Quality, usual: float, record: PistonRecord, release: 
             "may be a better one; try more starts"
         )
     swing = quality.residual / max(quality.relative, 1e-300)
-    if usual > NOISE_TIMES * quality.noise and usual > NOTABLE * swing:
+    if usual > NOISE_TIMES * quality.noise and usual > NOTABLE * swing and not quality.rounded:
         ratio = usual / quality.noise if quality.noise > 0.0 else math.inf
         notes.append(
             f"the residual is {100 * usual / swing:.2g} % of the swing and {format_factor(ratio)} "
             f"times the record's noise, so {_misfit_text(quality, record)}"
         )
-    elif (quality.has_structured_residuals or quality.drift > DRIFT) and quality.relative > SMALL:
+    elif quality.has_structured_residuals and quality.relative > SMALL:
         interval = float(np.median(np.diff(record.time)))
         notes.append(release or residual_structure_text(quality, interval))
     if quality.noise > NOISY * swing:

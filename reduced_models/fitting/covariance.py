@@ -3,7 +3,8 @@
 Residuals that follow each other, because the noise does or because the law is not quite right, say
 less of some parameters and more of others than white ones. The covariance is the sandwich estimate
 with the autoregression of the residuals between two linearisations (Huber 1967; White 1980,
-doi:10.2307/1912934), which holds for the losses that spare outliers too.
+doi:10.2307/1912934), which holds for the losses that spare outliers too, and for noise that grows with
+the speed. A sensor that rounds errs alike while its reading stands: such readings count as one.
 
 The sieve bootstrap needs no linearisation: the innovation of each residual, beyond what follows
 from the ones before it, is drawn with replacement; the autoregression makes residuals of the draws,
@@ -32,6 +33,7 @@ from reduced_models.least_squares.residuals import (
     half_cost_curvature,
     remove_random_walk,
 )
+from reduced_models.records.derivatives import rounding_step
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int
@@ -83,8 +85,12 @@ def joint_covariance(
     noise: Sequence[float | None],
     entries: Entries,
     held: Bool[np.ndarray, "q"],
+    signals: Sequence[tuple[np.ndarray, np.ndarray, bool] | None],
 ) -> tuple[Float[np.ndarray, "q q"], float]:
-    """Covariance (q, q) of a joint search vector, and the number of independent samples."""
+    """Covariance (q, q) of a joint search vector, and the number of independent samples.
+
+    Signals are time, record in the unit of the residuals, and whether its rounding counts.
+    """
     size = len(held)
     free = np.flatnonzero(~held)
     bread, spread, variance = np.zeros((size, size)), np.zeros((size, size)), 0.0
@@ -92,8 +98,8 @@ def joint_covariance(
     count = sum(len(left) for left, _ in linear)
     inflation = count / max(1, count - len(free))
     alike = _record_variance_weights([left for left, _ in linear])
-    parts = zip(linear, losses, noise, entries, alike, strict=True)
-    for (left, slopes), loss, known, here, ratio in parts:
+    parts = zip(linear, losses, noise, entries, alike, signals, strict=True)
+    for (left, slopes), loss, known, here, ratio, signal in parts:
         _, weight = cost_and_weight(left, loss.compiled_arguments, np)
         bread[np.ix_(here, here)] += slopes.T @ (half_cost_curvature(left, loss)[:, None] * slopes)
         pull = weight * left
@@ -104,7 +110,10 @@ def joint_covariance(
             spread[np.ix_(here, here)] += level * slopes.T @ slopes
             independent += len(left)
         else:
-            spread[np.ix_(here, here)] += inflation * ratio * gradient_covariance(slopes, series)
+            speed = None if signal is None else np.gradient(signal[1] + left, signal[0])
+            spread[np.ix_(here, here)] += inflation * ratio * gradient_covariance(slopes, pull, series, speed)
+            if signal is not None and signal[2]:
+                spread[np.ix_(here, here)] += standing_reading_covariance(slopes, signal[1])
             still = float(series.power_spectrum(2)[0]) if level > 0.0 else 0.0
             memory = max(1.0, still / max(level, 1e-300))
             independent += len(left) / memory
@@ -115,6 +124,23 @@ def joint_covariance(
         bread[np.ix_(free, free)], spread[np.ix_(free, free)], variance
     )
     return result, independent
+
+
+def standing_reading_covariance(
+    slopes: Float[np.ndarray, "n p"], reading: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "p p"]:
+    """Covariance of a gradient by the common error of equal readings in a row, beyond that of each alone."""
+    step = rounding_step(reading)
+    starts = np.flatnonzero(np.diff(reading, prepend=np.nan) != 0.0)
+    moves = np.sign(np.diff(reading[starts]))
+    # A level that is passed from one side to the other has all errors of a step, which cancel.
+    stands = np.ones(len(starts), dtype=bool)
+    stands[1:-1] = moves[1:] != moves[:-1]
+    variance = np.where(stands, step**2 / 12.0, 0.0)
+    lengths = np.diff(np.append(starts, len(reading)))
+    together = np.add.reduceat(slopes, starts, axis=0)
+    apart = np.repeat(variance, lengths)
+    return np.asarray((together * variance[:, None]).T @ together - (slopes * apart[:, None]).T @ slopes)
 
 
 def shifts_by_calibration_errors(

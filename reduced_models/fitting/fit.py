@@ -47,7 +47,7 @@ from reduced_models.fitting.problem import (
     weights_and_noise,
 )
 from reduced_models.fitting.refinement import SearchResult, fine_grids_over_records, solve_on_verified_grids
-from reduced_models.fitting.residual_diagnostics import ljung_box_p_value
+from reduced_models.fitting.residual_diagnostics import random_walk_gain, whiteness_p_value
 from reduced_models.fitting.search import multistart_search
 from reduced_models.fitting.sensor_identifiability import IdentifiableSensor, identifiable_sensor
 from reduced_models.laws.catalogue import law_named
@@ -65,7 +65,6 @@ _MOST_SAMPLES = 2000  # of a record, from which the interpolation of inputs is c
 _CLEARLY = 0.98  # of the spline's error, for another to be taken
 _DRIFT_ROUNDS = 3
 _MOST_GAIN = 0.5  # of a walk that is found without being asked for
-_LEAST_GAIN = 1e-4  # a walk that gains as much as the noise in ten thousand samples
 
 P = ParamSpec("P")
 Records = RecordLike | Sequence[RecordLike]
@@ -377,7 +376,7 @@ def _fit_with_drift(result: SearchResult) -> SearchResult:
     # doi:10.1080/01621459.1960.10482064): with the gain of the true ratio of both its errors are white.
     joint, theta = result.joint, result.trained
     for _ in range(_DRIFT_ROUNDS):
-        gains = map(_random_walk_gain, joint.residuals(theta))
+        gains = map(random_walk_gain, joint.residuals(theta))
         grids = tuple(
             dataclasses.replace(grid, gain=gain) for grid, gain in zip(joint.grids, gains, strict=True)
         )
@@ -389,22 +388,11 @@ def _fit_with_drift(result: SearchResult) -> SearchResult:
 def _has_random_walk_residuals(result: SearchResult, models: Sequence[ReducedModel]) -> bool:
     """Tell whether residuals of a record drift, and are a random walk next to white noise."""
     for model, residuals in zip(models, result.joint.residuals(result.theta), strict=True):
-        if not has_sensor_drift(model.quality):
+        if model.quality.rounded or not has_sensor_drift(model.quality):
             continue
-        gain = _random_walk_gain(residuals)
+        gain = random_walk_gain(residuals)
         left = remove_random_walk(residuals, gain)
         # What a wrong law leaves is smooth: it is followed by a gain near one, or is not white then.
-        if gain < _MOST_GAIN and ljung_box_p_value(left) > SURE:
+        if gain < _MOST_GAIN and whiteness_p_value(left) > SURE:
             return True
     return False
-
-
-def _random_walk_gain(residuals: np.ndarray) -> float:
-    """Gain with the least squares of what is left."""
-    from scipy.optimize import minimize_scalar
-
-    def left(log_gain: float) -> float:
-        return float((remove_random_walk(residuals, float(np.exp(log_gain))) ** 2).sum())
-
-    solution = minimize_scalar(left, bounds=(np.log(_LEAST_GAIN), 0.0), method="bounded")
-    return float(np.exp(solution.x))

@@ -212,7 +212,9 @@ def _make_model(
     held = edges.low == edges.high
     linear = problem.linearised_residuals(result.data, result.theta)
     losses, unknown = [Loss()] * len(linear), [None] * len(linear)
-    covariance, independent = joint_covariance(linear, losses, unknown, problem.search_vector_entries, held)
+    covariance, independent = joint_covariance(
+        linear, losses, unknown, problem.search_vector_entries, held, unknown
+    )
     covariance = covariance + _calibration_covariance(problem, linear, held, measured)
     dof = min(sum(map(len, problem.forces)) - int((~held).sum()), max(LEAST_DOF, independent - 1.0))
     quantile = float(student.ppf(0.5 + 0.5 * confidence, max(1.0, dof)))

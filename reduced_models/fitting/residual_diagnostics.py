@@ -17,6 +17,7 @@ import numpy as np
 
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.joint_records import JointRecords
+from reduced_models.least_squares.residuals import remove_random_walk
 from reduced_models.records.inputs import TIME, input_column
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ MOST_WEIGHTS = 40
 # hundred samples, twice, 0.2 %. By one, intervals widen for nothing.
 _PRICE = 2.0
 _VAIN = 8  # further weights that gain nothing, after which no more are tried
+_LEAST_GAIN = 1e-4  # a walk that gains as much as the noise in ten thousand samples
 # Samples for each weight, at least: more weights would follow single residuals.
 _FRACTION = 20
 _LEAST = 1e-12  # of the residuals' variance: what is new in them is no less
@@ -68,7 +70,7 @@ def diagnose_residuals(
     slow = float(spectrum[lines < _SLOW].sum() / spectrum.sum())
     swinging = float(spectrum[(lines >= _SLOW) & (lines <= _FAST)].sum() / spectrum.sum())
     return {
-        "whiteness": ljung_box_p_value(residuals),
+        "whiteness": whiteness_p_value(residuals),
         "signs": float(2.0 * norm.sf(abs(_runs_test_score(residuals)))),
         "lag": float(residuals @ velocity) / speed if speed > 0.0 else 0.0,
         "slow": slow,
@@ -77,17 +79,20 @@ def diagnose_residuals(
     }
 
 
-def ljung_box_p_value(residuals: Float[np.ndarray, "n"]) -> float:
+def whiteness_p_value(residuals: Float[np.ndarray, "n"]) -> float:
     """Probability that white noise is correlated at least as much as residuals that are not all zero."""
-    # Ljung and Box (1978, doi:10.1093/biomet/65.2.297).
+    # Ljung & Box divide by the variance of all; noise that grows with the speed needs that of each product
+    # (Dalla, Giraitis & Phillips 2022, doi:10.1017/S0266466620000341).
     from scipy.stats import chi2
 
     count = len(residuals)
     size, lags = 1 << (2 * count - 1).bit_length(), min(_MOST_LAGS, count // 10)
-    sums = np.fft.irfft(np.abs(np.fft.rfft(residuals, size)) ** 2, size)
-    correlation = sums[1 : lags + 1] / sums[0]
-    box = count * (count + 2.0) * float((correlation**2 / (count - np.arange(1, lags + 1))).sum())
-    return float(chi2.sf(box, lags))
+    scaled = residuals / np.abs(residuals).max()
+    sums, squares = (
+        np.fft.irfft(np.abs(np.fft.rfft(values, size)) ** 2, size)[1 : lags + 1]
+        for values in (scaled, scaled**2)
+    )
+    return float(chi2.sf(float((sums**2 / np.maximum(squares, 1e-300)).sum()), lags))
 
 
 def autocorrelation_time(values: Float[np.ndarray, "n"]) -> float:
@@ -119,12 +124,22 @@ def _runs_test_score(residuals: np.ndarray) -> float:
     return (runs - expected) / math.sqrt(max(variance, 1e-300))
 
 
+def random_walk_gain(residuals: np.ndarray) -> float:
+    """Gain with the least squares of what is left."""
+    from scipy.optimize import minimize_scalar
+
+    def left(log_gain: float) -> float:
+        return float((remove_random_walk(residuals, float(np.exp(log_gain))) ** 2).sum())
+
+    solution = minimize_scalar(left, bounds=(np.log(_LEAST_GAIN), 0.0), method="bounded")
+    return float(np.exp(solution.x))
+
+
 class Autoregression(NamedTuple):
     """Residuals as a sum of former ones and of something new."""
 
     weights: Float[np.ndarray, "k"]  # of the residuals before, the last one first
     variance: float  # of what is new in each
-    power: float  # of the residuals themselves
 
     @property
     def whitening_filter(self) -> np.ndarray:
@@ -148,10 +163,10 @@ def fit_autoregression(residuals: Float[np.ndarray, "n"]) -> Autoregression:
     count = len(residuals)
     power = float((residuals**2).mean())
     if power <= 0.0:
-        return Autoregression(np.empty(0), 0.0, 0.0)
+        return Autoregression(np.empty(0), 0.0)
     forward, backward = residuals[1:].copy(), residuals[:-1].copy()
     weights, variance = np.empty(0), power
-    best, least = Autoregression(weights, variance, power), count * math.log(power)
+    best, least = Autoregression(weights, variance), count * math.log(power)
     for order in range(1, min(MOST_WEIGHTS, count // _FRACTION) + 1):
         size = float((forward**2).sum() + (backward**2).sum())
         if size <= 0.0:
@@ -162,7 +177,7 @@ def fit_autoregression(residuals: Float[np.ndarray, "n"]) -> Autoregression:
         forward, backward = ((forward - reflection * backward)[1:], (backward - reflection * forward)[:-1])
         criterion = count * math.log(variance) + _PRICE * order * math.log(count)
         if criterion < least:
-            best, least = Autoregression(weights, variance, power), criterion
+            best, least = Autoregression(weights, variance), criterion
         if order > len(best.weights) + _VAIN:
             break
         if len(forward) < 2 or variance <= _LEAST * power:
@@ -181,21 +196,39 @@ def _correct_autoregression_bias(autoregression: Autoregression, count: int) -> 
     return autoregression._replace(weights=np.array([weight + min((1.0 + 3.0 * weight) / count, least)]))
 
 
-def gradient_covariance(slopes: Float[np.ndarray, "n p"], noise: Autoregression) -> Float[np.ndarray, "p p"]:
-    """Covariance J'SJ of a gradient, for slopes J and the covariance S of the residuals."""
-    # A stationary S is diagonal between Fourier lines of the padded slopes; a real transform holds half of
-    # them.
-    from scipy.fft import next_fast_len, rfft
+def gradient_covariance(
+    slopes: Float[np.ndarray, "n p"],
+    residuals: Float[np.ndarray, "n"],
+    noise: Autoregression,
+    speed: Float[np.ndarray, "n"] | None = None,
+) -> Float[np.ndarray, "p p"]:
+    """Covariance of a gradient J'r for slopes J and residuals r, whose noise may grow with a speed."""
+    # Each residual is a sum of innovations, whose sizes may differ: White (1980, doi:10.2307/1912934) behind
+    # the autoregression of Andrews & Monahan (1992, doi:10.2307/2951574).
+    from scipy.signal import lfilter
 
-    if not len(noise.weights):
-        return np.asarray(noise.variance * slopes.T @ slopes)
-    size = next_fast_len(2 * len(slopes), real=True)
-    lines = rfft(np.ascontiguousarray(slopes.T), size)
-    weight = noise.power_spectrum(size)
-    weight[1 : (size + 1) // 2] *= 2.0
-    # A line as sharp as that of hum falls between those of the transform: what they lack of the power is its.
-    weight[weight.argmax()] += max(0.0, noise.power * size - float(weight.sum()))
-    return np.asarray(((weight * lines) @ lines.conj().T).real / size)
+    new = lfilter(noise.whitening_filter, [1.0], residuals)
+    pulled = lfilter([1.0], noise.whitening_filter, slopes[::-1], axis=0)[::-1]
+    order = len(noise.weights)
+    variance = noise.variance * _growth_with_speed(new, order, speed)
+    variance[:order] = new[:order] ** 2  # what was there before, as the phase of hum
+    return np.asarray((pulled * variance[:, None]).T @ pulled)
+
+
+def _growth_with_speed(new: np.ndarray, order: int, speed: np.ndarray | None) -> np.ndarray:
+    """Variance of each innovation over the mean: a constant, and a part with the speed squared."""
+    # So does a clock that jitters. The squares of the innovations would do too, but rest on a few samples
+    # where only these tell a parameter.
+    result = np.ones(len(new))
+    if speed is None:
+        return result
+    squares, power = speed[order:] ** 2, new[order:] ** 2
+    about = squares - squares.mean()
+    spread = float(about @ about) * float(power.mean())
+    if spread > 0.0:
+        growth = np.clip(float(about @ power) / spread, 0.0, 1.0 / float(squares.mean()))
+        result[order:] += growth * about
+    return result
 
 
 def count_release_transient_samples(

@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reduced_models.fitting.covariance import FitStatistics, marginal_information
-from reduced_models.laws.linearization import JUMPS, NoSwing, harmonic_cycles, law_rates, small_swing
+from reduced_models.laws.linearization import (
+    JUMPS,
+    NoSwing,
+    dry_friction_coefficient,
+    harmonic_cycles,
+    law_rates,
+    small_swing,
+)
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.quality import ParameterDirection
@@ -235,6 +242,7 @@ def _small_motion_with_intervals(
             amplitude=float(sizes[0]),
             tenth_ratio=float(figures[3]),
             friction=float(figures[4]),
+            own=dry_friction_coefficient(unknowns.law.equation, unknowns.law.inputs) is not None,
             intervals=dict(zip(("tenth_ratio", "friction"), intervals[3:], strict=True)),
         )
     height, period, ratio = map(float, figures[:3])
@@ -260,7 +268,7 @@ def _unseen_damping_note(small: float, at_tenth: float) -> bool:
 def _damping_at_two_amplitudes(
     unknowns: Unknowns, thetas: np.ndarray, figures: np.ndarray, sizes: np.ndarray
 ) -> np.ndarray:
-    """Damping ratios at two amplitudes, and friction [m/s^2], (3, m) of search vectors (p, m)."""
+    """Damping ratios at two amplitudes, and the law's own or an equivalent friction [m/s^2], (3, m)."""
     # Of dry friction the equivalent damping times the amplitude is constant, of drag the damping: two
     # amplitudes tell both apart.
     law = unknowns.law
@@ -273,8 +281,12 @@ def _damping_at_two_amplitudes(
         (figures[0] - shift) / scale,
         2.0 * math.pi / figures[1],
     )
-    wide, narrow = result.equivalent_friction(amplitude)
-    friction = (FRACTIONS[0] * narrow - FRACTIONS[1] * wide) / (FRACTIONS[0] - FRACTIONS[1])
+    own = dry_friction_coefficient(law.equation, law.inputs)
+    if own is not None:
+        friction = np.broadcast_to(np.abs(scale) * own(*values), thetas.shape[1:])
+    else:
+        wide, narrow = result.equivalent_friction(amplitude)
+        friction = (FRACTIONS[0] * narrow - FRACTIONS[1] * wide) / (FRACTIONS[0] - FRACTIONS[1])
     return np.vstack([result.damping_ratio, friction])
 
 

@@ -37,6 +37,7 @@ CANDIDATES = (
     "power-law-spring",
     "quadratic-drag",
     "coulomb",
+    "viscous-coulomb",
     "duffing",
 )
 """Laws that can win on a free swing; the others of the package are special cases or have memory."""

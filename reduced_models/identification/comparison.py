@@ -1,9 +1,10 @@
 """Comparison of laws: the one that the data speak for, if they can tell.
 
 Laws are ranked by their errors on what they have not seen: simulations over test swings of each
-record, and over held-out records. Of laws within a standard error of the best one the simplest is
-first. Laws that are all down at the noise are told apart by the Bayesian information criterion of
-their fits (Schwarz 1978, doi:10.1214/aos/1176344136), which favours fewer parameters.
+record, and over held-out records. Of laws within a standard error of the best one the simplest known
+one is first. Laws that are all down at the noise are told apart by the Bayesian information criterion of
+their fits (Schwarz 1978, doi:10.1214/aos/1176344136); those whose criteria do not differ strongly are
+equivalent, and the simplest known one is first.
 """
 
 from __future__ import annotations
@@ -23,17 +24,22 @@ from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_i
 from reduced_models.fitting.start_values import start_values_near
 from reduced_models.identification.comparison_table import (
     NOISE_TIE,
+    TIE,
     Comparison,
     ComparisonRow,
     largest_tied_error,
     root_mean_square,
 )
+from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printout import format_percent
 from reduced_models.models.roll_out import RollOut, roll_out
 
+STRONG = 6.0
+"""Difference of information criteria from which evidence is strong (Kass & Raftery 1995,
+doi:10.1080/01621459.1995.10476572); below it laws are equivalent."""
 # Twice the difference of two log-likelihoods below which the data cannot tell two laws apart: "very strong"
 # begins there (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
 CLEAR = 10.0
@@ -175,7 +181,7 @@ def _law_to_compare(law: Any, record: PistonRecord) -> _LawToCompare:
     if model.law.start is not None:
         return _LawToCompare(model.law, model.map)
     return _LawToCompare(
-        dataclasses.replace(model.law, start=start_values_near(dict(model.parameters))), model.map
+        dataclasses.replace(model.law, start=start_values_near(model.all_parameters)), model.map
     )
 
 
@@ -211,8 +217,7 @@ def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) ->
     least, limit = min(row.error for row in scored), largest_tied_error(scored, noise)
     # Where all diverge, what their fits leave over is all that tells them apart.
     at_noise = least <= NOISE_TIE * noise or math.isinf(least)
-    alike = [row for row in scored if row.error <= limit]
-    alike.sort(key=lambda row: (row.bic,) if at_noise else (row.parameters, row.error))
+    alike = simplest_known_first([row for row in scored if row.error <= limit], at_noise=at_noise)
     worse = sorted((row for row in scored if row.error > limit), key=lambda row: row.error)
     at_rest = _test_error_at_rest(scored[0])
     verdict = _ranking_text(alike, worse, at_rest, at_noise=at_noise)
@@ -220,6 +225,31 @@ def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) ->
     for row in failed:
         verdict += f" {row.name} could not be fitted."
     return Comparison((*alike, *worse, *failed), verdict, noise, at_rest)
+
+
+def simplest_known_first(alike: Sequence[ComparisonRow], *, at_noise: bool) -> list[ComparisonRow]:
+    """Laws that predict as well, the simplest of the package first where the data do not tell them apart."""
+    least = min(row.bic for row in alike)
+    known = list(LAWS)
+
+    def is_equivalent(row: ComparisonRow) -> bool:
+        return not at_noise or row.bic <= least + STRONG
+
+    def rank(row: ComparisonRow) -> tuple[bool, int, int]:
+        there = row.name in known
+        return (not there, row.parameters, known.index(row.name) if there else 0)
+
+    equivalent = sorted(filter(is_equivalent, alike), key=lambda row: (rank(row)[:2], row.error))
+    closest = [row for row in equivalent if row.error <= (1.0 + TIE) * equivalent[0].error]
+    first = min(closest, key=rank)
+    others = sorted((row for row in alike if row not in equivalent), key=lambda row: row.bic)
+    return [first, *(row for row in equivalent if row is not first), *others]
+
+
+def merge_comparisons(*tables: Comparison) -> Comparison:
+    """Comparison of all laws of some, which were fitted to the same records."""
+    rows = [row for table in tables for row in table.rows]
+    return _rank_rows(rows, [row for row in rows if not row.failure])
 
 
 def _residual_correlation_time(row: ComparisonRow) -> float:

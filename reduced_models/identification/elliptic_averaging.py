@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError, RecordError
-from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.elliptic_motion import (
     OSCILLATORS,
     EllipticMotion,
@@ -26,35 +25,76 @@ if TYPE_CHECKING:
 
 # Least m: below it the third harmonic of the motion, m/16 of the first, is less than 6e-4.
 _BENT = 0.01
+# Largest force at the middle of a cubic spring, over that at the record's start, of a symmetric one.
+_SKEW = 1e-3
 _MOST_LOST = 0.5
 """Fraction of the amplitude that drag may take in the record; with more, no function is given."""
 
 
 def solve_elliptic_motion(model: ReducedModel, duration: float) -> EllipticMotion | None:
-    """Elliptic motion with which a fitted Duffing law starts; duration [s]."""
+    """Elliptic motion with which a fitted cubic law starts, where drag takes little; duration [s]."""
     # Jacobi's functions solve the law without drag (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch.
     # 3).
-    if _lost_amplitude_fraction(model, duration) > _MOST_LOST:
+    spring = _symmetric_cubic_spring(model)
+    if spring is None or _lost_amplitude_fraction(spring, duration) > _MOST_LOST:
         return None
-    values = model.parameters
-    motion = elliptic_motion(values["k"], values["beta"], values["rest"], *model.initial)
+    motion = elliptic_motion(spring.k, spring.beta, spring.rest, *model.initial)
     return motion if motion is not None and motion.m >= _BENT else None
 
 
 def elliptic_motion_text(motion: EllipticMotion, model: ReducedModel, duration: float) -> str:
-    """Sentence that a fitted Duffing law and an elliptic function are one motion; duration [s]."""
-    lost = _lost_amplitude_fraction(model, duration)
+    """Sentence that a fitted cubic law and an elliptic function are one motion; duration [s]."""
+    spring = _symmetric_cubic_spring(model)
+    lost = 0.0 if spring is None else _lost_amplitude_fraction(spring, duration)
     start = "" if lost < 0.01 else f" at the start (drag takes {100 * lost:.2g} % of the swing)"
     return (
-        f"The motion of {DUFFING.name}{start} is {motion.text()}, with m = k^2: Jacobi's "
-        f"{motion.function} solves this law, so the elliptic motion and the Duffing law are one "
+        f"The motion of {model.law.name}{start} is {motion.text()}, with m = k^2: Jacobi's "
+        f"{motion.function} solves this law, so the elliptic motion and the law are one "
         "motion, not two."
     )
 
 
-def _lost_amplitude_fraction(model: ReducedModel, duration: float) -> float:
+class _CubicSpring(NamedTuple):
+    """z'' + 2 decay z' + k (z - rest) + beta (z - rest)^3 = 0."""
+
+    decay: float  # [1/s]
+    k: float  # [1/s^2]
+    beta: float  # [1/(m^2 s^2)]
+    rest: float  # [m]
+
+
+def _symmetric_cubic_spring(model: ReducedModel) -> _CubicSpring | None:
+    """Cubic spring that a law is, under whatever name; None for other laws."""
+    import sympy
+
+    law = model.law
+    if law.hidden or law.inputs:
+        return None
+    parsed = law.parsed_equation
+    z, v = parsed.symbol_z, parsed.symbol_v
+    values = {sympy.Symbol(name): value for name, value in model.all_parameters.items()}
+    rate = parsed.acceleration.subs(values)
+    if not rate.is_polynomial(z, v):
+        return None
+    powers = sympy.Poly(rate, z, v).as_dict()
+    cubic = {key: float(value) for key, value in powers.items()}
+    if not set(cubic) <= {(0, 0), (1, 0), (2, 0), (3, 0), (0, 1)} or not cubic.get((3, 0)):
+        return None
+    constant, linear, square, third = (cubic.get((power, 0), 0.0) for power in range(4))
+    rest = -square / (3.0 * third)
+    skew = constant + rest * (linear + rest * (square + rest * third))
+    z0, v0 = model.map.to_law(model.initial[0]), model.initial[1] / model.map.scale
+    inner = linear + rest * (2.0 * square + 3.0 * rest * third)
+    away = z0 - rest
+    if abs(skew) > _SKEW * max(abs(inner * away), abs(third * away**3), abs(v0) * math.sqrt(abs(inner))):
+        return None
+    scale = model.map.scale
+    return _CubicSpring(-0.5 * cubic.get((0, 1), 0.0), -inner, -third / scale**2, model.map.to_height(rest))
+
+
+def _lost_amplitude_fraction(spring: _CubicSpring, duration: float) -> float:
     """Fraction of the amplitude that the drag takes in so many seconds."""
-    return 1.0 - math.exp(-model.parameters["lam"] * duration)
+    return 1.0 - math.exp(-spring.decay * duration)
 
 
 class EllipticAveraging(NamedTuple):
@@ -93,7 +133,7 @@ def average_elliptically(model: ReducedModel, time: Float[np.ndarray, "n"]) -> E
     make = OSCILLATORS.get(model.law.name)
     if make is None or model.law.inputs:
         return None
-    oscillator = make(model.parameters, model.map)
+    oscillator = make(model.all_parameters, model.map)
     try:
         cycles = envelope(model.simulate(time))
     except (InputError, RecordError):

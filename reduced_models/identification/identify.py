@@ -24,7 +24,12 @@ from reduced_models.identification.candidate_laws import (
     driven_law,
     unused_columns,
 )
-from reduced_models.identification.comparison import compare, compare_on_further_records, law_name
+from reduced_models.identification.comparison import (
+    compare,
+    compare_on_further_records,
+    law_name,
+    merge_comparisons,
+)
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.measured_swing import MeasuredSwing, measure_swing
 from reduced_models.identification.residual_tests import residual_tests
@@ -35,6 +40,7 @@ from reduced_models.identification.scene_checks import (
     end_time_of_open_run,
     piston_record_columns,
 )
+from reduced_models.identification.wells import well_quantities
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.levenberg_marquardt import spent_budget_text, time_budget
@@ -58,6 +64,8 @@ BUDGET = 300.0
 """Processor time for discovery and fits [s], ten times what a damper's swing takes."""
 POOR = 0.05
 """Held-out error, in rms swings, from which a law is poor where the noise is less than that."""
+LEAVES = 0.1
+"""Held-out error, in rms swings, from which a law is discovered where the known ones leave more."""
 _NOISE_TIMES = 3.0
 _OPEN = 1.5e-3  # relative error of a frequency, from which on it is noted
 _USEFUL_TURNS = 4.0  # periods of a record, below which it says little of a law
@@ -259,21 +267,31 @@ def _fit_and_compare(
     clock.lap("a glance at the laws")
     words = spent_budget_text(budget)
     with time_budget(budget, words):
+        comparison = None
+        if discovery is None:
+            record, comparison = _compare_without_spikes(record, run, wanted, starts)
+            clock.lap("fits and comparison")
+            least = max(LEAVES, _NOISE_TIMES * comparison.noise)
+            if laws is None and comparison.rows[0].error > least:
+                discovery = GLANCED
         if discovery is not None:
             from reduced_models.discovery.discover import discover
 
             try:
                 with time_budget(0.5 * budget, words):
                     wanted.append(discover(record, method=cast("Any", discovery), input=drive).model)
+                if comparison is not None:
+                    comparison = merge_comparisons(comparison, compare(record, wanted[-1], starts=starts))
             except TimeBudgetError as spent:
                 left_out += (f"discovery by {discovery}: {spent}",)
+            except InputError as cause:
+                if comparison is None:  # what was asked for
+                    raise
+                left_out += (f"discovery by {discovery}: {cause}",)
             clock.lap(f"discovery by {discovery}")
-        comparison = compare(record, wanted, starts=starts)
-        if run is None:
-            whole, record = record, without_spikes(record, comparison.best.simulate_record(record).height)
-            if record is not whole:
-                comparison = compare(record, wanted, starts=starts)
-    clock.lap("fits and comparison")
+        if comparison is None:
+            record, comparison = _compare_without_spikes(record, run, wanted, starts)
+            clock.lap("fits and comparison")
     names = [law_name(law) for law in wanted]
     sound = [row for row in comparison.rows if row.models]
     models = tuple(row.models[0] for row in sorted(sound, key=lambda row: names.index(row.name)))
@@ -281,6 +299,8 @@ def _fit_and_compare(
     shown = next((model_ for model_ in (best, *models) if model_.at_rest is not None), best)
     figures = swing_quantities(shown, record.angle, mass)
     own, no_own = _measured_swing(record, best)
+    if run is None and (wells := well_quantities(best)):
+        shown, figures = best, wells
     return Identification(
         record=record,
         models=models,
@@ -317,6 +337,17 @@ def _measured_swing(record: PistonRecord, model: ReducedModel) -> tuple[Measured
         return measure_swing(record, model), ""
     except GranularError as error:
         return None, str(error)
+
+
+def _compare_without_spikes(
+    record: PistonRecord, run: Trajectory | None, laws: Sequence[Any], starts: int
+) -> tuple[PistonRecord, Comparison]:
+    """Comparison of laws, again without the samples of a record that stand off the best one."""
+    comparison = compare(record, laws, starts=starts)
+    if run is not None:
+        return record, comparison
+    sound = without_spikes(record, comparison.best.simulate_record(record).height)
+    return sound, comparison if sound is record else compare(sound, laws, starts=starts)
 
 
 def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> None:
@@ -424,7 +455,7 @@ class _Stopwatch:
 
     def lap(self, name: str) -> None:
         now = time.perf_counter()
-        self.seconds[name] = now - self._last
+        self.seconds[name] = self.seconds.get(name, 0.0) + now - self._last
         self._last = now
 
 

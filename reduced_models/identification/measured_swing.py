@@ -275,7 +275,7 @@ def _driven_backbone(motion: PistonRecord, record: PistonRecord, model: ReducedM
     """Curves of a driven motion; ``record`` has the inputs of the model."""
     law = model.law
     rates = compile_rates(law.equation, law.inputs, "numpy")
-    values = [model.parameters[name] for name in law.parameters]
+    values = list(model.all_parameters.values())
     inputs = [input_column(record, name) for name in law.inputs]
 
     def drive(height: np.ndarray, velocity: np.ndarray) -> np.ndarray:

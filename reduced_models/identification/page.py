@@ -13,6 +13,7 @@ from granular.shared.version import versions
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.pictures import add_comparison_section
 from reduced_models.identification.residual_tests import ResidualTests
+from reduced_models.identification.wells import LOWER_WELL
 from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
 from reduced_models.models.model import OPEN, ReducedModel
 from reduced_models.models.printed_model import swing_noun
@@ -113,6 +114,11 @@ def _format_error_part(value: float | None) -> str:
 
 
 def _swing_explanation(figures: Sequence[QuantityWithError], model: ReducedModel, mass: float | None) -> str:
+    if any(figure.name == LOWER_WELL for figure in figures):
+        return (
+            f"From the fit of {model.law.name}, without damping: frequencies in the wells are those of small "
+            "motions, the other is that of the motion from the record's start."
+        )
     words = f"Of the {swing_noun(model)} about rest, from the fit of {model.law.name}. "
     names = {figure.name for figure in figures}
     words += "The natural frequency is that without damping. "
@@ -125,7 +131,8 @@ def _swing_explanation(figures: Sequence[QuantityWithError], model: ReducedModel
     elif any(name.startswith(DAMPING_RATIO) for name in names):
         words += (
             "A damping ratio at an amplitude is the energy that a harmonic cycle of it loses, over "
-            "4π times that of its swing; friction is the constant force that, next to a dashpot, "
+            "4π times that of its swing. Friction is the coefficient of the velocity's sign in the law; "
+            "where it has none, an equivalent friction is the constant force that, next to a dashpot, "
             "loses as much at both. "
         )
     if model.angle:
@@ -160,9 +167,9 @@ def add_residual_tests_section(page: HtmlPage, tests: Mapping[str, ResidualTests
     page.add_section("What the laws leave over")
     page.add_table(("law", "so it is", "rms", "at f", "at 2f", "white", "signs"), rows)
     page.add_paragraph(
-        "White and signs: probabilities that white noise is correlated as much (Ljung and Box), "
-        "and that its signs change as seldom (Wald and Wolfowitz). At f and at 2f: power about the "
-        "swing's frequency, and about twice it, over that of the frequencies next to them; about 1 "
+        "White and signs: probabilities that white noise is correlated as much (Dalla, Giraitis and "
+        "Phillips), and that its signs change as seldom (Wald and Wolfowitz). At f and at 2f: power about "
+        "the swing's frequency, and about twice it, over that of the frequencies next to them; about 1 "
         "where a law leaves no structure. A law that leaves structure misses something; the rms "
         "says how much. What a release stirs up besides the swing, and which has faded within a period, is "
         "named and left out of these tests; the rms is that of the whole record."

@@ -12,7 +12,9 @@ from reduced_models.fitting.residual_diagnostics import (
     SLIGHT,
     count_release_transient_samples,
     diagnose_residuals,
+    random_walk_gain,
 )
+from reduced_models.least_squares.residuals import remove_random_walk
 from reduced_models.models.model import ReducedModel
 
 if TYPE_CHECKING:
@@ -39,11 +41,13 @@ class ResidualTests:
     double: float  # the same at twice the frequency
     transient: float  # [s]
     after: float  # rms after the transient, over the rms swing
+    rounded: bool = False  # no residual exceeds the steps of a sensor that rounds
 
     @property
     def has_structure(self) -> bool:
         """True where residuals are surely no white noise, and no rounding."""
-        return self.after > _ROUNDING and min(self.whiteness, self.signs) < SURE
+        rounding = self.rounded or self.after <= _ROUNDING
+        return not rounding and min(self.whiteness, self.signs) < SURE
 
     @property
     def verdict(self) -> str:
@@ -57,7 +61,7 @@ class ResidualTests:
 
     @property
     def _verdict_without_transient(self) -> str:
-        if self.after <= _ROUNDING:
+        if self.rounded or self.after <= _ROUNDING:
             return "rounding"
         if not self.has_structure:
             return "noise"
@@ -82,6 +86,8 @@ def residual_tests(
     # Whiteness: Ljung and Box (1978, doi:10.1093/biomet/65.2.297); signs: Wald and Wolfowitz (1940,
     # doi:10.1214/aoms/1177731909); lines: the power spectrum under a Hann window.
     residuals = height - model_heights
+    if model.quality.zero_drift:
+        residuals = remove_random_walk(residuals, random_walk_gain(residuals))
     rms, size = _rms(residuals), float(height.std())
     swing, double = 1.0, 1.0
     whiteness, signs, start = model.quality.whiteness, model.quality.signs, 0
@@ -103,6 +109,7 @@ def residual_tests(
         double,
         transient=float(time[start] - time[0]),
         after=_rms(residuals[start:]) / size,
+        rounded=model.quality.rounded,
     )
 
 

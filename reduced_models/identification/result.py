@@ -111,9 +111,16 @@ class Identification:
 
     @property
     def elliptic_motion(self) -> EllipticMotion | None:
-        """The elliptic motion of the fitted Duffing law; None where another law is better."""
-        model = self.comparison.model_tied_with_best(DUFFING.name)
-        return None if model is None else solve_elliptic_motion(model, self._duration)
+        """The elliptic motion of the best law, or of one as good, that is a symmetric cubic spring."""
+        pair = self._elliptic_model_and_motion
+        return None if pair is None else pair[1]
+
+    @functools.cached_property
+    def _elliptic_model_and_motion(self) -> tuple[ReducedModel, EllipticMotion] | None:
+        for model in (self.best, self.comparison.model_tied_with_best(DUFFING.name)):
+            if model is not None and (motion := solve_elliptic_motion(model, self._duration)) is not None:
+                return model, motion
+        return None
 
     @property
     def _duration(self) -> float:
@@ -156,9 +163,9 @@ class Identification:
     def verdict_on_laws(self) -> str:
         """Sentences of the verdict without falls: on the comparison, an unseen lift and the residuals."""
         words = [self.comparison.verdict]
-        duffing = self.comparison.model_tied_with_best(DUFFING.name)
-        if duffing is not None and (motion := self.elliptic_motion) is not None:
-            words.append(elliptic_motion_text(motion, duffing, self._duration))
+        if self._elliptic_model_and_motion is not None:
+            model, motion = self._elliptic_model_and_motion
+            words.append(elliptic_motion_text(motion, model, self._duration))
         if self.lift is not None:
             words.append(higher_lift_verdict(self.comparison))
         tests = self.residuals.get(self.best.law.name)
@@ -232,7 +239,7 @@ class Identification:
         amplitude = f"peaks do not tell: {self.no_own}" if self.own is None else self.own.range_text
         figures = figure_lines(self.figures, self.mass, model.confidence, amplitude)
         start += figures or [f"  no oscillation about an equilibrium: {model.no_swing}"]
-        end = [*model.equation_lines(self.parameters or None), *self._fall_lines]
+        end = [*model.equation_lines(self.parameters or None), *self._closed_form_lines, *self._fall_lines]
         free = None if most is None else max(most - len(start) - len(end), 2 * _FEWEST)
         said = caution_lines(self.cautions, None if free is None else max(_FEWEST, free - 2 * _FEWEST))
         laws = self.comparison.law_lines(
@@ -240,6 +247,12 @@ class Identification:
             None if free is None else max(2, free - len(said) - 2),
         )
         return "\n".join([*start, *laws, *end, *said])
+
+    @property
+    def _closed_form_lines(self) -> list[str]:
+        """Closed form of the motion with which a cubic law starts."""
+        motion = self.elliptic_motion
+        return [] if motion is None else wrap_words(f"starts as {motion.text()}, m = k^2")
 
     @property
     def _fall_lines(self) -> list[str]:

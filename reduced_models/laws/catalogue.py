@@ -20,18 +20,19 @@ from reduced_models.laws.relaxing_column import RELAXING_COLUMN
 from reduced_models.laws.van_der_pol import VAN_DER_POL
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 
+# The simplest and best known first: of laws that a record cannot tell apart the first one counts.
 _ALL = (
     LINEAR,
-    VAN_DER_POL_LIKE,
-    VAN_DER_POL,
-    DUFFING,
-    POLYNOMIAL_SPRING,
-    POWER_LAW_SPRING,
-    RELAXING_COLUMN,
     QUADRATIC_DRAG,
     COULOMB,
     VISCOUS_COULOMB,
     VISCOUS_QUADRATIC,
+    DUFFING,
+    POLYNOMIAL_SPRING,
+    POWER_LAW_SPRING,
+    VAN_DER_POL,
+    VAN_DER_POL_LIKE,
+    RELAXING_COLUMN,
     PENDULUM_COULOMB,
     PENDULUM_QUADRATIC,
     BOUC_WEN,

@@ -7,13 +7,20 @@ over twice the root of stiffness is the energy that a cycle dissipates, over 4 p
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from reduced_models.laws.equation import compile_jacobian, compile_rates, jacobian_function
+from reduced_models.laws.equation import (
+    COMPILED,
+    compile_jacobian,
+    compile_rates,
+    jacobian_function,
+    parse_equation,
+)
 from reduced_models.laws.law import Law
 
 if TYPE_CHECKING:
@@ -97,6 +104,26 @@ def acceleration_expression(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.
     still = dict.fromkeys(plain.free_symbols - {height, speed, acceleration}, 0.0)
     plain = plain.subs(still)
     return -plain.subs(acceleration, 0) / plain.diff(acceleration), [height, speed]
+
+
+@functools.lru_cache(maxsize=COMPILED)
+def dry_friction_coefficient(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., Any] | None:
+    """Compile what stands before sign(z'), or a tanh that rounds it, by a law's parameters; None if none."""
+    import sympy
+
+    from granular.formulas.algebra import compile_function
+
+    parsed = parse_equation(equation, inputs)
+    sign, v = sympy.Symbol("sign of z'"), parsed.symbol_v
+
+    def jumps(item: sympy.Expr) -> bool:
+        return item == sympy.sign(v) or (isinstance(item, sympy.tanh) and not (item.args[0] / v).has(v))
+
+    rate = parsed.acceleration.replace(jumps, lambda _: sign)
+    coefficient, parameters = -rate.diff(sign), [sympy.Symbol(name) for name in parsed.parameters]
+    if coefficient == 0 or not coefficient.free_symbols <= set(parameters):
+        return None
+    return compile_function(parameters, coefficient)
 
 
 def _swing_with_velocity_jump(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:

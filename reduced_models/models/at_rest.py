@@ -31,6 +31,12 @@ class EquivalentDamping:
     tenth_ratio: float  # fraction of critical damping at a tenth of the largest swing
     friction: float  # [m/s^2]
     intervals: Mapping[str, tuple[float, float]]
+    own: bool = False  # the friction is the coefficient of the law's own sign(z')
+
+    @property
+    def friction_name(self) -> str:
+        """Name of the friction: with a dashpot it takes as much energy where the law has none of its own."""
+        return "friction" if self.own else "equivalent friction"
 
     @property
     def tenth_of_greatest_swing(self) -> float:
@@ -197,7 +203,9 @@ def _damping_at_two_amplitudes(
     quantities = [figure for figure in quantities if figure.value < 100.0 * _UNDERDAMPED]
     if equivalent.friction > 0.0:
         quantities.append(
-            quantity("friction", "F", units.friction, units.inertia, equivalent.friction, "friction")
+            quantity(
+                equivalent.friction_name, "F", units.friction, units.inertia, equivalent.friction, "friction"
+            )
         )
     return quantities
 
@@ -236,6 +244,9 @@ def _logarithmic_decrement(ratio: float) -> float:
 def swing_sentences(quantities: Sequence[QuantityWithError], subject: str, mass: float | None) -> str:
     """Rest, frequency, damping and stiffness of the swing in a sentence or two; mass [kg]."""
     known = {quantity.name: quantity.text_with_error for quantity in quantities}
+    if "natural frequency" not in known:
+        figures = ", ".join(f"{name} {text}" for name, text in known.items())
+        return f"{subject} goes over two wells: {figures}."
     words = (
         f"{subject} comes to rest at {known['level of rest']}, and swings about that with a natural "
         f"frequency of {known['natural frequency']}"
@@ -245,8 +256,9 @@ def swing_sentences(quantities: Sequence[QuantityWithError], subject: str, mass:
     ]
     if ratios:
         words += f" and a damping ratio of {' and '.join(ratios)}"
-    if "friction" in known:
-        words += f"; dry friction is {known['friction']}"
+    for name in ("friction", "equivalent friction"):
+        if name in known:
+            words += f"; {name.replace('friction', 'dry friction')} is {known[name]}"
     words += "."
     if mass is not None and "damping" in known:
         words += (

@@ -97,7 +97,7 @@ def numpy_source(model: FittedLaw) -> str:
         data=_escape_docstring(model.provenance.get("data", "unknown")),
         low=low,
         high=high,
-        parameters=repr({name: float(model.parameters[name]) for name in law.parameters}),
+        parameters=repr({name: float(value) for name, value in model.all_parameters.items()}),
         shift=float(model.map.shift),
         scale=float(model.map.scale),
         initial=repr(

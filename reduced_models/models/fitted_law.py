@@ -73,6 +73,13 @@ class FittedLaw:
     hidden: Mapping[str, float]
     input_interpolation: Interpolation
     angle: bool
+    conventions: Mapping[str, float]
+
+    @property
+    def all_parameters(self) -> dict[str, float]:
+        """Values of all of the law's parameters, by convention where the record does not tell them."""
+        known = {**self.conventions, **self.parameters}
+        return {name: known[name] for name in self.law.parameters}
 
     @property
     def unit(self) -> str:
@@ -106,7 +113,7 @@ class FittedLaw:
     @property
     def fitted_equation(self) -> sympy.Eq:
         """The law in z(t), with the fitted numbers."""
-        return self.law.sympy_equation(self.parameters)
+        return self.law.sympy_equation(self.all_parameters)
 
     @property
     def latex(self) -> str:
@@ -133,7 +140,7 @@ class FittedLaw:
         assert self.at_rest is not None
         rest, law = self.at_rest, self.law
         z, reach = self.map.to_law(rest.height), float(np.ptp(self.domain.get("height", (0.0,))))
-        values = [round_significant(self.parameters[name], digits) for name in law.parameters]
+        values = [round_significant(value, digits) for value in self.all_parameters.values()]
         shift, scale = (
             round_significant(value, max(digits, 5)) for value in (self.map.shift, self.map.scale)
         )
@@ -165,7 +172,7 @@ class FittedLaw:
     @property
     def printed_hidden_rates(self) -> dict[str, sympy.Expr]:
         """The rate of each hidden state in z(t), with the fitted numbers to `printed_digits`."""
-        rates = self.law.sympy_hidden(self.parameters)
+        rates = self.law.sympy_hidden(self.all_parameters)
         return {name: round_expression(rate, self.printed_digits) for name, rate in rates.items()}
 
     def simulate(
@@ -197,7 +204,7 @@ class FittedLaw:
         if self.law.inputs and "height" in self.domain:
             # A driven motion may well start at rest.
             size = max(size, (self.domain["height"][1] - self.domain["height"][0]) / abs(scale))
-        values = [self.parameters[name] for name in self.law.parameters]
+        values = list(self.all_parameters.values())
         drive = [np.asarray(given[name], dtype=np.float64) for name in self.law.inputs]
         z_start = self.map.to_law(start[0])
         # Another start forgets the record's history.

@@ -83,6 +83,9 @@ class ReducedModel(PrintedModel):
     untold : tuple of str
         Parameters that the signal does not tell, and ``level`` or ``size`` of the motion: these
         numbers are conventions, and not printed.
+    conventions : mapping of str to float
+        Values that those parameters are given, so that the motion can be computed; they are neither in
+        ``parameters`` nor in ``intervals``.
     """
 
     law: Law
@@ -105,6 +108,7 @@ class ReducedModel(PrintedModel):
     angle: bool = False
     sensor: Sensor | None = None
     untold: tuple[str, ...] = ()
+    conventions: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def correlation(self) -> np.ndarray:
@@ -177,26 +181,12 @@ class ReducedModel(PrintedModel):
         if not 0.0 < level < 1.0:
             raise InputError(f"confidence = {level}; give a fraction between 0 and 1")
         height, spread = prediction.predict_with_deviations(
-            self, self.covariance, self.covariance_names, ReducedModel._with_changed_value, t, inputs
+            self, self.covariance, self.covariance_names, t, inputs
         )
         width = float(norm.ppf(0.5 + 0.5 * level)) * spread
         noise = max(self.quality.noise, self.quality.residual)
         times = np.asarray(t, dtype=np.float64)
         return prediction.PredictionBand(times, height, height - width, height + width, noise, level)
-
-    def _with_changed_value(self, name: str, value: float) -> ReducedModel:
-        """Model with another value of one of what was fitted."""
-        if name in self.parameters:
-            return dataclasses.replace(self, parameters={**self.parameters, name: value})
-        if name == "shift":
-            return dataclasses.replace(self, map=dataclasses.replace(self.map, shift=value))
-        if name == "scale":
-            return dataclasses.replace(self, map=dataclasses.replace(self.map, scale=value))
-        if name in ("height", "velocity"):
-            height, velocity = self.initial
-            other = (value, velocity) if name == "height" else (height, value)
-            return dataclasses.replace(self, initial=other)
-        return dataclasses.replace(self, hidden={**self.hidden, name: value})
 
     def plot(self, record: PistonRecord | None = None, ax: Axes | None = None) -> Axes:
         """Draw the model's motion over a record that it was fitted to.
@@ -477,6 +467,7 @@ class ReducedModel(PrintedModel):
             "angle": self.angle,
             "sensor": None if self.sensor is None else dataclasses.asdict(self.sensor),
             "untold": list(self.untold),
+            "conventions": dict(self.conventions),
         }
 
     def save(self, path: str | Path) -> None:
@@ -529,6 +520,7 @@ class ReducedModel(PrintedModel):
             covariance=np.reshape(data["covariance"], 2 * (len(data["covariance"]),)),
             sensor=None if data["sensor"] is None else Sensor(**data["sensor"]),
             untold=tuple(data["untold"]),
+            conventions=data["conventions"],
         )
 
 

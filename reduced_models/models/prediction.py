@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -40,11 +41,26 @@ def correlation_matrix(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray
     return np.asarray(covariance * np.outer(inverse, inverse))
 
 
+def with_changed_value(model: M, name: str, value: float) -> M:
+    """Model with another value of a parameter, of the map, or of the start, by its name."""
+    changes: dict[str, Any] = {"hidden": {**model.hidden, name: value}}
+    if name in ("shift", "scale"):
+        changes = {"map": dataclasses.replace(model.map, **{name: value})}
+    elif name in ("height", "velocity"):
+        height, velocity = model.initial
+        changes = {"initial": (value, velocity) if name == "height" else (height, value)}
+    else:
+        for part in ("parameters", "conventions"):
+            if name in (known := getattr(model, part)):
+                changes = {part: {**known, name: value}}
+    changed: M = dataclasses.replace(cast("Any", model), **changes)
+    return changed
+
+
 def predict_with_deviations(
     model: M,
     covariance: Float[np.ndarray, "p p"],  # of the names, in products of SI units
     names: Sequence[str],
-    moved: Callable[[M, str, float], M],
     times: Float[np.ndarray, "n"],
     inputs: Mapping[str, Float[np.ndarray, "n"]] | None,  # at the times
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
@@ -63,7 +79,7 @@ def predict_with_deviations(
         other = model
         for name, value, change in zip(names, values, step, strict=True):
             if change != 0.0:
-                other = moved(other, name, float(value + change))
+                other = with_changed_value(other, name, float(value + change))
         try:
             return other.simulate(times, inputs=inputs).height
         except InputError:
@@ -98,7 +114,7 @@ def _change_along_direction(
 def parameter_value(model: FittedLaw, name: str) -> float:
     """Value of a parameter, of the map, or of the start, by its name."""
     known = {
-        **model.parameters,
+        **model.all_parameters,
         "shift": model.map.shift,
         "scale": model.map.scale,
         "height": model.initial[0],

@@ -47,6 +47,11 @@ class PrintedModel(FittedLaw):
         title = f"model: {self.law.name} ({count} parameter{'s' * (count != 1)})"
         lines += wrap_words(f"{title}, {self._error_text}", "")
         lines += self.equation_lines()
+        if self.quality.zero_drift:
+            size = f"{self.quality.zero_drift:.2g} {self.unit}"
+            relative = self.quality.zero_drift * self.quality.relative / max(self.quality.residual, 1e-300)
+            size += f", {format_percent(relative)} {self.rms_noun}"
+            lines.append(f"  drift of the record's zero: {size}, fitted as a random walk")
         lines += [f"  {direction}" for direction in self.undetermined]
         lines += sensor_report_lines(self.sensor, self.untold)
         if self.quality.starts:
@@ -60,6 +65,8 @@ class PrintedModel(FittedLaw):
     def _error_text(self) -> str:
         """Errors on held-out cycles and of the fit, in words."""
         residual = f"residual {format_percent(self.quality.relative)}"
+        if self.quality.rounded:
+            residual = f"within the rounding of the sensor, {residual}"
         if self.quality.test_error is None:
             return f"{residual} {self.rms_noun}"
         held = format_percent(self.quality.test_error)

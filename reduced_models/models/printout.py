@@ -48,9 +48,11 @@ def figure_lines(
     remarks |= {name: _damping_ratio_text(known[name]) for name in ratios}
     rows = [
         [f"  {known[name].label}", known[name].symbol, known[name].text_with_error, remarks.get(name, "")]
-        for name in ("natural frequency", *ratios, "friction", "stiffness", LEVEL)
+        for name in ("natural frequency", *ratios, "friction", "equivalent friction", "stiffness", LEVEL)
         if name in known
     ]
+    if not rows:  # two wells
+        rows = [[f"  {item.name}", item.symbol, item.text_with_error, ""] for item in figures]
     if not rows:
         return []
     parts = [part for part in PARTS if any(part in figure.parts for figure in figures)]

@@ -74,7 +74,7 @@ class Quality:
         ``"worse"``, ``"better"`` (which is then this fit), or ``"none"`` where there is no such.
     whiteness, signs : float
         Probabilities that white noise is correlated as much as the residuals, and that its sign
-        changes as seldom, or as often (tests of Ljung & Box, and of Wald & Wolfowitz).
+        changes as seldom, or as often (tests of Dalla, Giraitis & Phillips, and of Wald & Wolfowitz).
     lag : float
         Time by which the solution comes late [s].
     slow, swinging : float
@@ -103,11 +103,13 @@ class Quality:
     slow: float = 0.0
     swinging: float = 0.0
     drift: float = 1.0
+    rounded: bool = False  # no residual exceeds the steps of a sensor that rounds
+    zero_drift: float = 0.0  # range of a fitted drift of the record's zero [m]
 
     @property
     def has_structured_residuals(self) -> bool:
         """True if the residuals are surely not white noise, so that the law is not right."""
-        return self.correlation > 1.0 and min(self.whiteness, self.signs) < SURE
+        return not self.rounded and min(self.whiteness, self.signs) < SURE
 
     @property
     def test_swings_text(self) -> str:

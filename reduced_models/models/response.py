@@ -185,7 +185,7 @@ def _rest_height_and_period(model: FittedLaw) -> tuple[float, float]:
 
 
 def _model_rates(model: FittedLaw) -> Rates:
-    return law_rates(model.law, [model.parameters[name] for name in model.law.parameters])
+    return law_rates(model.law, list(model.all_parameters.values()))
 
 
 def _zero_crossings(position: np.ndarray, value: np.ndarray) -> np.ndarray:

@@ -126,7 +126,7 @@ def search_vector_of_model(
     model: FittedLaw, guess: FirstGuesses | None, unknowns: Unknowns | None = None
 ) -> tuple[Unknowns, Float[np.ndarray, "p"]]:
     """Search vector of a model, with the unknowns that scale it."""
-    law, values = model.law, [model.parameters[name] for name in model.law.parameters]
+    law, values = model.law, list(model.all_parameters.values())
     logs = [name in law.positive for name in law.parameters]
     if unknowns is None:
         assert guess is not None

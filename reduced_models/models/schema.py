@@ -192,6 +192,7 @@ _MODEL = _keyed_table_checker(
                                 "intervals": _keyed_table_checker(
                                     dict.fromkeys(("tenth_ratio", "friction"), _check_pair)
                                 ),
+                                "own": _check_flag,
                             }
                         )
                     ),
@@ -227,6 +228,8 @@ _MODEL = _keyed_table_checker(
                 "slow": _SIZE,
                 "swinging": _SIZE,
                 "drift": _SIZE,
+                "rounded": _check_flag,
+                "zero_drift": _SIZE,
             }
         ),
         "undetermined": _list_checker(
@@ -257,6 +260,7 @@ _MODEL = _keyed_table_checker(
             )
         ),
         "untold": _list_checker(_text_checker(200)),
+        "conventions": _table_checker(_number_checker()),
     }
 )
 
@@ -264,14 +268,19 @@ _MODEL = _keyed_table_checker(
 def check_plain_model(data: object) -> dict[str, Any]:
     """Check that plain data are those of a model, and put infinite ends in place of null."""
     if isinstance(data, Mapping):  # models of earlier versions
-        data = {"sensor": None, "untold": [], **data}
+        data = {"sensor": None, "untold": [], "conventions": {}, **data}
+        if isinstance(data.get("quality"), Mapping):
+            data["quality"] = {"rounded": False, "zero_drift": 0.0, **data["quality"]}
         if isinstance(data.get("at_rest"), Mapping):
             data["at_rest"] = {"calibration": {}, "angle": data.get("angle", False), **data["at_rest"]}
+            if isinstance(equivalent := data["at_rest"].get("equivalent"), Mapping):
+                data["at_rest"]["equivalent"] = {"own": False, **equivalent}
     result: dict[str, Any] = _MODEL("model", data)
     parameters = result["parameters"]
+    every = {**result["conventions"], **parameters}
     for name in result["positive"]:
-        if not parameters.get(name, 0.0) > 0.0:
-            raise _wrong_value_error(f"model.parameters.{name}", parameters.get(name), "a number above 0")
+        if not every.get(name, 0.0) > 0.0:
+            raise _wrong_value_error(f"model.parameters.{name}", every.get(name), "a number above 0")
     fitted = ("shift", "scale") if result["map"]["fitted"] else ()
     for name in (*parameters, *fitted):
         if name not in result["intervals"]:
@@ -323,11 +332,12 @@ def law_from_plain(plain: Mapping[str, Any]) -> Law:
         inputs=tuple(plain["inputs"]),
         resolution=plain["resolution"],
     )
-    if set(own.parameters) != set(plain["parameters"]):
+    given = {**plain["conventions"], **plain["parameters"]}
+    if set(own.parameters) != set(given):
         raise InputError(
             "the data are not those of a reduced model: the equation has the parameters "
             f"{', '.join(own.parameters) or 'none'}, and values are given of "
-            f"{', '.join(map(sanitize, plain['parameters'])) or 'none'}; correct one of them"
+            f"{', '.join(map(sanitize, given)) or 'none'}; correct one of them"
         )
     packaged = LAWS.get(own.name)
     return packaged if packaged is not None and packaged.equation == own.equation else own

@@ -74,7 +74,7 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
         inputs=inputs,
         acceleration=plain(parsed.acceleration),
         rates=tuple(plain(rate) for rate in parsed.hidden.values()),
-        values=tuple(float(model.parameters[name]) for name in law.parameters),
+        values=tuple(map(float, model.all_parameters.values())),
         initial=(*map(float, model.initial), *(model.hidden.get(name, 0.0) for name in law.hidden)),
         step=period / (STEPS * law.resolution),
         comments=tuple(map(escape_comment, words)),

@@ -77,6 +77,9 @@ _SLOW = 0.75
 # End of a motion in which the lift behind it may have begun. 0: the last decay lasts 0.36 s longer, into
 # the lift; longer: good samples are lost.
 _LEFT = 3.0
+# Samples a period of the recurrence of two modes, its order, and its residual over the rms of the others from
+# which on it is broken.
+_RECURRENT, _ORDER, _BROKEN = 8, 4, 6.0
 # Large half cycles that make a motion of what is before a hold. 2: a hand that slips before the release
 # makes one; 4: the first of three releases of damping ratio 0.1 is lost.
 _LEAST_SWINGS = 3
@@ -380,7 +383,24 @@ def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
         # the first and last half cycles may be cut by the record's ends
         if before > 0 and after < len(size) - 1:
             knocks.append((float(times[before]), float(times[after + 1])))
-    return knocks
+    return [] if knocks and _beats(time, swing, half, knocks) else knocks
+
+
+def _beats(time: np.ndarray, swing: np.ndarray, half: float, knocks: list[tuple[float, float]]) -> bool:
+    """Return whether two modes that decay go on through all supposed knocks."""
+    # Their sum repeats a linear recurrence of order four (Prony 1795), which a knock breaks.
+    edges = np.arange(time[0], time[-1], 2.0 * half / _RECURRENT)
+    firsts = np.searchsorted(time, edges)
+    counts = np.diff(np.append(firsts, len(time)))
+    if counts.min() < 1:
+        return False
+    means = np.add.reduceat(swing, firsts) / counts
+    windows = np.lib.stride_tricks.sliding_window_view(means, _ORDER + 1)
+    known, wanted = np.column_stack([windows[:, :-1], np.ones(len(windows))]), windows[:, -1]
+    left = np.abs(wanted - known @ np.linalg.lstsq(known, wanted, rcond=None)[0])
+    here = edges[_ORDER:]
+    within = np.any([(here >= before) & (here <= after + half) for before, after in knocks], axis=0)
+    return bool(left[within].max(initial=0.0) <= _BROKEN * np.sqrt((left[~within] ** 2).mean()))
 
 
 def _half_cycle_extremes(

@@ -13,6 +13,8 @@ from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import HeightMap, discover
 from reduced_models.discovery.result import Discovery
+from reduced_models.discovery.term_libraries import cause_text, parse_custom_terms
+from reduced_models.discovery.terms import Term, physical_library_terms
 
 TIME = np.linspace(0.0, 40.0, 1000)
 
@@ -44,6 +46,17 @@ def spring_and_discovery() -> tuple[PistonRecord, Discovery]:
 def pendulum(fraction: float) -> PistonRecord:
     """A pendulum released at 56 degrees."""
     return record(lambda z, v: -0.05 * v - 9.0 * np.sin(z), np.deg2rad(56.0), fraction)
+
+
+def test_a_pendulum_has_no_linear_spring() -> None:
+    """Friction that falls with the speed calls for sin(z) next to z, which is none."""
+    usual = physical_library_terms(3)
+    (sine,) = parse_custom_terms(["sin(z)"], None)
+    spring, friction = Term(1), Term(0, 0, True)
+    assert (
+        cause_text("trigonometric", (sine, friction), usual) == "sin(z), a pendulum, whose height is an angle"
+    )
+    assert cause_text("trigonometric", (sine, friction, spring), usual) == "sin(z)"
 
 
 @pytest.mark.parametrize(

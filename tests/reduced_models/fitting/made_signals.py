@@ -64,7 +64,8 @@ def made_signal(
                 slopes += [corner * q, corner * (seen - p - ratio * q)]
         return slopes
 
-    time = np.linspace(0.0, PERIODS * 2.0 * math.pi / truth["omega"], SAMPLES)
+    omega = truth["omega"] if "omega" in truth else math.sqrt(truth["k"])
+    time = np.linspace(0.0, PERIODS * 2.0 * math.pi / omega, SAMPLES)
     first = np.zeros(size + sensor.filter_order)
     first[0] = start
     states = solve_ivp(rates, (0.0, time[-1]), first, t_eval=time, rtol=1e-9, atol=1e-13, method="LSODA").y

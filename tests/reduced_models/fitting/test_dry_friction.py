@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ import pytest
 from granular import PistonRecord
 from reduced_models import ReducedModel, fit, load_model
 from reduced_models.fitting.assessment import residual_structure_text
-from reduced_models.laws.linearization import harmonic_cycles, law_rates
+from reduced_models.laws.linearization import dry_friction_coefficient, harmonic_cycles, law_rates
+from reduced_models.models.at_rest import AtRest, EquivalentDamping
+from reduced_models.models.printed_model import swing_quantities
 
 TIME = np.linspace(0.0, 40.0, 2000)
 OMEGA, AMPLITUDE = 1.05, 0.6
@@ -137,3 +140,53 @@ def test_what_small_swings_show_stays() -> None:
     values = [model.parameters[name] for name in model.law.parameters]
     found = harmonic_cycles(law_rates(model.law, values), 0, 0.1, rest.height, OMEGA)
     assert rest.damping_ratio == pytest.approx(float(found.damping_ratio[0]), rel=1e-6)
+
+
+def test_friction_is_the_coefficient_of_the_law_s_own_sign() -> None:
+    """Next to a drag that grows with the speed squared, which no dashpot is equivalent to."""
+    from scipy.integrate import solve_ivp
+
+    time = np.linspace(0.0, 12.0, 1200)
+
+    def rates(_: float, state: np.ndarray) -> tuple[float, float]:
+        z, v = state
+        return v, -6.0 * z - 0.06 * abs(v) * v - 0.22 * math.tanh(v / 1e-3)
+
+    motion = solve_ivp(rates, (0.0, 12.0), (1.0, 0.0), "LSODA", time, rtol=1e-8, atol=1e-10).y[0]
+    record = PistonRecord(time, motion + np.random.default_rng(0).normal(0.0, 1e-3, len(time)))
+    law = "z'' + k*z + c*Abs(z')*z' + f*sign(z') = 0"
+    model = fit(record, law, starts=1, test_fraction=0.0)
+    assert model.at_rest is not None
+    found = model.at_rest.equivalent
+    assert found is not None
+    low, high = found.intervals["friction"]
+    assert low <= 0.22 <= high
+    assert found.friction == pytest.approx(model.parameters["f"], rel=1e-12)
+    assert found.intervals["friction"] == pytest.approx(model.intervals["f"], rel=1e-6)
+    assert re.search(r"\ndry friction +F +0\.2200", str(model.at_rest))
+    swing = [quantity.name for quantity in swing_quantities(model, angle=False, mass=None)]
+    assert "friction" in swing
+
+
+@pytest.mark.parametrize(
+    ("equation", "values", "coefficient"),
+    [
+        ("z'' + 2*lam*z' + f*tanh(20*w*z'/f) + w**2*z = g", (0.1, 0.3, 2.0, 1.0), 0.3),
+        ("m*z'' + c*abs(z')*z' + f*sign(z') + k*z = 0", (2.0, 0.1, 0.4, 9.0), 0.2),
+        ("z'' + c*abs(z')*z' + k*z = 0", (), None),
+        ("z'' + (f + (s - f)*exp(-abs(z')/u))*sign(z') + k*z = 0", (), None),  # changes with the speed
+    ],
+)
+def test_the_coefficient_before_the_sign(equation: str, values: Any, coefficient: float | None) -> None:
+    found = dry_friction_coefficient(equation)
+    assert (found is None) == (coefficient is None)
+    if found is not None:
+        assert float(found(*values)) == pytest.approx(coefficient, rel=1e-12)
+
+
+def test_friction_of_a_law_without_a_sign_is_an_equivalent_one() -> None:
+    found = EquivalentDamping(0.1, 0.2, 0.3, {"tenth_ratio": (0.1, 0.3), "friction": (0.2, 0.4)})
+    rest = AtRest(
+        0.0, 1.0, 0.05, {"height": (0.0, 0.0), "period": (1.0, 1.0), "damping_ratio": (0.0, 0.1)}, found
+    )
+    assert "\nequivalent friction  F     0.30 ± 0.10 m/s²" in str(rest)

@@ -187,7 +187,7 @@ def test_the_spread_of_correlated_noise(memory: float) -> None:
     random = np.random.default_rng(1)
     noise = lfilter([1.0], [1.0, -memory], random.normal(size=8000))[4000:]
     slopes = np.stack([np.ones(4000), np.sin(0.1 * np.arange(4000))], axis=1)
-    found = gradient_covariance(slopes, fit_autoregression(noise))
+    found = gradient_covariance(slopes, noise, fit_autoregression(noise))
     power = [1.0 / abs(1.0 - memory * np.exp(1j * angle)) ** 2 for angle in (0.0, 0.1)]
     assert found[0, 0] == pytest.approx(4000.0 * power[0], rel=0.5)
     assert found[1, 1] == pytest.approx(2000.0 * power[1], rel=0.2)

@@ -50,6 +50,8 @@ def test_an_acceleration_behind_a_filter() -> None:
     assert "g0 " not in str(model).split("(z: height")[1].split("not told")[0]
     assert "natural frequency" in str(model)
     assert "equilibrium" not in str(model)
+    assert "g0" not in {*model.parameters, *model.intervals}
+    assert model.conventions == {"g0": 0.0}
     # What is left is the noise, a hundredth of the signal, at all times.
     assert model.quality.relative == pytest.approx(0.01, rel=0.1)
     left = model.residuals(made.record)[100:]
@@ -57,6 +59,7 @@ def test_an_acceleration_behind_a_filter() -> None:
     # A model keeps what it was fitted to.
     again = ReducedModel.from_plain(model.to_plain())
     assert (again.sensor, again.untold) == (model.sensor, model.untold)
+    assert again.conventions == model.conventions
 
 
 @pytest.mark.long  # quick: a slower one above
@@ -66,6 +69,21 @@ def test_a_swing_so_fast_that_its_acceleration_is_a_large_number() -> None:
     fast = {"lam": 0.5, "omega": 2.0 * math.pi * 12.0, "g0": 0.0}
     made = made_signal("linear", fast, 3e-3, sensor, 1.0, 0.3, 0.01, random)
     assert max(map(abs, misses(made, fitted(made, starts=1)).values())) < 3.0
+
+
+def test_a_size_that_no_gain_tells_leaves_no_cubic_stiffness() -> None:
+    """Beta is in units of the motion's size, and an accelerometer of unknown gain does not tell that."""
+    sensor = Sensor("acceleration", gain="free")
+    truth = {"lam": 1.1, "k": OMEGA**2, "rest": 0.0, "beta": 0.5 * OMEGA**2 / 3e-3**2}
+    made = made_signal("duffing", truth, 3e-3, sensor, 2.5, 0.0, 0.01, np.random.default_rng(3))
+    model = fitted(made, starts=1)
+    assert set(model.untold) == {"level", "rest", "size", "beta"}
+    assert set(model.parameters) == set(model.intervals) == {"lam", "k"}
+    assert model.parameters["k"] == pytest.approx(truth["k"], rel=0.01)
+    assert set(model.conventions) == {"rest", "beta"}
+    # The motion can be computed all the same, in the unit of the signal.
+    assert model.quality.relative == pytest.approx(0.01, rel=0.1)
+    assert "beta =" not in str(model)
 
 
 @pytest.mark.long

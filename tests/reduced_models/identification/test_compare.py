@@ -239,3 +239,31 @@ def test_the_true_law_of_a_decay_that_rests_early_is_first() -> None:
         for seed in range(6)
     ]
     assert sum(first) >= 27
+
+
+@pytest.mark.parametrize("at_noise", [True, False])
+def test_of_equivalent_laws_the_simplest_known_one_is_first(at_noise: bool) -> None:
+    """Information criteria that differ by 1.6 tell nothing, nor does an order in which laws were named."""
+    rows = [
+        ComparisonRow("van-der-pol-like", parameters=3, error=0.02, bic=-101.6),
+        ComparisonRow("z'' + a*z = 0", parameters=1, error=0.02, bic=-101.0),
+        ComparisonRow("duffing", parameters=4, error=0.0199, bic=-102.0),
+        ComparisonRow("linear", parameters=3, error=0.0201, bic=-100.0),
+        ComparisonRow("coulomb", parameters=3, error=0.0204, bic=-80.0),
+    ]
+    for order in (rows, rows[::-1]):
+        names = [row.name for row in comparison.simplest_known_first(order, at_noise=at_noise)]
+        assert names[0] == "linear"
+        assert (names[-1] == "coulomb") == at_noise
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_flipped_record_has_the_same_best_law(sign: float) -> None:
+    time = np.linspace(0.0, 4.0, 800)
+    omega = 6.0 * math.pi
+    swing = 0.06 + 1e-3 * np.exp(-0.03 * omega * time) * np.cos(omega * time)
+    for seed in range(3):
+        noise = np.random.default_rng(seed).normal(0.0, 1e-5, len(time))
+        record = PistonRecord(time, sign * (swing + noise))
+        table = compare(record, ["van-der-pol-like", "duffing", "linear"], starts=4)
+        assert table.rows[0].name == "linear"

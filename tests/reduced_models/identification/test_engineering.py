@@ -61,7 +61,7 @@ def test_a_textbook_oscillator() -> None:
 def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
     intervals = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153), "damping_ratio": (0.025, 0.027)}
     others = {"tenth_ratio": (0.12, 0.14), "friction": (0.12, 0.13)}
-    equivalent = EquivalentDamping(0.005, 0.13, 0.125, others)
+    equivalent = EquivalentDamping(0.005, 0.13, 0.125, others, own=True)
     rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.026, intervals, equivalent)
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
     known = {one.name: one for one in swing_quantities(model, angle=False, mass=8.0)}

@@ -179,6 +179,28 @@ def test_what_follows_a_knock_is_left_out(strength: float) -> None:
     check_fit(motion)
 
 
+@pytest.mark.parametrize(
+    ("frequency", "dampings", "part"),
+    [
+        (5.8, (0.005, 0.005), 0.3),
+        (4.2, (0.005, 0.005), 0.5),
+        (6.61, (0.0027, 0.0085), 0.36),
+        (7.24, (0.0005, 0.0081), 0.49),
+        (7.69, (0.0003, 0.0084), 0.4),
+    ],
+)
+def test_beats_are_no_knock(frequency: float, dampings: tuple[float, float], part: float) -> None:
+    """Two modes that decay side by side are one motion, however quickly their sum grows."""
+    time = np.arange(0.0, 12.0, 0.005)
+    motion = np.random.default_rng(0).normal(0.0, 1e-6, len(time))
+    for f, damping, size, phase in zip(
+        (5.0, frequency), dampings, (1e-3, part * 1e-3), (0.0, 1.0), strict=True
+    ):
+        motion += size * np.exp(-damping * math.tau * f * time) * np.cos(math.tau * f * time + phase)
+    _, said = found(PistonRecord(time, motion))
+    assert not any("knocked" in words for words in said)
+
+
 def test_a_noisy_end_is_left_out() -> None:
     motion, said = found(record_of(decay(20.0)))
     assert any("within the sensor's noise" in words for words in said)
