@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,16 +21,18 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models.records.derivatives import noise_faster_than_motion, noise_level, rounding_step
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 __all__ = ["Envelope", "envelope"]
 
 _SURE = 2.0  # standard deviations
 LEAST_EXTREMES = 5
 _FEWEST_ROWS = 8  # cycles, half a period apart, from which on an amplitude is said not to fall
-_RISES, _FALLS, _NOISES = 1.3, 0.8, 5.0
-"""Amplitude over the least one before it that is a rise, and over the largest one that is a fall; and the
-rise in standard deviations of the scatter."""
+_RISES, _FALLS = 1.3, 0.8
+"""Amplitude over the smallest one before it that is a rise, and over the largest one that is a fall."""
 _NOISES, _FRACTION = 5.0, 0.2
-"""Hysteresis of a passage, in standard deviations of the noise and over the running amplitude."""
+"""Hysteresis of a passage, in standard deviations of the noise (of a rise too), and over the amplitude."""
 _REACH = 0.3  # of the time between passages, to either side of an extreme, that its polynomial sees
 _DEGREE = 4
 _FEWEST = 10  # samples of a polynomial; with fewer it sees a spline between them
