@@ -67,7 +67,7 @@ POOR = 0.05
 LEAVES = 0.1
 """Held-out error, in rms swings, from which a law is discovered where the known ones leave more."""
 _NOISE_TIMES = 3.0
-_OPEN = 1.5e-3  # relative error of a frequency, from which on it is noted
+_OPEN = 2.5e-3  # relative error of a frequency that is noted: 5 % of noise on 8 samples a cycle leaves less
 _USEFUL_TURNS = 4.0  # periods of a record, below which it says little of a law
 
 if TYPE_CHECKING:

@@ -119,7 +119,7 @@ def test_decays_with_every_kind_of_noise(tmp_path: Path) -> None:
     judge(list(itertools.product(LAWS, NOISES, DENSITIES, SEEDS)), tmp_path)
 
 
-NUMBER, RIGHT, FIRST_SEED = 60, 57, 0
+NUMBER, RIGHT, FIRST_SEED = 60, 57, 1000
 """Records of other kinds, how many have no figure that is off by more than three errors, and their seeds."""
 
 
