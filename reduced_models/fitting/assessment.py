@@ -22,12 +22,11 @@ from reduced_models.fitting.covariance import (
     stratified_normal_draws,
 )
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.refinement import SearchResult
+from reduced_models.fitting.refinement import SearchResult, delay_remarks
 from reduced_models.fitting.residual_diagnostics import (
     SLIGHT,
     autocorrelation_time,
     count_release_transient_samples,
-    delay_remarks,
     diagnose_residuals,
     held_at_zero_remarks,
 )

@@ -2,7 +2,7 @@
 
 The best of a search is fitted to all samples, on grids that are refined until the solution agrees
 with the adaptive one. Next to it stands the fit that starts from accelerations in the record, which
-solves nothing.
+solves nothing. A driven fit is refined once more with its input shifted, to name one that comes late.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from reduced_models.least_squares.joint_records import JointRecords, joint_vecto
 from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, cost_and_weight, record_on_grid
 from reduced_models.least_squares.samples import grid_over_record
-from reduced_models.records.inputs import StepGrid, has_inputs_besides_time, input_column
+from reduced_models.records.inputs import TIME, StepGrid, has_inputs_besides_time, input_column
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -342,3 +342,61 @@ def _adaptive_solution(grid: GriddedRecord, theta: np.ndarray) -> Solution:
     inputs = [input_column(record, name) for name in unknowns.law.inputs]
     how = grid.interpolation
     return solve_law(unknowns.law, record.time, z0, v0, values, size, inputs, hidden, how)
+
+
+_HALF = 0.5  # of the residual, that a delay must take away to be named
+_DELAYS = np.array([-0.2, -0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1, 0.2])
+"""Delays of an input that are tried [periods]; further away the phase of a steady drive repeats."""
+_FINE = 0.01  # period: delays tried about the best of them
+
+
+def delay_remarks(joint: JointRecords, theta: np.ndarray, k: int, period: float) -> tuple[str, ...]:
+    """Name inputs of a record that come early or late by a time that takes away half of its residual."""
+    grid = joint.grids[k]
+    before = float(np.linalg.norm(grid.linearised_residuals(theta[joint.entries[k]])[0]))
+    remarks = []
+    for name in grid.unknowns.law.inputs:
+        if name == TIME:
+            continue
+
+        def left(delay: float, here: np.ndarray, name: str = name) -> float:
+            moved = _with_shifted_input(joint, k, name, delay).grids[k]
+            residuals, slopes = moved.linearised_residuals(here[joint.entries[k]])
+            by_parameters = slopes @ np.linalg.lstsq(slopes, residuals, rcond=None)[0]
+            return float(np.linalg.norm(residuals - by_parameters))
+
+        tried = [left(delay * period, theta) for delay in _DELAYS]
+        best = int(np.argmin(tried))
+        if tried[best] > _HALF * before or best in (0, len(_DELAYS) - 1):
+            continue
+        about = slice(best - 1, best + 2)
+        delay, again = _parabola_minimum(_DELAYS[about] * period, np.array(tried[about]) ** 2), theta
+        for _ in range(4):  # about the parameters that follow from the first
+            moved = _with_shifted_input(joint, k, name, delay)
+            again = moved.refit(again, [len(grid.record) for grid in moved.grids], tolerance=1e-6)
+            near = delay + _FINE * period * np.array([-1.0, 0.0, 1.0])
+            delay = _parabola_minimum(near, np.array([left(value, again) for value in near]) ** 2)
+        moved = _with_shifted_input(joint, k, name, delay)
+        after = float(np.linalg.norm(moved.grids[k].linearised_residuals(again[moved.entries[k]])[0]))
+        if after < _HALF * before:
+            remarks.append(
+                f"{name} comes {abs(delay):.2g} s {'late' if delay > 0.0 else 'early'}: shifted by that, the "
+                f"residual would be {after / before:.2g} of what it is; align the column with the motion"
+            )
+    return tuple(remarks)
+
+
+def _with_shifted_input(joint: JointRecords, k: int, name: str, delay: float) -> JointRecords:
+    """Return the records with an input of one of them moved back by a delay [s]."""
+    grid, grids = joint.grids[k], list(joint.grids)
+    time, column = grid.record.time, input_column(grid.record, name)
+    grids[k] = grid.with_column_deviation(name, np.interp(time + delay, time, column) - column)
+    return dataclasses.replace(joint, grids=tuple(grids))
+
+
+def _parabola_minimum(x: np.ndarray, y: np.ndarray) -> float:
+    """Place of the least value of a parabola through three points."""
+    middle = np.polynomial.Polynomial.fit(x, y, 2)
+    slope = middle.deriv()
+    bend = float(slope.deriv()(0.0))
+    return float(np.clip(slope.roots()[0].real, x[0], x[-1])) if bend > 0.0 else float(x[int(y.argmin())])

@@ -9,16 +9,13 @@ parameter's interval depends on: hum at another frequency does not widen it.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.residuals import remove_random_walk
-from reduced_models.records.inputs import TIME, input_column
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -44,10 +41,6 @@ SLIGHT = 1e-3
 _TRANSIENT = 25.0
 _MOST_OF_IT = 0.5  # of all squared residuals, that a transient holds at least
 _GAINS = 0.05  # of the squared residuals, that a parameter below zero would take away
-_HALF = 0.5  # of the residual, that a delay must take away to be named
-_DELAYS = np.array([-0.2, -0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1, 0.2])
-"""Delays of an input that are tried [periods]; further away the phase of a steady drive repeats."""
-_FINE = 0.01  # period: delays tried about the best of them
 
 
 def diagnose_residuals(
@@ -269,55 +262,3 @@ def held_at_zero_remarks(
                 f'negative: --law "{law.equation}"'
             )
     return tuple(remarks)
-
-
-def delay_remarks(joint: JointRecords, theta: np.ndarray, k: int, period: float) -> tuple[str, ...]:
-    """Name inputs of a record that come early or late by a time that takes away half of its residual."""
-    grid = joint.grids[k]
-    before = float(np.linalg.norm(grid.linearised_residuals(theta[joint.entries[k]])[0]))
-    remarks = []
-    for name in grid.unknowns.law.inputs:
-        if name == TIME:
-            continue
-
-        def left(delay: float, here: np.ndarray, name: str = name) -> float:
-            moved = _with_shifted_input(joint, k, name, delay).grids[k]
-            residuals, slopes = moved.linearised_residuals(here[joint.entries[k]])
-            by_parameters = slopes @ np.linalg.lstsq(slopes, residuals, rcond=None)[0]
-            return float(np.linalg.norm(residuals - by_parameters))
-
-        tried = [left(delay * period, theta) for delay in _DELAYS]
-        best = int(np.argmin(tried))
-        if tried[best] > _HALF * before or best in (0, len(_DELAYS) - 1):
-            continue
-        about = slice(best - 1, best + 2)
-        delay, again = _parabola_minimum(_DELAYS[about] * period, np.array(tried[about]) ** 2), theta
-        for _ in range(4):  # about the parameters that follow from the first
-            moved = _with_shifted_input(joint, k, name, delay)
-            again = moved.refit(again, [len(grid.record) for grid in moved.grids], tolerance=1e-6)
-            near = delay + _FINE * period * np.array([-1.0, 0.0, 1.0])
-            delay = _parabola_minimum(near, np.array([left(value, again) for value in near]) ** 2)
-        moved = _with_shifted_input(joint, k, name, delay)
-        after = float(np.linalg.norm(moved.grids[k].linearised_residuals(again[moved.entries[k]])[0]))
-        if after < _HALF * before:
-            remarks.append(
-                f"{name} comes {abs(delay):.2g} s {'late' if delay > 0.0 else 'early'}: shifted by that, the "
-                f"residual would be {after / before:.2g} of what it is; align the column with the motion"
-            )
-    return tuple(remarks)
-
-
-def _with_shifted_input(joint: JointRecords, k: int, name: str, delay: float) -> JointRecords:
-    """Return the records with an input of one of them moved back by a delay [s]."""
-    grid, grids = joint.grids[k], list(joint.grids)
-    time, column = grid.record.time, input_column(grid.record, name)
-    grids[k] = grid.with_column_deviation(name, np.interp(time + delay, time, column) - column)
-    return dataclasses.replace(joint, grids=tuple(grids))
-
-
-def _parabola_minimum(x: np.ndarray, y: np.ndarray) -> float:
-    """Place of the least value of a parabola through three points."""
-    middle = np.polynomial.Polynomial.fit(x, y, 2)
-    slope = middle.deriv()
-    bend = float(slope.deriv()(0.0))
-    return float(np.clip(slope.roots()[0].real, x[0], x[-1])) if bend > 0.0 else float(x[int(y.argmin())])

@@ -15,7 +15,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
-def tests_pass(folder: Path, words: tuple[str, ...], **environment: str) -> None:
+def run_tests(folder: Path, words: tuple[str, ...], **environment: str) -> None:
     """Run some tests in a process of their own; none of them may be skipped."""
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"--basetemp={folder}", *words],
@@ -34,10 +34,10 @@ def tests_pass(folder: Path, words: tuple[str, ...], **environment: str) -> None
 )
 def test_small_runs_in_plain_python(words: tuple[str, ...], tmp_path: Path) -> None:
     files = ("tests/plain_python", "tests/physics/test_forces.py::test_force_is_minus_gradient")
-    tests_pass(tmp_path / "runs", (*words, *files), NUMBA_DISABLE_JIT="1")
+    run_tests(tmp_path / "runs", (*words, *files), NUMBA_DISABLE_JIT="1")
 
 
 @pytest.mark.long  # quick: the same in plain Python, where numpy looks at every index
 def test_no_compiled_index_is_out_of_bounds(tmp_path: Path) -> None:
     file = "tests/plain_python/test_memory_bounds.py"
-    tests_pass(tmp_path / "runs", (file,), NUMBA_BOUNDSCHECK="1", NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    run_tests(tmp_path / "runs", (file,), NUMBA_BOUNDSCHECK="1", NUMBA_CACHE_DIR=str(tmp_path / "cache"))
