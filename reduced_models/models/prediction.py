@@ -45,7 +45,8 @@ def with_changed_value(model: M, name: str, value: float) -> M:
     """Model with another value of a parameter, of the map, or of the start, by its name."""
     changes: dict[str, Any] = {"hidden": {**model.hidden, name: value}}
     if name in ("shift", "scale"):
-        changes = {"map": dataclasses.replace(model.map, **{name: value})}
+        shift, scale = (value if part == name else getattr(model.map, part) for part in ("shift", "scale"))
+        changes = {"map": dataclasses.replace(model.map, shift=shift, scale=scale)}
     elif name in ("height", "velocity"):
         height, velocity = model.initial
         changes = {"initial": (value, velocity) if name == "height" else (height, value)}
