@@ -320,6 +320,7 @@ def _assess_quality(
         collocation="none",
         test_standard_error=None,
         shifts={},
+        rounded=False,
         **structure,
     )
 
