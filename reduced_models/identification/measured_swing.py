@@ -126,7 +126,7 @@ class MeasuredSwing:
             shown = [self.quantities_at(index)[k] for index in range(len(self.amplitudes))]
             values = [item.value for item in shown]
             least, most = min(shown, key=lambda item: item.value), max(shown, key=lambda item: item.value)
-            spread = (most.value - least.value) / max(abs(np.mean(values)), 1e-300)
+            spread = (most.value - least.value) / max(float(abs(np.mean(values))), 1e-300)
             if spread <= limit:
                 constant = "constant " * (not any("constant" in item for item in words))
                 words.append(f"{name} {constant}to {_round_up_bound(100.0 * spread):g} %")
