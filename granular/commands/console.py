@@ -35,6 +35,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, NoReturn, TextIO
 
 from granular.schema.field_kinds import unknown_word_message
+from granular.shared.command_line import set_command
 from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing_package_error
 from granular.shared.files import replace_non_finite_by_none
 from granular.shared.garbage import rare_garbage_collection
@@ -60,6 +61,8 @@ class Parser(argparse.ArgumentParser):
 def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | None = None) -> int:
     """Run a command, and print errors and warnings as one line each."""
     warnings.showwarning = _show_warning
+    # Trial parameters of a search overflow, and are refused by what follows from that.
+    warnings.filterwarnings("ignore", r".* encountered in ", RuntimeWarning)
     sys.stdout, sys.stderr = sys.stdout or _open_null(), sys.stderr or _open_null()  # closed by the caller
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -216,6 +219,7 @@ class Program(NamedTuple):
         if rest:
             raise InputError(_unknown_argument_message(rest, parser.parsers[options.command]))
         chosen = next(offered for offered in self.commands if offered.name == options.command)
+        set_command(parser.prog, arguments)
         chosen.carry_out(options)
 
 

@@ -40,7 +40,7 @@ from reduced_models.calibration.simulations import (
     scene_parameter,
 )
 from reduced_models.fitting.options import check_fit_options
-from reduced_models.fitting.problem import list_of_records, refuse_integrated_heights
+from reduced_models.fitting.problem import list_of_records
 from reduced_models.fitting.uncertainty import undetermined_directions
 from reduced_models.laws.law import Law
 from reduced_models.records.sources import METHOD, RunOptions, check_run_options, make_directory
@@ -141,7 +141,10 @@ def calibrate(
     record, *others = list_of_records(record)
     if others:
         raise InputError(f"calibrate is of one record, not of {1 + len(others)}; give one")
-    refuse_integrated_heights([record], "calibrate")
+    if record.measured != "height":
+        raise RecordError(
+            f"calibrate needs heights, and this record holds the {record.measured} only; record a position"
+        )
     if isinstance(seeds, bool) or not isinstance(seeds, int) or not 2 <= seeds <= MAX_SEEDS:
         raise InputError(
             f"seeds = {quote(seeds)}; give an integer from 2 on, to see their scatter, "

@@ -8,7 +8,7 @@ from typing import Literal
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.message_text import quote, sanitize
 from granular.shared.progress_bars import stage_reporter
 from reduced_models.discovery.candidate_choice import (
     notes_on_candidate,
@@ -41,7 +41,7 @@ from reduced_models.discovery.weak_form import (
     force_weak_form,
     weak_form,
 )
-from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_integrated_heights
+from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_prescribed_strokes
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 from reduced_models.records.inputs import column_names
@@ -51,6 +51,11 @@ _NO_OPERON = (
     "pyoperon is not installed, so sparse regression alone proposes structures: "
     "pip install 'granular-damper[discover]'"
 )
+_INTEGRATED = (
+    "terms were proposed from the integrated {0}, whose noise is not white: errors over the noise compare "
+    "candidates only; the model was fitted to the {0} itself"
+)
+_UNUSED = "columns that were not used as an input: {0}; input=NAME (--input NAME) takes one as the drive"
 _GREATEST_SEED = 2**32 - 1  # that np.random.seed takes, which PySINDy draws by
 _LINE = 70  # characters of a formula that a line of progress shows
 METHODS: tuple[Method, ...] = ("auto", "sindy", "operon", "pysr")
@@ -232,7 +237,7 @@ def discover(
     notes = (
         library_note,
         *proposed.notes,
-        *said,
+        *_notes_on_records(records, input, target, said),
         *(note for model in front[chosen].models for note in model.notes),
         "" if sure is None else sure.rival_note,
         _NO_OPERON if lacking else "",
@@ -246,6 +251,20 @@ def discover(
         tuple(note for note in dict.fromkeys(notes) if note),
         {} if sure is None else sure.criterion_increases,
     )
+
+
+def _notes_on_records(
+    records: Sequence[PistonRecord], column: str | None, target: str, said: Sequence[str]
+) -> tuple[str, ...]:
+    """Collect notes on a chosen equation, on integrated noise, and on columns that drive nothing."""
+    first = records[0]
+    if first.measured in ("velocity", "acceleration"):  # notes on noise say nothing of these
+        said = [_INTEGRATED.format(first.measured)]
+    others = [name for name in column_names(first) if name != first.measured]
+    simulated = first.source is not None and bool(first.source.scene)
+    if not others or column is not None or target != "acceleration" or simulated:
+        return tuple(said)
+    return (*said, _UNUSED.format(", ".join(map(sanitize, others))))
 
 
 def _requested_terms(
@@ -340,7 +359,7 @@ def _is_single_library(library: str | Sequence[str], name: str) -> bool:
 
 def _check_records_for_target(records: Sequence[PistonRecord], target: str) -> None:
     if target != "force":
-        refuse_integrated_heights(records, "discover")
+        refuse_prescribed_strokes(records, "discover")
     if not records:
         raise InputError("there is no record to discover a law in; give at least one")
     if target == "height" and len(records) > 1:

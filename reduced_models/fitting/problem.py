@@ -210,18 +210,13 @@ def list_of_records(record: Any) -> list[PistonRecord]:
     )
 
 
-def refuse_integrated_heights(records: Sequence[PistonRecord], action: str) -> None:
-    """Refuse records whose heights are integrated ones."""
+def refuse_prescribed_strokes(records: Sequence[PistonRecord], action: str) -> None:
+    """Refuse records of a force along a prescribed stroke."""
     for record in records:
         if record.measured == "force":
             raise RecordError(
                 f"{action} is of free or driven motions, and the stroke of this record is prescribed; "
                 "fit laws of the force to it with fit"
-            )
-        if record.measured != "height":
-            raise RecordError(
-                f"{action} needs heights, and this record holds the {record.measured} only; fit "
-                "laws to it with fit, one by one, or record a position"
             )
 
 

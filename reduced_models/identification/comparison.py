@@ -20,7 +20,7 @@ from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_fit_options
-from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_integrated_heights
+from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_prescribed_strokes
 from reduced_models.fitting.start_values import start_values_near
 from reduced_models.identification.comparison_table import (
     NOISE_TIE,
@@ -108,7 +108,7 @@ def compare(
     'linear'
     """
     records = list_of_records(record)
-    refuse_integrated_heights(records, "compare")
+    refuse_prescribed_strokes(records, "compare")
     check_fit_options(starts, test_fraction)
     if isinstance(laws, str | Law | ReducedModel) or (laws and not isinstance(laws, Iterable)):
         laws = [laws]

@@ -409,16 +409,6 @@ def largest_tied_error(rows: Sequence[ComparisonRow], noise: float) -> float:
     return max((1.0 + TIE) * least.error, least.error + least.standard_error, NOISE_TIE * noise)
 
 
-def best_error_text(best: ComparisonRow) -> str:
-    """Return the error of the first law of a record in a sentence."""
-    if math.isinf(best.error):
-        return "No law predicts held-out cycles."
-    return (
-        f"The best law of the record, {best.name}, predicts held-out cycles to "
-        f"{format_percent(best.error)} of rms displacement."
-    )
-
-
 def root_mean_square(errors: Sequence[float]) -> float:
     """Root mean square of some errors."""
     return math.sqrt(sum(error**2 for error in errors) / len(errors))

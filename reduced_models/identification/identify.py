@@ -17,7 +17,7 @@ from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import CautionWarning, GranularError, InputError, TimeBudgetError
 from granular.shared.message_text import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_fit_options
-from reduced_models.fitting.problem import record_from_table, refuse_integrated_heights
+from reduced_models.fitting.problem import record_from_table, refuse_prescribed_strokes
 from reduced_models.identification.candidate_laws import (
     choose_candidate_laws,
     drive_option_text,
@@ -180,7 +180,7 @@ def identify(
     lift = laws is None or len(laws) > 1
     with contextlib.ExitStack() as stack:
         if isinstance(opened, PistonRecord):
-            refuse_integrated_heights([opened], "identify")
+            refuse_prescribed_strokes([opened], "identify")
             record, run, further = without_clipped_samples(opened), None, None
         else:
             background = None
@@ -260,7 +260,8 @@ def _fit_and_compare(
         chosen = choose_candidate_laws(record, drive)
         wanted: list[Any] = list(chosen.laws)
         left_out = chosen.exclusion_texts
-        if discovery is None and chosen.screening.other_terms_fit_better:
+        # Noise that was integrated is no measure of what terms leave.
+        if discovery is None and chosen.screening.other_terms_fit_better and record.measured == "height":
             discovery = GLANCED
     else:
         wanted = [_add_drive_to_law(law, record, drive) for law in laws]
@@ -316,9 +317,7 @@ def _fit_and_compare(
         mass=mass,
         left_out=left_out,
         residuals={
-            model.law.name: residual_tests(
-                model, record.time, record.height, model.simulate_record(record).height
-            )
+            model.law.name: residual_tests(model, record.time, record.signal, model.simulate_signal(record))
             for model in models
         },
         advice=suggest_next_steps(comparison, models, record, run, discovery),

@@ -14,7 +14,7 @@ from granular.shared.errors import GranularError, RecordError
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, READABLE, figure, figure_label, label_log_axis_plainly
 from reduced_models.laws.equation import compile_rates
-from reduced_models.models.at_rest import EngineeringUnits, engineering_units
+from reduced_models.models.at_rest import EngineeringUnits, signal_units
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quantities import QuantityWithError
 from reduced_models.records.backbone import Backbone, backbone_of_extremes, driven_backbone, free_backbone
@@ -225,19 +225,22 @@ def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing:
     """
     # Free: from the envelope (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003); driven: from the
     # restoring force (Masri & Caughey 1979, doi:10.1115/1.3424568).
-    units = engineering_units(record.angle, None)
+    units = signal_units(record.measured, angle=record.angle)
+    signal = dataclasses.replace(record, height=record.signal)
     law: Backbone | None
     if model.law.inputs:
-        own = _driven_backbone(record, record, model)
+        own = _driven_backbone(signal, record, model)
         try:
             law = _driven_backbone(model.simulate_record(record), record, model)
         except GranularError:
             law = None
     else:
-        seen = find_extremes(record)
+        seen = find_extremes(signal)
         own = backbone_of_extremes(seen)
         try:
-            motion = find_extremes(model.simulate_record(record), exact=True)
+            motion = find_extremes(
+                dataclasses.replace(record, height=model.simulate_signal(record), velocity=None), exact=True
+            )
         except GranularError as error:
             raise RecordError(f"the fitted law has no motion to compare them with: {error}") from None
         if words := extremes_apart(seen, motion):

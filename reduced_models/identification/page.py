@@ -7,18 +7,22 @@ import datetime
 import math
 from collections.abc import Mapping, Sequence
 
+from granular.run.record_source import RecordSource
+from granular.shared.command_line import current_command
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.message_text import format_factor
 from granular.shared.version import versions
 from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.pictures import add_comparison_section
+from reduced_models.identification.pictures import add_comparison_section, residual_axis
 from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.identification.wells import LOWER_WELL
 from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
 from reduced_models.models.model import OPEN, ReducedModel
 from reduced_models.models.printed_model import swing_noun
+from reduced_models.models.printout import error_sources_text, figure_rows, parameter_text
 from reduced_models.models.quantities import (
     DAMPING_RATIO,
+    LEVEL,
     PARTS,
     QuantityWithError,
     decimal_places_of_interval,
@@ -63,6 +67,40 @@ def capitalise(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
+def add_answer(
+    page: HtmlPage,
+    figures: Sequence[QuantityWithError],
+    model: ReducedModel,
+    mass: float | None,
+    parameters: Sequence[QuantityWithError],
+) -> None:
+    """Add figures, equation and parameters as the print-out has them, for the first screen; mass [kg]."""
+    rows = figure_rows(figures, mass)
+    if rows:
+        page.add_table(("", "", "value", ""), rows)
+        page.add_paragraph(f"{capitalise(error_sources_text(figures, model.confidence))}.")
+    else:
+        page.add_warning(f"No oscillation about an equilibrium: {model.no_swing}.")
+    add_equations(page, model)
+    values = (
+        parameter_text(item, model.intervals.get(item.name))
+        for item in (parameters or model.parameter_quantities())
+    )
+    page.add_paragraph(f"{model.law.name}: {', '.join(values)}")
+
+
+def add_source_section(page: HtmlPage, source: RecordSource | None) -> None:
+    """Add file, digest and calibration of a record, notes on its samples, and the command."""
+    rows = [("command", current_command())]
+    if source is not None:
+        rows += [("file" if not source.scene else "scene", source.name), ("SHA-256", source.digest)]
+        rows += [("calibration", source.calibration), *(("samples", note) for note in source.notes)]
+    rows = [row for row in rows if row[1]]
+    if rows:
+        page.add_section("Where the record comes from")
+        page.add_table(("", ""), rows)
+
+
 def add_swing_section(
     page: HtmlPage,
     figures: Sequence[QuantityWithError],
@@ -72,12 +110,19 @@ def add_swing_section(
 ) -> None:
     """Add level, frequency, damping and stiffness of the law's swing, and the parts of their errors."""
     if not figures:
-        page.add_warning("The law has no level of rest near the record, so no small swing can be told.")
         return
-    page.add_section("Level, frequency, damping, stiffness by the law")
+    page.add_section("Frequency, damping, stiffness and equilibrium by the model")
     page.add_table(
-        ("figure", "sign", "value", "unit"),
-        [(figure.name, figure.symbol, figure.table_cell, figure.unit) for figure in figures],
+        ("figure", "symbol", "value", "unit"),
+        [
+            (
+                figure.label if figure.name == LEVEL else figure.name,
+                figure.symbol,
+                figure.table_cell,
+                figure.unit,
+            )
+            for figure in figures
+        ],
     )
     page.add_paragraph(_swing_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
@@ -96,7 +141,7 @@ def add_swing_section(
         page.add_paragraph(f"{capitalise(averaging)}.")
 
 
-_FOLLOWING = ("f_d", "δ", "Q")
+_FOLLOWING = ("fd", "delta", "Q")
 """Symbols of figures whose errors are those of frequency and damping ratio over again."""
 _MEANING_OF_PARTS = {
     "fit": "Fit: half of the {:g} % interval that the record's noise leaves.",
@@ -147,11 +192,13 @@ def _swing_explanation(figures: Sequence[QuantityWithError], model: ReducedModel
     )
 
 
-def add_residual_tests_section(page: HtmlPage, tests: Mapping[str, ResidualTests], angle: bool) -> None:
-    """Add what each law leaves over, and whether that is noise."""
+def add_residual_tests_section(
+    page: HtmlPage, tests: Mapping[str, ResidualTests], measured: str, *, angle: bool
+) -> None:
+    """Add the residuals of each law, and whether they are noise."""
     if not tests:
         return
-    unit, scale = ("°", 180.0 / math.pi) if angle else ("µm", 1e6)
+    _, unit, scale = residual_axis(measured, angle=angle)
     rows = [
         (
             name,
@@ -164,8 +211,8 @@ def add_residual_tests_section(page: HtmlPage, tests: Mapping[str, ResidualTests
         )
         for name, test in tests.items()
     ]
-    page.add_section("What the laws leave over")
-    page.add_table(("law", "so it is", "rms", "at f", "at 2f", "white", "signs"), rows)
+    page.add_section("Residuals of the laws")
+    page.add_table(("law", "verdict", "rms", "at f", "at 2f", "white", "signs"), rows)
     page.add_paragraph(
         "White and signs: probabilities that white noise is correlated as much (Dalla, Giraitis and "
         "Phillips), and that its signs change as seldom (Wald and Wolfowitz). At f and at 2f: power about "
@@ -226,17 +273,17 @@ def _fit_quality_text(model: ReducedModel) -> str:
     size, unit = (180.0 / math.pi, "degrees") if model.angle else (1e6, "micrometres")
     words = (
         f"Residual {size * quality.residual:.3g} {unit}, {100 * quality.relative:.3g} % of "
-        f"the rms swing, over {quality.samples} samples. {quality.converged} of "
+        f"rms displacement, over {quality.samples} samples. {quality.converged} of "
         f"{quality.starts} random starts led to this fit."
     )
     if quality.test_error is not None:
         words += (
             f" Fitted without {quality.test_swings_text} it predicts them to "
-            f"{100 * quality.test_error:.3g} % of the rms swing."
+            f"{100 * quality.test_error:.3g} % of rms displacement."
         )
     if quality.test_error_at_rest is not None:
         words += (
-            f" Standing still at the level of rest would score "
+            f" A motionless piston at equilibrium would score "
             f"{100 * quality.test_error_at_rest:.3g} % there; "
             "only a smaller error speaks for the law."
         )

@@ -14,7 +14,9 @@ from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, figure_label, line_style
 from reduced_models.falls.unseen_fall_scores import DropScores
 from reduced_models.identification.comparison_table import Comparison
+from reduced_models.models.at_rest import signal_units
 from reduced_models.models.model import ReducedModel
+from reduced_models.records.record_overview import GAP
 from reduced_models.records.sources import time_step_text
 
 if TYPE_CHECKING:
@@ -52,17 +54,24 @@ class _DrawnCoordinate(NamedTuple):
 
 
 def _coordinate_axis(record: PistonRecord) -> _DrawnCoordinate:
-    return (
-        _DrawnCoordinate("angle", "°", 180.0 / math.pi)
-        if record.angle
-        else _DrawnCoordinate("height", "mm", 1e3)
-    )
+    units = signal_units(record.measured, angle=record.angle)
+    name = "angle" if record.angle and record.measured == "height" else record.measured
+    return _DrawnCoordinate(name, units.length, units.scale)
 
 
-def _residual_axis(record: PistonRecord) -> _DrawnCoordinate:
-    if record.angle:
-        return _DrawnCoordinate("left over", "°", 180.0 / math.pi)
-    return _DrawnCoordinate("left over", "µm", 1e6)
+def residual_axis(measured: str, *, angle: bool) -> _DrawnCoordinate:
+    """Axis of residuals: micrometres of a height, otherwise the unit of the measured quantity."""
+    units = signal_units(measured, angle=angle)
+    if units.length == "mm":
+        return _DrawnCoordinate("residual", "µm", 1e6)
+    return _DrawnCoordinate("residual", units.length, units.scale)
+
+
+def _break_at_gaps(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Put a NaN where samples are left out, as at a clipped crest: no line is drawn across."""
+    steps = np.diff(time)
+    behind = np.flatnonzero(steps > GAP * np.median(steps)) + 1
+    return np.insert(time, behind, np.nan), np.insert(values, behind, np.nan)
 
 
 def _add_curves_and_residuals(
@@ -83,14 +92,19 @@ def _add_curves_and_residuals(
         drawing,
         (top, bottom),
     ):
-        top.plot(*downsample(time, shown.scale * record.height), color=GREY, linewidth=3.0, label=label)
+        signal = record.signal
+        seen = _break_at_gaps(*downsample(time, shown.scale * signal))
+        top.plot(*seen, color=GREY, linewidth=3.0, label=label)
         for name, values, look in curves:
             count = len(values)
-            t, line, missed = downsample(
-                time[:count], shown.scale * values, difference.scale * (record.height[:count] - values)
+            top.plot(
+                *downsample(time[:count], shown.scale * values),
+                label=figure_label(name),
+                linewidth=1.2,
+                **look,
             )
-            top.plot(t, line, label=figure_label(name), linewidth=1.2, **look)
-            bottom.plot(t, missed, linewidth=1.2, **look)
+            missed = difference.scale * (signal[:count] - values)
+            bottom.plot(*_break_at_gaps(*downsample(time[:count], missed)), linewidth=1.2, **look)
         for axes in (top, bottom):
             for start, end in tested:
                 axes.axvspan(start, end, color=GREY, alpha=0.15, linewidth=0.0)
@@ -112,8 +126,8 @@ def add_record_section(page: HtmlPage, record: PistonRecord, best: ReducedModel)
         "The record, the best law over it, and what it leaves over. The laws are judged on what is "
         f"shaded, {best.quality.test_swings_text}, by fits that have not seen it.",
         record,
-        [(best.law.name, best.simulate_record(record).height, {})],
-        difference=_residual_axis(record),
+        [(best.law.name, best.simulate_signal(record), {})],
+        difference=residual_axis(record.measured, angle=record.angle),
         tested=best.quality.test_swings,
         height=6.0,
         legend=False,
@@ -129,18 +143,17 @@ def add_fits_section(
         page,
         "The fits of all laws, and what they leave over.",
         record,
-        [
-            (model.law.name, model.simulate_record(record).height, line_style(k))
-            for k, model in enumerate(models)
-        ],
-        difference=_residual_axis(record),
+        [(model.law.name, model.simulate_signal(record), line_style(k)) for k, model in enumerate(models)],
+        difference=residual_axis(record.measured, angle=record.angle),
         tested=best.quality.test_swings,
         height=6.0 + 0.15 * len(models),
     )
 
 
 def add_phase_portrait(page: HtmlPage, record: PistonRecord, best: ReducedModel) -> None:
-    """Add velocity over height of the record and of the best law."""
+    """Add velocity over height of the record and of the best law, where heights were measured."""
+    if record.measured != "height":
+        return
     shown = _coordinate_axis(record)
     with figure(height=4.8, size=READABLE) as (drawing, axes):
         speed = record.velocity
@@ -169,7 +182,7 @@ def add_higher_lift_section(page: HtmlPage, lift: PistonRecord, table: Compariso
         "that the first period tells; all the rest is its prediction."
     )
     page.add_table(
-        ("law", "error [% of the rms swing]", "times the best"),
+        ("law", "error [% of rms displacement]", "times the best"),
         [
             (
                 name,
@@ -195,7 +208,7 @@ def add_higher_lift_section(page: HtmlPage, lift: PistonRecord, table: Compariso
 
 
 def add_comparison_section(page: HtmlPage, table: Comparison) -> None:
-    """Add the table of laws and their test errors."""
+    """Add the table of laws and their held-out errors."""
     page.add_section("The laws compared")
     header, cells = table.header, table.cells()
     if not any(row.divergence_count for row in table.rows):
@@ -203,16 +216,16 @@ def add_comparison_section(page: HtmlPage, table: Comparison) -> None:
     page.add_table(header, cells)
     page.add_paragraph(
         "Errors are root mean squares of record minus simulation over what the law has not seen, "
-        f"in rms swings; the baseline, standing still, has {100 * table.at_rest:.3g} %, and the "
+        f"over rms displacement; the baseline, a motionless piston, has {100 * table.at_rest:.3g} %, and the "
         f"noise is {100 * table.noise:.2g} %. AIC and BIC, the misfit of the fits to whole records with a "
         "price for each parameter (Akaike's and the Bayesian information criterion), count from the least. "
-        "The test error is the root mean square over all that a law has not seen: "
-        "swings of the record that a first fit does not see (test swings), and records of their own "
-        "(record 1; 'higher lift' on the terminal)."
+        "The held-out error is the root mean square over all that a law has not seen: "
+        "cycles of the record that a first fit does not see (held-out cycles), and records of their own "
+        "(record 1; '3x higher lift' on the terminal)."
     )
     with figure(height=table.drawing_height, size=READABLE) as (drawing, axes):
         table.plot(axes)
-        page.add_figure(drawing, "Test errors of the laws.")
+        page.add_figure(drawing, "Held-out errors of the laws.")
 
 
 def add_falls_section(page: HtmlPage, falls: DropScores) -> None:

@@ -16,7 +16,7 @@ from granular.shared.message_text import format_factor
 from reduced_models.falls.unseen_fall_scores import DropScores, format_percent_of_drop
 from reduced_models.identification import page as blocks
 from reduced_models.identification import pictures
-from reduced_models.identification.comparison_table import Comparison, best_error_text
+from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.elliptic_averaging import (
     EllipticAveraging,
     average_elliptically,
@@ -28,7 +28,6 @@ from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.elliptic_motion import EllipticMotion
-from reduced_models.models.at_rest import swing_sentences
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printout import caution_lines, figure_lines, record_lines, wrap_words
 from reduced_models.models.quantities import DAMPING_RATIO, ERROR_SOURCES, LEVEL, QuantityWithError
@@ -144,13 +143,6 @@ class Identification:
         return tuple(figure for figure in self.figures if not figure.name.startswith(f"{DAMPING_RATIO} at "))
 
     @property
-    def subject_noun(self) -> str:
-        """Noun for what moves, with its article."""
-        if self.run is not None and self.run.scene.piston is not None:
-            return "The piston"
-        return "The angle" if self.record.angle else "The motion"
-
-    @property
     def verdict(self) -> str:
         """Sentences of the verdict: on unseen falls, the comparison, an unseen lift and the residuals."""
         return " ".join([*self._falls_verdict, self.verdict_on_laws])
@@ -175,25 +167,6 @@ class Identification:
                 f"of its swing ({tests.verdict})."
             )
         return " ".join(words)
-
-    @property
-    def summary(self) -> str:
-        """The answer in a few sentences, in an engineer's words."""
-        return " ".join(self._answer_paragraphs)
-
-    @property
-    def _answer_paragraphs(self) -> list[str]:
-        """Own swing, the law's swing with its error, and falls: a paragraph each."""
-        absence = (
-            f"The record's peaks do not tell frequency and damping ({self.no_own}); those of the fit stand."
-        )
-        words = [absence if self.own is None else self.own.summary_text]
-        if self.figures:
-            swing = swing_sentences(self.figures_to_print, self.subject_noun, self.mass)
-            words.append(f"{swing} {best_error_text(self.comparison.rows[0])}")
-        else:
-            words.append(self.comparison.verdict)
-        return [*words, *self._falls_verdict]
 
     def to_plain(self) -> dict[str, Any]:
         """Return figures, verdict and models as plain data."""
@@ -232,10 +205,9 @@ class Identification:
     def printout(self, most: int | None = LINES) -> str:
         """Record, figures, model and cautions as text, in at most so many lines; all of them for None."""
         model, contradiction = self.best, []
-        period = None if model.at_rest is None else model.at_rest.period
         if self.own is not None and not self.own.law_agrees:
             contradiction = wrap_words(f"caution: {self.own.agreement_text}", "", "  ")
-        start = [*record_lines(describe_record(self.record, period)), *contradiction]
+        start = [*record_lines(self._record_texts), *contradiction]
         amplitude = f"peaks do not tell: {self.no_own}" if self.own is None else self.own.range_text
         figures = figure_lines(self.figures, self.mass, model.confidence, amplitude)
         start += figures or [f"  no oscillation about an equilibrium: {model.no_swing}"]
@@ -253,6 +225,11 @@ class Identification:
         """Closed form of the motion with which a cubic law starts."""
         motion = self.elliptic_motion
         return [] if motion is None else wrap_words(f"starts as {motion.text()}, m = k^2")
+
+    @property
+    def _record_texts(self) -> list[str]:
+        rest = self.best.at_rest
+        return describe_record(self.record, None if rest is None else rest.period)
 
     @property
     def _fall_lines(self) -> list[str]:
@@ -295,10 +272,14 @@ class Identification:
 
     def page(self) -> HtmlPage:
         """Make the report: the answer in an engineer's words, the record, then the rest."""
-        name = "a record" if self.run is None else f"scene {self.run.scene.name!r}"
-        first, *others = self._answer_paragraphs
-        page = HtmlPage(f"The equation of {name}", first)
-        for words in others:
+        title, *texts = self._record_texts
+        page = HtmlPage(f"The equation of {title.partition(':')[0]}", title)
+        if self.own is not None and not self.own.law_agrees:
+            page.add_warning(f"{blocks.capitalise(self.own.agreement_text)}.")
+        blocks.add_answer(page, self.figures, self.best, self.mass, self.parameters)
+        for words in (*self.cautions, *texts):
+            page.add_warning(f"{blocks.capitalise(words)}.")
+        for words in self._falls_verdict:
             page.add_paragraph(words)
         if self.own is not None:
             self.own.add_section_to(page)
@@ -312,21 +293,20 @@ class Identification:
             pictures.add_falls_section(page, self.falls)
         page.add_section("Which law")
         page.add_paragraph(self.verdict_on_laws)
-        for note in (*self.advice, *self.notes):
-            page.add_warning(f"{blocks.capitalise(note)}.")
         pictures.add_comparison_section(page, self.comparison)
         if self.left_out:
             page.add_paragraph("Laws that cannot win were not fitted:")
             page.add_list([f"{blocks.capitalise(words)}." for words in self.left_out])
         if self.lift is not None:
             pictures.add_higher_lift_section(page, self.lift, self.comparison)
-        blocks.add_residual_tests_section(page, self.residuals, self.record.angle)
+        blocks.add_residual_tests_section(page, self.residuals, self.record.measured, angle=self.record.angle)
         for model in self.models:
             blocks.add_law_section(page, model, " (best)" if model is self.best else "")
         pictures.add_fits_section(page, self.record, self.models, self.best)
         pictures.add_phase_portrait(page, self.record, self.best)
         if self.run is not None:
             pictures.add_run_sections(page, self.run)
+        blocks.add_source_section(page, self.record.source)
         page.add_section("What it took")
         page.add_table(("part", "seconds"), [(k, f"{v:.2f}") for k, v in self.seconds.items()])
         page.add_footer(blocks.provenance_text())

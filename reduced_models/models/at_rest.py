@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from reduced_models.models.printout import figure_lines
@@ -131,6 +131,15 @@ def engineering_units(angle: bool, mass: float | None) -> EngineeringUnits:
     return EngineeringUnits("mm", 1e3, "N/m", "N s/m", "N", mass)
 
 
+def signal_units(measured: str, *, angle: bool) -> EngineeringUnits:
+    """Units in which a measured height, velocity or acceleration is shown."""
+    units = engineering_units(angle, None)
+    if measured == "acceleration":
+        length, scale = ("°/s²", units.scale) if angle else ("m/s²", 1.0)
+        return dataclasses.replace(units, length=length, scale=scale)
+    return dataclasses.replace(units, length=f"{units.length}/s") if measured == "velocity" else units
+
+
 def quantities_at_rest(rest: AtRest, mass: float | None) -> tuple[QuantityWithError, ...]:
     """Equilibrium [mm or degrees], frequency [Hz], damping ratio [%], stiffness and damping; mass [kg]."""
     units = engineering_units(rest.angle, mass)
@@ -239,30 +248,3 @@ def damped_frequency(period: float, ratio: float) -> float:
 def _logarithmic_decrement(ratio: float) -> float:
     """Logarithm of two amplitudes a period apart."""
     return 2.0 * math.pi * ratio / math.sqrt(1.0 - ratio**2)
-
-
-def swing_sentences(quantities: Sequence[QuantityWithError], subject: str, mass: float | None) -> str:
-    """Rest, frequency, damping and stiffness of the swing in a sentence or two; mass [kg]."""
-    known = {quantity.name: quantity.text_with_error for quantity in quantities}
-    if "natural frequency" not in known:
-        figures = ", ".join(f"{name} {text}" for name, text in known.items())
-        return f"{subject} goes over two wells: {figures}."
-    words = (
-        f"{subject} comes to rest at {known['level of rest']}, and swings about that with a natural "
-        f"frequency of {known['natural frequency']}"
-    )
-    ratios = [
-        f"{known[name]}{name.removeprefix(DAMPING_RATIO)}" for name in known if name.startswith(DAMPING_RATIO)
-    ]
-    if ratios:
-        words += f" and a damping ratio of {' and '.join(ratios)}"
-    for name in ("friction", "equivalent friction"):
-        if name in known:
-            words += f"; {name.replace('friction', 'dry friction')} is {known[name]}"
-    words += "."
-    if mass is not None and "damping" in known:
-        words += (
-            f" A mass of {mass:.4g} kg on a spring of {known['stiffness']} with a dashpot of "
-            f"{known['damping']} does the same."
-        )
-    return words

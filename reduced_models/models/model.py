@@ -141,14 +141,35 @@ class ReducedModel(PrintedModel):
         InputError
             If the solution diverges or is too stiff to follow.
         """
+        seen = record.height if self.sensor is None else self.sensor.signal(record.columns)
+        return seen - self.simulate_signal(record)
+
+    def simulate_signal(self, record: PistonRecord) -> np.ndarray:
+        """Heights of the fitted motion at a record's times, or what the model's sensor makes of them.
+
+        Parameters
+        ----------
+        record : PistonRecord
+            Record (n,) that the model was fitted to, with the inputs of the law.
+
+        Returns
+        -------
+        float64 (n,)
+            Heights [m] (of an angle [rad]), or the signal in its unit.
+
+        Raises
+        ------
+        RecordError
+            If the record lacks an input, or the motion of its base.
+        InputError
+            If the solution diverges or is too stiff to follow.
+        """
         motion = self.simulate_record(record)
         if self.sensor is None:
-            return record.height - motion.height
+            return motion.height
         assert motion.velocity is not None
-        columns = record.columns
-        base = self.sensor.base_motion(columns)
-        signal = motion_signal(self.sensor, motion.time, motion.height, motion.velocity, base)
-        return self.sensor.signal(columns) - signal
+        base = self.sensor.base_motion(record.columns)
+        return motion_signal(self.sensor, motion.time, motion.height, motion.velocity, base)
 
     def predict_with_band(
         self, t: np.ndarray, inputs: Mapping[str, np.ndarray] | None = None, confidence: float | None = None

@@ -35,34 +35,42 @@ def record_lines(texts: Sequence[str]) -> list[str]:
     return [line for k, text in enumerate(texts) for line in wrap_words(text, "  " * (k > 0))]
 
 
+def figure_rows(figures: Sequence[QuantityWithError], mass: float | None = None) -> list[list[str]]:
+    """Label, symbol, value with error, and remark of each printed figure; mass [kg]."""
+    known = {figure.name: figure for figure in figures}
+    ratios = [name for name in known if name.startswith(DAMPING_RATIO)]
+    remarks = {"natural frequency": _damped_frequency_text(known), "stiffness": _damping_text(known, mass)}
+    remarks |= {name: _damping_ratio_text(known[name]) for name in ratios}
+    rows = [
+        [known[name].label, known[name].symbol, known[name].text_with_error, remarks.get(name, "")]
+        for name in ("natural frequency", *ratios, "friction", "equivalent friction", "stiffness", LEVEL)
+        if name in known
+    ]
+    # Motion over two wells has figures of its own.
+    return rows or [[item.name, item.symbol, item.text_with_error, ""] for item in figures]
+
+
+def error_sources_text(figures: Sequence[QuantityWithError], confidence: float) -> str:
+    """Level of the intervals behind the figures, and the sources of their errors."""
+    parts = [part for part in PARTS if any(part in figure.parts for figure in figures)]
+    return f"all ± are {100.0 * confidence:g} % intervals: {', '.join(ERROR_SOURCES[part] for part in parts)}"
+
+
 def figure_lines(
     figures: Sequence[QuantityWithError],
     mass: float | None = None,
     confidence: float = 0.95,
     amplitude: str = "",
 ) -> list[str]:
-    """Natural frequency, damping ratio, stiffness and equilibrium with their errors, and sources of these."""
-    known = {figure.name: figure for figure in figures}
-    ratios = [name for name in known if name.startswith(DAMPING_RATIO)]
-    remarks = {"natural frequency": _damped_frequency_text(known), "stiffness": _damping_text(known, mass)}
-    remarks |= {name: _damping_ratio_text(known[name]) for name in ratios}
-    rows = [
-        [f"  {known[name].label}", known[name].symbol, known[name].text_with_error, remarks.get(name, "")]
-        for name in ("natural frequency", *ratios, "friction", "equivalent friction", "stiffness", LEVEL)
-        if name in known
-    ]
-    if not rows:  # two wells
-        rows = [[f"  {item.name}", item.symbol, item.text_with_error, ""] for item in figures]
+    """Lines of the figures that are printed, their range of amplitudes, and the sources of their errors."""
+    rows = figure_rows(figures, mass)
     if not rows:
         return []
-    parts = [part for part in PARTS if any(part in figure.parts for figure in figures)]
-    sources = ", ".join(ERROR_SOURCES[part] for part in parts)
-    label, symbol = (max(len(row[k]) for row in rows) for k in (0, 1))
-    margin = label + symbol + 4
+    margin = sum(max(len(row[k]) for row in rows) for k in (0, 1)) + 6
     return [
-        *align_columns(rows).splitlines(),
+        *(f"  {line}" for line in align_columns(rows).splitlines()),
         *(wrap_words(amplitude, "  amplitude".ljust(margin), " " * margin) if amplitude else ()),
-        f"  all ± are {100.0 * confidence:g} % intervals: {sources}",
+        f"  {error_sources_text(figures, confidence)}",
     ]
 
 
@@ -103,11 +111,12 @@ def equation_lines(
     equation: str, parameters: Sequence[QuantityWithError], intervals: Mapping[str, tuple[float, float]]
 ) -> list[str]:
     """Equation, and parameters with their errors, or with intervals that are not about their values."""
-    values = (_parameter_text(item, intervals.get(item.name)) for item in parameters)
+    values = (parameter_text(item, intervals.get(item.name)) for item in parameters)
     return [*wrap_words(equation), *wrap_words(", ".join(value.replace(" ", _JOIN) for value in values))]
 
 
-def _parameter_text(item: QuantityWithError, interval: tuple[float, float] | None) -> str:
+def parameter_text(item: QuantityWithError, interval: tuple[float, float] | None) -> str:
+    """Name and value of a parameter with its error, or with an interval that is not about the value."""
     if interval is not None and set(item.parts) == {"fit"} and math.isfinite(item.total_error):
         low, high = interval
         if abs(low + high - 2.0 * item.value) > _SKEW * (high - low):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -69,8 +70,8 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     Returns
     -------
     RollOut
-        Motion (n,) [m], its rms error [m], that over the rms swing with its standard error, and that of
-        a piston at rest, without unit. Where the law diverges, the motion
+        Motion (n,) [m] (of a sensor its signal, in its unit), its rms error, that over the rms swing with
+        its standard error, and that of a piston at rest, without unit. Where the law diverges, the motion
         ends there (with two samples at least), both errors are infinite and ``standard_error`` is None.
 
     Raises
@@ -97,26 +98,37 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         (guess.height - guess.rest) / guess.amplitude,
         guess.velocity / unknowns.speed,
     )
+    sensor = getattr(model, "sensor", None)
+    if sensor is not None:
+        signal = sensor.signal(total.columns)
+        size = float(np.abs(signal - signal.mean()).max())
+        unknowns = dataclasses.replace(unknowns, sensor=sensor, signal=max(size, 1e-300))
+        theta = np.append(theta, np.zeros(unknowns.sensor_entry_count))
+        total = dataclasses.replace(total, height=signal)
     steps = grid_over_record(total, law.inputs, guess.period, _STEPS * law.resolution)
     grid = record_on_grid(unknowns, total, steps, model.input_interpolation)
     held = np.ones(len(theta), dtype=bool)
     held[unknowns.parameter_and_map_count : unknowns.parameter_and_map_count + 2] = False
+    held[len(held) - unknowns.sensor_entry_count :] = False
     bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
     first = max(4, int(np.searchsorted(total.time, START_PERIODS * guess.period)))
     prior = Prior(unknowns.prior, float(first))
     theta = levenberg_marquardt(grid.normal_equations(first), theta[None], prior, 1e-9, bounds)[0][0]
     residuals = grid.residuals(theta)
     lost = ~(np.abs(residuals) < BLOWN_UP)
-    height = total.height + guess.amplitude * residuals
+    unit = unknowns.residual_unit
+    height = total.height + unit * residuals
     height = np.where(np.maximum.accumulate(lost), np.nan, height)
-    error = math.inf if lost.any() else guess.amplitude * _rms(residuals)
+    error = math.inf if lost.any() else unit * _rms(residuals)
     rest = guess.rest if model.at_rest is None else model.at_rest.height
+    if sensor is not None:
+        rest = float(total.height.mean())
     swing = float(total.height.std())
     motion = _record_with_heights(record, height)
     at_rest = _rms(total.height - rest) / swing
     spread = None
     if not lost.any():
-        missed = guess.amplitude * residuals
+        missed = unit * residuals
         swings = find_whole_swings(total.time, total.height, count_samples_in_motion(total))
         spread = error_on_swings(missed, total.height - rest, swings, swing).standard_error
     return RollOut(motion, error, error / swing, at_rest, spread)

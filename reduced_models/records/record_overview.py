@@ -74,17 +74,18 @@ class RecordOverview:
             "until": float(record.time[-1]),
             "rate": self.rate,
             "gaps": self.gaps,
-            "least": float(record.height.min()),
-            "greatest": float(record.height.max()),
-            "unit": record.units["height"],
+            "least": float(record.signal.min()),
+            "greatest": float(record.signal.max()),
+            "unit": record.signal_unit,
             "noise": self.noise,
             "level": self.level,
             "useful": self.useful,
         }
 
     def __str__(self) -> str:
-        record, unit = self.record, self.record.units["height"]
-        low, high = record.height.min(), record.height.max()
+        record, unit = self.record, self.record.signal_unit
+        low, high = record.signal.min(), record.signal.max()
+        quantity = "coordinate" if record.measured in ("height", "force") else record.measured
         lines = [f"read as {self.meaning.form}"]
         for role, name in self.meaning.source.items():
             lines.append(
@@ -98,7 +99,7 @@ class RecordOverview:
         lines += [
             f"{len(record)} samples from {start:.4g} to {stop:.4g} s, {self.rate:.4g} a second"
             + (f", {self.gaps} gaps" if self.gaps else ""),
-            f"coordinate from {low:.5g} to {high:.5g} {unit}, noise {self.noise:.2g} {unit}"
+            f"{quantity} from {low:.5g} to {high:.5g} {unit}, noise {self.noise:.2g} {unit}"
             + (f"; the sensor rounds to {self.level:.2g} {unit}" if self.level else ""),
             f"the motion is above its noise until {self.useful:.4g} s",
         ]
@@ -122,14 +123,14 @@ def overview_of_record_file(path: str | Path, options: ReadOptions | None = None
         meaning = dataclasses.replace(meaning, notes=notes)
     steps = np.diff(record.time)
     usual = float(np.median(steps))
-    noise = noise_level(record.height, record.time) if len(record) > 8 else 0.0
+    noise = noise_level(record.signal, record.time) if len(record) > 8 else 0.0
     return RecordOverview(
         record,
         meaning,
         1.0 / usual,
         int((steps > GAP * usual).sum()),
         float(noise),
-        _quantization_step(record.height),
+        _quantization_step(record.signal),
         end_time_of_motion(record),
     )
 
@@ -149,10 +150,11 @@ def _quantization_step(height: np.ndarray) -> float | None:
 
 def _motion_in_characters(record: PistonRecord) -> list[str]:
     """Motion in characters, for a terminal."""
-    extent = float(np.ptp(record.height)) or 1.0
+    signal = record.signal
+    extent = float(np.ptp(signal)) or 1.0
     position = (record.time - record.time[0]) / (record.time[-1] - record.time[0])
     columns = np.minimum((position * _WIDTH).astype(int), _WIDTH - 1)
-    rows = ((record.height - record.height.min()) / extent * (_ROWS - 1)).round().astype(int)
+    rows = ((signal - signal.min()) / extent * (_ROWS - 1)).round().astype(int)
     counts = np.zeros((_ROWS, _WIDTH), dtype=int)
     np.add.at(counts, (rows, columns), 1)
     return ["".join("*" if count else " " for count in row).rstrip() for row in counts[::-1]]
@@ -164,8 +166,8 @@ def plot_overview(overview: RecordOverview) -> Figure:
 
     with figure(width=7.0, height=3.0) as (drawing, axes):
         record = overview.record
-        axes.plot(record.time, record.height, color=COLOURS[0], linewidth=1)
+        axes.plot(record.time, record.signal, color=COLOURS[0], linewidth=1)
         axes.axvline(overview.useful, color=GREY, linestyle=":")
-        axes.set(xlabel="time [s]", ylabel=f"coordinate [{record.units['height']}]")
+        axes.set(xlabel="time [s]", ylabel=f"{record.measured} [{record.signal_unit}]")
         axes.set_title("dotted: from there on the motion is within its noise", fontsize=9)
         return drawing

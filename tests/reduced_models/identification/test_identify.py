@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
+import math
 import os
 import re
 import subprocess
@@ -21,8 +23,9 @@ from granular.run.time_steps import halve_time_step, parse_time_step
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.studies.cases import Case
-from reduced_models import identify, load_model
+from reduced_models import compare, discover, identify, load_model
 from reduced_models.identification import scene_checks
+from reduced_models.identification.pictures import _break_at_gaps
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import RECORD, choose_step_check
 
@@ -396,3 +399,95 @@ def test_second_start_compiles_nothing(lab: Path, tmp_path: Path) -> None:
     assert requests > 5
     assert hits == 0
     assert again == (requests, requests)
+
+
+@pytest.fixture(scope="module")
+def accelerated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Acceleration of a linear decay, 3.4697 Hz and 3.667 % of critical, in units of gravity."""
+    time = np.linspace(0.0, 4.0, 2000)
+    lam, omega = 0.8, 21.8
+    swing = 1.2e-3 * np.exp((-lam + 1j * omega) * time)
+    acceleration = np.real((-lam + 1j * omega) ** 2 * swing) / 9.80665
+    acceleration += np.random.default_rng(1).normal(0.0, 2e-4, len(time))
+    path = tmp_path_factory.mktemp("accelerated") / "acc.csv"
+    rows = "\n".join(f"{t:.6f},{a:.7f}" for t, a in zip(time, acceleration, strict=True))
+    path.write_text(f"time [s],acceleration [g]\n{rows}\n")
+    return path
+
+
+AS_ACCELERATION = ("--columns", "acceleration=acceleration")
+
+
+def test_an_acceleration_is_looked_at_in_its_unit(accelerated: Path, command: Callable) -> None:
+    done = command("reduced_models", "look", str(accelerated), *AS_ACCELERATION)
+    assert re.search(r"^acceleration from -?0\.\d+ to 0\.\d+ m/s\^2, noise 0\.0\d+ m/s\^2", done.stdout, re.M)
+    done = command("reduced_models", "look", str(accelerated), *AS_ACCELERATION, "--json")
+    assert json.loads(done.stdout)["unit"] == "m/s^2"
+
+
+def test_an_acceleration_is_identified(accelerated: Path, command: Callable, tmp_path: Path) -> None:
+    """Figures, held-out cycles, amplitudes and pictures are of the acceleration itself."""
+    words = (*AS_ACCELERATION, "--law", "linear", "--starts", "1", "-o", str(tmp_path))
+    done = command("reduced_models", "identify", str(accelerated), *words, "--quiet")
+    assert done.returncode == 0, done.stderr
+    natural = math.hypot(0.8, 21.8)
+    assert float(re.search(r"f0 +([\d.]+) ±", done.stdout)[1]) == pytest.approx(natural / math.tau, rel=1e-3)
+    assert float(re.search(r"zeta +([\d.]+) ±", done.stdout)[1]) == pytest.approx(80 / natural, rel=0.02)
+    assert "of rms acceleration" in done.stdout
+    assert re.search(r"amplitude .* m/s²: frequency constant", done.stdout)
+    assert "equilibrium" not in done.stdout
+    page = (tmp_path / "report.html").read_text()
+    digest = hashlib.sha256(accelerated.read_bytes()).hexdigest()
+    for words in (
+        digest,
+        "acc.csv",
+        f"identify {accelerated}",
+        "acceleration [m/s²]",
+        "there is no position",
+    ):
+        assert words in page or words.capitalize() in page
+    assert page.index("<math") < page.index("<h2>")  # on the first screen
+
+
+def test_an_acceleration_is_compared_and_predicted(accelerated: Path) -> None:
+    record = PistonRecord.from_file(accelerated, columns={"acceleration": "acceleration"})
+    table = compare(record, ["linear", "coulomb"], test_records=[record], starts=1)
+    assert [row.name for row in table.rows] == ["linear", "coulomb"]
+    noise = 9.80665 * 2e-4 / record.signal.std()
+    assert table.rows[0].records[0].relative == pytest.approx(noise, rel=0.05)
+    assert table.rows[0].stretches[0] == pytest.approx(noise, rel=0.1)
+
+
+@pytest.mark.parametrize("measured", ["acceleration", "velocity"])
+def test_a_law_is_discovered_in_what_was_measured(accelerated: Path, measured: str) -> None:
+    given = PistonRecord.from_file(accelerated, columns={"acceleration": "acceleration"})
+    record = PistonRecord.from_columns({"time": given.time, measured: given.signal})
+    found = discover(record, "sindy", library="physical", polish=1, degree=1)
+    assert found.model.law.equation == "z'' = c0*z' + c1*z"
+    assert found.model.parameters["c1"] == pytest.approx(-(0.8**2 + 21.8**2), rel=1e-3)
+    assert found.model.parameters["c0"] == pytest.approx(-1.6, rel=0.02)
+    assert any(f"from the integrated {measured}" in note for note in found.notes)
+
+
+def test_a_force_that_discovery_does_not_use_is_named() -> None:
+    time = np.linspace(0.0, 2.0, 2000)
+    swing = 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time)
+    record = PistonRecord(time, swing, force=np.sin(5.0 * time))
+    found = discover(record, "sindy", library="physical", polish=0, degree=1)
+    assert "columns that were not used as an input: force; input=NAME (--input NAME) takes one" in str(found)
+
+
+def test_one_line_while_checks_run_has_no_uncertain_digit(spring: tuple[Identification, Path]) -> None:
+    words = spring[0].line_before_checks
+    assert words.endswith("; uncertainties follow")
+    assert "±" not in words
+    assert all(len(number.replace(".", "").lstrip("0")) <= 3 for number in re.findall(r"\d[\d.]*", words))
+
+
+def test_missing_samples_are_gaps_in_pictures() -> None:
+    time = np.arange(20.0)
+    kept = (time < 5) | (time > 9)
+    shown, values = _break_at_gaps(time[kept], time[kept])
+    assert np.flatnonzero(np.isnan(shown)).tolist() == [5]
+    assert np.isnan(values[5])
+    assert not np.isnan(_break_at_gaps(time, time)[0]).any()
