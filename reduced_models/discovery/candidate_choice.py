@@ -33,6 +33,8 @@ def polish_and_choose_candidate(
     scorer: EquationScorer,
     others: Sequence[CandidateEquation] = (),
     seed: int | None = None,
+    *,
+    integrated: bool = False,
 ) -> tuple[list[CandidateEquation], int]:
     """Fit the best candidates, and with a seed those that halves prefer; choose the simplest sound one."""
     # Of those that could be fitted, the one with the fewest numbers to which no other is strongly preferred:
@@ -41,7 +43,9 @@ def polish_and_choose_candidate(
     near = [candidate_ for candidate_ in order if candidate_.criterion <= order[0].criterion + _HOPELESS][
         :count
     ]
-    if count and seed is not None:
+    if integrated:  # their noise is not known, so the simplest ones of the front are fitted
+        near = pareto_front(list(candidates))[: count + 1] if count else []
+    elif count and seed is not None:
         near += [item for item in _preferred_by_halves(order, scorer, seed) if item not in near]
     done = [polish(candidate_) for candidate_ in near]
     if count and not any(candidate_.models for candidate_ in done):

@@ -225,6 +225,7 @@ def discover(
             proposed.scorer,
             proposed.others,
             None if remembers else seed,
+            integrated=records[0].measured in ("velocity", "acceleration"),
         )
         said = notes_on_candidate(front[chosen], proposed.scorer)
         if target == "force" and polish:
