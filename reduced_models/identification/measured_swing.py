@@ -121,7 +121,7 @@ class MeasuredSwing:
         if self.amplitudes[0] < _NARROW * self.amplitudes[-1]:
             return ""
         words: list[str] = []
-        limits = ((_FREQUENCY, "frequency"), (_DAMPING, "damping"))
+        limits = ((_FREQUENCY, "frequency"), (_DAMPING, "zeta"))
         for k, (limit, name) in enumerate(limits):
             shown = [self.quantities_at(index)[k] for index in range(len(self.amplitudes))]
             values = [item.value for item in shown]
@@ -132,9 +132,9 @@ class MeasuredSwing:
                 words.append(f"{name} {constant}to {_round_up_bound(100.0 * spread):g} %")
             else:
                 words.append(f"{name} {least.value:.3g} to {most.value:.3g} {most.unit}")
-        how = "from peaks" if self.record.method == "envelope" else "from the restoring force"
+        how = "from peaks alone" if self.record.method == "envelope" else "from the restoring force"
         ends = f"{self.units.scale * self.amplitudes[-1]:.2g} to {self.amplitude_text(0)}"
-        return f"{ends}: {', '.join(words)} (model-free, {how})"
+        return f"{ends}: {', '.join(words)} ({how})"
 
     @property
     def summary_text(self) -> str:
