@@ -178,12 +178,12 @@ _SHOWING = ("report.py", "text_tables.py", "html_pages.py", "plotting.py", "publ
 """Files that only show what was measured, or on which no section depends."""
 
 
-@cache
 def scene_key(scene: Scene) -> dict[str, Any]:
     """Part of a task's key that tells a scene from others, and a user's functions in it from edited ones."""
     return {"scene": scene.digest(), "own": custom_code_digests(scene)}
 
 
+@cache
 def source_digest() -> str:
     """Digest (SHA-256) of all code that a figure of the report may depend on."""
     import granular

@@ -125,7 +125,7 @@ class Excitation(Section):
             if given and field.name not in (*own, *_AMPLITUDES, "kind", "start"):
                 raise FieldError(
                     f"has no meaning for {quote(self.kind)}, which has {', '.join(own)} and start; "
-                    "leave it away",
+                    "leave it out",
                     field.name,
                 )
 

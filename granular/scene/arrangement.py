@@ -61,7 +61,7 @@ class Arrangement(Section):
                 )
         for name, usual in GRID.items():
             if self.positions is not None and getattr(self, name) != usual:
-                instead = "give velocities" if name == "speed" else "leave it away"
+                instead = "give velocities" if name == "speed" else "leave it out"
                 raise FieldError(f"is of the grid, and positions are given; {instead}", name)
 
 
@@ -102,7 +102,7 @@ def _grid_positions(
     periodic = cell.periods is not None
     height = cell.height if periodic else plan.height
     if periodic and plan.height is not None:
-        raise SceneError("arrangement.height: a periodic cell is filled; leave it away")
+        raise SceneError("arrangement.height: a periodic cell is filled; leave it out")
     if height is None:
         if piston is None:
             raise SceneError("arrangement.height: must be given where there is no piston")

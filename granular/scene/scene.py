@@ -269,11 +269,11 @@ class Scene(Section):
         if shorter_period is None:
             return
         if self.piston is not None:
-            raise FieldError("a cell with periodic sides has none; leave it away", "piston")
+            raise FieldError("a cell with periodic sides has none; leave it out", "piston")
         for effect in self.effects.acting:
             if not effect.periodic:
                 raise FieldError(
-                    "cannot act in a cell with periodic sides; leave it away, or take cell.sides = 'closed'",
+                    "cannot act in a cell with periodic sides; leave it out, or take cell.sides = 'closed'",
                     "effects",
                     effect.key,
                 )

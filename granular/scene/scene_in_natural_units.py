@@ -230,7 +230,7 @@ def _far_field_interval(scene: Scene, method: Method | None) -> int | None:
         why, other = f"{method.name!r} cannot", " or 'stormer-verlet'"
         if hosted and method.allows_far_field_impulses:
             why, other = "a host moves by the whole force on its cell", ""
-        raise InputError(f"pairs.far_every = {wanted}: {why}; leave it away, or take 1{other}")
+        raise InputError(f"pairs.far_every = {wanted}: {why}; leave it out, or take 1{other}")
     if rubs or not able:
         return None
     if wanted is None:

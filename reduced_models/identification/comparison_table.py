@@ -216,19 +216,6 @@ class Comparison:
         cycles = format_percent(root_mean_square(row.stretches)) if row.stretches else "-"
         return [cycles, *(format_percent(record.relative) for record in row.records)]
 
-    @property
-    def table_text(self) -> str:
-        """Text of the table, `header` and `cells` in aligned columns, without the verdict."""
-        rows = [self.header, *self.cells()]
-        sound = [row for row in rows if row[-1]]
-        widths = [max(len(row[k]) for row in sound) for k in range(len(self.header))]
-        widths[0] = max(len(row[0]) for row in rows)
-        lines = [
-            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-            for row in rows
-        ]
-        return "\n".join(lines)
-
     def law_lines(
         self, records: Sequence[str] = (), most: int | None = None, *, criteria: bool = False
     ) -> list[str]:

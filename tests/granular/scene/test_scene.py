@@ -194,9 +194,9 @@ PLACES = {"grains.count": 2, "arrangement.positions": [[0.1, 0.05], [0.2, 0.05]]
     ("name", "value", "remedy"),
     [
         ("speed", 0.1, "give velocities"),
-        ("jitter", 0.15, "leave it away"),
-        ("height", 0.1, "leave it away"),
-        ("seed", 2, "leave it away"),
+        ("jitter", 0.15, "leave it out"),
+        ("height", 0.1, "leave it out"),
+        ("seed", 2, "leave it out"),
     ],
 )
 def test_what_is_said_of_the_grid_beside_positions_is_told(
