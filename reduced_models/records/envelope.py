@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Envelope", "envelope"]
 
-_SURE = 2.0  # standard deviations
+_CONFIDENCE = 0.975  # quantile of a half-width of 95 %
 LEAST_EXTREMES = 5
-_FEWEST_ROWS = 8  # cycles, half a period apart, from which on an amplitude is said not to fall
+_FEWEST_ROWS = 10  # cycles, half a period apart, from which on an amplitude is said not to fall
 _RISES, _FALLS = 1.3, 0.8
 """Amplitude over the smallest one before it that is a rise, and over the largest one that is a fall."""
 _NOISES, _FRACTION = 5.0, 0.2
@@ -53,12 +53,13 @@ class PeakDamping:
     mean: float
     low: float  # of the whole record and of its halves
     high: float
-    noise: float  # largest error of the mean by the record's noise
+    noise: float  # error of the mean by the record's noise
+    largest_noise: float  # of the mean and of those of the halves
 
     def contradicts(self, ratio: float) -> bool:
         """Return whether a damping ratio is far from those of the peaks."""
-        low = min(0.5 * self.low, 2.0 * self.low) - self.noise
-        high = max(0.5 * self.high, 2.0 * self.high) + self.noise
+        low = min(0.5 * self.low, 2.0 * self.low) - self.largest_noise
+        high = max(0.5 * self.high, 2.0 * self.high) + self.largest_noise
         return not low <= ratio <= high
 
 
@@ -97,19 +98,21 @@ class Envelope:
         parts = (slice(None), slice(half + 1), slice(half, None))
         (total, error), *halves = (self._logarithmic_slope(part) for part in parts)
         ratios = [ratio for ratio, _ in halves]
-        return PeakDamping(
-            total, min(total, *ratios), max(total, *ratios), max(error, *(error for _, error in halves))
-        )
+        largest = max(error, *(error for _, error in halves))
+        return PeakDamping(total, min(total, *ratios), max(total, *ratios), error, largest)
 
     def _logarithmic_slope(self, part: slice) -> tuple[float, float]:
-        """Fall of the logarithm of the amplitude [1/rad], and two standard deviations by its scatter."""
+        """Fall of the logarithm of the amplitude [1/rad], and half of its 95 % interval by the scatter."""
+        from scipy.stats import t
+
         phase, size = self.phase[part], self.amplitude[part]
         basis = np.stack([size, size * phase], axis=1)  # logarithms scatter by one over the amplitude
         slope = float(np.linalg.lstsq(basis, size * np.log(size), rcond=None)[0][1])
         # successive cycles share two of three extremes
         freedom = max(1.0, 0.5 * len(size) - 2.0)
         variance = residual_square(basis, size * np.log(size)) / freedom
-        return -slope, _SURE * math.sqrt(variance * float(np.linalg.pinv(basis.T @ basis)[1, 1]))
+        sure = float(t.ppf(_CONFIDENCE, freedom))
+        return -slope, sure * math.sqrt(variance * float(np.linalg.pinv(basis.T @ basis)[1, 1]))
 
     @property
     def damping_ratio(self) -> np.ndarray:

@@ -21,7 +21,7 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordWarning
-from reduced_models.records.derivatives import noise_level
+from reduced_models.records.derivatives import noise_level, spectral_peak_frequency
 from reduced_models.records.first_guesses import LEAST_SAMPLES
 
 # Levels of the growth, over the largest displacement (a full stroke): lowest, ratio, highest. A cosine
@@ -45,6 +45,9 @@ _CHANGED, _ACTS = 0.1, 0.25
 """Shares of a further column's range: a change at the release, and one that drives a motion."""
 _LASTS = 0.1
 """Part of a record in which a column that drives it is away from its middle."""
+_HUM, _SLOW = 5.0, 0.01
+"""Times the motion's frequency, and fraction of a column's power below that, with less of which it hums. A
+drive at 2 (parametric) or 3 times (superharmonic) the motion's frequency still is one."""
 _DRIVES = ("force", "base", "drive", "input")
 """Words in names of columns that may drive a motion; others, as a temperature, may drift in a hold."""
 
@@ -230,12 +233,28 @@ def active_inputs(record: PistonRecord) -> list[str]:
         away = np.abs(values - np.median(values))
         if not any(word in name.lower() for word in _DRIVES) or not away.any():
             continue
-        acts = away > max(_CHANGED * float(away.max()), _SIGMAS * noise_level(values, record.time))
+        # The largest of n samples of noise is near sqrt(2 ln n) standard deviations, and beyond one more in
+        # fewer than 1 of 100 records.
+        largest = (1.0 + math.sqrt(2.0 * math.log(len(values)))) * noise_level(values, record.time)
+        acts = away > max(_CHANGED * float(away.max()), largest)
         # pulses act in few samples, and drive from the first of them to the last
         between = np.flatnonzero(acts)
-        if len(between) and between[-1] - between[0] > _LASTS * len(values):
+        lasts = len(between) > 0 and between[-1] - between[0] > _LASTS * len(values)
+        if lasts and not _is_hum(record.time, values, record.height):
             names.append(name)
     return names
+
+
+def _is_hum(time: np.ndarray, values: np.ndarray, height: np.ndarray) -> bool:
+    """Return whether a column holds, but for noise, only what is much faster than the motion."""
+    count, duration = len(time), float(time[-1] - time[0])
+    even = np.interp(np.linspace(time[0], time[-1], count), time, values / np.abs(values).max())
+    window = np.hanning(count)
+    power = np.abs(np.fft.rfft((even - even.mean()) * window)) ** 2
+    frequency = spectral_peak_frequency(time, height - height.mean()) / math.tau
+    slow = power[: math.ceil(_HUM * frequency * duration)]
+    white = (noise_level(values, time) / np.abs(values).max()) ** 2 * float((window**2).sum())
+    return bool(slow.sum() < _SLOW * power.sum() + 2.0 * white * len(slow))
 
 
 def _input_acts_before_release(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:

@@ -58,3 +58,13 @@ def test_noise_alone_and_too_few_swings_are_refused() -> None:
     for height in (noisy(np.zeros(len(TIME)), 1.0).height, np.cos(0.1 * TIME)):
         with pytest.raises(RecordError, match="extremes"):
             envelope(PistonRecord(TIME, height))
+
+
+def test_few_cycles_tell_little_of_the_damping() -> None:
+    """A ratio four times too large is contradicted by forty rows, and not by three (Student's quantile)."""
+    for cycles, sure in ((3.1, False), (20.0, True)):
+        time = np.linspace(0.0, cycles, int(60 * cycles))
+        swing = np.exp(-0.01 * np.pi * time) * np.cos(2.0 * np.pi * time)
+        random = np.random.default_rng(0)
+        seen = envelope(PistonRecord(time, 1e-3 * (swing + random.normal(0.0, 0.03, len(time)))))
+        assert seen.peak_damping.contradicts(0.02) == sure

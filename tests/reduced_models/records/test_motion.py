@@ -17,6 +17,7 @@ from granular.readers.read_options import ALL, ReadOptions
 from granular.shared.errors import RecordError
 from reduced_models import PistonRecord, fit, read_releases
 from reduced_models.records.free_motion import find_free_motion, find_free_motions
+from reduced_models.records.release import active_inputs
 
 RATE, FREQUENCY, DAMPING = 500.0, 4.1, 0.05
 OMEGA = 2.0 * np.pi * FREQUENCY
@@ -279,6 +280,20 @@ def test_a_driven_record_stays_whole(name: str, damping: float) -> None:
             warnings.simplefilter("ignore")
             assert find_free_motion(record, 1).time[-1] < 3.4  # where the user says so
             assert len(find_free_motions(record)) == 3
+
+
+@pytest.mark.parametrize("hum", [0.0, 2.0])
+@pytest.mark.parametrize("count", [2000, 60_000])
+def test_an_idle_force_column_is_no_drive(count: int, hum: float) -> None:
+    """Its noise has rare large samples, and its hum is much faster than the motion."""
+    time = np.linspace(0.0, 60.0, count)
+    height = 1e-3 * np.exp(-0.05 * time) * np.cos(4.0 * np.pi * time)
+    for seed in range(5):
+        noise = np.random.default_rng(seed).normal(size=count)
+        idle = noise + hum * np.sin(2.0 * np.pi * 13.0 * time)
+        assert not active_inputs(PistonRecord(time, height, force=idle))
+        pushed = idle + 12.0 * (np.sin(2.0 * time) > 0.9)
+        assert active_inputs(PistonRecord(time, height, force=pushed)) == ["force"]
 
 
 @pytest.mark.parametrize("kind", ["white", "averaged", "resonant", "low-pass", "first order"])
