@@ -53,13 +53,12 @@ class PeakDamping:
     mean: float
     low: float  # of the whole record and of its halves
     high: float
-    noise: float  # error of the mean by the record's noise
-    largest_noise: float  # of the mean and of those of the halves
+    noise: float  # largest error of the mean by the record's noise
 
     def contradicts(self, ratio: float) -> bool:
         """Return whether a damping ratio is far from those of the peaks."""
-        low = min(0.5 * self.low, 2.0 * self.low) - self.largest_noise
-        high = max(0.5 * self.high, 2.0 * self.high) + self.largest_noise
+        low = min(0.5 * self.low, 2.0 * self.low) - self.noise
+        high = max(0.5 * self.high, 2.0 * self.high) + self.noise
         return not low <= ratio <= high
 
 
@@ -99,7 +98,7 @@ class Envelope:
         (total, error), *halves = (self._logarithmic_slope(part) for part in parts)
         ratios = [ratio for ratio, _ in halves]
         largest = max(error, *(error for _, error in halves))
-        return PeakDamping(total, min(total, *ratios), max(total, *ratios), error, largest)
+        return PeakDamping(total, min(total, *ratios), max(total, *ratios), largest)
 
     def _logarithmic_slope(self, part: slice) -> tuple[float, float]:
         """Fall of the logarithm of the amplitude [1/rad], and half of its 95 % interval by the scatter."""
@@ -425,10 +424,10 @@ def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ..
             f"the amplitude falls to {fallen:.2g} of its first value and rises again to {risen:.2g}: "
             "two modes? Filter one of them out, or fit what follows once one has died away (--between T:T)",
         )
-    peaks = cycles.peak_damping
-    if peaks.mean > peaks.noise or damping_is_known:
+    damping, error = cycles._logarithmic_slope(slice(None))
+    if damping > error or damping_is_known:
         return ()
-    grows = peaks.mean < -peaks.noise
+    grows = damping < -error
     return (
         f"the amplitude {'grows' if grows else 'does not fall'} from {cycles.time[0]:.4g} to "
         f"{cycles.time[-1]:.4g} s: driven? Then frequency and damping ratio are not the oscillator's own; "
