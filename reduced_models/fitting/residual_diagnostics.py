@@ -204,8 +204,27 @@ def gradient_covariance(
     pulled = lfilter([1.0], noise.whitening_filter, slopes[::-1], axis=0)[::-1]
     order = len(noise.weights)
     variance = noise.variance * _growth_with_speed(new, order, speed)
-    variance[:order] = new[:order] ** 2  # what was there before, as the phase of hum
-    return np.asarray((pulled * variance[:, None]).T @ pulled)
+    variance[:order] = 0.0
+    started = _covariance_by_start(pulled, residuals, noise)
+    return np.asarray((pulled * variance[:, None]).T @ pulled) + started
+
+
+def _covariance_by_start(
+    pulled: Float[np.ndarray, "n p"], residuals: Float[np.ndarray, "n"], noise: Autoregression
+) -> Float[np.ndarray, "p p"]:
+    """Covariance of a gradient by the residuals before the first, as by the phase of hum."""
+    # The first innovations hold the state that the residuals start from. Their autocovariance by the record
+    # itself, not by the weights, is finite also for a sharp line, whose poles are on the unit circle.
+    from scipy.linalg import toeplitz
+
+    order = len(noise.weights)
+    if not order:
+        return np.zeros((pulled.shape[1],) * 2)
+    count = len(residuals)
+    lags = np.array([residuals[: count - k] @ residuals[k:] for k in range(order)]) / count
+    whitening = np.tril(toeplitz(noise.whitening_filter[:order]))
+    start = whitening.T @ pulled[:order]
+    return np.asarray(start.T @ toeplitz(lags) @ start)
 
 
 def _growth_with_speed(new: np.ndarray, order: int, speed: np.ndarray | None) -> np.ndarray:
