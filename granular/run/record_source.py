@@ -49,5 +49,6 @@ def source_of_scene(scene: Scene, stage: str | None) -> RecordSource:
     what = "the whole run" if stage is None else f"stage {stage!r}"
     if isinstance(before, Lift):
         what = f"free decay after a {1e3 * before.by:.3g} mm lift"
-    mass = "" if scene.piston is None else f"piston {scene.piston.mass:.4g} kg, "
-    return RecordSource(scene.name, scene=f"{scene.grains.count} magnets, {mass}{what}")
+    mass = None if scene.piston is None else scene.piston.mass  # a driven piston may have none
+    piston = "" if mass is None else f"piston {mass:.4g} kg, "
+    return RecordSource(scene.name, scene=f"{scene.grains.count} magnets, {piston}{what}")

@@ -12,6 +12,7 @@ import pytest
 import sympy
 
 from granular import PistonRecord
+from granular.shared import progress_bars
 from granular.shared.errors import InputError, RecordError
 from reduced_models import HeightMap, discover
 from reduced_models.discovery.discover import Method
@@ -407,7 +408,10 @@ def test_bad_records_are_refused() -> None:
             discover(record)
 
 
-def test_a_line_shows_what_is_done(coarse_duffing: PistonRecord, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_line_shows_what_is_done(
+    coarse_duffing: PistonRecord, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(progress_bars, "LINES_EVERY", 0.0)  # a log has a line a minute
     discover(coarse_duffing, "sindy", degree=1, polish=0, progress=True)
     shown = capsys.readouterr().err
     for words in ("discover: libraries", "sparse sums of terms", "done"):

@@ -14,7 +14,7 @@ from granular import PistonRecord
 from reduced_models import ReducedModel, fit
 from reduced_models.identification.elliptic_averaging import elliptic_motion_text, solve_elliptic_motion
 from reduced_models.identification.wells import well_quantities
-from reduced_models.models.at_rest import swing_sentences
+from reduced_models.models.printout import figure_lines
 
 TIME = np.linspace(0.0, 30.0, 1500)
 AMPLITUDE, RATE, M = 1.2, 1.1, 0.6
@@ -52,8 +52,10 @@ def test_the_wells_and_their_frequencies(law: str) -> None:
         error = found[name].total_error
         assert abs(found[name].value - value) < 2.0 * error
         assert error < 0.01 * abs(value)
-    words = swing_sentences(tuple(found.values()), "The motion", None)
-    assert words.startswith("The motion goes over two wells: lower well -4")
+    lines = figure_lines(tuple(found.values()))
+    assert lines[0].split()[:2] == ["lower", "well"]
+    assert "-48" in lines[0]
+    assert len(lines) == len(truth) + 1
 
 
 def test_a_motion_in_one_well_or_with_one_equilibrium_has_no_two() -> None:

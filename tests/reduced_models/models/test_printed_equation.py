@@ -171,9 +171,8 @@ def test_a_law_with_memory_by_its_printed_parameters(name: str, made: Any) -> No
 def assert_memory_as_printed(model: ReducedModel) -> None:
     """The small swing of a law with hidden states, and their rates, are those of what is printed."""
     law = model.law
-    values = {
-        key: float(value) for key, value in re.findall(rf"^  (\w+) = {NUMBER} ", str(model), re.MULTILINE)
-    }
+    found = {key: re.search(rf"\b{key} {NUMBER} ", str(model)) for key in law.parameters}
+    values = {key: float(match[1]) for key, match in found.items() if match is not None}
     rest = model.at_rest
     assert rest is not None
     swing = small_swing(law, [values[key] for key in law.parameters], model.map.to_law(rest.height))
