@@ -64,6 +64,8 @@ class PistonRecord:
         without what is slow, for first guesses. ``"force"`` where the height is a prescribed stroke.
     source : RecordSource or None
         File (with its digest and calibration) or scene that it comes from, and notes on its samples.
+    complete : bool
+        Whether fits keep clipped samples and spikes too; True of a file read with ``between``.
 
     Raises
     ------
@@ -87,6 +89,7 @@ class PistonRecord:
     deviations: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     measured: str = "height"
     source: RecordSource | None = None
+    complete: bool = False
 
     def __post_init__(self) -> None:
         for name in UNITS:
@@ -518,16 +521,14 @@ class PistonRecord:
         IndexError
             If the record has no such samples.
         """
-        return PistonRecord(
-            self.time[samples],
-            self.height[samples],
-            None if self.velocity is None else self.velocity[samples],
-            None if self.force is None else self.force[samples],
-            {key: values[samples] for key, values in self.extra.items()},
-            self.angle,
-            {key: values[:, samples] for key, values in self.deviations.items()},
-            self.measured,
-            self.source,
+        return dataclasses.replace(
+            self,
+            time=self.time[samples],
+            height=self.height[samples],
+            velocity=None if self.velocity is None else self.velocity[samples],
+            force=None if self.force is None else self.force[samples],
+            extra={key: values[samples] for key, values in self.extra.items()},
+            deviations={key: values[:, samples] for key, values in self.deviations.items()},
         )
 
     def first(self, count: int) -> PistonRecord:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class RecordSource:
     """File or scene behind a record, and notes on what was guessed, cut or repaired."""
 
-    name: str
+    name: str  # empty if the record was made of arrays
     scene: str = ""
     digest: str = ""
     calibration: str = ""

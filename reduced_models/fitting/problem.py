@@ -16,12 +16,11 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.residuals import Loss, LossName
 from reduced_models.records.derivatives import noise_level
-from reduced_models.records.first_guesses import LEAST_SAMPLES, FirstGuesses, first_guesses
+from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.held_out_swings import choose_test_swings
 from reduced_models.records.inputs import Interpolation
-from reduced_models.records.release import has_active_input
 from reduced_models.records.sensor import Sensor
-from reduced_models.records.sensor_artefacts import clipped_sample_mask, count_samples_in_motion
+from reduced_models.records.sensor_artefacts import count_samples_in_motion, without_clipped_samples
 from reduced_models.records.sources import read_record
 
 if TYPE_CHECKING:
@@ -133,11 +132,11 @@ def split_training_data(
         total = dataclasses.replace(
             total, height=sensor.signal(columns), deviations=sensor.signal_deviations(total.deviations)
         )
-    if not has_active_input(record):  # what is driven may be held at a level again and again
-        seen = ~clipped_sample_mask(total, "")
-        if not seen.all() and seen.sum() >= LEAST_SAMPLES:
-            total, motion = (entry.select(seen).with_time_from_zero() for entry in (total, motion))
-            weights = None if weights is None else weights[seen]
+    sound = without_clipped_samples(total)
+    if sound is not total:
+        seen = np.isin(total.time, sound.time)
+        total, motion = (entry.with_time_from_zero() for entry in (sound, motion.select(seen)))
+        weights = None if weights is None else weights[seen]
     moving = count_samples_in_motion(total) if test_fraction > 0.0 else len(total)
     stop = float(total.time[moving - 1]) * (1.0 - test_fraction)
     # Two samples make a record; what is too short to fit is reported by its first guesses.

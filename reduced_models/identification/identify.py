@@ -13,8 +13,10 @@ from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
+
 from granular.run.piston_record import PandasOrXarray, PistonRecord
-from granular.shared.errors import CautionWarning, GranularError, InputError, TimeBudgetError
+from granular.shared.errors import CautionWarning, GranularError, InputError, RecordWarning, TimeBudgetError
 from granular.shared.message_text import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_fit_options
 from reduced_models.fitting.problem import record_from_table, refuse_prescribed_strokes
@@ -47,7 +49,7 @@ from reduced_models.least_squares.levenberg_marquardt import spent_budget_text, 
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.models.quantities import QuantityWithError
-from reduced_models.records.sensor_artefacts import without_clipped_samples, without_spikes
+from reduced_models.records.sensor_artefacts import keep_text, spike_mask, with_note, without_clipped_samples
 from reduced_models.records.sources import (
     METHOD,
     STEP,
@@ -341,12 +343,31 @@ def _measured_swing(record: PistonRecord, model: ReducedModel) -> tuple[Measured
 def _compare_without_spikes(
     record: PistonRecord, run: Trajectory | None, laws: Sequence[Any], starts: int
 ) -> tuple[PistonRecord, Comparison]:
-    """Comparison of laws, again without the samples of a record that stand off the best one."""
+    """Comparison of laws, again without the spikes of a record if that can be finished within the budget."""
     comparison = compare(record, laws, starts=starts)
     if run is not None:
         return record, comparison
-    sound = without_spikes(record, comparison.best.simulate_record(record).height)
-    return sound, comparison if sound is record else compare(sound, laws, starts=starts)
+    spikes = spike_mask(record, comparison.best.simulate_record(record).height)
+    if not spikes.any():
+        return record, comparison
+    words = (
+        f"single samples that stand far off the fitted motion (spikes: {int(spikes.sum())}, the first at "
+        f"{record.time[np.argmax(spikes)]:.4g} s)"
+    )
+    sound = with_note(record.select(~spikes), f"{words} are left out; {keep_text(record)}")
+    done = {row.name for row in comparison.rows if row.models}
+    try:
+        second = compare(sound, laws, starts=starts)
+        complete = done <= {row.name for row in second.rows if row.models}
+    except InputError:  # no law, as the budget is spent
+        complete = False
+    if not complete:
+        second = comparison
+        reason = "not all laws could be fitted without them within the budget; raise --budget"
+        sound = with_note(record, f"{words} stay: {reason}")
+    assert sound.source is not None
+    warnings.warn(sound.source.notes[-1], RecordWarning, stacklevel=4)
+    return sound, second
 
 
 def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> None:

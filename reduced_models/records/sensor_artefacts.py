@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import warnings
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
+from granular.run.record_source import RecordSource
 from granular.shared.errors import RecordWarning
 from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
 from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, zero_crossing_times
@@ -126,41 +128,60 @@ def _spike_mask(time: np.ndarray, height: np.ndarray) -> np.ndarray:
     return spikes if spikes.mean() < _MOST_SPIKES else none
 
 
-def clipped_sample_mask(record: PistonRecord, remedy: str = KEEP) -> Bool[np.ndarray, "n"]:
+def clipped_sample_mask(record: PistonRecord) -> Bool[np.ndarray, "n"]:
     """Mask of the samples at the limits of a sensor, if runs of them stand at several crests."""
-    clipped = _equal_sample_mask(record)
-    if not clipped.any():
-        clipped = _plateau_mask(record)
+    clipped = _clipped_sample_mask(record)
     if clipped.any():
-        words = f"{int(clipped.sum())} samples stand at the limit of the sensor (clipped) and are left out"
-        warnings.warn(f"{words}; {remedy}".removesuffix("; "), RecordWarning, stacklevel=3)
+        warnings.warn(_clipped_text(record, clipped), RecordWarning, stacklevel=3)
     return clipped
+
+
+def _clipped_sample_mask(record: PistonRecord) -> np.ndarray:
+    clipped = _equal_sample_mask(record)
+    return clipped if clipped.any() else _plateau_mask(record)
+
+
+def _clipped_text(record: PistonRecord, clipped: np.ndarray) -> str:
+    return (
+        f"{int(clipped.sum())} samples stand at the limit of the sensor (clipped) and are left out; "
+        f"{keep_text(record)}"
+    )
+
+
+def keep_text(record: PistonRecord) -> str:
+    """Remedy for samples that are left out of a record."""
+    known = record.source is not None and record.source.name
+    return KEEP if known else "to keep them: complete=True of the PistonRecord"
+
+
+def with_note(record: PistonRecord, words: str) -> PistonRecord:
+    """Record whose source has a further note on its samples."""
+    source = record.source or RecordSource("")
+    return dataclasses.replace(record, source=dataclasses.replace(source, notes=(*source.notes, words)))
 
 
 def without_clipped_samples(record: PistonRecord) -> PistonRecord:
     """Record without the samples at a sensor's limits, which a fit would take for the motion."""
-    if has_active_input(record):  # what is driven may be held at a level again and again
+    # what is driven may be held at a level again and again
+    if record.complete or has_active_input(record):
         return record
-    clipped = clipped_sample_mask(record, "")
-    return record if not clipped.any() or (~clipped).sum() < LEAST_SAMPLES else record.select(~clipped)
+    clipped = _clipped_sample_mask(record)
+    if not clipped.any() or (~clipped).sum() < LEAST_SAMPLES:
+        return record
+    words = _clipped_text(record, clipped)
+    warnings.warn(words, RecordWarning, stacklevel=3)
+    return with_note(record.select(~clipped), words)
 
 
-def without_spikes(record: PistonRecord, fitted: Float[np.ndarray, "n"]) -> PistonRecord:
-    """Record without single samples far off the heights of a fitted motion [m]."""
+def spike_mask(record: PistonRecord, fitted: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
+    """Mask of single samples far off the heights of a fitted motion [m]; none of a complete record."""
     # Among few samples a cycle the neighbours alone tell no spike from the motion.
     away = np.abs(record.height - fitted)
     about = np.pad(away, 1, mode="reflect")
     alone = away > _SUDDEN * np.maximum(about[:-2], about[2:])
     spikes = alone & (away > _OFF * float(np.median(away)) / NORMAL_MEDIAN)
-    if not spikes.any() or spikes.mean() > _MOST_SPIKES or (~spikes).sum() < LEAST_SAMPLES:
-        return record
-    warnings.warn(
-        f"{int(spikes.sum())} single samples stand far off the fitted motion (spikes) and are left out, the "
-        f"first at {record.time[np.argmax(spikes)]:.4g} s",
-        RecordWarning,
-        stacklevel=3,
-    )
-    return record.select(~spikes)
+    few = spikes.mean() <= _MOST_SPIKES and (~spikes).sum() >= LEAST_SAMPLES
+    return spikes if few and not record.complete else np.zeros_like(spikes)
 
 
 def _equal_sample_mask(record: PistonRecord) -> np.ndarray:

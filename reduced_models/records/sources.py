@@ -133,8 +133,10 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
         Of what was guessed or done, the cut among it.
     """
     record, options = PistonRecord.from_file(path, units, **said), ReadOptions(**said)
-    if record.measured == "force" or has_stated_time_interval(Path(path), options):
+    if record.measured == "force":
         return record
+    if has_stated_time_interval(Path(path), options):
+        return dataclasses.replace(record, complete=True)
     release = stated_release_number(Path(path), options)
     return _note_what_is_cut(lambda: [find_free_motion(record, release)])[0]
 
@@ -212,7 +214,7 @@ def describe_record(record: PistonRecord, period: float | None = None) -> list[s
     if source is None:
         return [f"record: {title}"]
     notes = [f"calibration: {source.calibration}"] * bool(source.calibration) + list(source.notes)
-    return [f"{sanitize(source.name)}: {title}", *map(one_line, notes)]
+    return [f"{sanitize(source.name) or 'record'}: {title}", *map(one_line, notes)]
 
 
 def has_stated_time_interval(path: Path, options: ReadOptions) -> bool:

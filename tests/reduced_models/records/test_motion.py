@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import warnings
@@ -15,9 +16,11 @@ from scipy import signal
 
 from granular.readers.read_options import ALL, ReadOptions
 from granular.shared.errors import RecordError
-from reduced_models import PistonRecord, fit, read_releases
+from reduced_models import PistonRecord, fit, read_record, read_releases
+from reduced_models.fitting.problem import split_training_data
 from reduced_models.records.free_motion import find_free_motion, find_free_motions
 from reduced_models.records.release import active_inputs
+from reduced_models.records.sources import describe_record
 
 RATE, FREQUENCY, DAMPING = 500.0, 4.1, 0.05
 OMEGA = 2.0 * np.pi * FREQUENCY
@@ -336,3 +339,20 @@ def test_several_knocks_are_cut(moments: tuple[float, ...], noise: float) -> Non
     first, last = (float(size[part].max()) for part in (slice(200), slice(-200, None)))
     duration = float(motion.time[-1] - motion.time[0]) - 1.0
     assert math.log(first / last) / (omega * duration) == pytest.approx(damping, rel=0.3)
+
+
+def test_clipped_samples_are_kept_where_the_user_says_so(tmp_path: Path) -> None:
+    """By ``between`` of a file, or ``complete`` of a record; else the record's notes say what is left out."""
+    record = record_of(decay(4.0), noise=1e-4)
+    clipped = PistonRecord(record.time, np.clip(record.height, -2e-3, 2e-3))
+    clipped.to_csv(file := tmp_path / "clipped.csv")
+    every = (-math.inf, math.inf)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        left = split_training_data(clipped, 0.1).record
+        kept = [dataclasses.replace(clipped, complete=True), read_record(file, between=every)]
+        assert [len(split_training_data(entry, 0.1).record) for entry in kept] == [len(clipped)] * 2
+        cut = split_training_data(PistonRecord.from_file(file), 0.1).record
+    for entry, remedy in ((left, "complete=True of the PistonRecord"), (cut, "--between :")):
+        assert len(entry) < len(clipped)
+        assert f"(clipped) and are left out; to keep them: {remedy}" in describe_record(entry)[-1]
