@@ -25,7 +25,7 @@ from granular.methods import resolve_method
 from granular.run.piston_record import PistonRecord
 from granular.run.time_steps import halve_time_step
 from granular.scene.scene import Scene
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, RecordError
 from granular.shared.message_text import quote
 from granular.studies.executors import case_executor
 from reduced_models.calibration.gauss_newton import MOST_MOVES, GaussNewtonResult, gauss_newton_search

@@ -132,7 +132,7 @@ class MeasuredSwing:
                 words.append(f"{name} {constant}to {_round_up_bound(100.0 * spread):g} %")
             else:
                 words.append(f"{name} {least.value:.3g} to {most.value:.3g} {most.unit}")
-        how = "from peaks alone" if self.record.method == "envelope" else "from the restoring force"
+        how = "from peaks" if self.record.method == "envelope" else "from the restoring force"
         ends = f"{self.units.scale * self.amplitudes[-1]:.2g} to {self.amplitude_text(0)}"
         return f"{ends}: {', '.join(words)} ({how})"
 

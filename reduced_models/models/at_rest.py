@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from reduced_models.models.printout import figure_lines
-from reduced_models.models.quantities import DAMPING_RATIO, LEVEL, QuantityWithError
+from reduced_models.models.quantities import DAMPING_RATIO, EQUIVALENT_FRICTION, LEVEL, QuantityWithError
 from reduced_models.records.envelope import PeakDamping
 
 if TYPE_CHECKING:
@@ -32,11 +32,6 @@ class EquivalentDamping:
     friction: float  # [m/s^2]
     intervals: Mapping[str, tuple[float, float]]
     own: bool = False  # the friction is the coefficient of the law's own sign(z')
-
-    @property
-    def friction_name(self) -> str:
-        """Name of the friction: with a dashpot it takes as much energy where the law has none of its own."""
-        return "friction" if self.own else "equivalent friction"
 
     @property
     def tenth_of_greatest_swing(self) -> float:
@@ -210,11 +205,10 @@ def _damping_at_two_amplitudes(
     quantities = [_quantity_with_propagated_errors(wide, "zeta", "%", rest, lambda *at: 100.0 * at[2])]
     quantities.append(quantity(narrow, "zeta", "%", 100.0, equivalent.tenth_ratio, "tenth_ratio"))
     quantities = [figure for figure in quantities if figure.value < 100.0 * _UNDERDAMPED]
+    symbol = "F" if equivalent.own else EQUIVALENT_FRICTION
     if equivalent.friction > 0.0:
         quantities.append(
-            quantity(
-                equivalent.friction_name, "F", units.friction, units.inertia, equivalent.friction, "friction"
-            )
+            quantity("friction", symbol, units.friction, units.inertia, equivalent.friction, "friction")
         )
     return quantities
 

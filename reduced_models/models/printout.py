@@ -43,7 +43,7 @@ def figure_rows(figures: Sequence[QuantityWithError], mass: float | None = None)
     remarks |= {name: _damping_ratio_text(known[name]) for name in ratios}
     rows = [
         [known[name].label, known[name].symbol, known[name].text_with_error, remarks.get(name, "")]
-        for name in ("natural frequency", *ratios, "friction", "equivalent friction", "stiffness", LEVEL)
+        for name in ("natural frequency", *ratios, "friction", "stiffness", LEVEL)
         if name in known
     ]
     # Motion over two wells has figures of its own.

@@ -21,7 +21,8 @@ ERROR_SOURCES = {
 _SURE = 0.95
 DAMPING_RATIO = "damping ratio"
 LEVEL = "level of rest"
-_LABELS = {LEVEL: "equilibrium", "friction": "dry friction"}
+EQUIVALENT_FRICTION = "Feq"
+_LABELS = {LEVEL: "equilibrium", "friction": "dry friction", EQUIVALENT_FRICTION: "equivalent friction"}
 _MOST_DIGITS = 8
 
 
@@ -37,7 +38,7 @@ class QuantityWithError(NamedTuple):
     @property
     def label(self) -> str:
         """Name as it is printed, without an amplitude; ``name`` is a key of the plain data."""
-        return _LABELS.get(self.name, self.name.partition(" at ")[0])
+        return _LABELS.get(self.symbol) or _LABELS.get(self.name, self.name.partition(" at ")[0])
 
     @property
     def total_error(self) -> float:

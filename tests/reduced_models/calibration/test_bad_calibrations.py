@@ -34,6 +34,12 @@ def quiet(*parameters: str, scene: Scene | None = None, **options: Any) -> Calib
         )
 
 
+def accelerations() -> PistonRecord:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return PistonRecord.from_columns({"time": RECORD.time, "acceleration": RECORD.height})
+
+
 BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: quiet("piston.mas"), "did you mean 'mass'"),
     (lambda: quiet("piston.drag"), "starts from a value above 0"),
@@ -48,6 +54,7 @@ BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: quiet(dt=-1.0), "above 0 s"),
     (lambda: quiet(method="euler?"), "unknown method"),
     (lambda: quiet(scene=load_scene("bed")), "moves freely"),
+    (lambda: calibrate(accelerations(), load_scene("damper")), "calibrate needs heights"),
     (lambda: calibrate(RECORD, "damper"), "give a Scene"),  # type: ignore[arg-type]  # what is refused
 ]
 

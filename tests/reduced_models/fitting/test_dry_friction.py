@@ -189,4 +189,4 @@ def test_friction_of_a_law_without_a_sign_is_an_equivalent_one() -> None:
     rest = AtRest(
         0.0, 1.0, 0.05, {"height": (0.0, 0.0), "period": (1.0, 1.0), "damping_ratio": (0.0, 0.1)}, found
     )
-    assert "\nequivalent friction  F     0.30 ± 0.10 m/s²" in str(rest)
+    assert "\nequivalent friction  Feq   0.30 ± 0.10 m/s²" in str(rest)
