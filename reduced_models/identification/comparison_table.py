@@ -269,7 +269,11 @@ class Comparison:
         error, *others = self._errors_by_part(linear)
         heads = list(records) or [f"record {k + 1}" for k in range(len(others))]
         further = "".join(f" ({head}: {other})" for head, other in zip(heads, others, strict=True))
-        times = format_factor(linear.error / max(min(row.error for row in sound), 1e-300))
+        # The best by the same errors as the first figure of the line.
+        own, best = (
+            root_mean_square(row.stretches) if row.stretches else row.error for row in (linear, sound[0])
+        )
+        times = format_factor(own / max(best, 1e-300))
         return f"a linear model is {times} times less accurate: {error}{further}"
 
     def __str__(self) -> str:
