@@ -274,7 +274,7 @@ class Comparison:
             root_mean_square(row.stretches) if row.stretches else row.error for row in (linear, sound[0])
         )
         times = format_factor(own / max(best, 1e-300))
-        return f"a linear model is {times} times less accurate: {error}{further}"
+        return f"a linear model suffices for an error of {error}{further}, {times} times the best"
 
     def __str__(self) -> str:
         best = self.best

@@ -53,7 +53,10 @@ def figure_rows(figures: Sequence[QuantityWithError], mass: float | None = None)
 def error_sources_text(figures: Sequence[QuantityWithError], confidence: float) -> str:
     """Level of the intervals behind the figures, and the sources of their errors."""
     parts = [part for part in PARTS if any(part in figure.parts for figure in figures)]
-    return f"all ± are {100.0 * confidence:g} % intervals: {', '.join(ERROR_SOURCES[part] for part in parts)}"
+    sources = ", ".join(ERROR_SOURCES[part] for part in parts)
+    if "start" in parts:  # of a simulation, whose forces are taken as they are
+        sources += "; the force laws are taken as exact"
+    return f"all ± are {100.0 * confidence:g} % intervals: {sources}"
 
 
 def figure_lines(

@@ -38,7 +38,7 @@ def test_the_true_law_is_first(made: Any) -> None:
     assert "linear is" in table.verdict
     assert "times worse" in table.verdict
     (linear,) = (line for line in str(table).splitlines() if "a linear model " in line)
-    assert linear.startswith("  a linear model is ")
+    assert linear.startswith("  a linear model suffices for an error of ")
     assert "(record 1: " in linear
     assert len(table.cells()[0]) == len(table.header)
     assert table.plot().get_xscale() == "log"
