@@ -649,7 +649,7 @@ def draw_cost() -> None:
 
 
 def write_hard_cases() -> None:
-    """How each hard case of the catalogue ends, with its error and the limit that it has to meet."""
+    """Write how each hard case ends, with its error and the limit that it has to meet."""
     cases = hard_case_catalogue()
     outcomes = [run_hard_case(case) for case in cases]
     kinds = {kind: sum(one.kind == kind for one in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)}
@@ -668,7 +668,7 @@ def write_hard_cases() -> None:
 
 
 def write_effect_costs() -> None:
-    """What each effect of the packaged damper adds to a step."""
+    """Write the time that each effect of the packaged damper adds to a step."""
     costs = effect_costs(load_scene("damper"))
     rows = ["| effect | added to nothing | taken from the whole |", "|---|---|---|"]
     for one in costs["effects"]:

@@ -39,7 +39,7 @@ MACHINES: dict[str, dict[str, Any]] = {
     "piston": {"bodies": [{"mass": "0.5 kg", "stiffness": "400 N/m"}], "cell_mass": "0.3 kg"},
     "base": {"bodies": [], "excitation": {"acceleration": "5 m/s^2", "frequency": "90 Hz"}},
 }
-"""What carries the cell, by its mount."""
+"""Carriers of the cell, by mount."""
 STAGES: dict[str, dict[str, Any]] = {
     "hold": {},
     "move": {"to": -0.05},
@@ -114,7 +114,7 @@ REFUSED: list[tuple[Row, str]] = [
     ({"fields": 3, "sides": "periodic"}, "in a cell with periodic sides"),
     *(({"stage": name, "sides": "periodic"}, "moves the piston") for name in STAGES if name != "hold"),
 ]
-"""What cannot be together, and the words that say so: what knows of no images or needs a piston, and a
+"""Pairs that exclude each other, and the words that say so: what knows of no images or needs a piston, and a
 host, whose motion needs the whole force and which alone moves the cell."""
 
 

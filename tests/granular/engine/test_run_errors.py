@@ -1,4 +1,4 @@
-"""What stopped a run is told, and not another thing that is as it may be."""
+"""The message names the cause of the stop, and nothing that is in order."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ def test_a_later_stage_is_tried_before_the_run(
 
 
 def test_stages_after_a_free_one_begin_where_it_ends() -> None:
-    """What depends on that height is not refused before the run."""
+    """A stage that depends on that height is not refused before the run."""
     stage(type("Timed", (), {"height": staticmethod(lambda p, time, start: 0.05 + 0.0 * time)}))
     stage(type("Pushed", (), {"force": staticmethod(lambda p, time: math.sqrt(0.05 - time))}))
     later = {"kind": "timed", "name": "second", "duration": 0.1}

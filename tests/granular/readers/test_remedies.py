@@ -1,4 +1,4 @@
-"""What a refusal or a note says to do, and what a column's name, heading or unit stands for."""
+"""Remedies of refusals and notes, and what a column's name, heading or unit stands for."""
 
 from __future__ import annotations
 
@@ -251,7 +251,7 @@ class Unit(str):
 
 
 class Quantity:
-    """What pint's quantities have: a magnitude and units."""
+    """Stand-in for pint: a magnitude and units."""
 
     def __init__(self, magnitude: Any, unit: str) -> None:
         self.magnitude, self.units = magnitude, Unit(unit)
@@ -270,7 +270,7 @@ def test_quantities_keep_their_units() -> None:
 
 
 class Polars:
-    """What a DataFrame of polars has: names as ``columns``, and its series by name."""
+    """Stand-in for a DataFrame of polars: names as ``columns``, and its series by name."""
 
     columns = ("time [ms]", "height [mm]")
 

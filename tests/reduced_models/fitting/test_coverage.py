@@ -42,7 +42,7 @@ def record(law: str, disturbance: str, seed: int) -> PistonRecord:
 @pytest.mark.parametrize("disturbance", ["white", "jitter", "rounding"])
 @pytest.mark.parametrize("law", LAWS)
 def test_intervals_hold_the_truth(law: str, disturbance: str) -> None:
-    """Of 30 records; white noise of constant size was taken for granted before."""
+    """On 30 records; white noise of constant size was taken for granted before."""
     count, held = 30, dict.fromkeys(LAWS[law], 0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -69,7 +69,7 @@ def test_noise_that_grows_with_the_speed_counts_where_it_is() -> None:
 
 
 def test_equal_readings_in_a_row_count_as_one() -> None:
-    """Where the motion stands or turns they err alike; a level that is passed errs to both sides."""
+    """They err alike if the motion stands or turns; a level that is passed errs to both sides."""
     slopes = np.ones((14, 1))
     standing = np.append(np.arange(6.0), np.full(8, 6.0))
     assert standing_reading_covariance(slopes, standing)[0, 0] == pytest.approx((8.0**2 - 8.0) / 12.0)
