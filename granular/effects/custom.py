@@ -171,11 +171,6 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
         """Raise `InputError` if one of the effect's functions does not compile."""
         check_functions_compile(self.definition, self.parameters_in_natural_units(context.scales))
 
-    @property
-    def blocks_runge_kutta(self) -> bool:
-        """True for an effect with a ``flow``, which Runge-Kutta methods cannot integrate."""
-        return "flow" in self.definition.functions
-
     def drive_angular_frequency(self, scales: Scales) -> float:
         """Highest angular frequency with which the effect changes in time [1/tau]."""
         result = self.definition.functions.get("frequency")

@@ -168,9 +168,7 @@ def _make_flow(definition: CustomDefinition) -> Loop:
     if flow is None:
         return lambda kind, law, entry, dt, state, constants: None
 
-    def add_damping_to_slopes(
-        kind: Any, law: CustomLaw, entry: int, dt: float, state: State, constants: Constants
-    ) -> None:
+    def damp(kind: Any, law: CustomLaw, entry: int, dt: float, state: State, constants: Constants) -> None:
         p, lost = values_of(*law.values), 0.0
         masses, moments = constants.masses, relative_moments(constants)
         for i in range(constants.grains):
@@ -180,7 +178,7 @@ def _make_flow(definition: CustomDefinition) -> Loop:
             lost += 0.5 * grain.mass * ((vx - wx) * (vx + wx) + (vy - wy) * (vy + wy))
         state.ledger[entry] += lost
 
-    return add_damping_to_slopes
+    return damp
 
 
 @compiled

@@ -10,8 +10,6 @@ order. What it takes is entered in ``state.ledger[LOSSES + index]``. Hooks of it
 ``kick(..., dt, bed, opens_step) -> int``
     Velocities after ``dt`` under all forces, instead of the plain kick, for what must be solved
     together with them; the last effect that has one gives it, and must take along what others do.
-``add_damping_to_slopes(..., slopes, dt, bed) -> int``
-    The same as a force, for Runge-Kutta methods.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from __future__ import annotations
 from granular.effects.effect import Effect
 from granular.schema.natural_units import Scales
 
-HOOKS = ("damp_velocities", "kick", "add_damping_to_slopes")
+HOOKS = ("damp_velocities", "kick")
 
 
 class DissipativeEffect(Effect):

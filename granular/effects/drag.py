@@ -25,10 +25,9 @@ from granular.compiled import Array, compiled, entry
 from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import EffectContext, energy_variable
 from granular.kernel_data.compensated_summation import add_to_velocity
-from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
+from granular.kernel_data.state import LOSSES, Bed, State
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.direct_vector_loops import reproducible_sum
-from granular.pairs.grain_arrays import value_or_one
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity
 
@@ -108,26 +107,6 @@ class DragLaw(NamedTuple):
                 state.rounding, workspace.values[k], law, k, dt, state, constants.grains, constants.masses
             )
         state.ledger[LOSSES + index] += reproducible_sum(state.scratch)
-        return 0
-
-    @staticmethod
-    @compiled
-    def add_damping_to_slopes(
-        law: DragLaw, workspace: DragFlowCache, index: int, slopes: Float[Array, "4 m"], dt: float, bed: Bed
-    ) -> int:
-        """Take the drag off the slopes of velocities [D/tau^2]; enter the loss with the weight dt [tau]."""
-        state, constants = bed.state, bed.constants
-        common = law.rate if law.rates is None else 1.0
-        for i in range(constants.grains):
-            mass, vx, vy = value_or_one(constants.masses, i), state.vx[i], state.vy[i]
-            rate, weight = law.rate, mass
-            if law.rates is not None and law.kind is not None:
-                rate = law.rates.values[int(law.kind[i])]
-                weight = rate * mass
-            slopes[VX, i] -= rate * vx
-            slopes[VY, i] -= rate * vy
-            state.scratch[i] = weight * (vx * vx + vy * vy)
-        state.ledger[LOSSES + index] += dt * common * reproducible_sum(state.scratch)
         return 0
 
 

@@ -26,7 +26,7 @@ from granular.effects.eddy_drag_tensor import Plate, lattice_drag_factor, lone_d
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.mutual_eddy_drag import MutualEddyLaw, make_mutual_eddy_law
 from granular.kernel_data.constants import relative_moments
-from granular.kernel_data.state import LOSSES, VX, VY, Bed
+from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Cell, Grains, Piston
@@ -172,22 +172,4 @@ class EddyLaw(NamedTuple):
             left = math.exp(exponent)
             state.vx[i], state.vy[i] = left * vx, left * vy
         state.ledger[LOSSES + index] += lost
-        return 0
-
-    @staticmethod
-    @compiled
-    def add_damping_to_slopes(
-        law: EddyLaw, workspace: None, index: int, slopes: Float[Array, "4 m"], dt: float, bed: Bed
-    ) -> int:
-        """Take the drag off the slopes of velocities [D/tau^2]; enter the loss with the weight dt [tau]."""
-        state, constants = bed.state, bed.constants
-        masses, moments, lost = constants.masses, relative_moments(constants), 0.0
-        for i in range(constants.grains):
-            mass, moment = value_or_one(masses, i), value_or_one(moments, i)
-            rate = law.rate * value_or_one(law.factors, i) * moment * moment / mass
-            vx, vy = state.vx[i], state.vy[i]
-            slopes[VX, i] -= rate * vx
-            slopes[VY, i] -= rate * vy
-            lost += mass * rate * (vx * vx + vy * vy)
-        state.ledger[LOSSES + index] += dt * lost
         return 0

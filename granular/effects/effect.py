@@ -152,9 +152,9 @@ class Effect(Section):
         """
 
     @property
-    def blocks_runge_kutta(self) -> bool:
-        """True for a flow that Runge-Kutta methods cannot integrate."""
-        return False
+    def dissipates(self) -> bool:
+        """True where it, or an effect that it is made of, takes energy."""
+        return any(part.damps or part.dry for part in self.component_effects)
 
     def make_kernel_law(self, context: EffectContext) -> Any:
         """Make the law that the compiled loop takes, in natural units.

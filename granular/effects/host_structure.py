@@ -104,11 +104,6 @@ class Host(MovingFrameEffect):
     excited: int | None = integer_field(default=None, optional=True)
 
     @property
-    def blocks_runge_kutta(self) -> bool:
-        """True: Runge-Kutta methods cannot integrate a host."""
-        return True
-
-    @property
     def damps(self) -> bool:  # type: ignore[override]  # of these dashpots
         """True where a body has a dashpot."""
         return any(body.damping > 0.0 for body in self.bodies)
@@ -223,13 +218,7 @@ class Host(MovingFrameEffect):
         piston = context.piston
         rubs = piston is not None and (piston.drag > 0.0 or piston.friction > 0.0)
         inside = [effect for effect in context.effects.values() if effect.key != self.key]
-        return rubs or any(_effect_dissipates(effect) for effect in inside)
-
-
-def _effect_dissipates(effect: Effect) -> bool:
-    return any(
-        part.damps or part.dry or part.blocks_runge_kutta for part in (effect, *effect.component_effects)
-    )
+        return rubs or any(effect.dissipates for effect in inside)
 
 
 class HostChain(NamedTuple):

@@ -21,7 +21,7 @@ from granular.compiled import Array, compiled
 from granular.effects.eddy_drag_tensor import FARTHEST, Plate, drag_tensor_polynomials, lone_disc_drag_factor
 from granular.effects.effect import EffectContext
 from granular.kernel_data.constants import relative_moments
-from granular.kernel_data.state import LOSSES, VX, VY, Bed
+from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_law import Disc
 from granular.pairs.grain_arrays import value_or_one
@@ -108,32 +108,6 @@ class MutualEddyLaw(NamedTuple):
             grain = workspace.order[i]
             state.vx[grain], state.vy[grain] = rows[SPEED_X, i], rows[SPEED_Y, i]
         state.ledger[LOSSES + index] += lost
-        return 0
-
-    @staticmethod
-    @compiled
-    def add_damping_to_slopes(
-        law: MutualEddyLaw,
-        workspace: EddyWorkspace,
-        index: int,
-        slopes: Float[Array, "4 m"],
-        dt: float,
-        bed: Bed,
-    ) -> int:
-        """Take the drag off the slopes of velocities [D/tau^2]; enter the loss with the weight dt [tau]."""
-        rows, count, lost = workspace.rows, bed.constants.grains, 0.0
-        _load_grains_into_workspace(law, workspace, bed)
-        for i in range(count):
-            rows[INPUT_X, i], rows[INPUT_Y, i] = rows[SPEED_X, i], rows[SPEED_Y, i]
-        _multiply_by_drag_tensor(law, workspace, count)
-        for i in range(count):
-            grain = workspace.order[i]
-            mass = value_or_one(bed.constants.masses, grain)
-            fx, fy = rows[OUTPUT_X, i], rows[OUTPUT_Y, i]
-            slopes[VX, grain] -= fx / mass
-            slopes[VY, grain] -= fy / mass
-            lost += fx * rows[SPEED_X, i] + fy * rows[SPEED_Y, i]
-        bed.state.ledger[LOSSES + index] += dt * lost
         return 0
 
 

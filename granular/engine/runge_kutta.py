@@ -1,58 +1,34 @@
-"""A step of an explicit Runge-Kutta method: not symplectic, the control of those that are."""
+"""A step of an explicit Runge-Kutta method: not symplectic, the control of those that are.
+
+It takes forces alone: `granular.run.time_steps` refuses what dissipates, and a host.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from granular.compiled import Array, compiled
-from granular.compiled.hook_calls import sum_of_hooks
 from granular.effects.wall_side import TOP
 from granular.engine.forces import compute_and_measure_forces, compute_forces
 from granular.engine.piston import piston_energy, record_external_work, upward_acceleration
-from granular.kernel_data.constants import PistonResistance
-from granular.kernel_data.state import (
-    HEIGHT,
-    PISTON,
-    SPEED,
-    VX,
-    VY,
-    WORK,
-    Bed,
-    Measurement,
-    StageSlopes,
-    State,
-    X,
-    Y,
-)
+from granular.kernel_data.state import HEIGHT, SPEED, VX, VY, WORK, Bed, Measurement, StageSlopes, State, X, Y
+from granular.pairs.grain_arrays import value_or_one
 from granular.protocol.piston_motion import Motion, driven_height_and_velocity, outer_force_on_piston
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-_slow = sum_of_hooks("add_damping_to_slopes", "slopes dt bed")
-
 
 @compiled
-def _resistance_rate(resistance: PistonResistance | None) -> float:
-    return 0.0 if resistance is None else resistance.rate
-
-
-@compiled
-def _mass_of_grain(masses: Array | None, i: int) -> float:
-    return 1.0 if masses is None else masses[i]
-
-
-@compiled
-def _fill_grain_slopes(slopes: Array, dt: float, bed: Bed) -> None:
-    """Slopes of positions and velocities; losses are entered with the weight ``dt``."""
+def _fill_grain_slopes(slopes: Array, bed: Bed) -> None:
+    """Slopes of positions and velocities."""
     state, constants = bed.state, bed.constants
     for i in range(constants.grains):
-        mass = _mass_of_grain(constants.masses, i)
+        mass = value_or_one(constants.masses, i)
         slopes[X, i] = state.vx[i]
         slopes[Y, i] = state.vy[i]
         slopes[VX, i] = state.fx[i] / mass
         slopes[VY, i] = state.fy[i] / mass
-    _slow(constants.acting.laws, state.workspaces, slopes, dt, bed)
 
 
 @compiled
@@ -61,15 +37,12 @@ def _fill_piston_slopes(
 ) -> None:
     state, constants = bed.state, bed.constants
     if motion.free:
-        swing = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
+        frame = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force_on_piston(motion, time)
-        rate = _resistance_rate(constants.resistance)
-        force = state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
-        speed = state.piston[SPEED]
-        slopes[HEIGHT] = speed
-        slopes[SPEED] = force / constants.piston_mass - rate * speed
-        state.ledger[WORK] += dt * outer * speed
-        state.ledger[PISTON] += dt * constants.piston_mass * rate * speed * speed
+        force = state.wall_forces[TOP] - constants.piston_weight + outer
+        slopes[HEIGHT] = state.piston[SPEED]
+        slopes[SPEED] = force / constants.piston_mass + frame
+        state.ledger[WORK] += dt * outer * state.piston[SPEED]
     else:
         state.ledger[WORK] -= dt * state.wall_forces[TOP] * driven_height_and_velocity(motion, time)[1]
     record_external_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
@@ -135,9 +108,9 @@ def runge_kutta_step(
         if k > 0:
             _move_to_stage(tableau[k, :k], slopes, h, instant, state, count, motion)
             outside += compute_forces(bed, start + instant)
-        # Work and losses are integrated with the weights of the last row, as the positions are.
+        # Work is integrated with the weights of the last row, as the positions are.
         dt = h * tableau[stages, k]
-        _fill_grain_slopes(slopes.grains[k], dt, bed)
+        _fill_grain_slopes(slopes.grains[k], bed)
         _fill_piston_slopes(slopes.piston[k], dt, instant, start, bed, motion)
     end = time + h
     _move_to_stage(tableau[stages], slopes, h, end, state, count, motion)

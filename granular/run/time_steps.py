@@ -14,7 +14,7 @@ from granular.methods.method import COMPENSATED, Method
 from granular.methods.registry import resolve_method
 from granular.protocol import Hold, Lift, Stage
 from granular.protocol.stage import TimedStage
-from granular.scene.dry_friction import dry_friction_parts
+from granular.scene.dry_friction import dissipative_parts, dry_friction_parts
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
@@ -92,6 +92,13 @@ def can_run_with_step(scene: Scene, dt: float | str, method: str | Method) -> bo
 
 def check_method_fits_scene(method: Method, step: StepRequest, scene: Scene) -> None:
     """Refuse a method that a scene, or a time step, cannot be run with."""
+    if method.tableau is not None:
+        parts = dissipative_parts(scene) or ("host",) * (scene.effects.host is not None)
+        if parts:
+            raise InputError(
+                f"method = {method.name!r} takes forces alone, and cannot run a scene with {parts[0]!r}; "
+                "take 'stormer-verlet', or leave that part out"
+            )
     dry = dry_friction_parts(scene)
     if dry and method.compensated:
         raise InputError(
@@ -108,12 +115,6 @@ def check_method_fits_scene(method: Method, step: StepRequest, scene: Scene) -> 
         raise InputError(
             f"method = {method.name!r} cannot run a scene with {drifting[0]!r}, which acts within "
             "the drift; take 'stormer-verlet'"
-        )
-    flows = [effect.key for effect in scene.effects.in_loop_order if effect.blocks_runge_kutta]
-    if method.tableau is not None and flows:
-        raise InputError(
-            f"method = {method.name!r} cannot run a scene with {flows[0]!r}, which is given as a "
-            "flow; take 'stormer-verlet'"
         )
     if not method.variable:
         return

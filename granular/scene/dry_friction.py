@@ -1,4 +1,4 @@
-"""Dry parts of a scene: they stop at a threshold, which no step backward in time can undo."""
+"""Parts of a scene that dissipate; dry ones stop at a threshold, which no step backward can undo."""
 
 from __future__ import annotations
 
@@ -15,6 +15,15 @@ def dry_friction_parts(scene: Scene) -> tuple[str, ...]:
     piston = scene.piston
     if piston is not None and piston.mass is not None and piston.friction > 0.0:
         names.append("piston.friction")
+    return tuple(names)
+
+
+def dissipative_parts(scene: Scene) -> tuple[str, ...]:
+    """Names of all parts that take energy: of the bed, and of a piston that is free to move."""
+    names = [effect.key for effect in scene.effects.in_loop_order if effect.dissipates]
+    piston = scene.piston
+    if piston is not None and piston.mass is not None:
+        names += [f"piston.{name}" for name in ("drag", "friction") if getattr(piston, name) > 0.0]
     return tuple(names)
 
 

@@ -176,12 +176,12 @@ METHODS = (
     "blanes-moan-6",
     "yoshida-6",
     "kahan-li-8",
-    "explicit-euler",
-    "runge-kutta-4",
     "stormer-verlet+compensated",
     "pefrl+compensated",
     "adaptive-verlet+compensated",
 )
+CONTROLS = ("explicit-euler", "runge-kutta-4")
+"""Methods for scenes without dissipation."""
 
 
 def arguments(random: Random, plain: Plain, common: bool) -> Plain:
@@ -195,7 +195,8 @@ def arguments(random: Random, plain: Plain, common: bool) -> Plain:
     elif some(random, 0.35):
         found["dt"] = record / random.uniform(1.0, 40.0)
     if not common and some(random, 0.05 if dry else 0.6):
-        found["method"] = one_of(random, METHODS)
+        damped = "drag" in effects or plain.get("piston", {}).get("drag")
+        found["method"] = one_of(random, METHODS if dry or damped else METHODS + CONTROLS)
         if found["method"].startswith("adaptive") and some(random, 0.9):
             found["dt"] = "auto"
     if some(random, 0.3):

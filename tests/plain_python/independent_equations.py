@@ -38,6 +38,7 @@ class Case:
     springs: tuple[tuple[float, float], ...]
     host: dict[str, Any]
     stages: tuple[dict[str, Any], ...]
+    eddy: dict[str, Any] | None = None
 
 
 @dataclasses.dataclass
@@ -64,6 +65,7 @@ class Equations:
         self.ratios, self.size = moments / moments[0], case.diameters[0]
         self.unit = MU_0 * moments[0] ** 2 / (math.pi * self.size**4)
         self.pairs = 3.0 * MU_0 / (4.0 * math.pi) * np.outer(moments, moments)
+        self.moments = moments
         bodies = case.host.get("bodies", [])
         self.body_masses = np.array([body["mass"] for body in bodies])
         self.stiffness = np.array([body["stiffness"] for body in bodies])
@@ -101,7 +103,8 @@ class Equations:
 
         on[:, 0] += wall(inside[:, 0]) - wall(case.width - inside[:, 0])
         bottom, top = wall(inside[:, 1]), wall(now.piston - now.cell - inside[:, 1])
-        damped = -case.drag * self.ratios[:, None] * (now.speeds - [0.0, now.cell_speed])
+        inner_speeds = now.speeds - [0.0, now.cell_speed]
+        damped = -case.drag * self.ratios[:, None] * inner_speeds + self.eddy_forces(apart, inner_speeds)
         held = -sum((k * (inside[:, 1] - h) for k, h in case.springs), start=np.zeros(len(inside)))
         on += damped
         on[:, 1] += bottom - top + held
@@ -130,6 +133,21 @@ class Equations:
             )
         on_piston -= self.piston_mass * base
         return on, on_bodies[:-1], reaction, on_piston
+
+    def eddy_forces(self, apart: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+        """Drag by the currents that the grains make in thin plates: Reitz 1970, doi:10.1063/1.1659172."""
+        plate = self.case.eddy
+        if plate is None:
+            return np.zeros_like(speeds)
+        sheet = plate["plates"] * plate["conductivity"] * plate["thickness"]
+        rate = 3.0 * MU_0**2 * sheet / (128.0 * math.pi * plate["distance"] ** 4)
+        square = (2.0 * plate["distance"]) ** 2
+        total = square + (apart**2).sum(axis=-1)
+        own, outer = np.eye(2), apart[..., :, None] * apart[..., None, :]
+        tensor = (square / total)[..., None, None] ** 2.5 * (own - 5.0 * outer / total[..., None, None])
+        if not plate["mutual"]:
+            tensor = np.eye(len(speeds))[..., None, None] * tensor
+        return np.asarray(-rate * np.einsum("i,j,ijkl,jl->ik", self.moments, self.moments, tensor, speeds))
 
     def last_body(self, now: Instant) -> tuple[float, float]:
         """Displacement and velocity of the body that carries cell or piston."""

@@ -41,15 +41,10 @@ def apart(species: list[dict[str, Any]], **changes: Any) -> Scene:
     )
 
 
-@pytest.mark.parametrize(
-    "method",
-    # Quick by Runge-Kutta: unlike grains in plain Python.
-    ["stormer-verlet", pytest.param("runge-kutta-4", marks=pytest.mark.long)],
-)
 @pytest.mark.parametrize("coefficient", [0.01, 0.0])
-def test_drag_goes_with_the_area_of_a_face(method: str, coefficient: float) -> None:
+def test_drag_goes_with_the_area_of_a_face(coefficient: float) -> None:
     scene = apart(DENSE, **{"effects.drag.coefficient": coefficient})
-    run = simulate(scene, dt=1e-4, method=method, progress=False)
+    run = simulate(scene, dt=1e-4, progress=False)
     faces = coefficient * np.array([1.0, (4.0 / 6.0) ** 2])
     left = np.exp(-0.1 * faces / scene.grains.masses())
     velocity = run.dataset["velocity"].values

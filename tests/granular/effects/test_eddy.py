@@ -121,13 +121,6 @@ def test_flow_is_of_second_order(species: int) -> None:
     np.testing.assert_allclose(slopes, 2.0, atol=0.15)
 
 
-@pytest.mark.long  # quick: unlike grains by either kind of method, in plain Python
-@pytest.mark.parametrize("species", [1, 2])
-def test_a_runge_kutta_method_agrees(species: int) -> None:
-    computed, exact = decayed(twelve(species), 2e-4, method="runge-kutta-4")
-    np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-7 * np.abs(exact).max())
-
-
 def test_what_is_lost_is_never_negative_and_closes_the_ledger() -> None:
     random = np.random.default_rng(4)
     positions = random.uniform(0.0, 6.0, (40, 2))

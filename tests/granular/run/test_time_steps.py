@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
 
-from granular import Scene, load_scene, simulate
+from granular import Scene, effect, load_scene, simulate
 from granular.methods import METHODS
 from granular.run.time_steps import can_run_with_step, double_time_step, halve_time_step, parse_time_step
 from granular.scene.dry_friction import dry_friction_parts
 from granular.shared.errors import InputError, StepCountError
+
+
+@effect
+class OwnFlow:
+    """Drag that is given as a flow."""
+
+    @staticmethod
+    def flow(p: Any, grain: Any, vx: float, vy: float, dt: float) -> tuple[float, float]:
+        return math.exp(-dt) * vx, math.exp(-dt) * vy
+
 
 CONTACT = {"effects.contact": {"modulus": 1e7}}
 
@@ -52,6 +63,41 @@ def test_simulate_refuses_what_is_not_allowed(small_bed: Scene, changes: dict[st
                 simulate(endless, dt=dt, method=method, progress=False)
             assert ("has no end" in str(refused.value)) == allowed
     assert seen == {True, False}
+
+
+FREE_PISTON = {"piston.mass": 1.0, "effects.drag": None}
+PLATE = {"conductivity": 1e6, "thickness": 1e-3, "distance": 4e-3}
+BODY = {"mass": 1.0, "stiffness": 100.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "part"),
+    [
+        ({}, "drag"),
+        ({"effects.drag": None}, None),
+        ({"effects.drag": None, "effects.friction": {}}, "friction"),
+        ({"effects.drag": None, "effects.wall_friction": {"coefficient": 0.3}}, "wall_friction"),
+        ({"effects.drag": None, **CONTACT}, "contact"),
+        ({"effects.drag": None, "effects.eddy": PLATE}, "eddy"),
+        ({"effects.drag": None, "effects.bath": {"temperature": 1e-9, "rate": 1.0}}, "bath"),
+        ({"effects.drag": None, "effects.shaking": {"amplitude": 1e-3, "frequency": 1.0}}, None),
+        ({"effects.drag": None, "effects.own_flow": {}}, "own_flow"),
+        ({"effects.drag": None, "piston.drag": 1.0}, None),  # without a mass it is never free
+        ({**FREE_PISTON, "piston.drag": 1.0}, "piston.drag"),
+        ({**FREE_PISTON, "piston.friction": 0.1}, "piston.friction"),
+        ({**FREE_PISTON, "effects.host": {"bodies": [BODY]}}, "host"),
+        ({**FREE_PISTON, "effects.host": {"bodies": [{**BODY, "damping": 1.0}]}}, "host"),
+    ],
+)
+def test_runge_kutta_is_for_forces_alone(small_bed: Scene, changes: dict[str, Any], part: str | None) -> None:
+    scene = small_bed.replace(**changes)
+    for method in ("explicit-euler", "runge-kutta-4"):
+        assert can_run_with_step(scene, "auto", method) == (part is None)
+        if part is not None:
+            with pytest.raises(InputError) as refused:
+                simulate(scene, method=method, progress=False)
+            assert f"cannot run a scene with {part!r}" in str(refused.value)
+            assert "take 'stormer-verlet'" in str(refused.value)
 
 
 def test_longer_steps_are_allowed_as_far_as_they_are_stable(small_bed: Scene) -> None:
