@@ -10,6 +10,12 @@ with the thickness eps and the plates' distance E. [D, eq. 4.10] lacks the "- ph
 some forty times too large, and the mono-disperse formula is not its limit. To second order in the
 torque [D, eq. 3.2] 2 cos(th_i) sin(th_j) becomes 2 cos(th_i) sin(th_j) + (2/3) sin(th_j).
 
+The sum adds magnitudes: it is an upper bound. With small tilts t, vectors in the plane, the torque on a
+dipole is sum q_i q_j (t_i - t_j + 3 (t_j . e) e)/r^3, e the direction to the neighbour. All round, e e is
+1/2 in the mean: (3/2) t_j for ``aligned`` tilts, t_i - t_j being zero as in the source, and t_i for
+``independent`` ones, whose t_j is zero in the mean. Of discs the first is exact too; the second is within
+2 % from 1.2 D on for 6 x 3 mm.
+
 Two schemes. ``velocity`` (default) solves kick and friction while the positions stand still, each
 exactly where the grain is fast, and together where it creeps: a sliding grain loses mu_d N/m of its
 speed per time until it stops, a grain at rest stays at rest, to the last bit, while the force on it
@@ -50,7 +56,12 @@ class Friction(DissipativeEffect):
     static, dynamic : float
         mu_s and mu_d.
     torque : str
-        ``"first"`` or ``"second"`` order in the torque.
+        ``"first"`` or ``"second"`` order in the torque; the second adds one magnitude more to the bound.
+    tilt : str
+        Directions in which the grains are taken to tilt: ``"bound"`` (default, the source's), each pair
+        in the plane of its axes, so that the magnitudes of torques add up; ``"aligned"``, all grains in
+        one direction; ``"independent"``, each grain in its own. With neighbours all round, the load is
+        1/2 of the bound for aligned tilts, and 1/3 for independent ones.
     scheme : str
         ``"velocity"`` or ``"regularised"``.
     threshold : float
@@ -71,15 +82,20 @@ class Friction(DissipativeEffect):
     static: float = quantity("1", default=0.6, least=0.0)
     dynamic: float = quantity("1", default=0.45, least=0.0)
     torque: str = choice_field("first", "second", default="first")
+    tilt: str = choice_field("bound", "aligned", "independent", default="bound")
     scheme: str = choice_field(*SCHEMES, default="velocity")
     threshold: float = quantity("m/s", default=1.5e-10, above=0.0)
     load: float = quantity("N", default=0.0, least=0.0)
 
     def validate(self) -> None:
-        """Check that the dynamic coefficient is at most the static one."""
+        """Check that the dynamic coefficient is at most the static one, and that torque and tilt fit."""
         if self.dynamic > self.static:
             raise FieldError(
                 f"{self.dynamic:g} must be at most the static coefficient, {self.static:g}", "dynamic"
+            )
+        if self.torque == "second" and self.tilt != "bound":
+            raise FieldError(
+                f"'second' is an order of the bound, not of tilt = '{self.tilt}'; take 'first'", "torque"
             )
 
     def normal_force_factors(self, grains: Grains, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
@@ -110,7 +126,9 @@ class Friction(DissipativeEffect):
         # first.
         arm = np.cos(tilt) + (1.0 / 3.0 if self.torque == "second" else 0.0)
         own = moments * 0.75 * diameter[0] * arm / (np.cos(lean + tilt) * diagonal)
-        return own, moments * np.sin(tilt)
+        if self.tilt == "independent":
+            return own * np.sin(tilt) / 3.0, moments
+        return own * (0.5 if self.tilt == "aligned" else 1.0), moments * np.sin(tilt)
 
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]

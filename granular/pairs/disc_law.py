@@ -89,7 +89,7 @@ def disc_energy_and_force(
         of_faces, slope = _face_pair_energy(np.asarray(r, dtype=np.float64), z, first, second)
         energy += sign * of_faces
         force -= sign * slope
-    return energy / _disc_volumes(first, second), force / _disc_volumes(first, second)
+    return energy / disc_volumes(first, second), force / disc_volumes(first, second)
 
 
 def contact_force_singularity(
@@ -107,10 +107,11 @@ def contact_force_singularity(
     reduced = first.radius * second.radius / (first.radius + second.radius)
     # In the units of `disc_energy_and_force`. The nearest faces alone: others are smooth at contact.
     factor = many * 8.0 * np.pi / 3.0 * np.sqrt(2.0 * reduced)
-    return float(factor / _disc_volumes(first, second)), z
+    return float(factor / disc_volumes(first, second)), z
 
 
-def _disc_volumes(first: Disc, second: Disc) -> float:
+def disc_volumes(first: Disc, second: Disc) -> float:
+    """Product of the volumes of two discs."""
     return float(np.pi**2 * (first.radius * second.radius) ** 2 * first.height * second.height)
 
 
@@ -132,43 +133,44 @@ def _tanh_sinh_nodes() -> tuple[Samples, Samples, Samples]:
     return 1.0 / (1.0 + np.exp(-2.0 * u)), 1.0 / (1.0 + np.exp(2.0 * u)), weight
 
 
-def _overlap_area(v: Samples, above: Samples, below: Samples, radii: tuple[float, float]) -> Samples:
-    """Area of two discs' overlap at a distance ``above`` the difference of the radii."""
-    large, small = max(radii), min(radii)
-    s = np.sqrt(below * above * (v + large - small) * (v + large + small))
-    wide = large**2 * np.arctan2(s, v**2 + large**2 - small**2)
-    narrow = small**2 * np.arctan2(s, v**2 + small**2 - large**2)
-    return np.asarray(wide + narrow - 0.5 * s)
+def overlap_nodes(first: Disc, second: Disc) -> tuple[Samples, Samples, Samples, Samples]:
+    """Displacements v, contact less v, weights, and both discs' segments of the overlap (2, n) at v."""
+    low, high = abs(first.radius - second.radius), contact_distance(first, second)
+    left, right, weight = _tanh_sinh_nodes()
+    ends = np.array([0.0, low, high] if low > 0.0 else [low, high])[:, None]
+    width = np.diff(ends, axis=0)
+    v, below = (ends[:-1] + width * left).ravel(), (high - ends[1:] + width * right).ravel()
+    s = np.sqrt(below * np.maximum(v - low, 0.0) * (v + low) * (v + high))
+    squares = np.array([[first.radius**2], [second.radius**2]])
+    angles = 2.0 * np.arctan2(s, v**2 + squares - squares[::-1])
+    return v, below, (width * weight).ravel(), 0.5 * squares * _angle_less_sine(angles)
+
+
+def _angle_less_sine(x: Samples) -> Samples:
+    """Difference x - sin(x), also of small angles."""
+    square = x * x
+    series = x * square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0)))
+    return np.where(x < 0.1, series, x - np.sin(x))
+
+
+def ring_integrals(r: Samples, v: Samples, apart: Samples, z: float) -> tuple[Samples, Samples, Samples]:
+    """Integrals over a ring of 1/d, 1/d^3 and 1/d^5, d the distance of a point at r and the height z."""
+    from scipy.special import ellipe, ellipkm1
+
+    a2, b2 = (r + v) ** 2 + z * z, apart**2 + z * z
+    ratio = b2 / a2
+    first, second, scale = ellipkm1(ratio), ellipe(1.0 - ratio), 4.0 / np.sqrt(a2)
+    fifth = (2.0 * (1.0 + ratio) * second - ratio * first) / (3.0 * b2 * b2)
+    return scale * first, scale * second / b2, scale * fifth
 
 
 def _face_pair_energy(r: Samples, z: float, first: Disc, second: Disc) -> tuple[Samples, Samples]:
     """U of the head of this file, and its derivative by r."""
-    radii = (first.radius, second.radius)
-    low, high = abs(radii[0] - radii[1]), sum(radii)
-    left, right, weight = _tanh_sinh_nodes()
-    width = high - low
-    v, below = low + width * left, width * right
-    area = _overlap_area(v, width * left, below, radii)
-    # Displacements r - v from what is left up to contact: v itself is rounded.
-    energy, slope = _ring_potential_and_slope(r, v, (r - high)[:, None] + below, z, area * v * width * weight)
-    if low > 0.0:
-        v = low * left
-        inner = np.pi * min(radii) ** 2 * v * low * weight
-        more, slopes = _ring_potential_and_slope(r, v, r[:, None] - v, z, inner)
-        energy, slope = energy + more, slope + slopes
-    return energy, slope
-
-
-def _ring_potential_and_slope(
-    r: Samples, v: Samples, apart: Samples, z: float, amounts: Samples
-) -> tuple[Samples, Samples]:
-    """Potential of rings of radii v at a distance r of their axis, and its derivative."""
-    from scipy.special import ellipe, ellipkm1
-
-    r = r[:, None]
-    a2, b2 = (r + v) ** 2 + z * z, apart**2 + z * z
-    a = np.sqrt(a2)
-    first, second = ellipkm1(b2 / a2), ellipe(1.0 - b2 / a2)
-    # Where z is 0 the ends of both discs may touch: z^2 / b^2 is then 0, and not no number.
-    slope = -2.0 / (r * a) * (first - (z * z - apart * (r + v)) / b2 * second)
-    return (4.0 * first / a) @ amounts, slope @ amounts
+    v, below, weights, segments = overlap_nodes(first, second)
+    across = r[:, None]
+    # By the distances from contact: v itself is rounded.
+    apart = across - contact_distance(first, second) + below
+    inverse, cube, _ = ring_integrals(across, v, apart, z)
+    slope = -0.5 / across * (inverse + (apart * (across + v) - z * z) * cube)
+    amounts = segments.sum(axis=0) * v * weights
+    return inverse @ amounts, slope @ amounts

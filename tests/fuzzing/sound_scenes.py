@@ -56,10 +56,12 @@ def effects(random: Random, names: set[str], size: tuple[float, ...], piston: bo
         found["drag"] = {"coefficient": between(random, 1e-3, 1e2)}
     if "friction" in names:
         dynamic = random.uniform(0.0, 1.0)
+        torque = one_of(random, ("first", "second"))
         found["friction"] = {
             "dynamic": dynamic,
             "static": dynamic + random.uniform(0.0, 0.5),
-            "torque": one_of(random, ("first", "second")),
+            "torque": torque,
+            "tilt": "bound" if torque == "second" else one_of(random, ("bound", "aligned", "independent")),
             "scheme": "regularised" if some(random, 0.3) else "velocity",
             "threshold": between(random, 1e-12, 1e-3),
             "load": one_of(random, (0.0, 0.01, 1.0)),

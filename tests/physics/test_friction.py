@@ -67,6 +67,58 @@ def test_second_order_torque_is_a_third_more(bed: Scene) -> None:
     assert loads[1] / loads[0] == pytest.approx(np.full(368, 1.333), abs=5e-4)
 
 
+def torques_of_tilted_dipoles(places: np.ndarray, tilts: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Torque on a dipole at the origin, the first, by small tilts (n, 2) of all, over mu0 m1^2 / (4 pi)."""
+    r = np.linalg.norm(places[1:], axis=1)
+    toward = places[1:] / r[:, None]
+    along = np.einsum("ij,ij->i", tilts[1:], toward)
+    by = tilts[0] - tilts[1:] + 3.0 * along[:, None] * toward
+    return np.asarray((moments[0] * moments[1:] / r**3) @ by)
+
+
+@pytest.mark.parametrize(("tilt", "part"), [("aligned", 1.0 / 2.0), ("independent", 1.0 / 3.0)])
+def test_tilts_other_than_the_bound_add_torques_as_vectors(bed: Scene, tilt: str, part: float) -> None:
+    """Of neighbours all round, in 4000 draws; the mean torque in the direction of a grain's own tilt."""
+    random = np.random.default_rng(5)
+    angle, own = np.radians(0.96), np.array([1.0, 0.0])
+    means = []
+    for _ in range(4000):
+        r, round_about = random.uniform(1.1, 4.0, 30), random.uniform(0.0, 2.0 * np.pi, 30)
+        places = np.vstack([np.zeros(2), np.column_stack([r * np.cos(round_about), r * np.sin(round_about)])])
+        direction = random.uniform(0.0, 2.0 * np.pi, 31) * (tilt == "independent")
+        direction[0] = 0.0
+        tilts = angle * np.column_stack([np.cos(direction), np.sin(direction)])
+        torque = torques_of_tilted_dipoles(places, tilts, np.ones(31)) @ own
+        means.append(torque / (3.0 * angle * (r**-3.0).sum()))
+    error = np.std(means) / np.sqrt(len(means))
+    assert error < 0.01 * part
+    assert abs(np.mean(means) - part) < 4.0 * error
+    positions = bed.initial_positions_and_velocities()[0]
+    loads = [
+        evaluate(bed.replace(**{"effects.friction": changes}), positions).normal_load
+        for changes in ({}, {"tilt": tilt})
+    ]
+    np.testing.assert_allclose(loads[1], part * loads[0], rtol=1e-12)
+
+
+def test_independent_tilts_of_unlike_grains_load_each_by_its_own(bed: Scene) -> None:
+    """The neighbours' tilts are zero in the mean, so t_i counts where aligned tilts have t_j."""
+    species = [
+        {"name": "big", "diameter": "6 mm", "share": 0.5},
+        {"name": "small", "diameter": "3 mm", "share": 0.5},
+    ]
+    pair = bed.replace(**{"grains.species": species, "grains.count": 2, "grains.spread": 0.1})
+    loads = {
+        tilt: evaluate(
+            pair.replace(**{"effects.friction": {"tilt": tilt}}), np.array([[0.1, 0.05], [0.11, 0.05]])
+        ).normal_load
+        for tilt in ("bound", "independent")
+    }
+    d = pair.grains.diameters()
+    tilts = np.arcsin(0.0031 / np.hypot(d, 0.003)) - np.arctan(0.003 / d)
+    np.testing.assert_allclose(loads["independent"], loads["bound"] * tilts / tilts[::-1] / 3.0, rtol=2e-3)
+
+
 @settings(max_examples=20, deadline=None)
 @given(fraction=st.floats(0.1, 0.9), small=st.floats(0.0018, 0.0059))
 @pytest.mark.long  # quick: unlike grains, tests/granular/scene/test_unlike_grains.py
@@ -273,6 +325,7 @@ def test_regularised_law_agrees_where_it_is_resolved() -> None:
     [
         ({"effects.friction.dynamic": 0.7}, "must be at most the static coefficient"),
         ({"effects.friction.scheme": "sticky"}, "unknown choice"),
+        ({"effects.friction.torque": "second", "effects.friction.tilt": "aligned"}, "take 'first'"),
         ({"effects.friction.load": -1.0}, "at least 0 N"),
         ({"cell.separation": 0.0029}, "at least the grains' thickness"),
         ({"grains.species.0.diameter": 0.0007, "arrangement.height": 0.1}, "falls over"),
