@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.run.time_steps import parse_time_step
+from granular.run.plan import parse_time_step
 from granular.run.work_precision import damping_kind
 from granular.scene.loading import load_scene
 from granular.scene.published_beds import damper

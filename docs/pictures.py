@@ -28,8 +28,7 @@ from granular.observables import per_distance, radial_distribution, track_defect
 from granular.observables.plots import plot_correlation_function, plot_defect_paths
 from granular.render import movie, save_picture, still
 from granular.response import frequency_response
-from granular.run.settings_for_accuracy import FLOORS, starts_for_tolerance
-from granular.run.work_precision import SceneWorkPrecision
+from granular.run.work_precision import FLOORS, SceneWorkPrecision, starts_for_tolerance
 from granular.run.work_precision import load_work_precision_scenes as prices
 from granular.schema.natural_units import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style

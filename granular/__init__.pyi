@@ -3,6 +3,7 @@ from .methods import Method
 from .protocol.custom_stages import stage
 from .run.evaluation import Evaluation, evaluate
 from .run.piston_record import PistonRecord
+from .run.plan import Plan, plan
 from .run.simulation import simulate
 from .run.summary import run_text, scene_text
 from .run.trajectory import Trajectory, load_trajectory
@@ -21,6 +22,7 @@ __all__ = [
     "InputError",
     "Method",
     "PistonRecord",
+    "Plan",
     "Scene",
     "Study",
     "Trajectory",
@@ -33,6 +35,7 @@ __all__ = [
     "load_scene",
     "load_trajectory",
     "mono_bed",
+    "plan",
     "quantity",
     "run_text",
     "scene_names",

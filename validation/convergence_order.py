@@ -130,12 +130,12 @@ def _is_resolved(problem: ExactProblem, solver: Solver, count: int, exact: np.nd
 def method_suits_problem(problem: ExactProblem, method: str) -> bool:
     """Tell if the method suits the problem."""
     # Some methods take no dry friction, and variable steps follow distances, so there must be some.
-    from granular.run.time_steps import can_run_with_step
+    from granular.run.plan import can_run
 
     effects = problem.scene.effects
     distances = effects.dipole is not None or effects.walls is not None
     variable = method_named(method).variable
-    return can_run_with_step(problem.scene, "auto", method) and (distances or not variable)
+    return can_run(problem.scene, "auto", method) and (distances or not variable)
 
 
 def convergence(

@@ -16,14 +16,12 @@ from typing import Any
 import numba
 import numpy as np
 
-from granular.engine.columns import ledger_column_count
-from granular.engine.step_size import StepRequest, StepSchedule
-from granular.engine.tick_loop import TickRange, advance_ticks
-from granular.methods import method_named
+from granular.engine.step_size import StepSchedule
+from granular.run.engines import NO_TICKS, Ticks, advance
+from granular.run.plan import plan
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.summary import active_effect_names
 from granular.scene.scene import Scene
-from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.shared.errors import GranularError
 
 STEP = 0.02
@@ -34,30 +32,18 @@ class EngineSteps:
     """A run of the engine whose bare steps can be called: one tick without records."""
 
     def __init__(self, scene: Scene, threads: int = 1, step: float = STEP) -> None:
-        method = method_named("stormer-verlet")
-        system = scene_in_natural_units(scene, threads=threads, method=method)
         self.threads, self.step = threads, step
-        self.run = ProtocolRunner(scene, system, method, StepRequest(), None)
+        self.run = ProtocolRunner(plan(scene, threads=threads))
         self.run.begin_stage()
         self.watch = self.run.stop_criteria()._replace(stiff=math.inf, rest=-1.0)
-        self.rows = np.zeros((3, ledger_column_count(len(system.effects))))
 
     def make_steps(self, steps: int) -> None:
         """Make that many steps, and check the state at their end."""
         numba.set_num_threads(self.threads)
         schedule = StepSchedule(steps * self.step, self.step, 1, 1, steps, 0)
-        run = self.run
-        advance_ticks(
-            TickRange(0.0, 0.0, math.inf, 0, 1),
-            schedule,
-            run.plan,
-            run.state,
-            run.constants,
-            run.motion,
-            run.measurement,
-            self.watch,
-            self.rows,
-        )
+        run, window = self.run, NO_TICKS._replace(ticks=1)
+        ticks = Ticks(window, schedule, run.tables, run.motion, run.measurement, self.watch)
+        advance(run.system, run.state, ticks)
 
 
 STILL = 1e-5

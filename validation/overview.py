@@ -13,7 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from granular.methods import METHODS
-from granular.run.time_steps import can_run_with_step
+from granular.run.plan import can_run
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
@@ -132,7 +132,7 @@ def plan_runs(
     scene: Scene, until: float | None, seconds: float
 ) -> tuple[list[SolverSettings], tuple[Scene, ...], SolverSettings]:
     """Plan settings, starts and a reference whose runs fit into a time; until, seconds [s]."""
-    steps = [dt for dt in STEPS if can_run_with_step(scene, dt, "stormer-verlet")]
+    steps = [dt for dt in STEPS if can_run(scene, dt, "stormer-verlet")]
     took = _run_seconds(scene, SolverSettings("stormer-verlet", steps[0]), until)
     random = depends_on_seed(scene)
     many = random and MANY_STARTS * took * 2.0**6 <= seconds
@@ -146,7 +146,7 @@ def plan_runs(
         calls = METHODS[name].force_evaluations_per_step
         runs = seconds * FRACTION / (starts * took * calls)
         more = min(math.floor(math.log2(runs + 1.0)), len(steps)) if runs >= 1.0 else 0
-        ladder += [SolverSettings(name, dt) for dt in steps[:more] if can_run_with_step(scene, dt, name)]
+        ladder += [SolverSettings(name, dt) for dt in steps[:more] if can_run(scene, dt, name)]
     reference = SolverSettings("stormer-verlet", steps[entries]) if random else reference_setting(scene)
     return ladder, scenes_with_other_seeds(scene, starts - 1), reference
 

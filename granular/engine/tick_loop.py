@@ -284,27 +284,3 @@ def _advance_window(
         if row[columns.STIFFEST] * schedule.h > watch.stiff:
             return STIFF, done - window.first, saved
     return RUNNING, window.ticks, saved
-
-
-def record_present_state(
-    start: float,
-    plan: StepPlan,
-    state: State,
-    constants: Constants,
-    motion: Motion,
-    measurement: Measurement,
-    row: Float[Array, "columns"],
-) -> bool:
-    """Fill a record of the present moment by a loop without ticks: no kernel more to compile; start [tau]."""
-    status, _, _ = advance_ticks(
-        TickRange(start, 0.0, math.inf, 0, 0),
-        StepSchedule(1.0, 1.0, 1, 1, 1, 0),
-        plan,
-        state,
-        constants,
-        motion,
-        measurement,
-        StopCriteria(math.inf, -1.0, 0, np.zeros(3), np.zeros(3), 0.0, 0.0, -math.inf),
-        row[None],
-    )
-    return bool(status == OUTSIDE)

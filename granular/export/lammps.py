@@ -184,7 +184,7 @@ def _make_deck(scene: Scene, start: _DeckStart, dt: float | str) -> LammpsDeck:
 
 def _choose_time_step(deck: LammpsDeck, start: _DeckStart, dt: float | str) -> float:
     """Time step [s] that is given, or that the bed's stiffest modes allow."""
-    from granular.run.time_steps import parse_time_step
+    from granular.run.plan import parse_time_step
 
     asked = parse_time_step(dt, deck.scene)
     if asked.seconds is not None:

@@ -27,12 +27,13 @@ from granular.engine.tick_loop import (
     STIFFEST,
     StopCriteria,
     TickRange,
-    advance_ticks,
 )
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
 from granular.protocol.piston_motion import driven_height_and_velocity
 from granular.protocol.stage import TimedStage, stage_motion
 from granular.protocol.stage_trials import name_stage_in_errors
+from granular.run.engines import Rows
+from granular.run.plan import Plan
 from granular.run.run_state import ARRANGE, RunState
 from granular.run.thread_count import ThreadCountTuner
 from granular.scene.dry_friction import has_coarse_friction
@@ -46,7 +47,10 @@ class ProtocolRunner(RunState):
     """The engine's working object: state, progress and recorder, advanced call by call."""
 
     _call_ticks = 1
-    threads = ThreadCountTuner(1)
+
+    def __init__(self, plan: Plan) -> None:
+        super().__init__(plan)
+        self.threads = ThreadCountTuner(plan.threads if plan.tries_threads else 1)
 
     def summary_figures(self) -> dict[str, Any]:
         """Sum up the steps, the energy residual, and the extremes of step and distance so far, in SI."""
@@ -58,7 +62,7 @@ class ProtocolRunner(RunState):
         if self.steps_made:
             figures["shortest_step"] = float(clock[SHORTEST]) * scales.time
             figures["longest_step"] = float(clock[LONGEST]) * scales.time
-        if self.plan.fraction is None:
+        if self.tables.fraction is None:
             figures["step_times_highest_frequency"] = progress.stiffest
         if math.isfinite(progress.closest):
             figures["closest_distance"] = progress.closest * scales.length
@@ -146,27 +150,14 @@ class ProtocolRunner(RunState):
             between = progress.ticks % self.schedule.frames_every != 0
             self._finish_stage("duration", new_frame=between or left > 0.0)
 
-    def _run_ticks(
-        self, window: TickRange, schedule: StepSchedule, watch: StopCriteria
-    ) -> tuple[int, int, np.ndarray]:
+    def _run_ticks(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> Rows:
         """Status, ticks made and records of one call; the row behind them holds the last tick."""
-        rows = np.empty((window.ticks // schedule.every + 2, self._columns))
-        status, done, saved = advance_ticks(
-            window,
-            schedule,
-            self.plan,
-            self.state,
-            self.constants,
-            self.motion,
-            self.measurement,
-            watch,
-            rows,
-        )
-        self.progress.ticks += done
-        if status == OUTSIDE:
-            self._record_rows(rows[:saved])
+        rows = self._call_engine(window, schedule, watch)
+        self.progress.ticks += rows.done
+        if rows.status == OUTSIDE:
+            self._record_rows(rows.records[:-1])
             raise self.misplaced_grain_error(self.remedy_for_long_steps)
-        return status, done, rows[: saved + 1]
+        return rows
 
     def _call_compiled_loop(self, ticks: int) -> None:
         progress, schedule = self.progress, self.schedule
@@ -218,7 +209,7 @@ class ProtocolRunner(RunState):
         schedule, reached = self.schedule, float(self.state.clock[TIME])
         steps = max(1, math.ceil(left / schedule.h - 1e-6))
         watch = self.stop_criteria()._replace(rest=-1.0, stiff=math.inf)
-        if self.plan.fraction is None:
+        if self.tables.fraction is None:
             window = TickRange(self.progress.start, reached, math.inf, 0, 1)
             _, made, rows = self._run_ticks(window, StepSchedule(left, left / steps, 1, 1, steps, 0), watch)
             self.state.clock[TIME] = reached + left

@@ -19,22 +19,21 @@ from granular.engine.step_size import (
     MOST_COUNT,
     MOST_STEPS,
     REVIEW,
-    StepRequest,
     StepSchedule,
     auto_step_text,
     completed_ticks,
 )
-from granular.engine.tick_loop import STIFFEST, TURNED, StopCriteria, record_present_state
+from granular.engine.tick_loop import OUTSIDE, STIFFEST, TURNED, StopCriteria, TickRange
 from granular.engine.time_step import make_step_plan
 from granular.engine.variable_step import initialise_step_density
+from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, STEPS, TIME, Measurement, State
-from granular.methods import Method
 from granular.protocol import Stage
 from granular.protocol.piston_motion import Motion, drive_angular_frequency, greatest_piston_speed
 from granular.protocol.stage import TimedStage
+from granular.run.engines import NO_TICKS, UNDIVIDED, UNWATCHED, Rows, Ticks, engine_named, record_length
+from granular.run.plan import Plan
 from granular.run.record_buffer import RecordBuffer
-from granular.scene.scene import Scene
-from granular.scene.scene_in_natural_units import SceneInNaturalUnits
 from granular.shared.errors import NotFiniteError, RunError
 
 if TYPE_CHECKING:
@@ -74,17 +73,12 @@ class RunProgress:
 class RunState:
     """State, progress and recorder of a run, and all that follows from them."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        system: SceneInNaturalUnits,
-        method: Method,
-        step: StepRequest,
-        t_end: float | None,
-    ) -> None:
+    def __init__(self, plan: Plan) -> None:
+        scene, system, step = plan.scene, plan.system, plan.step
         self.scene, self.system, self.step = scene, system, step
-        self.t_end = math.inf if t_end is None else t_end / system.scales.time
-        self.plan = make_step_plan(method, step, system.constants.acting.far)
+        self.t_end = math.inf if plan.t_end is None else plan.t_end / system.scales.time
+        self.tables = make_step_plan(plan.method, step, system.constants.acting.far)
+        self._advance_by_engine = engine_named(plan.engine)
         self.recorder = RecordBuffer(scene.grains.count, system.effects)
         self.progress = RunProgress()
         positions, velocities = scene.initial_positions_and_velocities()
@@ -95,17 +89,24 @@ class RunState:
             velocities / scales.velocity,
             height / scales.length,
             system.constants.acting,
-            method,
+            plan.method,
         )
-        self.constants = system.constants
         self.measurement: Measurement = new_measurement(self.state)
         self.band, self.seen = np.zeros(3), np.zeros(3)
         self.ledger: EnergyLedger | None = None
         self.motion = Motion()
         self._entered = columns.ledger_column_count(len(system.effects))
         """Columns that the energy ledger reads."""
-        self._columns = self._entered + sum(len(effect.extra_records) for effect in system.effects)
-        self._row = np.zeros(self._columns)
+        self._row = np.zeros(record_length(system))
+
+    @property
+    def constants(self) -> Constants:
+        """Constants of the grains that are there."""
+        return self.system.constants
+
+    @constants.setter
+    def constants(self, constants: Constants) -> None:
+        self.system = dataclasses.replace(self.system, constants=constants)
 
     @property
     def stage(self) -> Stage:
@@ -163,7 +164,7 @@ class RunState:
         """Whole ticks that are left to ``t_end``."""
         # A variable step may end behind its tick, and one that is cut at ``t_end`` is no state to go on from:
         # the tail has the last two ticks.
-        spared = 0.0 if self.plan.fraction is None else 2.0
+        spared = 0.0 if self.tables.fraction is None else 2.0
         return self.whole_ticks_until(self.t_end - self.progress.start) - spared
 
     def remaining_stage_time(self, least: float = 1e-6) -> float:
@@ -228,12 +229,18 @@ class RunState:
 
     def present_record(self, remedy: str) -> Float[np.ndarray, "columns"]:
         """Compute the forces, and a record of the present moment."""
-        moved = self.progress.start, self.plan, self.state, self.constants, self.motion
-        outside = record_present_state(*moved, self.measurement, self._row)
+        # A loop without ticks: no kernel more to compile.
+        window = NO_TICKS._replace(start=self.progress.start)
+        found = self._call_engine(window, UNDIVIDED, UNWATCHED)
+        self._row = found.records[0]
         self._row[columns.TURNED] = self.seen[TURNED]
-        if outside:
+        if found.status == OUTSIDE:
             raise self.misplaced_grain_error(remedy)
         return self._row
+
+    def _call_engine(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> Rows:
+        ticks = Ticks(window, schedule, self.tables, self.motion, self.measurement, watch)
+        return self._advance_by_engine(self.system, self.state, ticks)
 
     def total_energy(self, remedy: str) -> float:
         """Total energy of the present moment, in the ledger's sense [F* D]."""
@@ -281,13 +288,13 @@ class RunState:
         end = min(self.stage_length, self.t_end - self.progress.start)
         steps = end / schedule.h if end < math.inf else 0.0
         self._refuse_too_many_steps("the path to the end", steps, MOST_COUNT)
-        if self.plan.fraction is not None:
+        if self.tables.fraction is not None:
             half_tick = 0.5 * schedule.length
-            initialise_step_density(speed, half_tick, self.plan.fraction, self.state, self.constants)
+            initialise_step_density(speed, half_tick, self.tables.fraction, self.state, self.constants)
 
     def set_steps_per_tick(self, frequency: float) -> None:
         """Cut the ticks into steps for another frequency [1/tau]; a variable step does so itself."""
-        if self.plan.fraction is None:
+        if self.tables.fraction is None:
             steps = self.step.steps_per_tick(self.schedule.length, self._frequency_to_resolve(frequency))
             self._apply_schedule(self.schedule.with_steps(steps))
 
@@ -317,7 +324,7 @@ class RunState:
 
     def _apply_schedule(self, schedule: StepSchedule) -> None:
         self.progress.schedule = list(schedule)
-        if self.plan.fraction is None:
+        if self.tables.fraction is None:
             clock = self.state.clock
             clock[SHORTEST] = min(clock[SHORTEST], schedule.h)
             clock[LONGEST] = max(clock[LONGEST], schedule.h)
@@ -340,7 +347,7 @@ class RunState:
         if isinstance(stage, TimedStage) and rest >= 0.0:
             ticks = stage.window / self.system.scales.time / self.schedule.length
             window = math.ceil(min(ticks, MOST_COUNT))
-        stiff = self.step.shortening_threshold if self.plan.fraction is None else math.inf
+        stiff = self.step.shortening_threshold if self.tables.fraction is None else math.inf
         assert self.ledger is not None
         potential, piston = self.ledger.potential, self.ledger.piston
         floor = -math.inf if self.scene.piston is None else 0.0

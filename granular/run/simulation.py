@@ -15,34 +15,25 @@ import numpy as np
 
 from granular.compiled.compile_timer import CompileTimer, measure_compile_time
 from granular.engine.run_errors import report_arithmetic_errors_as
-from granular.engine.step_size import StepRequest
 from granular.methods.method import Method
-from granular.methods.registry import method_as_run_setting, resolve_method
+from granular.methods.registry import method_as_run_setting
 from granular.protocol.stage_trials import try_stages
 from granular.run.checkpoint import read_checkpoint, read_verified_files
 from granular.run.dataset_variables import check_variable_names
+from granular.run.engines import NUMBA
+from granular.run.plan import METHOD, Plan, plan
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.record_buffer import RecordBuffer
 from granular.run.run_directory import SETTINGS, is_run_directory
 from granular.run.run_directory_writer import RunDirectoryWriter
 from granular.run.run_progress_bar import RunProgressBar
-from granular.run.settings_for_accuracy import choose_settings_for_accuracy
 from granular.run.snapshot import restore_snapshot, take_snapshot
-from granular.run.thread_count import ThreadCountTuner, choose_thread_count, set_thread_count
-from granular.run.time_steps import (
-    check_end_time,
-    check_method_fits_scene,
-    check_time_step_fits_scene,
-    parse_time_step,
-)
+from granular.run.summary import custom_code_digests
+from granular.run.thread_count import set_thread_count
 from granular.run.trajectory import Trajectory, load_trajectory, make_trajectory
 from granular.scene.dry_friction import degraded_residual_limit
 from granular.scene.scene import Scene
-from granular.scene.scene_in_natural_units import (
-    SceneInNaturalUnits,
-    explain_compile_errors,
-    scene_in_natural_units,
-)
+from granular.scene.scene_in_natural_units import SceneInNaturalUnits, explain_compile_errors
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
@@ -65,12 +56,13 @@ def simulate(
     scene: Scene,
     dt: float | str = "auto",
     t_end: float | None = None,
-    method: str | Method | Mapping[str, Any] = "stormer-verlet",
+    method: str | Method | Mapping[str, Any] = METHOD,
     out: str | Path | None = None,
     resume: bool = False,
     threads: int | None = None,
     progress: bool = True,
     accuracy: str | None = None,
+    engine: str = NUMBA,
 ) -> Trajectory:
     """Run a scene through its protocol.
 
@@ -101,8 +93,11 @@ def simulate(
         Show a progress bar on standard error.
     accuracy : str, optional
         Instead of ``dt`` and ``method``: an error and the quantity it is of, such as "1e-3 rest
-        height"; step, method and sum over pairs are then chosen from the stored table of prices
-        (see `granular.run.settings_for_accuracy`), and stored in the run's ``settings()["accuracy"]``.
+        height"; step, method and sum over pairs are then chosen from measured tables (see `granular.plan`),
+        and stored in the run's ``settings()["accuracy"]``.
+    engine : str
+        Name of the engine that advances the bed: "numba", or one that an installed distribution offers by
+        an entry point of the group "granular.engines".
 
     Returns
     -------
@@ -134,29 +129,18 @@ def simulate(
     >>> run.dataset["piston_height"].attrs["units"], len(run.dataset["frame_time"])
     ('m', 2)
     """
-    promised: dict[str, Any] = {}
-    if accuracy is not None:
-        if dt != "auto" or method != "stormer-verlet":
-            raise InputError("accuracy chooses dt and method; give either it or them")
-        scene, dt, method, words = choose_settings_for_accuracy(scene, accuracy)
-        promised = {"accuracy": words}
-    plan = resolve_method(method)
-    step = parse_time_step(dt, scene)
+    chosen = plan(scene, dt, method, t_end=t_end, accuracy=accuracy, threads=threads, engine=engine)
+    scene = chosen.scene
     check_variable_names(scene)
-    check_method_fits_scene(plan, step, scene)
-    check_end_time(scene, t_end)
-    check_time_step_fits_scene(step, scene, t_end)
+    chosen.check_arguments()
     if scene.piston is not None:
         try_stages(scene.protocol, scene.piston.height, Scales.from_grains(scene.grains))
-    _warn_of_changed_record_spacing(step, scene)
-    count = choose_thread_count(scene, threads)
-    system = scene_in_natural_units(scene, threads=count, method=plan)
-    set_thread_count(count)
-    settings = _run_settings(scene, dt, plan, system) | promised
+    _warn_of_changed_record_spacing(chosen)
+    settings = _run_settings(chosen)
     if resume and out is None:
         raise InputError("resume = True needs out, the directory of the run to go on with")
-    run = ProtocolRunner(scene, system, plan, step, t_end)
-    run.threads = ThreadCountTuner(count if threads is None else 1)
+    set_thread_count(chosen.threads)
+    run = ProtocolRunner(chosen)
     with defer_stop_signals() as stop:
         store = None if out is None else _create_or_resume_directory(Path(out), run, settings, resume)
         try:
@@ -257,10 +241,10 @@ def _recorded_dataset(scene: Scene, system: SceneInNaturalUnits, recorder: Recor
     )
 
 
-def _warn_of_changed_record_spacing(step: StepRequest, scene: Scene) -> None:
+def _warn_of_changed_record_spacing(plan: Plan) -> None:
+    step, wanted = plan.step, plan.scene.output.scalars
     if step.seconds is None:
         return
-    wanted = scene.output.scalars
     made = round(wanted / step.seconds) * step.seconds
     if abs(made - wanted) > CADENCE * wanted:
         warnings.warn(
@@ -270,29 +254,21 @@ def _warn_of_changed_record_spacing(step: StepRequest, scene: Scene) -> None:
         )
 
 
-def _run_settings(
-    scene: Scene, dt: float | str, method: Method, system: SceneInNaturalUnits
-) -> dict[str, Any]:
-    far = system.constants.acting.far
+def _run_settings(plan: Plan) -> dict[str, Any]:
+    scene, far = plan.scene, plan.system.constants.acting.far
     asked = None if far is None else far.every or scene.pairs.far_every
     every = {} if asked is None else {"far_every": asked}
     return {
         "scene_digest": scene.digest(),
-        "dt": dt,
-        "method": method_as_run_setting(method),
-        "pairs": scene.pair_method,
+        "dt": plan.dt,
+        "method": method_as_run_setting(plan.method),
+        "pairs": plan.pair_sum,
+        "engine": plan.engine,
         **every,
         "versions": versions(),
         **({"own": own} if (own := custom_code_digests(scene)) else {}),
+        **({"accuracy": plan.words} if plan.words else {}),
     }
-
-
-def custom_code_digests(scene: Scene) -> list[str]:
-    """Digests of a user's own functions in a scene, and of what is derived from formulas."""
-    own = [part.user_code_digests for part in scene.effects.in_loop_order] + [
-        stage.user_code_digests for stage in scene.protocol
-    ]
-    return sorted(digest for sources in own for digest in sources)
 
 
 def _create_or_resume_directory(
@@ -305,8 +281,8 @@ def _create_or_resume_directory(
         outcome = {"figures": run.summary_figures(), "complete": False, "stages": []}
         first["outcome"] = np.array(json.dumps(outcome))
         return RunDirectoryWriter.create(path, run.scene, run.system, settings, first)
-    former = json.loads(read_verified_files(path, read_checkpoint(path)[1])[SETTINGS])
-    for name in ("scene_digest", "dt", "method"):
+    former = {"engine": NUMBA} | json.loads(read_verified_files(path, read_checkpoint(path)[1])[SETTINGS])
+    for name in ("scene_digest", "dt", "method", "engine"):
         if former[name] != settings[name]:
             what = "scene" if name == "scene_digest" else name
             raise StoreError(

@@ -45,6 +45,12 @@ def active_effect_names(scene: Scene) -> tuple[str, ...]:
     return tuple(key for key in scene.effects.key_names() if getattr(scene.effects, key))
 
 
+def custom_code_digests(scene: Scene) -> list[str]:
+    """Digests of a user's own functions in a scene, and of what is derived from formulas."""
+    own = [part.user_code_digests for part in (*scene.effects.in_loop_order, *scene.protocol)]
+    return sorted(digest for sources in own for digest in sources)
+
+
 def scene_text(scene: Scene) -> str:
     """Text of a scene: grains, natural units, cell, piston, effects and stages.
 

@@ -1,8 +1,9 @@
-"""The stored table of prices: what steps err in a few measured scenes, and what they take.
+"""What methods and steps err and take, from measured tables.
 
-``prices.toml`` is made by ``python -m benchmarks --prices``. A scene is looked up by what damps it
-and by its number of grains; an error, by the step over the period of the stiffest mode. What a run
-cost and risks follows from both, and from its ledger, in one line.
+``work_precision.toml`` comes with the package and is made by ``python -m benchmarks --prices``. A scene is
+looked up there by what damps it and by its number of grains. What a user has measured of a scene, by
+``granular-damper validate cheapest``, is kept among his caches, and is looked up for the same scene with any
+random start.
 """
 
 from __future__ import annotations
@@ -11,24 +12,46 @@ import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.run.summary import active_effect_names
-from granular.run.trajectory import Trajectory
+from granular.methods.registry import method_named
+from granular.run.summary import active_effect_names, custom_code_digests
 from granular.scene.scene import Scene
+from granular.shared.cache_files import toolkit_cache_folder
+from granular.shared.errors import InputError
 from granular.shared.files import parse_toml
+from granular.shared.result_cache import ResultCache, digest
+
+if TYPE_CHECKING:
+    from granular.run.trajectory import Trajectory
 
 TABLE = Path(__file__).with_name("work_precision.toml")
 
 KNOWN = frozenset({"dipole", "walls", "gravity", "drag", "friction"})
-"""Effects that the scenes of the table have; it says nothing of others."""
+"""Effects that the scenes of the packaged table have; it says nothing of others."""
 
 ALIKE = 8.0
-"""Ratio of numbers of grains up to which a scene of the table stands for another."""
+"""Ratio of numbers of grains up to which a scene of the table represents another."""
+
+MARGIN = 1.5
+"""Factor of a bound of the packaged table: scenes differ."""
+
+FLOORS = 3.0
+"""A tolerance of fewer standard deviations of the starts cannot be met by one run of any setting: three hold
+all but one start in four hundred."""
+
+FARTHEST = 4.0
+"""Largest factor by which a step may be shorter than the table's shortest, by its method's order."""
+
+RESOLVED = 1.0
+"""Step times highest frequency up to which a method shows its order; half the limit."""
+
+MOTION = ("rest height", "period", "damping ratio")
+"""Quantities of a piston that comes to rest, in the packaged table."""
 
 
 class WorkPrecisionEntry(NamedTuple):
-    """A method at a step, in a scene of the table."""
+    """A method at a step, in a measured scene."""
 
     method: str
     dt: str
@@ -38,22 +61,104 @@ class WorkPrecisionEntry(NamedTuple):
     bounds: Mapping[str, float]  # largest error of each quantity
     clear: list[str]  # quantities whose error stands out from the scatter
 
+    def error_bound(self, quantity: str, ratio: float) -> float:
+        """Largest error of a quantity at a step of this ratio to the entry's, by the method's order."""
+        scale = ratio ** method_named(self.method).order
+        return self.bounds[quantity] * (scale if quantity in self.clear else max(1.0, scale))
+
 
 class SceneWorkPrecision(NamedTuple):
-    """A scene of the table."""
+    """A measured scene."""
 
     name: str
     kind: str
     grains: int
     starts: int
+    reference: str
     floors: Mapping[str, float]  # scatter of each quantity over random starts
     entries: tuple[WorkPrecisionEntry, ...]
     date: str
+    margin: float = MARGIN  # factor of the bounds
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> SceneWorkPrecision:
+        """Make the measured scene from its table."""
+        entries = tuple(WorkPrecisionEntry(**entry) for entry in plain["entries"])
+        return cls(**{**plain, "entries": entries})
 
     def scatter_for_grain_count(self, quantity: str, grains: int) -> float:
         """Scatter of a quantity over random starts, for a number of grains."""
         # With the inverse root of the number of grains, and never less than was measured.
         return self.floors[quantity] * max(1.0, math.sqrt(self.grains / max(grains, 1)))
+
+    def entries_of(self, method: str, product: str = "fraction") -> list[WorkPrecisionEntry]:
+        """Entries of a method by their product of step and highest frequency, the shortest step first."""
+        own = [entry for entry in self.entries if entry.method == method]
+        return sorted(own, key=lambda entry: float(getattr(entry, product)))
+
+    def longest_step(self, method: str, quantity: str, tolerance: float) -> float | None:
+        """Longest step times highest frequency that keeps a tolerance; None where none does."""
+        # Between two steps of the table, and below its shortest, errors follow the method's order; beyond its
+        # longest no step is promised.
+        entries, order = self.entries_of(method), method_named(method).order
+        held = [entry for entry in entries if entry.bounds[quantity] <= tolerance]
+        if not held:
+            finest = entries[0]
+            shorter = (tolerance / finest.bounds[quantity]) ** (1.0 / order)
+            clear = quantity in finest.clear and shorter * FARTHEST >= 1.0
+            return shorter * finest.fraction if clear else None
+        best = held[-1]
+        following = entries[entries.index(best) + 1 :]
+        # Where the next one's error is scatter, it follows no order.
+        if not following or not best.bounds[quantity] > 0.0 or quantity not in following[0].clear:
+            return best.fraction
+        longer = (tolerance / best.bounds[quantity]) ** (1.0 / order)
+        return min(best.fraction * longer, following[0].fraction)
+
+    def longest_hidden_step(self, method: str) -> float:
+        """Longest step times highest frequency whose errors the scatter over random starts hides; else 0."""
+        fraction = 0.0
+        for entry in self.entries_of(method):
+            # From here on an error of the step stands out from the scatter of the starts.
+            if entry.frequency > RESOLVED or not set(entry.clear).isdisjoint(MOTION):
+                break
+            fraction = entry.fraction
+        return fraction
+
+
+class PricedStep(NamedTuple):
+    """A method and its longest step for a tolerance, with price and bound of the error."""
+
+    seconds: float  # computing time of a run in the measured scene [s]
+    fraction: float  # step times highest frequency
+    method: str
+    bound: float
+
+
+def steps_within(costs: SceneWorkPrecision, quantity: str, tolerance: float, grains: int) -> list[PricedStep]:
+    """Methods and steps that keep a tolerance in a measured scene, the cheapest first."""
+    floor = costs.scatter_for_grain_count(quantity, grains)
+    if tolerance < FLOORS * floor:
+        raise InputError(
+            f"random starts scatter by {floor:.2g}, so no single run can be promised below "
+            f"{FLOORS * floor:.2g}; ask for that, or average {starts_for_tolerance(floor, tolerance):d} "
+            "starts (arrangement.seed)"
+        )
+    found = []
+    for method in dict.fromkeys(entry.method for entry in costs.entries):
+        fraction = costs.longest_step(method, quantity, tolerance / costs.margin)
+        if fraction is not None:
+            ratios = [(entry, fraction / entry.fraction) for entry in costs.entries_of(method)]
+            near, ratio = min(ratios, key=lambda pair: abs(math.log(pair[1])))
+            found.append(
+                PricedStep(near.seconds / ratio, fraction, method, near.error_bound(quantity, ratio))
+            )
+    return sorted(found)
+
+
+def starts_for_tolerance(floor: float, tolerance: float) -> int:
+    """Return the number of random starts whose mean is within a tolerance, at two standard errors."""
+    return max(1, math.ceil((2.0 * floor / tolerance) ** 2))
 
 
 def damping_kind(scene: Scene) -> str:
@@ -66,22 +171,34 @@ def damping_kind(scene: Scene) -> str:
 
 @cache
 def load_work_precision_scenes() -> tuple[SceneWorkPrecision, ...]:
-    """Scenes of the stored work-precision table, as a tuple of `SceneWorkPrecision`."""
+    """Scenes of the packaged table, as a tuple of `SceneWorkPrecision`."""
     plain = parse_toml(TABLE.read_text(encoding="utf-8"))
-    return tuple(
-        _parse_scene_work_precision(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"]
-    )
+    date = {"date": plain["made"]["date"]}
+    return tuple(SceneWorkPrecision.from_plain(scene | date) for scene in plain["scenes"])
 
 
-def _parse_scene_work_precision(plain: Mapping[str, Any], date: str) -> SceneWorkPrecision:
-    entries = tuple(WorkPrecisionEntry(**rung_values) for rung_values in plain["entries"])
-    return SceneWorkPrecision(
-        plain["name"], plain["kind"], plain["grains"], plain["starts"], plain["floors"], entries, date
-    )
+def own_measurements() -> ResultCache | None:
+    """What the user has measured."""
+    folder = toolkit_cache_folder()
+    return None if folder is None else ResultCache(folder / "work-precision")
+
+
+def own_measurement_key(scene: Scene, quantity: str, t_end: float | None) -> str:
+    """Key of a measured quantity of a scene until a time [s], the same for any random start."""
+    like = scene.replace(**{"name": "measured", "arrangement.seed": 0})
+    return digest([like.to_plain(), custom_code_digests(like), quantity, t_end], 20)
+
+
+def measured_scenes(scene: Scene, quantity: str, t_end: float | None = None) -> list[SceneWorkPrecision]:
+    """Measured scenes that tell of another one: of the packaged table, then of the user's own; t_end [s]."""
+    packaged, kept = most_similar_measured_scene(scene, quantity), own_measurements()
+    own = None if kept is None else kept.read(own_measurement_key(scene, quantity, t_end))
+    found = [] if packaged is None else [packaged]
+    return found if own is None else [*found, SceneWorkPrecision.from_plain(own)]
 
 
 def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecision | None:
-    """Find the scene of the work-precision table that is most like another one."""
+    """Find the scene of the packaged table that is most like another one."""
     if not KNOWN.issuperset(active_effect_names(scene)) or not scene.has_closed_walls:
         return None
 
@@ -104,44 +221,27 @@ def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecisi
 
 def work_precision_text(run: Trajectory) -> str:
     """Say in a line how long a run took, its error by the step, and both for half the step [s]."""
-    settings = run.settings()
-    seconds, order = settings["seconds"], run.method.order
+    settings, order, grains = run.settings(), run.method.order, run.scene.grains.count
+    seconds, seen = settings["seconds"], settings.get("step_times_highest_frequency", 0.0)
     finer = f"twice as fine: {2.0 * seconds:.3g} s"
-    quantity = _main_quantity(run)
-    costs = None if quantity is None else most_similar_measured_scene(run.scene, quantity)
-    seen = settings.get("step_times_highest_frequency", 0.0)
-    entry = None if costs is None else _entry_nearest_to_step(costs, run.method.name, seen)
-    if quantity is None or costs is None or entry is None:
-        error = settings["ledger_residual"]
-        return f"price: {seconds:.3g} s; energy to {error:.1g} by the step; {finer}, {error / 2.0**order:.1g}"
-    bound, scatter = entry.bounds[quantity], costs.scatter_for_grain_count(quantity, run.scene.grains.count)
-    scattered = f"; starts scatter it by {scatter:.1g}" if scatter else ""
-    if quantity not in entry.clear:
-        return (
-            f"price: {seconds:.3g} s; {quantity} to {bound:.1g} or better by the step{scattered}; "
-            f"{finer}, and no better where the starts decide"
-        )
-    # By the method's order from the step of the table to the one used here.
-    error = bound * (seen / entry.frequency) ** order
-    return (
-        f"price: {seconds:.3g} s; {quantity} to {error:.1g} by the step{scattered}; {finer}, "
-        f"{error / 2.0**order:.1g}"
-    )
-
-
-def _main_quantity(run: Trajectory) -> str | None:
-    """Quantity that a run is first looked at for."""
-    if run.scene.piston is None:
-        return None
     rested = any(stage.reason == "rest" for stage in run.stages)
-    return "rest height" if rested else "piston force"
-
-
-def _entry_nearest_to_step(costs: SceneWorkPrecision, method: str, seen: float) -> WorkPrecisionEntry | None:
-    """Entry of a method next to a step, of those at least as long; else its longest."""
-    entries = sorted(
-        (entry for entry in costs.entries if entry.method == method), key=lambda entry: entry.frequency
-    )
-    if not entries or not 0.0 < seen <= 2.0 * entries[-1].frequency:
-        return None
-    return next((entry for entry in entries if entry.frequency >= seen), entries[-1])
+    quantity = "rest height" if rested else "piston force"  # that a run is first looked at for
+    for costs in measured_scenes(run.scene, quantity) if run.scene.piston is not None else ():
+        entries = costs.entries_of(run.method.name, "frequency")
+        if not entries or not 0.0 < seen <= 2.0 * entries[-1].frequency:
+            continue
+        entry = next((entry for entry in entries if entry.frequency >= seen), entries[-1])
+        scatter = costs.scatter_for_grain_count(quantity, grains)
+        scattered = f"; starts scatter it by {scatter:.1g}" if scatter else ""
+        error = entry.error_bound(quantity, seen / entry.frequency)
+        if quantity not in entry.clear:
+            return (
+                f"price: {seconds:.3g} s; {quantity} to {error:.1g} or better by the step{scattered}; "
+                f"{finer}, and no better where the starts decide"
+            )
+        return (
+            f"price: {seconds:.3g} s; {quantity} to {error:.1g} by the step{scattered}; {finer}, "
+            f"{error / 2.0**order:.1g}"
+        )
+    error = settings["ledger_residual"]
+    return f"price: {seconds:.3g} s; energy to {error:.1g} by the step; {finer}, {error / 2.0**order:.1g}"

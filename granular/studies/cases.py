@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from granular.methods.registry import method_as_run_setting, resolve_method
-from granular.run.simulation import custom_code_digests
-from granular.run.time_steps import parse_time_step
+from granular.run.plan import parse_time_step
+from granular.run.summary import custom_code_digests
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError

@@ -23,7 +23,7 @@ import numpy as np
 
 from granular.methods import resolve_method
 from granular.run.piston_record import PistonRecord
-from granular.run.time_steps import halve_time_step
+from granular.run.plan import multiply_time_step
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, RecordError
 from granular.shared.message_text import quote
@@ -207,7 +207,7 @@ def _check_scene(scene: Scene) -> None:
 def _time_step_error(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.ndarray | None, int]:
     """Estimated error of the features (d,) by the time step, and how many simulations it took."""
     # Half the step changes 1 - 2^-p of an error of order p.
-    settings = {**simulator.settings, "dt": halve_time_step(simulator.settings["dt"])}
+    settings = {**simulator.settings, "dt": multiply_time_step(simulator.settings["dt"], 0.5)}
     finer = dataclasses.replace(simulator, seeds=simulator.seeds[:1], settings=settings)
     point = finer.simulate_points([centre.position])[0]
     if point.failure:

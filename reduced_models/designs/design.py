@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from granular.run.settings_for_accuracy import longest_step_hidden_by_scatter, pair_sum_hidden_by_scatter
+from granular.run.plan import SCATTER, plan
 from granular.scene.published_beds import damper
 from granular.shared.errors import GranularError, InputError, StoreError
 from granular.shared.message_text import quote
@@ -42,7 +42,6 @@ from reduced_models.designs.result import (
     DesignRound,
 )
 from reduced_models.designs.study import check_workers, figures_of_design_check, measure_design_check
-from reduced_models.records.sources import METHOD
 
 DISC_FREQUENCY_TOLERANCE = 0.03
 """Taken for discs where `CENTRING` further proposals are no nearer: their beds come to rest in one order or
@@ -272,12 +271,12 @@ def _run_checks(
     executor: Executor,
     progress: bool,
 ) -> tuple[DesignCheck, ...]:
-    scenes = [pair_sum_hidden_by_scatter(candidate.scene(seed), METHOD) for seed in seeds]
+    plans = [plan(candidate.scene(seed), accuracy=SCATTER, runs=len(seeds)) for seed in seeds]
     study = sweep(
         damper(),
-        cases=[scene.to_plain() for scene in scenes],
+        cases=[chosen.scene.to_plain() for chosen in plans],
         measure=measure_design_check,
-        dt=longest_step_hidden_by_scatter(scenes[0], METHOD),
+        dt=plans[0].dt,
         out=out,
         executor=executor,
         progress=progress,

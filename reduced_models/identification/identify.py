@@ -60,6 +60,8 @@ from reduced_models.records.sources import (
     run_scene,
 )
 
+RUNS = 4
+"""Runs of a scene and its checks that share what is compiled, one after another on one of two processors."""
 GLANCED = "sindy"
 """Method of a discovery that nobody asked for: it needs nothing beyond what a fit needs."""
 BUDGET = 300.0
@@ -226,14 +228,11 @@ def _run_beside_checks(
 
     if isinstance(source, Scene):
         if free_step:
-            from granular.run.settings_for_accuracy import (
-                longest_step_hidden_by_scatter,
-                pair_sum_hidden_by_scatter,
-            )
+            from granular.run.plan import SCATTER, plan
 
-            if background is not None:  # several runs pay for the mesh's compiling
-                source = pair_sum_hidden_by_scatter(source, options.method)
-            options = options._replace(dt=longest_step_hidden_by_scatter(source, options.method))
+            runs = 1 if background is None else RUNS
+            chosen = plan(source, method=options.method, accuracy=SCATTER, runs=runs)
+            source, options = chosen.scene, options._replace(dt=chosen.dt)
         settings = {"dt": options.dt, "t_end": None, "method": options.method}
         further = None if background is None else SceneChecks(background, source, settings, lift)
         run = run_scene(source, out, options)

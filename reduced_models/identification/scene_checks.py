@@ -249,16 +249,15 @@ def choose_step_check(run: Trajectory) -> TimeStepCheck:
     # Richardson extrapolation (Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, sec.
     # II.4): half the step changes 1 - 2^-p of the error; of twice the step all of the change is taken, a
     # bound also for a bed that packs otherwise and follows no order.
-    from granular.run.settings_for_accuracy import RESOLVED
-    from granular.run.time_steps import can_run_with_step, double_time_step, halve_time_step
+    from granular.run.plan import can_run, multiply_time_step
+    from granular.run.work_precision import RESOLVED
 
     settings = run.settings()
-    dt = settings["dt"]
-    coarser = 2.0 * settings["step_times_highest_frequency"]
-    if coarser <= RESOLVED and can_run_with_step(run.scene, double_time_step(dt), run.method):
-        return TimeStepCheck(RunCheck("twice the time step", {"dt": double_time_step(dt)}), 1.0)
+    twice, half = (multiply_time_step(settings["dt"], by) for by in (2.0, 0.5))
+    if 2.0 * settings["step_times_highest_frequency"] <= RESOLVED and can_run(run.scene, twice, run.method):
+        return TimeStepCheck(RunCheck("twice the time step", {"dt": twice}), 1.0)
     power = 2.0**run.method.order
-    return TimeStepCheck(RunCheck("half the time step", {"dt": halve_time_step(dt)}), power / (power - 1.0))
+    return TimeStepCheck(RunCheck("half the time step", {"dt": half}), power / (power - 1.0))
 
 
 def random_start_checks(scene: Scene) -> list[RunCheck]:

@@ -265,7 +265,7 @@ def check_run_options(options: RunOptions) -> None:
     if (options.method, options.dt) == (METHOD, STEP):
         return
     from granular.methods import resolve_method
-    from granular.run.time_steps import parse_time_step
+    from granular.run.plan import parse_time_step
 
     resolve_method(options.method)
     parse_time_step(options.dt)

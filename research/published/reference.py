@@ -10,7 +10,7 @@ import math
 import warnings
 from collections.abc import Mapping
 
-from granular.run.time_steps import parse_time_step
+from granular.run.plan import parse_time_step
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from research.published.series import Series

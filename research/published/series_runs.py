@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from granular import sweep
-from granular.run.time_steps import parse_time_step
+from granular.run.plan import parse_time_step
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.result_cache import ResultCache

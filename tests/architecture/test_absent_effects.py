@@ -29,7 +29,7 @@ def symbols(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[str]:
         asked.append(tuple(map(numba.typeof, arguments)))
         return advance_ticks(*arguments)
 
-    monkeypatch.setattr("granular.run.protocol_runner.advance_ticks", spy)
+    monkeypatch.setattr("granular.run.engines.advance_ticks", spy)
     simulate(scene, 1e-6, 1e-4, progress=False)
     place = advance_ticks._cache._kernel_file_and_label(
         asked[0], advance_ticks.overloads[asked[0]].library.codegen

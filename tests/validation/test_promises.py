@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 
 import pytest
 
-from granular import Scene, Trajectory, damper, load_scene, simulate
-from granular.run.settings_for_accuracy import choose_settings_for_accuracy, parse_accuracy
+from granular import Scene, Trajectory, damper, load_scene, plan, simulate
+from granular.run.plan import parse_accuracy
 from validation import SolverSettings, recommend_settings
 from validation.cost.work_precision import reference_values, scenes_with_other_seeds
 from validation.measured_quantities import QUANTITIES
@@ -88,7 +88,7 @@ def test_the_cheapest_setting_keeps_its_tolerance(scene: Scene, quantity: str, t
     ids=lambda one: one.name if isinstance(one, Scene) else str(one),
 )
 def test_an_accuracy_that_is_promised_is_kept(scene: Scene, text: str) -> None:
-    print(choose_settings_for_accuracy(scene, text).words)
+    print(plan(scene, accuracy=text).words)
     tolerance, quantity = parse_accuracy(text)
     found = errors(scene, quantity, list(runs_of(scene, FRESH, accuracy=text)))
     print(found)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-from granular.run.settings_for_accuracy import starts_for_tolerance
+from granular.run.work_precision import FLOORS, starts_for_tolerance
 from validation.external_integrators import ORDERS
 
 SURE = 0.95
@@ -109,11 +109,6 @@ def group_by_family(points: Iterable[WorkPrecisionPoint]) -> dict[str, tuple[Wor
 def _cost_of_point(point: WorkPrecisionPoint) -> int:
     # What failed is taken for the coarsest: too long a step is why a run fails.
     return point.steps if not point.has_failed else 0
-
-
-FLOORS = 3.0
-"""A tolerance of fewer floors than this cannot be met by one run of any setting: three standard
-deviations hold all but one start in four hundred."""
 
 
 class AdvisedSetting(NamedTuple):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.time_steps import can_run_with_step
+from granular.run.plan import can_run
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
@@ -147,9 +147,7 @@ CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan
 
 def candidate_settings(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[SolverSettings, ...]:
     """Return the settings to try on a scene: methods, each with steps from ``auto*8`` to ``auto/8``."""
-    return tuple(
-        SolverSettings(name, dt) for name in methods for dt in STEPS if can_run_with_step(scene, dt, name)
-    )
+    return tuple(SolverSettings(name, dt) for name in methods for dt in STEPS if can_run(scene, dt, name))
 
 
 def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
@@ -201,7 +199,7 @@ def reference_values(
 def reference_setting(scene: Scene) -> SolverSettings:
     """Return a setting far more accurate than any that is worth while."""
     best = SolverSettings("blanes-moan-6", "auto/2")
-    if can_run_with_step(scene, best.dt, best.method):
+    if can_run(scene, best.dt, best.method):
         return best
     return SolverSettings("stormer-verlet", "auto/16")
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from granular import Scene
-from granular.engine.step_size import StepRequest
-from granular.methods import METHODS
+from granular import Scene, plan
 from granular.run.protocol_runner import ProtocolRunner
-from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.shared.errors import OutsideError
 
 GAP = {"law": "slab", "gap_start": "4 D", "gap_end": "8 D"}
@@ -14,8 +11,7 @@ GAP = {"law": "slab", "gap_start": "4 D", "gap_end": "8 D"}
 
 def runner(scene: Scene) -> ProtocolRunner:
     """A run that has not begun."""
-    system = scene_in_natural_units(scene)
-    return ProtocolRunner(scene, system, METHODS["stormer-verlet"], StepRequest(seconds=1e-4), None)
+    return ProtocolRunner(plan(scene, 1e-4))
 
 
 def test_a_contact_that_is_too_deep_is_told_while_a_grain_leaves_through_a_gap(small_bed: Scene) -> None:

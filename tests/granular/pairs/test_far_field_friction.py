@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from granular import Scene, simulate
+from granular import Scene, plan, simulate
 from granular.compiled import entry
 from granular.engine.far_field_forces import add_far_field, compute_far_field, refresh_far_field
-from granular.engine.step_size import StepRequest
 from granular.kernel_data.state import Bed
 from granular.methods import method_named
 from granular.pairs.mesh_far_field import AHEAD, STILL, TIME
@@ -54,7 +52,7 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
     method = method_named("stormer-verlet")
     scene = on_mesh(rubbing(small_bed))
     system = scene_in_natural_units(scene, method=method)
-    run = ProtocolRunner(scene, system, method, StepRequest(), None)
+    run = ProtocolRunner(plan(scene, threads=1))
     run.begin_stage()
     state, far = run.state, run.state.far_forces
     assert far is not None
@@ -80,21 +78,13 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
 @pytest.mark.long
 def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) -> None:
     """Forces and loads to second order, in `AHEAD` steps at most; then they are found again."""
-    scene = on_mesh(rubbing(small_bed))
-    method, dt, speed = method_named("stormer-verlet"), 0.02, 0.3
+    dt, speed = 0.02, 0.3
 
     def force_of(rubs: int | None, steps: int) -> tuple[np.ndarray, float]:
         """Far part of force and load after steps at constant speed, and when it was last found."""
-        system = scene_in_natural_units(scene, method=method)
-        far = system.constants.acting.far
-        assert far is not None
-        acting = system.constants.acting._replace(far=far._replace(rubbing=rubs))
-        constants = system.constants._replace(acting=acting)
-        run = ProtocolRunner(
-            scene, dataclasses.replace(system, constants=constants), method, StepRequest(), None
-        )
+        run = ProtocolRunner(plan(on_mesh(rubbing(small_bed), far_every=rubs or 1), threads=1))
         run.begin_stage()
-        state = run.state
+        state, constants = run.state, run.constants
         assert state.far_forces is not None
         assert state.load is not None
         way = speed * np.random.default_rng(4).standard_normal((2, constants.grains))
@@ -156,11 +146,10 @@ def test_bed_that_rubs_rests_under_the_same_force(far: Far, small_bed: Scene) ->
 @pytest.mark.long  # quick: what a checkpoint of friction holds, in plain Python
 def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> None:
     """A state put back goes on from the same moment, to the same bits in the next step."""
-    scene, method, dt = on_mesh(rubbing(small_bed)), method_named("stormer-verlet"), 0.02
-    system = scene_in_natural_units(scene, method=method)
+    scene, dt = on_mesh(rubbing(small_bed)), 0.02
 
     def started() -> ProtocolRunner:
-        run = ProtocolRunner(scene, system, method, StepRequest(), None)
+        run = ProtocolRunner(plan(scene, threads=1))
         run.begin_stage()
         return run
 

@@ -11,20 +11,14 @@ from typing import Any
 import pytest
 from numba.core.compiler_lock import global_compiler_lock
 
-import granular.run.protocol_runner
+import granular.run.engines
 import granular.run.simulation
-from granular import Scene, damper, load_scene, simulate
-from granular.run.settings_for_accuracy import (
+from granular import Scene, damper, load_scene, plan, simulate
+from granular.run.plan import MESH_PAYS_FROM, SCATTER, parse_accuracy, parse_time_step
+from granular.run.summary import run_text
+from granular.run.work_precision import (
     FLOORS,
     MARGIN,
-    choose_settings_for_accuracy,
-    longest_step_hidden_by_scatter,
-    pair_sum_hidden_by_scatter,
-    parse_accuracy,
-)
-from granular.run.summary import run_text
-from granular.run.time_steps import parse_time_step
-from granular.run.work_precision import (
     SceneWorkPrecision,
     load_work_precision_scenes,
     most_similar_measured_scene,
@@ -61,14 +55,14 @@ def test_what_is_chosen_holds_and_is_not_dear(costs: SceneWorkPrecision, quantit
         accurate_points = [one for one in costs.entries if one.bounds[quantity] <= tolerance]
         if tolerance < FLOORS * costs.floors[quantity]:
             with pytest.raises(InputError, match="random starts scatter"):
-                choose_settings_for_accuracy(scene, f"{tolerance} {quantity}")
+                plan(scene, accuracy=f"{tolerance} {quantity}")
             continue
         if tolerance < MARGIN * min(one.bounds[quantity] for one in costs.entries):
             continue  # shorter than the table's shortest step, or refused
-        found = choose_settings_for_accuracy(scene, f"{tolerance} {quantity}")
+        found = plan(scene, accuracy=f"{tolerance} {quantity}")
         chosen += 1
         fraction = parse_time_step(found.dt, scene).step_times_frequency
-        same = [one for one in costs.entries if one.method == found.method]
+        same = [one for one in costs.entries if one.method == found.method.name]
         near = min(same, key=lambda one: abs(math.log(one.fraction / fraction)))
         if accurate_points:
             price = near.seconds * near.fraction / fraction
@@ -84,7 +78,6 @@ def test_accuracies_are_read() -> None:
     for text, said in (
         ("rest height", "give an error above 0"),
         ("0 rest height", "above 0"),
-        ("1e-3 rest heigth", "did you mean 'rest height'"),
         ("nan energy", "above 0"),
         ("1e999 energy", "above 0"),
         ("-1 energy", "above 0"),
@@ -92,18 +85,20 @@ def test_accuracies_are_read() -> None:
     ):
         with pytest.raises(InputError, match=said):
             parse_accuracy(text)
+    with pytest.raises(InputError, match="did you mean 'rest height'"):
+        plan(damper(), accuracy="1e-3 rest heigth")
 
 
 def test_what_cannot_be_promised_is_refused(bed: Scene) -> None:
     with pytest.raises(InputError, match=r"random starts scatter by .*average \d+ starts"):
-        choose_settings_for_accuracy(damper(), "1e-7 rest height")
+        plan(damper(), accuracy="1e-7 rest height")
     with pytest.raises(InputError, match="holds no scene like 'bed' with this quantity"):
-        choose_settings_for_accuracy(bed.replace(**{"effects.contact": {"modulus": 1e7}}), "1 % piston force")
+        plan(bed.replace(**{"effects.contact": {"modulus": 1e7}}), accuracy="1 % piston force")
     for key in ("effects.walls.left", "effects.walls.bottom"):
         with pytest.raises(InputError, match="holds no scene like 'bed' with this quantity"):
-            choose_settings_for_accuracy(bed.replace(**{key: "none"}), "10 % piston force")
+            plan(bed.replace(**{key: "none"}), accuracy="10 % piston force")
     with pytest.raises(InputError, match="leaves pairs out"):
-        choose_settings_for_accuracy(bed.replace(**{"pairs.method": "cut-off"}), "10 % piston force")
+        plan(bed.replace(**{"pairs.method": "cut-off"}), accuracy="10 % piston force")
     with pytest.raises(InputError, match="either it or them"):
         simulate(bed, dt="auto/2", accuracy="10 % piston force", progress=False)
 
@@ -113,7 +108,7 @@ def test_a_mesh_gives_way_to_the_direct_sum_where_it_would_be_felt(bed: Scene) -
         **{"grains.count": 2000, "cell.width": "150 D", "piston.height": "60 D", "arrangement.height": "58 D"}
     )
     assert large.pair_method == "mesh"
-    rough, fine = (choose_settings_for_accuracy(large, f"{one} rest height") for one in (0.2, 8e-4))
+    rough, fine = (plan(large, accuracy=f"{one} rest height") for one in (0.2, 8e-4))
     assert (rough.scene.pair_method, fine.scene.pair_method) == ("mesh", "direct")
     assert "sum by the mesh" in rough.words
     assert "direct sum" in fine.words
@@ -131,7 +126,7 @@ def test_a_run_says_what_was_chosen_and_its_price(small_bed: Scene) -> None:
 
 
 def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain, made = granular.run.protocol_runner.advance_ticks, iter(range(100))
+    plain, made = granular.run.engines.advance_ticks, iter(range(100))
 
     def advance(*known: Any) -> Any:
         if next(made) == 0:
@@ -139,7 +134,7 @@ def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None
                 time.sleep(1.2)
         return plain(*known)
 
-    monkeypatch.setattr("granular.run.protocol_runner.advance_ticks", advance)
+    monkeypatch.setattr("granular.run.engines.advance_ticks", advance)
     started = time.perf_counter()
     run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
     passed, settings = time.perf_counter() - started, run.settings()
@@ -177,13 +172,13 @@ def test_price_without_a_like_scene_is_the_energy_s() -> None:
 @pytest.mark.parametrize(("count", "dt"), [(368, "auto*4"), (92, "auto*2")])
 def test_steps_are_as_long_as_random_starts_hide(count: int, dt: str) -> None:
     """By the table, the damping of 92 grains shows four times the step, and 368 show none."""
-    assert longest_step_hidden_by_scatter(damper(count=count), "stormer-verlet") == dt
+    assert plan(damper(count=count), accuracy=SCATTER).dt == dt
 
 
 def test_what_the_table_does_not_hold_keeps_the_automatic_step() -> None:
     touching = damper().replace(**{"effects.contact": {"modulus": "1 MPa"}})
-    assert longest_step_hidden_by_scatter(touching, "stormer-verlet") == "auto"
-    assert longest_step_hidden_by_scatter(damper(), "explicit-euler") == "auto"
+    assert plan(touching, accuracy=SCATTER).dt == "auto"
+    assert plan(damper(), method="explicit-euler", accuracy=SCATTER).dt == "auto"
 
 
 VERLET = "stormer-verlet"
@@ -200,16 +195,17 @@ COPPER = {"conductivity": "58 MS/m", "thickness": "1 mm", "distance": "4 mm"}
     ids=["damper", "two species", "another cell"],
 )
 def test_the_mesh_sums_where_it_is_faster_and_random_starts_hide_it(changes: dict[str, Any]) -> None:
-    scene = damper().replace(**changes)
-    summed = pair_sum_hidden_by_scatter(scene, VERLET)
-    assert summed.pair_method == "mesh"
-    assert summed == scene.replace(**{"pairs.method": "mesh"})
+    scene = damper(count=MESH_PAYS_FROM).replace(**changes)
+    summed = plan(scene, accuracy=SCATTER, runs=2)
+    assert summed.pair_sum == "mesh"
+    assert summed.scene == scene.replace(**{"pairs.method": "mesh"})
+    assert plan(scene, accuracy=SCATTER).pair_sum == "direct"  # one run does not pay for the compiling
 
 
 @pytest.mark.parametrize(
     ("made", "changes", "method"),
     [
-        ({"count": 92}, {}, VERLET),
+        ({"count": MESH_PAYS_FROM - 1}, {}, VERLET),
         ({"magnets": "cylinders"}, {"effects.contact": None}, VERLET),
         ({}, {"pairs.method": "direct"}, VERLET),
         ({}, {"pairs.far_every": 4}, VERLET),
@@ -242,10 +238,10 @@ def test_the_mesh_sums_where_it_is_faster_and_random_starts_hide_it(changes: dic
 def test_other_scenes_and_methods_keep_their_sum(
     made: dict[str, Any], changes: dict[str, Any], method: str
 ) -> None:
-    scene = damper(**made).replace(**changes)
-    assert pair_sum_hidden_by_scatter(scene, method) is scene
+    scene = damper(**({"count": MESH_PAYS_FROM} | made)).replace(**changes)
+    assert plan(scene, method=method, accuracy=SCATTER, runs=2).scene is scene
 
 
 @pytest.mark.parametrize(("count", "method"), [(700, "mesh"), (800, "direct")])
 def test_many_grains_scatter_less_than_the_mesh_errs(count: int, method: str) -> None:
-    assert pair_sum_hidden_by_scatter(damper(count=count), VERLET).pair_method == method
+    assert plan(damper(count=count), accuracy=SCATTER, runs=2).pair_sum == method

@@ -12,13 +12,10 @@ from pathlib import Path
 import numba
 import pytest
 
-from granular import Scene, load_scene, load_trajectory
+from granular import Scene, load_scene, load_trajectory, plan
 from granular.compiled import entry
-from granular.engine.step_size import StepRequest
-from granular.methods import METHODS
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.run_progress_bar import RestApproach, RunProgressBar, remaining_steps, remaining_time_text
-from granular.scene.scene_in_natural_units import scene_in_natural_units
 
 ROOT = Path(__file__).parents[3]
 
@@ -34,9 +31,8 @@ def test_steps_ahead_are_those_of_all_stages() -> None:
     scene = load_scene("single-particle").replace(
         **{"protocol": [{"kind": "hold", "name": name, "duration": 0.01} for name in "abc"]}
     )
-    method = METHODS["stormer-verlet"]
     for t_end, count in ((None, 3000), (0.015, 1500), (0.1, 10000)):
-        run = ProtocolRunner(scene, scene_in_natural_units(scene), method, StepRequest(seconds=1e-5), t_end)
+        run = ProtocolRunner(plan(scene, 1e-5, t_end=t_end))
         run.advance()
         assert remaining_steps(run) + run.steps_made == pytest.approx(count)
 
@@ -72,9 +68,7 @@ def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit(small_b
     stage = {"kind": "hold", "name": "settle", "until": "rest", "window": 0.2}
     changes = {"protocol": [stage], "effects.drag.coefficient": "5 g/s"}
     scene = small_bed.replace(**{"grains.count": 1}, **changes)
-    run = ProtocolRunner(
-        scene, scene_in_natural_units(scene), METHODS["stormer-verlet"], StepRequest(seconds=1e-4), None
-    )
+    run = ProtocolRunner(plan(scene, 1e-4))
     fractions, amplitudes = [], []
     run.advance()
     settling = RestApproach(run)

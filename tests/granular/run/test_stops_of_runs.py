@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numba.core.compiler_lock import global_compiler_lock
 
-import granular.run.protocol_runner
+import granular.run.engines
 import granular.run.simulation
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
 from granular.shared.errors import Interrupted, RunError
@@ -114,7 +114,7 @@ def test_a_stop_breaks_off_a_compilation(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: int
 ) -> None:
     """To compile a set of effects takes long, up to a minute; the run goes on from its disk."""
-    plain, made = granular.run.protocol_runner.advance_ticks, iter(range(100))
+    plain, made = granular.run.engines.advance_ticks, iter(range(100))
 
     def advance(*known: object) -> object:
         if next(made) == calls:
@@ -124,7 +124,7 @@ def test_a_stop_breaks_off_a_compilation(
             pytest.fail("it was compiled to the end")
         return plain(*known)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("granular.run.protocol_runner.advance_ticks", advance)
+    monkeypatch.setattr("granular.run.engines.advance_ticks", advance)
     with pytest.raises(Interrupted) as caught, handle_sigterm():
         simulate(scene, t_end=END, out=tmp_path / "run", progress=False)
     monkeypatch.undo()

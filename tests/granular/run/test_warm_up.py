@@ -16,7 +16,7 @@ from granular.__main__ import main
 from granular.commands.console import launch
 from granular.compiled.compile_timer import report_compiled_kernels
 from granular.compiled.kernel_cache import kernel_cache_folder
-from granular.run import protocol_runner
+from granular.run import engines
 
 ROOT = Path(__file__).parents[3]
 
@@ -57,13 +57,13 @@ def test_what_was_warmed_up_is_kept_and_compiled_no_more(
     assert told["folder"] == str(kernel_cache_folder())
     kept = set(Path(told["folder"]).glob("*.kernel"))
     compiled: list[int] = []
-    loop, met = protocol_runner.advance_ticks, []
+    loop, met = engines.advance_ticks, []
 
     def advance(*values: object) -> object:
         met.append(tuple(map(loop.typeof_pyval, values)))
         return loop(*values)
 
-    monkeypatch.setattr(protocol_runner, "advance_ticks", advance)
+    monkeypatch.setattr(engines, "advance_ticks", advance)
     with report_compiled_kernels(compiled.append):
         simulate(load_scene("single-particle"), t_end=1e-3, progress=False)
     assert not compiled

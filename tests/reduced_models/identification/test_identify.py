@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, simulate
-from granular.run.time_steps import halve_time_step, parse_time_step
+from granular.run.plan import multiply_time_step, parse_time_step
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.studies.cases import Case
@@ -209,8 +209,8 @@ def test_from_run(run: Trajectory) -> None:
     ],
 )
 def test_half_a_step(dt: float | str, half: float | str) -> None:
-    assert halve_time_step(dt) == half
-    step, finer = parse_time_step(dt), parse_time_step(halve_time_step(dt))
+    assert multiply_time_step(dt, 0.5) == half
+    step, finer = parse_time_step(dt), parse_time_step(multiply_time_step(dt, 0.5))
     assert finer.factor == pytest.approx(step.factor if step.seconds else 0.5 * step.factor)
 
 

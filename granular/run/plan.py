@@ -1,0 +1,464 @@
+"""Plan of a run: all that is decided of a scene before a grain moves."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from granular.engine.step_size import MOST_STEPS, StepRequest, auto_step_text
+from granular.methods.method import COMPENSATED, Method
+from granular.methods.registry import resolve_method
+from granular.pairs.pair_sum_settings import PairSumSettings
+from granular.protocol import Hold, Lift, Stage
+from granular.protocol.stage import TimedStage
+from granular.run.engines import NUMBA, engine_named
+from granular.run.thread_count import choose_thread_count
+from granular.run.work_precision import (
+    FLOORS,
+    MOTION,
+    SceneWorkPrecision,
+    load_work_precision_scenes,
+    measured_scenes,
+    most_similar_measured_scene,
+    steps_within,
+)
+from granular.scene.dry_friction import dissipative_parts, dry_friction_parts
+from granular.scene.scene import Scene
+from granular.scene.scene_in_natural_units import SceneInNaturalUnits, scene_in_natural_units
+from granular.schema.field_kinds import unknown_word_message
+from granular.shared.errors import InputError
+from granular.shared.message_text import quote
+
+METHOD = "stormer-verlet"
+
+LATEST = 1e30
+"""Latest end of a run [s]: as far as quantities go, and far from overflow in any natural unit."""
+
+SCATTER = "scatter"
+"""Accuracy of a run whose errors the scatter over random starts hides."""
+
+MESH_ERROR = 5e-4
+"""Error of the mesh in a bed's forces at rest; the tests of the benchmark hold it to that."""
+
+_ACCURACY = re.compile(r"\s*(?P<value>[0-9.eE+-]+)\s*(?P<percent>%?)\s+(?P<quantity>\D.*?)\s*")
+_AUTOMATIC = re.compile(r"auto(?:([*/])(\d+\.?\d*|\.\d+))?")
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """Plan of a run, as `plan` makes it.
+
+    Attributes
+    ----------
+    scene : Scene
+        Scene that runs; its sum over pairs is another one if an accuracy asked for that.
+    dt : float or str
+        Time step [s], or a multiple of the automatic one, such as "auto*2".
+    method : Method
+        Integration method.
+    step : StepRequest
+        The time step as the run takes it.
+    threads : int
+        Number of threads, from 1.
+    tries_threads : bool
+        Whether the run may also take one thread, if that is quicker.
+    t_end : float or None
+        End of the run [s]; None: the end of its protocol.
+    engine : str
+        Name of the engine that advances the bed.
+    refusals : mapping of str to str
+        Why the scene cannot be run like this: a line for each argument at fault, "method", "dt" or "t_end".
+    words : str
+        What was chosen for an accuracy, and why; empty otherwise.
+    """
+
+    scene: Scene
+    dt: float | str
+    method: Method
+    step: StepRequest
+    threads: int
+    tries_threads: bool
+    t_end: float | None
+    engine: str
+    refusals: Mapping[str, str]
+    words: str = ""
+
+    @property
+    def pair_sum(self) -> str:
+        """Name of the method of summing pairs."""
+        return self.scene.pair_method
+
+    @cached_property
+    def system(self) -> SceneInNaturalUnits:
+        """Scene in natural units, made when it is first asked for."""
+        return scene_in_natural_units(self.scene, threads=self.threads, method=self.method)
+
+    @property
+    def suits(self) -> bool:
+        """True where method and step suit the scene, whatever its end."""
+        return self.refusals.keys().isdisjoint(("method", "dt"))
+
+    def check_arguments(self) -> None:
+        """Raise `InputError` if the scene cannot be run like this."""
+        for words in self.refusals.values():
+            raise InputError(words)
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return the plan as plain data, with all its refusals."""
+        refusals = list(self.refusals.values())
+        try:
+            self.system  # noqa: B018 (a mesh may not fit into memory)
+        except InputError as error:
+            refusals.append(str(error))
+        return {
+            "method": self.method.name,
+            "dt": self.dt,
+            "step_times_frequency": self.step.step_times_frequency if self.step.automatic else None,
+            "pairs": self.pair_sum,
+            "threads": self.threads,
+            "engine": self.engine,
+            "refusals": refusals,
+        }
+
+    def __str__(self) -> str:
+        plain = self.to_plain()
+        product = plain["step_times_frequency"]
+        step = f"{self.dt} s" if product is None else f"{self.dt}, {product:.3g} over the highest frequency"
+        lines = [
+            f"method: {self.method.name}, of order {self.method.order}",
+            f"step: {step}",
+            f"sum over pairs: {self.pair_sum}",
+            f"threads: {self.threads}",
+            *(f"refused: {words}" for words in plain["refusals"]),
+        ]
+        return "\n".join(lines + [f"chosen for {self.words}"] * bool(self.words))
+
+
+def plan(
+    scene: Scene,
+    dt: float | str = "auto",
+    method: str | Method | Mapping[str, Any] = METHOD,
+    *,
+    t_end: float | None = None,
+    accuracy: str | None = None,
+    threads: int | None = None,
+    engine: str = NUMBA,
+    runs: int = 1,
+) -> Plan:
+    """Decide how a scene is run, without running it.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to run.
+    dt : float or str
+        Time step [s], "auto", or a multiple of it such as "auto/2".
+    method : str, Method or mapping
+        Integration method, as `granular.simulate` takes it.
+    t_end : float, optional
+        End of the run [s].
+    accuracy : str, optional
+        An error and the quantity it is of, such as "1e-3 rest height": method, step and sum over pairs are
+        then chosen by the measured tables, first the one of the package, then the user's own, which
+        `validation.recommend_settings` fills. Or "scatter": the longest step and the fastest sum whose errors
+        the scatter over random starts hides, and the automatic step for scenes of which no table tells.
+    threads : int, optional
+        Number of threads; without, as many as can pay off.
+    engine : str
+        Name of the engine, "numba" or one of an installed distribution (entry points "granular.engines").
+    runs : int
+        Number of runs that share what is compiled: it decides which sum over pairs is the fastest.
+
+    Returns
+    -------
+    Plan
+        Scene, method, step, sum over pairs, threads, engine and refusals.
+
+    Raises
+    ------
+    InputError
+        If an argument is none, as an unknown method, or an accuracy cannot be promised. What the scene
+        cannot be run with is no error yet: it stands in the plan's refusals, and `simulate` raises it.
+
+    Examples
+    --------
+    >>> from granular import load_scene, plan
+    >>> chosen = plan(load_scene("damper"), accuracy="1 % rest height")
+    >>> chosen.method.name, chosen.dt, chosen.pair_sum, chosen.refusals
+    ('stormer-verlet', 'auto*8', 'direct', {})
+    """
+    if accuracy is not None:
+        if dt != "auto" or (method != METHOD and accuracy != SCATTER):
+            raise InputError("accuracy chooses dt and method; give either it or them")
+        given = partial(plan, t_end=t_end, threads=threads, engine=engine)
+        if accuracy == SCATTER:
+            return _hide_in_scatter(scene, resolve_method(method), runs, given)
+        return _keep_accuracy(scene, accuracy, t_end, given)
+    number = isinstance(t_end, int | float) and not isinstance(t_end, bool)
+    if t_end is not None and not (number and 0.0 < t_end <= LATEST):
+        raise InputError(f"t_end = {quote(t_end)}; give a time above 0 s and up to {LATEST:g} s")
+    resolved, step = resolve_method(method), parse_time_step(dt, scene)
+    engine_named(engine)
+    count = choose_thread_count(scene, threads)
+    refusals: dict[str, str] = {}
+    for argument, words in _refusals(scene, resolved, step, t_end):
+        refusals.setdefault(argument, words)
+    return Plan(scene, dt, resolved, step, count, threads is None, t_end, engine, refusals)
+
+
+def can_run(scene: Scene, dt: float | str, method: str | Method) -> bool:
+    """Return whether a scene can be run with a time step [s] and a method, whatever its end."""
+    try:
+        return plan(scene, dt, method).suits
+    except InputError:  # a multiple of the automatic step that no scene takes
+        return False
+
+
+# Steps ------------------------------------------------------------------------------------------
+
+
+def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
+    """Parse a time step [s], or a multiple of the automatic one of a scene."""
+    step = StepRequest()
+    if scene is not None:
+        friction, contact = scene.effects.friction, scene.effects.contact
+        dry = friction is not None and friction.scheme == "velocity" and contact is None
+        step = StepRequest(grains=scene.grains.count, dry=dry)
+    if isinstance(dt, str):
+        match = _AUTOMATIC.fullmatch(dt)
+        if match is None:
+            raise InputError(f"dt = {quote(dt)}; give seconds, 'auto', or a multiple such as 'auto/2'")
+        factor = float(match[2] or 1.0)
+        factor = 1.0 / factor if match[1] == "/" and factor else factor
+        if not 0.0 < factor <= step.greatest_factor:
+            raise InputError(
+                f"dt = {quote(dt)}; the automatic step may be multiplied by more than 0 and at "
+                f"most {step.greatest_factor:g}"
+            )
+        return dataclasses.replace(step, factor=factor)
+    if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
+        raise InputError(f"dt = {quote(dt)}; give a time step above 0 s, or 'auto'")
+    return dataclasses.replace(step, seconds=float(dt))
+
+
+def multiply_time_step(dt: float | str, by: float) -> float | str:
+    """Multiply a time step [s], or a multiple of the automatic one, by a factor."""
+    step = parse_time_step(dt)
+    if step.seconds is not None:
+        return by * step.seconds
+    factor = by * step.factor
+    sign, shown = ("*", factor) if factor >= 1.0 else ("/", 1.0 / factor)
+    return f"auto{sign}{np.format_float_positional(shown, trim='-')}"
+
+
+def _multiple_of_automatic(scene: Scene, fraction: float) -> str:
+    """Time step with a given product of step and highest frequency, as a multiple of the automatic one."""
+    step = parse_time_step("auto", scene)
+    factor = min(fraction / step.step_times_frequency, step.greatest_factor)
+    if factor < 1.0:
+        # Rounded down to hundredths, so that the error stays below the bound.
+        return f"auto/{math.ceil(100.0 / factor - 1e-6) / 100.0:g}"
+    return auto_step_text(math.floor(100.0 * factor + 1e-6) / 100.0)
+
+
+# Accuracies -------------------------------------------------------------------------------------
+
+
+def parse_accuracy(text: str) -> tuple[float, str]:
+    """Parse an accuracy such as "1e-4 rest height" or "1 % piston force"."""
+    match = _ACCURACY.fullmatch(text) if isinstance(text, str) else None
+    try:
+        value = float(match["value"]) if match else math.nan
+    except ValueError:
+        value = math.nan
+    if match is None or not 0.0 < value < math.inf:
+        raise InputError(
+            f"accuracy = {quote(text)}; give an error above 0 and a quantity, such as "
+            "'1e-3 rest height' or '1 % piston force'"
+        )
+    return value * (0.01 if match["percent"] else 1.0), match["quantity"]
+
+
+def _keep_accuracy(scene: Scene, text: str, t_end: float | None, given: Callable[..., Plan]) -> Plan:
+    """Plan with the cheapest method and step for an accuracy, by the first table that promises it."""
+    tolerance, quantity = parse_accuracy(text)
+    asked = f"accuracy = {quote(text)}: "
+    causes = []
+    for costs in measured_scenes(scene, quantity, t_end):
+        try:
+            steps = steps_within(costs, quantity, tolerance, scene.grains.count)
+        except InputError as error:
+            causes.append(f"{asked}{error}")
+            continue
+        summed, how = _accurate_pair_sum(scene, quantity, tolerance, asked)
+        for _, fraction, method, bound in steps:
+            dt = _multiple_of_automatic(scene, fraction)
+            chosen = given(summed, dt, method)
+            if chosen.suits:
+                floor = costs.scatter_for_grain_count(quantity, scene.grains.count)
+                scatter = f", starts scatter by {floor:.1g}" if floor else ""
+                words = (
+                    f"{quantity} to {tolerance:g}: {method}, dt {dt}, {how}; the step errs by at most "
+                    f"{bound:.1g}{scatter} ({costs.name}, {costs.starts} starts, {costs.date})"
+                )
+                return dataclasses.replace(chosen, words=words)
+        least = min(entry.bounds[quantity] for entry in costs.entries)
+        causes.append(
+            f"{asked}the least error that the table of prices holds is {costs.margin * least:.2g}, with "
+            "its margin; ask for that, or measure: python -m validation cheapest"
+        )
+    names = sorted({name for entry in load_work_precision_scenes() for name in entry.floors})
+    if not causes and quantity not in names:
+        raise InputError(unknown_word_message(quantity, names, "quantity"))
+    none = (
+        f"{asked}the table of prices holds no scene like {scene.name!r} with this quantity; measure it: "
+        "granular-damper validate cheapest"
+    )
+    raise InputError(next(iter(causes), none))
+
+
+def _accurate_pair_sum(scene: Scene, quantity: str, tolerance: float, asked: str) -> tuple[Scene, str]:
+    """Scene with a sum over pairs that keeps the tolerance, and its name."""
+    method = scene.pair_method
+    if method in ("cut-off", "verlet-list"):
+        raise InputError(
+            f"{asked}pairs.method = {method!r} leaves pairs out, which no step corrects; take 'auto'"
+        )
+    if method == "mesh" and quantity != "energy" and tolerance < 2.0 * MESH_ERROR:
+        return scene.replace(**{"pairs.method": "direct"}), "direct sum"
+    return scene, "sum by the mesh" if method == "mesh" else "direct sum"
+
+
+def _hide_in_scatter(scene: Scene, method: Method, runs: int, given: Callable[..., Plan]) -> Plan:
+    """Plan with the longest step and the fastest sum over pairs whose errors random starts hide."""
+    costs = most_similar_measured_scene(scene, MOTION[0])
+    if costs is None:
+        return given(scene, "auto", method)
+    fraction = costs.longest_hidden_step(method.name)
+    longer = fraction > parse_time_step("auto", scene).step_times_frequency
+    dt = _multiple_of_automatic(scene, fraction) if longer else "auto"
+    if _mesh_is_fastest(scene, method, runs, costs):
+        chosen = given(scene.replace(**{"pairs.method": "mesh"}), dt, method)
+        with contextlib.suppress(InputError):  # a cell so large that its mesh does not fit into memory
+            chosen.system  # noqa: B018 (made when it is asked for)
+            return chosen
+    return given(scene, dt, method)
+
+
+MESH_PAYS_FROM = 400
+"""Grains from which several runs of a bed that comes to rest take less time by the mesh than by the direct
+sum, what is compiled included."""
+
+
+def _mesh_is_fastest(scene: Scene, method: Method, runs: int, costs: SceneWorkPrecision) -> bool:
+    """Return whether the mesh sums fastest over several runs, with errors that random starts hide."""
+    count = scene.grains.count
+    if scene.pairs != PairSumSettings() or scene.grains.magnets != "dipoles":
+        return False
+    if runs == 1 or count < MESH_PAYS_FROM or scene.pair_method != "direct":
+        return False
+    if scene.cell.periods is not None or not scene.has_closed_walls:
+        return False
+    if not method.allows_far_field_impulses or method.compensated:
+        return False
+    # By the inverse square root of the number of grains also beyond the table.
+    scatter = min(costs.floors[name] for name in MOTION) * math.sqrt(costs.grains / count)
+    return FLOORS * scatter >= MESH_ERROR
+
+
+# Refusals ---------------------------------------------------------------------------------------
+
+
+def _refusals(
+    scene: Scene, method: Method, step: StepRequest, t_end: float | None
+) -> Iterator[tuple[str, str]]:
+    """Arguments that a scene cannot be run with, each with a line that says why."""
+    for words in _method_refusals(scene, method):
+        yield "method", f"method = {method.name!r} {words}"
+    if method.variable and not step.automatic:
+        yield (
+            "dt",
+            f"dt = {step.seconds!r}: {method.name!r} chooses its own steps; give 'auto', or a "
+            "multiple such as 'auto/2'",
+        )
+    for words in _end_refusals(scene, t_end):
+        yield "t_end", words
+    if step.seconds is not None:
+        for words in _step_refusals(scene, step.seconds, t_end):
+            yield "dt", f"dt = {step.seconds:g} s {words}"
+
+
+def _method_refusals(scene: Scene, method: Method) -> Iterator[str]:
+    dry, effects, walls = dry_friction_parts(scene), scene.effects.in_loop_order, scene.effects.walls
+    flows = dissipative_parts(scene) or ("host",) * (scene.effects.host is not None)
+    verlet, run = "take 'stormer-verlet'", "cannot run a scene with"
+    if method.tableau is not None and flows:
+        yield f"takes forces alone, and {run} {flows[0]!r}; {verlet}, or leave that part out"
+    if dry and method.compensated:
+        plain = method.name.removesuffix(COMPENSATED)
+        yield f"{run} {dry[0]}, whose velocities are no plain sums; take {plain!r}"
+    if dry and not method.allows_dry_friction:
+        yield f"{run} {dry[0]}, which cannot go backward in time, nor be part of its steps; {verlet}"
+    drifting = [effect.key for effect in effects if effect.drifts]
+    if drifting and (not method.allows_far_field_impulses or method.compensated):
+        yield f"{run} {drifting[0]!r}, which acts within the drift; {verlet}"
+    if method.variable and scene.cell.periods is not None:
+        yield f"cannot run a periodic cell: its steps follow grains, not their images; {verlet}"
+    if method.variable and walls is not None and walls.has_slab:
+        yield f"{run} a slab, past whose ends grains may come behind it; {verlet}"
+
+
+def _step_refusals(scene: Scene, dt: float, t_end: float | None) -> Iterator[str]:
+    """Things that a given time step [s] is longer than, or far too short for."""
+    record = scene.output.scalars
+    if record > MOST_STEPS * dt:
+        yield (
+            f"makes {record / dt:.3g} steps from record to record, {MOST_STEPS:g} is the limit; lengthen dt "
+            "or shorten output.scalars"
+        )
+    if dt > record * (1.0 + 1e-9):
+        yield (
+            f"is longer than from record to record, output.scalars = {record:g} s; shorten dt or lengthen "
+            "output.scalars"
+        )
+    if t_end is not None and dt > t_end:
+        yield f"is longer than the run, t_end = {t_end:g} s; shorten dt"
+    for stage, duration in _known_stage_durations(scene, t_end):
+        if 0.0 < duration < dt * (1.0 - 1e-9):
+            yield f"is longer than stage {stage.name!r}, {duration:g} s; shorten dt"
+
+
+def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
+    """Stages whose duration is known before the run [s]; one that ends the run has its end."""
+    height = 0.0 if scene.piston is None else scene.piston.height
+    for stage in scene.protocol:
+        height += stage.initial_jump(height)
+        duration = stage.total_duration(height)
+        last = stage is scene.protocol[-1] and isinstance(stage, TimedStage)
+        if duration is not None and math.isfinite(duration) and not (last and t_end is not None):
+            yield stage, duration
+        final = stage.prescribed_final_height()
+        if final is not None and not stage.ends_at_force:
+            height = final
+        elif not isinstance(stage, Hold | Lift):
+            height = math.nan  # known when the stage has ended
+
+
+def _end_refusals(scene: Scene, t_end: float | None) -> Iterator[str]:
+    """Reasons why a run has no end [s]."""
+    if not scene.protocol:
+        yield "the scene has no protocol; give it at least one stage, such as a hold"
+    height = 1.0 if scene.piston is None else scene.piston.height
+    for index, stage in enumerate(scene.protocol):
+        if stage.total_duration(height) is None and (t_end is None or index < len(scene.protocol) - 1):
+            yield (
+                f"stage {stage.name!r} has no end; give it a duration, until = 'rest', or t_end where it is "
+                "the last"
+            )
