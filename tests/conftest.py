@@ -21,6 +21,7 @@ import pytest
 from granular import Scene, load_scene
 from granular.commands.console import launch
 from granular.shared.garbage import RARE
+from granular.shared.result_cache import ResultCache
 
 ROOT = Path(__file__).parent.parent
 
@@ -98,6 +99,15 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.section("seconds by folder, of all workers together")
         for folder, length in seconds.most_common():
             terminalreporter.write_line(f"{length:6.0f} s  {folder}")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def own_table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep what is measured of scenes apart from the table of who runs the tests."""
+    kept = ResultCache(tmp_path_factory.mktemp("work-precision"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("granular.run.work_precision.own_table", lambda: kept)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import math
 import shlex
 from collections.abc import Sequence
 from typing import Any
 
 from granular.methods import METHODS
+from granular.run.plan import parse_time_step
+from granular.run.work_precision import (
+    SceneWorkPrecision,
+    WorkPrecisionEntry,
+    damping_kind,
+    keep_measured_scene,
+)
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.cost.advised_setting import (
@@ -131,6 +139,7 @@ def recommend_settings(
 ) -> Recommendation:
     """Return the setting that gives a quantity to a tolerance in the least time.
 
+    What was measured is kept among the user's caches, where ``granular.simulate(..., accuracy=)`` finds it.
     Each method is tried from long steps to short ones, until two in turn are accurate, or the next
     would cost far more than what was found. Where the scene has random starts, each setting is run
     from the same few of them: an error is then a mean deviation with its standard error, and a
@@ -178,7 +187,31 @@ def recommend_settings(
         study = _measure_until_decided(
             scenes, chosen, candidate_settings(scene), reference, tolerance, until, progress
         )
+    keep_measured_scene(scene, chosen.name, until, _measured_scene(scene, study, len(scenes)))
     return recommend_from_study(study, tolerance)
+
+
+def _measured_scene(scene: Scene, study: WorkPrecision, starts: int) -> SceneWorkPrecision:
+    """Make a row of the table that `granular.plan` looks in."""
+    name, today = study.quantity, datetime.datetime.now(datetime.UTC).date().isoformat()
+    entries = tuple(
+        WorkPrecisionEntry(
+            point.setting.method,
+            str(point.setting.dt),
+            parse_time_step(point.setting.dt, scene).step_times_frequency,
+            point.frequency,
+            point.seconds,
+            {name: point.upper_error_bound},
+            [name] * (point.error > 2.0 * point.doubt),
+        )
+        for point in study.points
+        if not point.has_failed
+    )
+    kind, grains, floors = damping_kind(scene), scene.grains.count, {name: study.floor}
+    # Of the scene itself: its bounds need no margin.
+    return SceneWorkPrecision(
+        scene.name, kind, grains, starts, study.reference, floors, entries, today, margin=1.0
+    )
 
 
 def quantity_is_scattered(quantity: MeasuredQuantity, starts: int) -> bool:

@@ -49,6 +49,9 @@ ACCURACY = option(
     metavar="TEXT",
     help="choose dt, method and sum over pairs for this error, such as '1e-3 rest height'",
 )
+ENGINE = option(
+    "--engine", metavar="NAME", default="numba", help="what advances the bed: numba, or an installed engine"
+)
 WORKERS = option("--workers", type=int, metavar="N", help="processes (all processors)")
 
 

@@ -10,6 +10,7 @@ from granular.commands.options import (
     ACCURACY,
     CHANGES,
     DT,
+    ENGINE,
     IMPORT,
     METHOD,
     OUTPUT,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     IMPORT,
     THREADS,
     ACCURACY,
+    ENGINE,
     OUTPUT,
     examples="""\
 examples:
@@ -57,7 +59,7 @@ def run(options: Any) -> None:
         scene_from_options(options),
         dt=parse_time_step(options.dt),
         progress=not options.quiet,
-        **pick_options(options, "t_end", "method", "out", "resume", "threads", "accuracy"),
+        **pick_options(options, "t_end", "method", "out", "resume", "threads", "accuracy", "engine"),
     )
     print_result(*_run_outcome_text(done), options.json)
 

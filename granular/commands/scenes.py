@@ -4,10 +4,23 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from textwrap import indent
 from typing import Any
 
-from granular.commands.console import command, option, print_result, refuse_options
-from granular.commands.options import CHANGES, IMPORT, OUTPUT, SCENE, parse_changes, scene_from_options
+from granular.commands.console import command, option, pick_options, print_result, refuse_options
+from granular.commands.options import (
+    ACCURACY,
+    CHANGES,
+    DT,
+    IMPORT,
+    METHOD,
+    OUTPUT,
+    SCENE,
+    THREADS,
+    parse_changes,
+    parse_time_step,
+    scene_from_options,
+)
 from granular.shared.errors import InputError
 
 
@@ -105,20 +118,30 @@ def _warm_up(options: Any) -> None:
 
 @command(
     "show",
-    "tell what a scene holds, in SI and in natural units",
+    "tell what a scene holds, in SI and in natural units, and how it is run",
     SCENE,
     CHANGES,
+    DT,
+    METHOD,
+    ACCURACY,
+    THREADS,
     IMPORT,
     OUTPUT,
-    examples="example:\n  %(prog)s damper --set piston.mass=6.5",
+    examples="""\
+examples:
+  %(prog)s damper --set piston.mass=6.5
+  %(prog)s damper --accuracy '1 %% period'     # method, step and sum over pairs for it""",
 )
 def show(options: Any) -> None:
-    """Print the values of a scene in SI and in natural units."""
+    """Print the values of a scene in SI and in natural units, and the plan of its run."""
+    from granular.run.plan import plan
     from granular.run.summary import derived_scene_values, scene_text
 
     scene = scene_from_options(options)
-    figures = {"scene": scene.to_plain(), "figures": derived_scene_values(scene)}
-    print_result(figures, scene_text(scene), options.json)
+    dt = parse_time_step(options.dt)
+    chosen = plan(scene, dt, **pick_options(options, "method", "accuracy", "threads"))
+    figures = {"scene": scene.to_plain(), "figures": derived_scene_values(scene), "plan": chosen.to_plain()}
+    print_result(figures, f"{scene_text(scene)}\nrun by\n{indent(str(chosen), '  ')}", options.json)
 
 
 @command(

@@ -130,7 +130,11 @@ class Plan:
     def __str__(self) -> str:
         plain = self.to_plain()
         product = plain["step_times_frequency"]
-        step = f"{self.dt} s" if product is None else f"{self.dt}, {product:.3g} over the highest frequency"
+        step = (
+            f"{self.step.seconds:g} s"
+            if product is None
+            else f"{self.dt}, {product:.3g} over the highest frequency"
+        )
         lines = [
             f"method: {self.method.name}, of order {self.method.order}",
             f"step: {step}",

@@ -177,22 +177,33 @@ def load_work_precision_scenes() -> tuple[SceneWorkPrecision, ...]:
     return tuple(SceneWorkPrecision.from_plain(scene | date) for scene in plain["scenes"])
 
 
-def own_measurements() -> ResultCache | None:
-    """What the user has measured."""
+def own_table() -> ResultCache | None:
+    """Return the table of the user's own; None where there is no folder for it."""
     folder = toolkit_cache_folder()
     return None if folder is None else ResultCache(folder / "work-precision")
 
 
-def own_measurement_key(scene: Scene, quantity: str, t_end: float | None) -> str:
+def _own_key(scene: Scene, quantity: str, t_end: float | None) -> str:
     """Key of a measured quantity of a scene until a time [s], the same for any random start."""
-    like = scene.replace(**{"name": "measured", "arrangement.seed": 0})
-    return digest([like.to_plain(), custom_code_digests(like), quantity, t_end], 20)
+    plain = scene.to_plain() | {"name": None}
+    plain["arrangement"] = {**plain["arrangement"], "seed": None}
+    return digest([plain, custom_code_digests(scene), quantity, t_end], 20)
+
+
+def keep_measured_scene(
+    scene: Scene, quantity: str, t_end: float | None, measured: SceneWorkPrecision
+) -> None:
+    """Keep what was measured of a quantity of a scene until a time [s] in the table of the user's own."""
+    table = own_table()
+    if table is not None:
+        entries = [entry._asdict() for entry in measured.entries]
+        table.keep(_own_key(scene, quantity, t_end), measured._asdict() | {"entries": entries})
 
 
 def measured_scenes(scene: Scene, quantity: str, t_end: float | None = None) -> list[SceneWorkPrecision]:
     """Measured scenes that tell of another one: of the packaged table, then of the user's own; t_end [s]."""
-    packaged, kept = most_similar_measured_scene(scene, quantity), own_measurements()
-    own = None if kept is None else kept.read(own_measurement_key(scene, quantity, t_end))
+    packaged, table = most_similar_measured_scene(scene, quantity), own_table()
+    own = None if table is None else table.read(_own_key(scene, quantity, t_end))
     found = [] if packaged is None else [packaged]
     return found if own is None else [*found, SceneWorkPrecision.from_plain(own)]
 

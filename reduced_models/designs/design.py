@@ -271,12 +271,12 @@ def _run_checks(
     executor: Executor,
     progress: bool,
 ) -> tuple[DesignCheck, ...]:
-    plans = [plan(candidate.scene(seed), accuracy=SCATTER, runs=len(seeds)) for seed in seeds]
+    scenes = [candidate.scene(seed) for seed in seeds]
     study = sweep(
         damper(),
-        cases=[chosen.scene.to_plain() for chosen in plans],
+        cases=[scene.to_plain() for scene in scenes],
         measure=measure_design_check,
-        dt=plans[0].dt,
+        dt=plan(scenes[0], accuracy=SCATTER).dt,
         out=out,
         executor=executor,
         progress=progress,

@@ -348,3 +348,32 @@ def test_second_start_compiles_nothing(process: Command, tmp_path: Path) -> None
     assert first
     assert process(*words, **caches).returncode == 0
     assert compiled() == first
+
+
+@pytest.mark.parametrize(
+    ("words", "lines"),
+    [
+        ((), ["method: stormer-verlet, of order 2", "sum over pairs: direct", "threads: 1"]),
+        (("--accuracy", "1 % period"), ["step: auto*8, 0.8 over the highest frequency"]),
+        (
+            ("--method", "pefrl", "--dt", "1", "--set", "effects.friction={}"),
+            [
+                "refused: method = 'pefrl' cannot run a scene with friction, which cannot go backward",
+                "refused: dt = 1 s is longer than from record to record, output.scalars = 0.001 s; shorten",
+            ],
+        ),
+        (
+            ("--set", "pairs.method=mesh", "--set", "cell.width=1e5 D", "--set", "piston.height=1e5 D"),
+            ["sum over pairs: mesh", "refused: pairs.method = 'mesh' needs"],
+        ),
+    ],
+    ids=["damper", "an accuracy", "two refusals", "a mesh that does not fit"],
+)
+def test_show_prints_the_plan(command: Command, words: tuple[str, ...], lines: list[str]) -> None:
+    done = command("granular", "show", "damper", *words)
+    assert done.returncode == 0, done.stderr
+    shown = [line.strip() for line in done.stdout.splitlines()]
+    for line in lines:
+        assert sum(one.startswith(line) for one in shown) == 1, shown
+    refused = [line for line in shown if line.startswith("refused")]
+    assert len(refused) == sum(line.startswith("refused") for line in lines)

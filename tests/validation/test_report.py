@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from granular import load_scene, plan
 from granular.methods import METHODS
 from granular.shared.errors import InputError, SceneError
 from validation.energy_drift import EnergyRun, report_energy_runs, run_energy_study
@@ -152,3 +153,9 @@ def test_cheapest_on_the_command_line(command: Command) -> None:
     found = json.loads(done.stdout)
     assert found["error"] <= 0.01
     assert found["command"].startswith("python -m granular run single-particle")
+    # What was measured is in the user's own table, where an accuracy of the same scene finds it.
+    told = plan(load_scene("single-particle"), accuracy=f"{found['error']} energy", t_end=0.3)
+    assert told.dt == found["keywords"]["dt"]
+    assert told.method.name == found["keywords"]["method"]
+    with pytest.raises(InputError, match="holds no scene like"):
+        plan(load_scene("single-particle"), accuracy="0.01 energy", t_end=0.2)

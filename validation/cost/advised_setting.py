@@ -76,6 +76,7 @@ class WorkPrecisionPoint:
     failure: str | None = None
     doubt: float = 0.0  # standard error of the error; 0 for one start
     starts: int = 1
+    frequency: float = 0.0  # step times highest frequency, as seen in the runs; 0 for variable steps
 
     @property
     def has_failed(self) -> bool:

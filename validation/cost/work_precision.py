@@ -233,15 +233,17 @@ def measure_points(
         runs, seconds = zip(*(_run_and_time(scene, setting, until, repeats) for scene in scenes), strict=True)
     except GranularError as stop:
         return [_failed_point(setting, stop)] * len(quantities)
-    steps = round(float(np.mean([run.settings()["steps"] for run in runs])))
+    found = [run.settings() for run in runs]
+    steps = round(float(np.mean([one["steps"] for one in found])))
+    frequency = max(one.get("step_times_highest_frequency", 0.0) for one in found)
     measured = []
     for quantity, item in zip(quantities, truth, strict=True):
         try:
             values = [quantity.measure(run) for run in runs]
             error, doubt = deviation_over_starts(quantity, values, item.values)
-            measured.append(
-                WorkPrecisionPoint(setting, error, float(np.mean(seconds)), steps, None, doubt, len(scenes))
-            )
+            took, starts = float(np.mean(seconds)), len(scenes)
+            point = WorkPrecisionPoint(setting, error, took, steps, None, doubt, starts, frequency)
+            measured.append(point)
         except GranularError as stop:
             measured.append(_failed_point(setting, stop))
     return measured

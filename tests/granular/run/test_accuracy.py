@@ -20,6 +20,8 @@ from granular.run.work_precision import (
     FLOORS,
     MARGIN,
     SceneWorkPrecision,
+    WorkPrecisionEntry,
+    keep_measured_scene,
     load_work_precision_scenes,
     most_similar_measured_scene,
     work_precision_text,
@@ -101,6 +103,27 @@ def test_what_cannot_be_promised_is_refused(bed: Scene) -> None:
         plan(bed.replace(**{"pairs.method": "cut-off"}), accuracy="10 % piston force")
     with pytest.raises(InputError, match="either it or them"):
         simulate(bed, dt="auto/2", accuracy="10 % piston force", progress=False)
+
+
+def test_what_the_user_has_measured_is_looked_up_after_the_package_s_table(bed: Scene) -> None:
+    """Of the same scene with any start, to the bound that was measured, and of no other scene."""
+    touching = bed.replace(**{"effects.contact": {"modulus": "1 MPa"}})
+    entry = WorkPrecisionEntry(VERLET, "auto*2", 0.2, 0.15, 1.0, {"piston force": 2e-3}, ["piston force"])
+    floors = {"piston force": 1e-4}
+    own = SceneWorkPrecision("mine", "drag", 368, 4, "auto/8", floors, (entry,), "2026-11-28", margin=1.0)
+    keep_measured_scene(touching, "piston force", None, own)
+    found = plan(touching.replace(**{"arrangement.seed": 7}), accuracy="2e-3 piston force")
+    assert (found.method.name, found.dt) == (VERLET, "auto*2")
+    assert found.words.endswith("(mine, 4 starts, 2026-11-28)")
+    for other in (touching.replace(**{"effects.contact.modulus": "2 MPa"}), bed):
+        with pytest.raises(InputError, match="holds no scene like 'bed'|random starts scatter by"):
+            plan(other, accuracy="2e-3 piston force")
+    with pytest.raises(InputError, match="random starts scatter by 0.0001"):
+        plan(touching, accuracy="2e-4 piston force")
+    # The package's own table answers first, and the user's where it promises less.
+    keep_measured_scene(bed, "piston force", None, own)
+    assert plan(bed, accuracy="5 % piston force").words.endswith(" starts, 2026-11-22)")
+    assert plan(bed, accuracy="2e-3 piston force").words.endswith("(mine, 4 starts, 2026-11-28)")
 
 
 def test_a_mesh_gives_way_to_the_direct_sum_where_it_would_be_felt(bed: Scene) -> None:

@@ -62,17 +62,17 @@ def test_a_single_run_does_not_pay_for_the_mesh(monkeypatch: pytest.MonkeyPatch)
     assert summed(monkeypatch, damper(), checks=False) == ("direct", "auto*4", set())
 
 
-@pytest.mark.parametrize(("grains", "method"), [(500, "mesh"), (368, "direct")])
-def test_a_proposal_is_simulated_by_the_fastest_sum(
-    monkeypatch: pytest.MonkeyPatch, grains: int, method: str
+@pytest.mark.parametrize(("grains", "dt"), [(368, "auto*4"), (184, "auto*2.82")])
+def test_a_proposal_is_simulated_with_the_longest_step_that_starts_hide(
+    monkeypatch: pytest.MonkeyPatch, grains: int, dt: str
 ) -> None:
-    asked: list[str] = []
+    asked: list[tuple[str, str]] = []
 
-    def sweep(_: Scene, cases: list[dict[str, Any]], **__: Any) -> None:
-        asked.extend(Scene.from_plain(case).pair_method for case in cases)
+    def sweep(_: Scene, cases: list[dict[str, Any]], dt: str, **__: Any) -> None:
+        asked.extend((Scene.from_plain(case).pair_method, dt) for case in cases)
         raise StoppedError
 
     monkeypatch.setattr(importlib.import_module("reduced_models.designs.design"), "sweep", sweep)
     with pytest.raises(StoppedError):
         design(3.6, 0.15, grains=grains, small_share=0.3, executor=Asked(), progress=False)
-    assert asked == [method] * 3
+    assert asked == [("direct", dt)] * 3
