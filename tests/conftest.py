@@ -102,11 +102,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def own_table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def user_table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep what is measured of scenes apart from the table of who runs the tests."""
     kept = ResultCache(tmp_path_factory.mktemp("work-precision"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("granular.run.work_precision.own_table", lambda: kept)
+        patch.setattr("granular.run.work_precision.user_table", lambda: kept)
         yield
 
 

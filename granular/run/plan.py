@@ -120,7 +120,6 @@ class Plan:
         return {
             "method": self.method.name,
             "dt": self.dt,
-            "step_times_frequency": self.step.step_times_frequency if self.step.automatic else None,
             "pairs": self.pair_sum,
             "threads": self.threads,
             "engine": self.engine,
@@ -128,19 +127,14 @@ class Plan:
         }
 
     def __str__(self) -> str:
-        plain = self.to_plain()
-        product = plain["step_times_frequency"]
-        step = (
-            f"{self.step.seconds:g} s"
-            if product is None
-            else f"{self.dt}, {product:.3g} over the highest frequency"
-        )
+        step, seconds = self.step, self.step.seconds
+        automatic = f"{self.dt}, {step.step_times_frequency:.3g} over the highest frequency"
         lines = [
             f"method: {self.method.name}, of order {self.method.order}",
-            f"step: {step}",
+            f"step: {automatic if seconds is None else f'{seconds:g} s'}",
             f"sum over pairs: {self.pair_sum}",
             f"threads: {self.threads}",
-            *(f"refused: {words}" for words in plain["refusals"]),
+            *(f"refused: {words}" for words in self.to_plain()["refusals"]),
         ]
         return "\n".join(lines + [f"chosen for {self.words}"] * bool(self.words))
 

@@ -231,10 +231,10 @@ class RunState:
         """Compute the forces, and a record of the present moment."""
         # A loop without ticks: no kernel more to compile.
         window = NO_TICKS._replace(start=self.progress.start)
-        found = self._call_engine(window, UNDIVIDED, UNWATCHED)
-        self._row = found.records[0]
+        status, _, records = self._call_engine(window, UNDIVIDED, UNWATCHED)
+        self._row = records[0]
         self._row[columns.TURNED] = self.seen[TURNED]
-        if found.status == OUTSIDE:
+        if status == OUTSIDE:
             raise self.misplaced_grain_error(remedy)
         return self._row
 

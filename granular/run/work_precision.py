@@ -1,4 +1,4 @@
-"""What methods and steps err and take, from measured tables.
+"""Errors and prices of methods and steps, from measured tables.
 
 ``work_precision.toml`` comes with the package and is made by ``python -m benchmarks --prices``. A scene is
 looked up there by what damps it and by its number of grains. What a user has measured of a scene, by
@@ -93,8 +93,8 @@ class SceneWorkPrecision(NamedTuple):
 
     def entries_of(self, method: str, product: str = "fraction") -> list[WorkPrecisionEntry]:
         """Entries of a method by their product of step and highest frequency, the shortest step first."""
-        own = [entry for entry in self.entries if entry.method == method]
-        return sorted(own, key=lambda entry: float(getattr(entry, product)))
+        entries = (entry for entry in self.entries if entry.method == method)
+        return sorted(entries, key=lambda entry: float(getattr(entry, product)))
 
     def longest_step(self, method: str, quantity: str, tolerance: float) -> float | None:
         """Longest step times highest frequency that keeps a tolerance; None where none does."""
@@ -144,16 +144,16 @@ def steps_within(costs: SceneWorkPrecision, quantity: str, tolerance: float, gra
             f"{FLOORS * floor:.2g}; ask for that, or average {starts_for_tolerance(floor, tolerance):d} "
             "starts (arrangement.seed)"
         )
-    found = []
+    priced = []
     for method in dict.fromkeys(entry.method for entry in costs.entries):
         fraction = costs.longest_step(method, quantity, tolerance / costs.margin)
         if fraction is not None:
             ratios = [(entry, fraction / entry.fraction) for entry in costs.entries_of(method)]
             near, ratio = min(ratios, key=lambda pair: abs(math.log(pair[1])))
-            found.append(
+            priced.append(
                 PricedStep(near.seconds / ratio, fraction, method, near.error_bound(quantity, ratio))
             )
-    return sorted(found)
+    return sorted(priced)
 
 
 def starts_for_tolerance(floor: float, tolerance: float) -> int:
@@ -177,13 +177,13 @@ def load_work_precision_scenes() -> tuple[SceneWorkPrecision, ...]:
     return tuple(SceneWorkPrecision.from_plain(scene | date) for scene in plain["scenes"])
 
 
-def own_table() -> ResultCache | None:
+def user_table() -> ResultCache | None:
     """Return the table of the user's own; None where there is no folder for it."""
     folder = toolkit_cache_folder()
     return None if folder is None else ResultCache(folder / "work-precision")
 
 
-def _own_key(scene: Scene, quantity: str, t_end: float | None) -> str:
+def _measurement_key(scene: Scene, quantity: str, t_end: float | None) -> str:
     """Key of a measured quantity of a scene until a time [s], the same for any random start."""
     plain = scene.to_plain() | {"name": None}
     plain["arrangement"] = {**plain["arrangement"], "seed": None}
@@ -194,18 +194,18 @@ def keep_measured_scene(
     scene: Scene, quantity: str, t_end: float | None, measured: SceneWorkPrecision
 ) -> None:
     """Keep what was measured of a quantity of a scene until a time [s] in the table of the user's own."""
-    table = own_table()
+    table = user_table()
     if table is not None:
         entries = [entry._asdict() for entry in measured.entries]
-        table.keep(_own_key(scene, quantity, t_end), measured._asdict() | {"entries": entries})
+        table.keep(_measurement_key(scene, quantity, t_end), measured._asdict() | {"entries": entries})
 
 
 def measured_scenes(scene: Scene, quantity: str, t_end: float | None = None) -> list[SceneWorkPrecision]:
     """Measured scenes that tell of another one: of the packaged table, then of the user's own; t_end [s]."""
-    packaged, table = most_similar_measured_scene(scene, quantity), own_table()
-    own = None if table is None else table.read(_own_key(scene, quantity, t_end))
-    found = [] if packaged is None else [packaged]
-    return found if own is None else [*found, SceneWorkPrecision.from_plain(own)]
+    packaged, table = most_similar_measured_scene(scene, quantity), user_table()
+    kept = None if table is None else table.read(_measurement_key(scene, quantity, t_end))
+    result = [] if packaged is None else [packaged]
+    return result if kept is None else [*result, SceneWorkPrecision.from_plain(kept)]
 
 
 def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecision | None:

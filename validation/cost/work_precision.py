@@ -233,9 +233,8 @@ def measure_points(
         runs, seconds = zip(*(_run_and_time(scene, setting, until, repeats) for scene in scenes), strict=True)
     except GranularError as stop:
         return [_failed_point(setting, stop)] * len(quantities)
-    found = [run.settings() for run in runs]
-    steps = round(float(np.mean([one["steps"] for one in found])))
-    frequency = max(one.get("step_times_highest_frequency", 0.0) for one in found)
+    steps = round(float(np.mean([run.settings()["steps"] for run in runs])))
+    frequency = max(run.settings().get("step_times_highest_frequency", 0.0) for run in runs)
     measured = []
     for quantity, item in zip(quantities, truth, strict=True):
         try:

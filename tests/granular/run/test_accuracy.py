@@ -116,9 +116,9 @@ def test_what_the_user_has_measured_is_looked_up_after_the_package_s_table(bed: 
     assert (found.method.name, found.dt) == (VERLET, "auto*2")
     assert found.words.endswith("(mine, 4 starts, 2026-11-28)")
     for other in (touching.replace(**{"effects.contact.modulus": "2 MPa"}), bed):
-        with pytest.raises(InputError, match="holds no scene like 'bed'|random starts scatter by"):
+        with pytest.raises(InputError, match=r"holds no scene like 'bed'|random starts scatter by"):
             plan(other, accuracy="2e-3 piston force")
-    with pytest.raises(InputError, match="random starts scatter by 0.0001"):
+    with pytest.raises(InputError, match=r"random starts scatter by 0\.0001"):
         plan(touching, accuracy="2e-4 piston force")
     # The package's own table answers first, and the user's where it promises less.
     keep_measured_scene(bed, "piston force", None, own)

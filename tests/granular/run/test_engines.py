@@ -45,7 +45,8 @@ def advance(system, state, ticks):
 
     rows, last = [], record()
     for tick in range(window.first, window.first + window.ticks):
-        for _ in range((tick + 1) * schedule.given // schedule.every - tick * schedule.given // schedule.every):
+        before, after = (one * schedule.given // schedule.every for one in (tick, tick + 1))
+        for _ in range(after - before):
             speeds += 0.5 * schedule.h * forces()[0]
             places += schedule.h * speeds
             speeds += 0.5 * schedule.h * forces()[0]

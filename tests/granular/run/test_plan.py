@@ -92,7 +92,7 @@ BODY = {"mass": 1.0, "stiffness": 100.0}
 def test_runge_kutta_is_for_forces_alone(small_bed: Scene, changes: dict[str, Any], part: str | None) -> None:
     scene = small_bed.replace(**changes)
     for method in ("explicit-euler", "runge-kutta-4"):
-        assert can_run_with_step(scene, "auto", method) == (part is None)
+        assert can_run(scene, "auto", method) == (part is None)
         if part is not None:
             with pytest.raises(InputError) as refused:
                 simulate(scene, method=method, progress=False)
