@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from granular.methods import METHODS
 from granular.run.plan import can_run
+from granular.run.work_precision import FLOORS
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import replace_non_finite_by_none
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.cost.advised_setting import (
-    FLOORS,
     USUAL,
     AdvisedSetting,
     SolverSettings,

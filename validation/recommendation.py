@@ -12,6 +12,7 @@ from typing import Any
 from granular.methods import METHODS
 from granular.run.plan import parse_time_step
 from granular.run.work_precision import (
+    FLOORS,
     SceneWorkPrecision,
     WorkPrecisionEntry,
     damping_kind,
@@ -20,7 +21,6 @@ from granular.run.work_precision import (
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.cost.advised_setting import (
-    FLOORS,
     AdvisedSetting,
     SolverSettings,
     WorkPrecisionPoint,

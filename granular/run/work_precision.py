@@ -203,9 +203,9 @@ def keep_measured_scene(
 def measured_scenes(scene: Scene, quantity: str, t_end: float | None = None) -> list[SceneWorkPrecision]:
     """Measured scenes that tell of another one: of the packaged table, then of the user's own; t_end [s]."""
     packaged, table = most_similar_measured_scene(scene, quantity), user_table()
-    kept = None if table is None else table.read(_measurement_key(scene, quantity, t_end))
-    result = [] if packaged is None else [packaged]
-    return result if kept is None else [*result, SceneWorkPrecision.from_plain(kept)]
+    plain = None if table is None else table.read(_measurement_key(scene, quantity, t_end))
+    measured = None if plain is None else SceneWorkPrecision.from_plain(plain)
+    return [item for item in (packaged, measured) if item is not None]
 
 
 def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecision | None:

@@ -62,7 +62,7 @@ def test_a_single_run_does_not_pay_for_the_mesh(monkeypatch: pytest.MonkeyPatch)
     assert summed(monkeypatch, damper(), checks=False) == ("direct", "auto*4", set())
 
 
-@pytest.mark.parametrize(("grains", "dt"), [(368, "auto*4"), (184, "auto*2.82")])
+@pytest.mark.parametrize(("grains", "dt"), [(368, "auto*4"), (184, "auto*1.41")])
 def test_a_proposal_is_simulated_with_the_longest_step_that_starts_hide(
     monkeypatch: pytest.MonkeyPatch, grains: int, dt: str
 ) -> None:
