@@ -75,20 +75,22 @@ def all_images(
     return np.array(forces), float(np.sqrt(np.mean(np.square(loads))))
 
 
-def ewald_energy(places: np.ndarray, sides: np.ndarray) -> float:
-    """Energy with all images, those of each grain itself among them [F* D].
+def ewald_energy(places: np.ndarray, sides: np.ndarray, moments: np.ndarray | None = None) -> float:
+    """Energy with all images, those of each grain itself among them [F* D]; moments over the first's.
 
     Written out from the integral over exp(-r^2 t), with structure factors.
     """
     sharp, area, count = 12.0 / sides.min(), sides.prod(), len(places)
+    q = np.ones(count) if moments is None else moments
     total = 0.0
-    for way in (places[i] - places for i in range(count)):
+    for i in range(count):
+        way = places[i] - places
         r = np.linalg.norm(way - sides * np.round(way / sides), axis=1)
-        r = r[r > 0.0]
-        total += (gammaincc(1.5, (sharp * r) ** 2) / r**3).sum()
+        met = r > 0.0
+        total += q[i] * (q[met] * gammaincc(1.5, (sharp * r[met]) ** 2) / r[met] ** 3).sum()
     most = np.ceil(12.0 * sharp * sides / (2.0 * np.pi)).astype(int)
     # Only half of the waves: those of -k are the same.
-    series = sharp * count**2
+    series = sharp * q.sum() ** 2
     phases = [
         np.exp(2j * np.pi / side * np.outer(np.arange(-m, m + 1), slot))
         for side, slot, m in zip(sides, places.T, most, strict=True)
@@ -97,10 +99,10 @@ def ewald_energy(places: np.ndarray, sides: np.ndarray) -> float:
         k = 2.0 * np.pi * np.hypot(m / sides[0], np.arange(-most[1], most[1] + 1) / sides[1])
         fraction = 2.0 * sharp * np.exp(-((k / (2 * sharp)) ** 2))
         fraction -= np.sqrt(np.pi) * k * erfc(k / (2 * sharp))
-        weights = np.abs(phases[1] @ phases[0][most[0] + m]) ** 2 * fraction
+        weights = np.abs(phases[1] @ (q * phases[0][most[0] + m])) ** 2 * fraction
         series += weights.sum() if m else weights[most[1] + 1 :].sum()
     total += 2.0 * np.sqrt(np.pi) / area * 2.0 * series
-    return 0.125 * (total - count * 4.0 / (3.0 * np.sqrt(np.pi)) * sharp**3)
+    return 0.125 * (total - (q * q).sum() * 4.0 / (3.0 * np.sqrt(np.pi)) * sharp**3)
 
 
 def test_energy_with_all_images_is_that_of_a_sum_image_by_image() -> None:

@@ -1,0 +1,648 @@
+"""Forty scenes drawn by a seed: forces, energies and loads against sums written out pair by pair.
+
+Every two features that can be together meet in one of them. All of them run in plain Python with the
+quick tests, a few compiled, and the rest compiled by
+``python -m pytest -m long tests/plain_python/test_drawn_scenes.py``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+
+from granular import Scene, effect, evaluate, quantity, simulate
+from granular.shared.errors import InputError, SceneError
+from tests.granular.pairs.test_periodic import ewald_energy
+from tests.plain_python.brute_force import (
+    SIDES,
+    Bed,
+    Reach,
+    Sums,
+    WallLaw,
+    dipoles,
+    disc_row_wall,
+    discs,
+    field,
+    hertz,
+    normal_loads,
+    power_law_wall,
+    slab_wall,
+    sum_pairs,
+    sum_wall,
+)
+from tests.plain_python.test_every_effect import Bumpers, HeightSpring, Soft
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::RuntimeWarning"),
+    pytest.mark.filterwarnings("ignore:two grains came as close"),
+    pytest.mark.filterwarnings("ignore:the energy ledger"),
+]
+
+MM = 1e-3
+SPECIES = (
+    {"name": "big", "diameter": 6 * MM, "thickness": 3 * MM, "density": 7368.0, "remanence": 1.3},
+    {"name": "small", "diameter": 4.5 * MM, "thickness": 3 * MM, "density": 7368.0, "remanence": 1.3},
+    {"name": "flat", "diameter": 5 * MM, "thickness": 2 * MM, "density": 7000.0, "remanence": 1.1},
+)
+DISC_ENERGIES = 2.0
+"""Error of the energy of discs by the mesh, over its tolerance, which is that of forces: the far field takes
+one mean shift for all species, 3.6e-4 of the energy here."""
+OUTPUT = 4e-6
+"""Step and interval of records [s]."""
+LOAD = 0.01
+"""Constant load of friction [N]."""
+SPACING, JITTER, CUT_OFF = 10.8 * MM, 0.9 * MM, 30 * MM
+"""[m]: big grains alone are packed as at the full compression that the mesh's tolerance is for, 0.24."""
+EXACT, OF_DISCS, OF_ROWS = 1e-12, 9e-6, 1e-6
+"""Errors over the rms of a grain's sum of sizes; of discs `disc_law_tables.RELATIVE`, and of rows of them
+test_row_of_discs_is_the_sum_over_its_magnets's."""
+
+Part = tuple[dict[str, Any], Callable[[Bed], Sums]]
+"""Sections of a scene, and the sums that they bring."""
+
+
+@effect
+class Screened:
+    """A repulsion of charges behind a screen, of all pairs."""
+
+    a: float = quantity("J*m", default=3e-3)
+    length: float = quantity("m", default=6e-4)
+
+    @staticmethod
+    def pair_energy(p: Any, r: float, first: Any, second: Any) -> Any:
+        return first.moment * second.moment * p.a * math.exp(-r / p.length) / r
+
+    @staticmethod
+    def pair_force(p: Any, r: float, first: Any, second: Any) -> Any:
+        return first.moment * second.moment * p.a * math.exp(-r / p.length) / r * (1.0 / r + 1.0 / p.length)
+
+
+def gravity(draw: np.random.Generator) -> Part:
+    g = draw.uniform(5.0, 15.0)
+
+    def sums(bed: Bed) -> Sums:
+        weight = bed.masses * g
+        return field(bed, weight * bed.places[:, 1], np.stack((0.0 * weight, -weight), axis=1))
+
+    return {"gravity": {"acceleration": g}}, sums
+
+
+def gradient(draw: np.random.Generator) -> Part:
+    slope = draw.uniform(-0.1, 0.1, 2)
+
+    def sums(bed: Bed) -> Sums:
+        force = bed.moments[:, None] * slope
+        return field(bed, -(force * bed.places).sum(axis=1), force)
+
+    return {"gradient": {"x": float(slope[0]), "y": float(slope[1])}}, sums
+
+
+def formula_fields(draw: np.random.Generator) -> Part:
+    k, a, length, big = draw.uniform(1.0, 3.0), draw.uniform(0.1, 0.3), 6 * MM, draw.uniform(0.2, 2.0)
+
+    def sums(bed: Bed) -> Sums:
+        x, y = bed.places.T
+        factor = np.where(bed.of_species("name") == "big", big, 1.0)
+        energy = factor * 0.5 * k * (y - 0.02) ** 2 + a * bed.masses * np.sin(x / length)
+        force = (-a * bed.masses * np.cos(x / length) / length, -factor * k * (y - 0.02))
+        return field(bed, energy, np.stack(force, axis=1))
+
+    known = {"energy": "k*(y - h)**2/2*(1 + sin(w*t)/4)", "k": f"{k} N/m", "h": "2 cm", "w": "60 1/s"}
+    second = {"energy": "a*mass*sin(x/l)", "a": f"{a} m^2/s^2", "l": f"{length} m"}
+    return {"field": [known | {"factor": {"big": big}}, second]}, sums
+
+
+def own_field(draw: np.random.Generator) -> Part:
+    k = draw.uniform(0.5, 2.0)
+
+    def sums(bed: Bed) -> Sums:
+        up = bed.places[:, 1] - 0.015
+        return field(bed, 0.5 * k * up**2, np.stack((0.0 * up, -k * up), axis=1))
+
+    return {HeightSpring.key: {"k": k, "height": 0.015}}, sums
+
+
+def contact(draw: np.random.Generator) -> Part:
+    modulus = draw.uniform(1e6, 1e8)
+    return {"contact": {"modulus": modulus}}, lambda bed: sum_pairs(bed, hertz(bed, modulus))
+
+
+def formula_pair_laws(draw: np.random.Generator) -> Part:
+    """One that ends at a distance, and one of all pairs, which is spent within a few diameters."""
+    a, length, k, end = draw.uniform(1e-3, 3e-3), 6e-4, draw.uniform(0.5, 2.0), draw.uniform(0.012, 0.02)
+
+    def sums(bed: Bed) -> Sums:
+        def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            screened = a * bed.ratios[i] * bed.ratios[j] * np.exp(-r / length)
+            rest = np.maximum(end - r, 0.0)
+            return screened + k * rest**4 / end**2, screened / length + 4.0 * k * rest**3 / end**2
+
+        return sum_pairs(bed, law)
+
+    screened = {"energy": "a*q1*q2*exp(-r/l)", "a": f"{a} J", "l": f"{length} m"}
+    short = {"energy": "k*max(end - r, 0)**4/end**2", "k": f"{k} N/m", "end": f"{end} m", "reach": end}
+    return {"pair_law": [screened, short]}, sums
+
+
+def own_short_law(draw: np.random.Generator) -> Part:
+    k, end = draw.uniform(1.0, 3.0), draw.uniform(0.012, 0.02)
+
+    def sums(bed: Bed) -> Sums:
+        def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            strength, rest = k * bed.ratios[i] * bed.ratios[j], np.maximum(end - r, 0.0)
+            return strength * rest**4 / end**2, 4.0 * strength * rest**3 / end**2
+
+        return sum_pairs(bed, law)
+
+    return {Bumpers.key: {"k": k, "end": end}}, sums
+
+
+def own_screened_law(draw: np.random.Generator) -> Part:
+    a, length = draw.uniform(6e-6, 18e-6), 6e-4
+
+    def sums(bed: Bed) -> Sums:
+        def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            energy = a * bed.ratios[i] * bed.ratios[j] * np.exp(-r / length) / r
+            return energy, energy * (1.0 / r + 1.0 / length)
+
+        return sum_pairs(bed, law)
+
+    return {Screened.key: {"a": a, "length": length}}, sums
+
+
+def friction(draw: np.random.Generator) -> Part:
+    """Its load is summed with the pairs; it does not push."""
+    tilt = str(draw.choice(["bound", "aligned", "independent"]))
+    torque = str(draw.choice(["first", "second"])) if tilt == "bound" else "first"
+    return nothing({"friction": {"tilt": tilt, "torque": torque, "load": LOAD}})(draw)
+
+
+def nothing(sections: dict[str, Any]) -> Callable[[np.random.Generator], Part]:
+    """Make a feature that neither pushes a grain at rest nor stores energy."""
+    return lambda draw: (sections, lambda bed: field(bed, np.zeros(1), np.zeros((len(bed.places), 2))))
+
+
+HOST = {"mount": "cell", "bodies": [{"mass": 0.5, "stiffness": 400.0, "damping": 0.2}]}
+ACTING: dict[str, Callable[[np.random.Generator], Part]] = {
+    "gravity": gravity,
+    "gradient": gradient,
+    "field": formula_fields,
+    "own field": own_field,
+    "contact": contact,
+    "pair law": formula_pair_laws,
+    "own short law": own_short_law,
+    "own screened law": own_screened_law,
+    "friction": friction,
+    "shaking": nothing({"shaking": {"amplitude": 5e-4, "frequency": 20.0, "angle": 1.0}}),
+    "host": nothing({"host": HOST}),
+    "drag": nothing({"drag": {"coefficient": 0.1}}),
+    "eddy": nothing({"eddy": {"conductivity": 59.6e6, "thickness": MM, "distance": 4 * MM, "mutual": False}}),
+    "bath": nothing({"bath": {"temperature": 2e-6, "rate": 5.0}}),
+    "wall friction": nothing({"wall_friction": {"coefficient": 0.3}}),
+}
+"""What can act besides dipoles, discs and walls."""
+RECORDS = {
+    "magnets": "pair_energy",
+    "gravity": "weight_energy",
+    "shaking": "weight_energy",
+    "gradient": "gradient_energy",
+    "field": "field_energy",
+    "own field": f"{HeightSpring.key}_energy",
+    "contact": "contact_energy",
+    "pair law": "pair_law_energy",
+    "own short law": f"{Bumpers.key}_energy",
+    "own screened law": f"{Screened.key}_energy",
+    "host": "host_energy",
+} | dict.fromkeys(SIDES, "wall_energy")
+"""Energies as a run records them."""
+
+
+ROW = {"law": "discs", "pitch": 7 * MM}
+
+
+def wall(name: str, bed_width: float, height: float, side: str) -> tuple[Any, Callable[[Bed], WallLaw]]:
+    """Section of a wall, and its law."""
+    upright = side in ("left", "right")
+    if name == "experimental wall":
+        return "experimental", lambda bed: power_law_wall(bed, 0.5, 3.5)
+    if name == "infinite wall":
+        return "infinite", lambda bed: power_law_wall(bed, 1.0, 3.0)
+    if name == "slab":
+        length = 1.3 * height if upright else bed_width
+        section = {"law": "slab"} | ({"length": length} if upright else {})
+        return section, lambda bed: slab_wall(bed, ((0.0, length),))
+    if name == "gap":
+        start, end = 0.3 * bed_width, 0.45 * bed_width
+        section = {"law": "slab", "gap_start": start, "gap_end": end}
+        return section, lambda bed: slab_wall(bed, ((0.0, start), (end, bed_width)))
+    if name == "wall of discs":
+        return ROW, lambda bed: disc_row_wall(bed, 7 * MM)
+    if name == "formula wall":
+        energy = {"energy": "a*(l/w)**3", "a": "20 uJ", "l": "6 mm"}
+
+        def by_formula(bed: Bed) -> WallLaw:
+            return lambda w, along: (
+                bed.ratios * 2e-5 * (6 * MM / w) ** 3,
+                bed.ratios * 6e-5 / w * (6 * MM / w) ** 3,
+                0.0 * w,
+            )
+
+        return energy, by_formula
+
+    def soft(bed: Bed) -> WallLaw:
+        return lambda w, along: (
+            bed.ratios * 4.0 * np.maximum(0.018 - w, 0.0) ** 4 / 0.018**2,
+            bed.ratios * 16.0 * np.maximum(0.018 - w, 0.0) ** 3 / 0.018**2,
+            0.0 * w,
+        )
+
+    return {"law": Soft.definition.key, "k": 4.0, "end": 0.018}, soft
+
+
+METHODS: dict[str, dict[str, Any]] = {
+    "direct": {"method": "direct"},
+    "far pairs less often": {"method": "direct", "far_every": 4},
+    "cut-off": {"method": "cut-off", "cut_off": CUT_OFF},
+    "verlet-list": {"method": "verlet-list", "cut_off": CUT_OFF, "skin": 6 * MM},
+    "mesh": {"method": "mesh"},
+}
+WALLS = ("experimental wall", "infinite wall", "slab", "gap", "wall of discs", "formula wall", "own wall")
+CHOICES: dict[str, tuple[str, ...]] = {
+    "sum": tuple(METHODS),
+    "species": ("one species", "two species", "three species"),
+    "moments": ("alike", "scatter"),
+    "magnets": ("dipoles", "cylinders"),
+    "sides": ("closed", "periodic"),
+}
+FEATURES = (*itertools.chain(*CHOICES.values()), *ACTING, *WALLS)
+WITH_IMAGES = ("friction", "drag", "eddy", "bath")
+SOON = ("contact", "pair law", "own short law", "own screened law")
+NO_IMAGES = "cannot act in a cell with periodic sides|there is no piston|there is no side wall"
+EXCLUDED: dict[frozenset[str], str] = {
+    frozenset(pair): words
+    for *pair, words in (
+        ("cylinders", "verlet-list", "knows dipoles alone"),
+        ("periodic", "verlet-list", "knows no images"),
+        ("periodic", "far pairs less often", "has no far field"),
+        ("mesh", "gap", "give all four walls and no gap"),
+        ("host", "gap", "cannot carry a cell with a gap"),
+        ("host", "far pairs less often", "moves by the whole force"),
+        ("host", "shaking", "shaken already"),
+        ("host", "bath", "takes no notice"),
+        *((one, "bath", "holds at rest") for one in ("contact", "friction", "wall friction")),
+        ("friction", "wall friction", "cannot act together"),
+        *((one, "periodic", NO_IMAGES) for one in ACTING if one not in (*WITH_IMAGES, *SOON)),
+        *((one, "periodic", NO_IMAGES) for one in WALLS),
+    )
+}
+"""Pairs that a scene refuses, and words of the line that says so."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Drawn:
+    """Features of a scene, and the seed of its sizes and places."""
+
+    features: frozenset[str]
+    seed: int
+
+    def __str__(self) -> str:
+        return "-".join(name.replace(" ", "_") for name in FEATURES if name in self.features)
+
+    def chosen(self, kind: str) -> str:
+        return next(name for name in CHOICES[kind] if name in self.features)
+
+
+def pairs_of(features: frozenset[str]) -> set[frozenset[str]]:
+    return {frozenset(pair) for pair in itertools.combinations(sorted(features), 2)}
+
+
+def draw_features(
+    random: np.random.Generator, wanted: frozenset[str], with_images: tuple[str, ...] = WITH_IMAGES
+) -> frozenset[str]:
+    """Draw a scene's features, the wanted ones among them."""
+    while True:
+        features = {str(random.choice(names)) for names in CHOICES.values() if not wanted & set(names)}
+        if not wanted & set(CHOICES["sides"]) and random.random() < 0.5:  # there more can act
+            features = features - {"periodic"} | {"closed"}
+        features |= wanted | {name for name in ACTING if random.random() < 0.4}
+        if "closed" in features:
+            features |= {str(name) for name in random.choice(WALLS, 3)}
+        else:
+            features -= set(ACTING) - set(with_images)
+        if wanted <= features and not pairs_of(frozenset(features)) & set(EXCLUDED) and fits(features):
+            return frozenset(features)
+
+
+def fits(features: set[str]) -> bool:
+    """Return False where walls and what rubs at them find no side."""
+    walls = [name for name in WALLS if name in features]
+    sides = [name for name in walls if name not in ("slab", "wall of discs", "gap")]
+    if "wall friction" in features and ("closed" not in features or not sides):
+        return False
+    rubbed = "wall friction" in features
+    return len(walls) <= 4 and not (rubbed and len(walls) - len(sides) > 2)
+
+
+def draw_scenes(count: int, seed: int) -> list[Drawn]:
+    """Draw scenes, each from some drawn ones that with the most pairs of features that are new."""
+    random, scenes = np.random.default_rng(seed), []
+    missing = {pair for pair in every_pair() if pair not in EXCLUDED and not is_new(pair)}
+    for number in range(count):
+        wanted = min(missing, key=sorted) if missing else frozenset[str]()
+        drawn = [draw_features(random, wanted) for _ in range(20)]
+        best = max(drawn, key=lambda features: len(pairs_of(features) & missing))
+        scenes.append(Drawn(best, number))
+        missing -= pairs_of(best)
+    return scenes
+
+
+def every_pair() -> set[frozenset[str]]:
+    """All pairs of features but two of one choice."""
+    alike = {frozenset(pair) for names in CHOICES.values() for pair in itertools.combinations(names, 2)}
+    return {frozenset(pair) for pair in itertools.combinations(FEATURES, 2)} - alike
+
+
+def is_new(pair: frozenset[str]) -> bool:
+    return "periodic" in pair and bool(pair & set(SOON))
+
+
+def draw_new_scenes(seed: int) -> list[Drawn]:
+    """Draw periodic scenes with contact and own pair laws, each of them by each sum."""
+    random, scenes = np.random.default_rng(seed), []
+    for name, method in itertools.product(SOON, ("direct", "cut-off", "mesh")):
+        features = draw_features(random, frozenset((name, method, "periodic")), (*WITH_IMAGES, *SOON))
+        scenes.append(Drawn(features, 100 + len(scenes)))
+    return scenes
+
+
+SCENES, NEW_SCENES = draw_scenes(40, seed=1), draw_new_scenes(seed=2)
+QUICK, QUICK_NEW = (17,), (0,)
+"""Scenes that few kernels are compiled for."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A scene, its bed as the sums take it, what each part brings, and to which error."""
+
+    scene: Scene
+    bed: Bed
+    velocities: np.ndarray
+    parts: dict[str, Sums]
+    errors: dict[str, float]
+    loads: np.ndarray | None
+
+
+def draw_places(drawn: Drawn, random: np.random.Generator, diameters: np.ndarray, columns: int) -> np.ndarray:
+    """Draw places about a square lattice [m]; with contact, of some neighbours that overlap."""
+    count = len(diameters)
+    sites = np.stack((np.arange(count) % columns, np.arange(count) // columns), axis=1)
+    places = SPACING * (sites + 0.5) + random.uniform(-JITTER, JITTER, (count, 2))
+    if "contact" in drawn.features:
+        depth = 0.99 if "cylinders" in drawn.features else 0.96
+        sides = SPACING * np.array([columns, count // columns])
+        pairs = [(0, 1), (12, 13), (22, 22 + columns)]
+        if "periodic" in drawn.features:  # across a side, and across a corner
+            pairs += [(3 * columns - 1, 2 * columns), (7, count - columns + 7)]
+        for k, (i, j) in enumerate(pairs):
+            near = (depth - 0.002 * k) * 0.5 * (diameters[i] + diameters[j])
+            way = places[j] - places[i]
+            way -= sides * np.round(way / sides) if "periodic" in drawn.features else 0.0
+            places[j] = places[i] + near * way / np.hypot(*way)
+    return np.asarray(places)
+
+
+def walls_of(
+    drawn: Drawn, random: np.random.Generator, width: float, height: float
+) -> tuple[dict[str, Any], dict[str, Callable[[Bed], WallLaw]]]:
+    """Sections and laws of the four walls, on which the drawn ones are spread."""
+    names = [name for name in WALLS if name in drawn.features]
+    rubbing = [name for name in names if name not in ("slab", "wall of discs", "gap")]
+    sides: dict[str, str] = {}
+    if "gap" in names:
+        sides["bottom"] = "gap"
+        names.remove("gap")
+    for side in ("left", "right"):
+        if "wall friction" in drawn.features:
+            sides[side] = str(random.choice(rubbing))
+            if sides[side] in names:
+                names.remove(sides[side])
+    for side in SIDES:
+        if side not in sides:
+            sides[side] = names.pop(0) if names else "experimental wall" if not rubbing else rubbing[0]
+    made = {side: wall(name, width, height, side) for side, name in sides.items()}
+    return {side: section for side, (section, _) in made.items()}, {
+        side: law for side, (_, law) in made.items()
+    }
+
+
+def make_scene(drawn: Drawn) -> Scene:
+    return make_case(drawn).scene
+
+
+def make_case(drawn: Drawn) -> Case:
+    """Make the scene of some features, and the sums that it is held against."""
+    random = np.random.default_rng([7, drawn.seed])
+    closed = "closed" in drawn.features
+    columns, rows = (8, 5) if closed else (10, 11)
+    width, height = columns * SPACING, rows * SPACING
+    species = list(SPECIES[: 1 + CHOICES["species"].index(drawn.chosen("species"))])
+    if "mesh" not in drawn.features:  # whose tolerance is for a bed that is packed with the first species
+        species = [species[k] for k in random.permutation(len(species))]
+    grains = {
+        "count": columns * rows,
+        "species": [one | {"share": 1.0 / len(species)} for one in species],
+        "spread": 0.1 if "scatter" in drawn.features else 0.0,
+        "magnets": drawn.chosen("magnets"),
+    }
+    sections: dict[str, Any] = {"dipole": True}
+    plain = {
+        "grains": grains,
+        "cell": {"width": width} | ({} if closed else {"sides": "periodic", "height": height}),
+        "pairs": METHODS[drawn.chosen("sum")],
+        "effects": sections,
+        "protocol": [{"kind": "hold", "name": "rest", "duration": 1.0}],
+        "output": {"scalars": OUTPUT, "frames": OUTPUT},
+    }
+    if closed:
+        plain["piston"] = {"height": height, "mass": 0.2}
+    laws: dict[str, Callable[[Bed], WallLaw]] = {}
+    if closed or drawn.features & set(WALLS):
+        sections["walls"], laws = walls_of(drawn, random, width, height)
+    brute: dict[str, Callable[[Bed], Sums]] = {}
+    for name, part in ACTING.items():
+        if name in drawn.features:
+            made, brute[name] = part(random)
+            sections |= made
+    kind = Scene.from_plain(plain | {"effects": {}, "pairs": {}, "protocol": []}).grains.species_indices()
+    diameters = np.array([one["diameter"] for one in species])[kind]
+    places = draw_places(drawn, random, diameters, columns)
+    velocities = random.normal(0.0, 0.02, places.shape)
+    plain["arrangement"] = {"positions": places.tolist(), "velocities": velocities.tolist()}
+    scene = Scene.from_plain(plain)
+    bed = Bed(
+        species=tuple(species),
+        kind=kind,
+        scatter=scene.grains.moment_spread_factors(),
+        places=places,
+        width=width,
+        separation=scene.cell.separation,
+        periods=None if closed else np.array([width, height]),
+        piston=height if closed else None,
+    )
+    parts = {"magnets": magnetic_sums(drawn, bed)} | {name: sums(bed) for name, sums in brute.items()}
+    for side, law in laws.items():
+        parts[side] = sum_wall(bed, side, law(bed))
+    loads = None
+    if "friction" in drawn.features and "dipoles" in drawn.features:
+        asked = sections["friction"]
+        loads = LOAD + normal_loads(
+            bed, reach_of(drawn, bed), asked["tilt"], second=asked["torque"] == "second"
+        )
+    errors = dict.fromkeys(parts, EXACT)
+    if "cylinders" in drawn.features:
+        errors["magnets"] = OF_DISCS
+    if "mesh" in drawn.features:
+        errors["magnets"] = scene.pairs.tolerance
+    for side, section in sections.get("walls", {}).items():
+        if section == ROW:
+            errors[side] = OF_ROWS
+    return Case(scene, bed, velocities, parts, errors, loads)
+
+
+def reach_of(drawn: Drawn, bed: Bed) -> Reach:
+    """Pairs that a method sums."""
+    method = drawn.chosen("sum")
+    if method == "mesh":
+        return Reach() if bed.periods is None else Reach(4.0 * float(bed.periods.max()), images=True)
+    if method in ("cut-off", "verlet-list"):
+        return Reach(CUT_OFF, shifted=True)
+    return Reach() if bed.periods is None else Reach(0.5 * float(bed.periods.min()), shifted=True)
+
+
+def magnetic_sums(drawn: Drawn, bed: Bed) -> Sums:
+    """Sums over the magnets."""
+    law, reach = (discs if "cylinders" in drawn.features else dipoles)(bed), reach_of(drawn, bed)
+    result = sum_pairs(bed, law, reach)
+    if reach.images:  # the energy of dipoles converges slowly: by Ewald's sum, and the rest image by image
+        assert bed.periods is not None
+        unit = bed.unit * bed.size
+        result.energy -= sum_pairs(bed, dipoles(bed), reach).energy
+        result.energy += unit * ewald_energy(bed.places / bed.size, bed.periods / bed.size, bed.ratios)
+    return result
+
+
+def check_case(case: Case) -> None:
+    """Check all that an evaluation gives."""
+    found = evaluate(case.scene, case.bed.places, case.velocities, case.bed.piston)
+    parts, errors = case.parts.values(), tuple(case.errors.values())
+    off = sum(error * rms(part.sizes) for part, error in zip(parts, errors, strict=True))
+    np.testing.assert_allclose(found.force, sum(part.force for part in parts), rtol=0.0, atol=off)
+    off = math.fsum(energy_errors(case).values())
+    energy = math.fsum(part.energy for part in parts)
+    assert found.potential_energy == pytest.approx(energy, rel=0.0, abs=off + EXACT * abs(energy))
+    for side in SIDES:
+        wanted = math.fsum(part.walls[side] for part in parts)
+        assert found.wall_forces[side] == pytest.approx(wanted, rel=case.errors.get(side, EXACT))
+    assert found.piston_force == found.wall_forces["top"]
+    kinetic = 0.5 * math.fsum(case.bed.masses * (case.velocities**2).sum(axis=1))
+    assert found.kinetic_energy == pytest.approx(kinetic, rel=EXACT)
+    if case.loads is not None:
+        off = case.errors["magnets"] * rms(case.loads)
+        np.testing.assert_allclose(found.normal_load, case.loads, rtol=0.0, atol=off)
+
+
+def energy_errors(case: Case) -> dict[str, float]:
+    """Errors of the energies of the parts [J]."""
+    off = {name: case.errors[name] * abs(part.energy) for name, part in case.parts.items()}
+    if case.scene.pair_method == "mesh" and case.scene.grains.magnets == "cylinders":
+        off["magnets"] *= DISC_ENERGIES
+    return off
+
+
+def rms(sizes: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(sizes))))
+
+
+def check_records(case: Case) -> None:
+    """Check the energies that a run records at its start, effect by effect."""
+    data = simulate(case.scene, dt=OUTPUT, t_end=OUTPUT, progress=False).dataset
+    for record in {RECORDS[name] for name in case.parts if name in RECORDS}:
+        parts = {name: one.energy for name, one in case.parts.items() if RECORDS.get(name) == record}
+        off = math.fsum(energy_errors(case)[name] for name in parts)
+        assert float(data[record].values[0]) == pytest.approx(math.fsum(parts.values()), rel=0.0, abs=off)
+
+
+plain_python = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
+
+
+def quick_or_long(scenes: list[Drawn], quick: tuple[int, ...]) -> list[Any]:
+    return [pytest.param(one, marks=() if k in quick else pytest.mark.long) for k, one in enumerate(scenes)]
+
+
+@plain_python
+def test_every_two_features_meet_in_a_drawn_scene() -> None:
+    held = set().union(*(pairs_of(drawn.features) for drawn in SCENES))
+    for pair in every_pair():
+        assert (pair in held) != (pair in EXCLUDED or is_new(pair)), sorted(pair)
+    held = set().union(*(pairs_of(drawn.features) for drawn in NEW_SCENES))
+    assert all(pair in held for pair in every_pair() if is_new(pair))
+
+
+@plain_python
+@pytest.mark.parametrize("pair", EXCLUDED, ids=lambda pair: "-".join(sorted(pair)))
+def test_what_cannot_meet_is_refused(pair: frozenset[str]) -> None:
+    plain = {names[0] for names in CHOICES.values() if not pair & set(names)}
+    plain |= {"infinite wall"} if "closed" in plain else set()
+    drawn = Drawn(frozenset(plain | pair), 0)
+    with pytest.raises(InputError, match=EXCLUDED[pair]):
+        simulate(make_scene(drawn), dt=OUTPUT, t_end=OUTPUT, progress=False)
+
+
+@plain_python
+@pytest.mark.parametrize("drawn", SCENES, ids=str)
+def test_a_drawn_scene_is_summed_as_written_out(drawn: Drawn) -> None:
+    case = make_case(drawn)
+    check_case(case)
+    check_records(case)
+
+
+def case_unless_refused(drawn: Drawn) -> Case | None:
+    """Make a case; where its cell refuses the effect, skip with that line."""
+    try:
+        return make_case(drawn)
+    except SceneError as refusal:
+        if not re.match(r"effects\.(contact|pair_law|bumpers|screened): cannot act in a cell", str(refusal)):
+            raise
+        if not numba.config.DISABLE_JIT:  # in plain Python, where nothing may be skipped, the line is tested
+            pytest.skip(str(refusal))
+        return None
+
+
+@plain_python
+@pytest.mark.parametrize("drawn", NEW_SCENES, ids=str)
+def test_contact_and_own_pair_laws_meet_images(drawn: Drawn) -> None:
+    case = case_unless_refused(drawn)
+    if case is not None:
+        check_case(case)
+        check_records(case)
+
+
+if not numba.config.DISABLE_JIT:  # where none may be skipped
+
+    @pytest.mark.parametrize("drawn", quick_or_long(SCENES, QUICK), ids=str)
+    def test_a_drawn_scene_is_summed_as_written_out_when_compiled(drawn: Drawn) -> None:
+        check_case(make_case(drawn))
+
+    @pytest.mark.parametrize("drawn", quick_or_long(NEW_SCENES, QUICK_NEW), ids=str)
+    def test_contact_and_own_pair_laws_meet_images_when_compiled(drawn: Drawn) -> None:
+        case = case_unless_refused(drawn)
+        assert case is not None
+        check_case(case)
