@@ -18,15 +18,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
+from granular.effects.dipole import discs_unless_dipoles
 from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
 from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import LOSSES, Bed
-from granular.pairs.cell_list import PLACES_A_GRAIN, ClosePairs, close_pairs_workspace, find_close_pairs
-from granular.pairs.dipole_law import pair_energy
-from granular.pairs.disc_law_tables import TOUCH, DiscLaw
+from granular.kernel_data.state import LOSSES, Bed, State
+from granular.pairs.dipole_law import ENERGY, pair_energy
+from granular.pairs.disc_law import disc_energy_and_force
 from granular.pairs.grain_arrays import value_or_one
+from granular.pairs.near_list import NearList, near_list_workspace, pair_displacement, refresh_near_list
 from granular.schema.sections import quantity
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class Contact(ForceEffect, DissipativeEffect):
 
     key = "contact"
     rank = 1
+    periodic = True
     example: ClassVar[Any] = {"modulus": "1 MPa", "restitution": 0.8}
     dry = True  # its dashpots are solved pair by pair
     energy_record = energy_variable("contact_energy", "energy of the contacts")
@@ -57,18 +59,29 @@ class Contact(ForceEffect, DissipativeEffect):
 
     def make_kernel_law(self, context: EffectContext) -> ContactLaw:
         """Law in natural units."""
-        scales = context.scales
+        scales, periods = context.scales, context.cell.periods
         diameters = np.array([specy.diameter for specy in context.grains.species]) / scales.length
-        radius = 0.5 * diameters[context.species]
         logarithm = math.log(self.restitution)
         alpha = -math.sqrt(5.0) * logarithm / math.hypot(logarithm, math.pi)
         return ContactLaw(
             modulus=4.0 / 3.0 * self.modulus * scales.length**2 / scales.force,
             alpha=alpha,
-            radius=radius,
+            radius=0.5 * diameters[context.species],
             widest=float(diameters.max()),
-            narrowest=float(diameters.min()),
+            barrier=_magnetic_energy_at_touch(context, diameters),
+            periods=None if periods is None else (periods[0] / scales.length, periods[1] / scales.length),
         )
+
+
+def _magnetic_energy_at_touch(context: EffectContext, diameters: Float[np.ndarray, "s"]) -> float:
+    """Least energy of two alike grains that touch, over their squared moment [F* D]; 0 without dipoles."""
+    if "dipole" not in context.effects:
+        return 0.0
+    discs = discs_unless_dipoles(context.grains, context.scales.length)
+    if not discs:
+        return pair_energy(float(diameters.min()))
+    touching = [disc_energy_and_force(np.array([2.0 * disc.radius]), disc, disc)[0][0] for disc in discs]
+    return ENERGY * float(min(touching))
 
 
 class ContactLaw(NamedTuple):
@@ -78,37 +91,38 @@ class ContactLaw(NamedTuple):
     alpha: float
     radius: Float[Array, "n"]  # [D]
     widest: float  # [D]
-    narrowest: float  # [D]
+    barrier: float  # magnetic energy where grains touch, over the squared moment [F* D]
+    periods: tuple[float, float] | None  # sides of a periodic cell [D]
 
-    def workspace(self, size: int, count: int) -> ClosePairs:
-        """Make the workspace for the list of grains in contact."""
-        return close_pairs_workspace(count, PLACES_A_GRAIN * count)
+    def workspace(self, size: int, count: int) -> NearList:
+        """Make the near list of the grains that may touch."""
+        return near_list_workspace(count, self.widest, periods=self.periods, radius=self.radius)
 
     @staticmethod
     @compiled
-    def add_forces(law: ContactLaw, workspace: ClosePairs, index: int, bed: Bed, time: float) -> int:
+    def add_forces(law: ContactLaw, near: NearList, index: int, bed: Bed, time: float) -> int:
         """Add the Hertzian forces of the grains in contact [F*]; time [tau]."""
-        state, constants = bed.state, bed.constants
-        find_close_pairs(workspace, state.x, state.y, constants.grains, law.widest, law.radius)
-        for p in range(workspace.filled[0]):
-            i, j = workspace.first[p], workspace.second[p]
-            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
-            r = math.sqrt(dx * dx + dy * dy)
-            overlap = law.radius[i] + law.radius[j] - r
-            if overlap > 0.0:
-                k = hertz_spring_constant(law, law.radius[i], law.radius[j])
-                ratio = hertz_force(k, overlap) / r
-                state.fx[i] += ratio * dx
-                state.fy[i] += ratio * dy
-                state.fx[j] -= ratio * dx
-                state.fy[j] -= ratio * dy
-        return int(workspace.filled[0] < 0)
+        state, grains = bed.state, bed.constants.grains
+        if not refresh_near_list(near, state.x, state.y, grains):
+            return 1
+        for i in range(grains):
+            for k in range(near.starts[i], near.starts[i + 1]):
+                j = near.partners[k]
+                overlap, r, dx, dy = _overlap_and_displacement(law, near, k, i, j, state)
+                if overlap > 0.0:
+                    spring = hertz_spring_constant(law, law.radius[i], law.radius[j])
+                    ratio = hertz_force(spring, overlap) / r
+                    state.fx[i] += ratio * dx
+                    state.fy[i] += ratio * dy
+                    state.fx[j] -= ratio * dx
+                    state.fy[j] -= ratio * dy
+        return 0
 
     @staticmethod
     @compiled
     def measure_energy_and_stiffness(
         law: ContactLaw,
-        workspace: ClosePairs,
+        near: NearList,
         index: int,
         bed: Bed,
         time: float,
@@ -116,53 +130,36 @@ class ContactLaw(NamedTuple):
         energies: Float[Array, "laws"],
     ) -> int:
         """Enter the energy of the contacts [F* D], and add their stiffness [1/tau^2]."""
-        state, constants = bed.state, bed.constants
-        total = 0.0
-        masses = constants.masses
-        for p in range(workspace.filled[0]):
-            i, j = workspace.first[p], workspace.second[p]
-            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
-            overlap = law.radius[i] + law.radius[j] - math.sqrt(dx * dx + dy * dy)
-            if overlap > 0.0:
-                k = hertz_spring_constant(law, law.radius[i], law.radius[j])
-                total += hertz_energy(k, overlap)
-                # A row sum of the Hessian has the pair's block twice: on the diagonal and beside it
-                # (Gershgorin).
-                slope = 2.0 * _hertz_stiffness(k, overlap)
-                stiffness[i] += slope / value_or_one(masses, i)
-                stiffness[j] += slope / value_or_one(masses, j)
+        state, masses, total = bed.state, bed.constants.masses, 0.0
+        for i in range(bed.constants.grains):
+            for k in range(near.starts[i], near.starts[i + 1]):
+                j = near.partners[k]
+                overlap, _, _, _ = _overlap_and_displacement(law, near, k, i, j, state)
+                if overlap > 0.0:
+                    spring = hertz_spring_constant(law, law.radius[i], law.radius[j])
+                    total += hertz_energy(spring, overlap)
+                    # A row sum of the Hessian has the pair's block twice: on the diagonal and beside it
+                    # (Gershgorin).
+                    slope = 2.0 * _hertz_stiffness(spring, overlap)
+                    stiffness[i] += slope / value_or_one(masses, i)
+                    stiffness[j] += slope / value_or_one(masses, j)
         energies[index] = total
         return 0
 
     @staticmethod
     @compiled
     def damp_velocities(
-        law: ContactLaw, workspace: ClosePairs, index: int, dt: float, bed: Bed, opens_step: bool
+        law: ContactLaw, near: NearList, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
         """Apply the dashpots to the normal velocities of grains in contact; dt [tau]."""
-        state, constants = bed.state, bed.constants
-        masses = constants.masses
-        for turn in range(workspace.filled[0]):
+        grains = bed.constants.grains
+        for turn in range(grains):
             # In the opposite order when a step closes: dashpots that share a grain do not commute.
-            p = turn if opens_step else workspace.filled[0] - 1 - turn
-            i, j = workspace.first[p], workspace.second[p]
-            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
-            r = math.sqrt(dx * dx + dy * dy)
-            overlap = law.radius[i] + law.radius[j] - r
-            if overlap > 0.0:
-                first = value_or_one(masses, i)
-                second = value_or_one(masses, j)
-                mass = first * second / (first + second)
-                k = hertz_spring_constant(law, law.radius[i], law.radius[j])
-                nx, ny = dx / r, dy / r
-                speed = (state.vx[i] - state.vx[j]) * nx + (state.vy[i] - state.vy[j]) * ny
-                left = dashpot_decay_factor(law, k, overlap, mass, dt)
-                impulse = mass * (left - 1.0) * speed
-                state.vx[i] += impulse / first * nx
-                state.vy[i] += impulse / first * ny
-                state.vx[j] -= impulse / second * nx
-                state.vy[j] -= impulse / second * ny
-                state.ledger[LOSSES + index] += 0.5 * mass * speed * speed * (1.0 - left * left)
+            i = turn if opens_step else grains - 1 - turn
+            begin, end = near.starts[i], near.starts[i + 1]
+            for passed in range(end - begin):
+                k = begin + passed if opens_step else end - 1 - passed
+                _damp_pair(law, near, index, dt, bed, i, k)
         return 0
 
     @staticmethod
@@ -171,15 +168,38 @@ class ContactLaw(NamedTuple):
         law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
         """Squared highest angular frequency in an impact of two grains [1/tau^2]; speed [D/tau]."""
-        barrier = 0.0
-        if constants.acting.dipole is not None:
-            barrier = _magnetic_energy_at_touch(constants.acting.discs, law) * constants.least_moment**2
+        barrier = law.barrier * constants.least_moment**2
         return squared_head_on_impact_frequency(law, speed, constants.least_mass, barrier)
 
 
 @compiled(inline=True)
-def _magnetic_energy_at_touch(discs: DiscLaw | None, law: ContactLaw) -> float:
-    return pair_energy(law.narrowest) if discs is None else discs.collision[TOUCH, 0]
+def _overlap_and_displacement(
+    law: ContactLaw, near: NearList, k: int, i: int, j: int, state: State
+) -> tuple[float, float, float, float]:
+    """Overlap of a listed pair, distance and displacement of its centres [D]."""
+    dx, dy = pair_displacement(near.shifts, k, state.x[i] - state.x[j], state.y[i] - state.y[j])
+    r = math.sqrt(dx * dx + dy * dy)
+    return law.radius[i] + law.radius[j] - r, r, dx, dy
+
+
+@compiled
+def _damp_pair(law: ContactLaw, near: NearList, index: int, dt: float, bed: Bed, i: int, k: int) -> None:
+    """Apply the dashpot of a listed pair."""
+    state, masses, j = bed.state, bed.constants.masses, near.partners[k]
+    overlap, r, dx, dy = _overlap_and_displacement(law, near, k, i, j, state)
+    if overlap > 0.0:
+        first, second = value_or_one(masses, i), value_or_one(masses, j)
+        mass = first * second / (first + second)
+        spring = hertz_spring_constant(law, law.radius[i], law.radius[j])
+        nx, ny = dx / r, dy / r
+        speed = (state.vx[i] - state.vx[j]) * nx + (state.vy[i] - state.vy[j]) * ny
+        left = dashpot_decay_factor(law, spring, overlap, mass, dt)
+        impulse = mass * (left - 1.0) * speed
+        state.vx[i] += impulse / first * nx
+        state.vy[i] += impulse / first * ny
+        state.vx[j] -= impulse / second * nx
+        state.vy[j] -= impulse / second * ny
+        state.ledger[LOSSES + index] += 0.5 * mass * speed * speed * (1.0 - left * left)
 
 
 @compiled

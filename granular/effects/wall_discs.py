@@ -24,7 +24,7 @@ from granular.compiled import Array, compiled, entry
 from granular.effects.wall_side import WallSide
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
-from granular.pairs.disc_law_tables import disc_law_continued_below_contact, force_slope_at_contact
+from granular.pairs.disc_near_law import disc_law_continued_below_contact, force_slope_at_contact
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int

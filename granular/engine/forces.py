@@ -11,17 +11,18 @@ from granular.engine.far_field_forces import add_far_field, compute_far_field, f
 from granular.kernel_data.constants import (
     Constants,
     multiply_by_moment_over_mass,
+    pair_charges,
     pair_stiffness_bound,
-    relative_moments,
+    values_or_default,
 )
 from granular.kernel_data.state import Bed, Measurement, State
-from granular.pairs.close_disc_corrections import CloseDiscList, add_close_disc_corrections
 from granular.pairs.cut_off_sum import cut_off_sum
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.direct_sum import direct_sum
 from granular.pairs.direct_vector_loops import reproducible_sum
-from granular.pairs.disc_law_tables import DiscLaw
 from granular.pairs.grain_arrays import GrainArrays, array_if_wanted, clear_sums
+from granular.pairs.near_law import NearLaw, add_near_forces, measure_near_part
+from granular.pairs.near_list import NearList
 from granular.pairs.stripes import CutOffSettings
 from granular.pairs.verlet_list import VerletSettings, verlet_list_sum
 
@@ -42,7 +43,7 @@ def _sum_magnetic_forces(
         cut_off_sum(state.stripes, cut.radius, cut.smooth, threaded, grains, arrays)
     if listing is not None:
         assert state.verlet_list is not None
-        verlet_list_sum(state.verlet_list, listing, grains, arrays)
+        verlet_list_sum(state.verlet_list, grains, arrays)
 
 
 @compiled(inline=True)
@@ -57,7 +58,7 @@ def _compute_pair_forces(
         state.y,
         state.fx,
         state.fy,
-        relative_moments(constants),
+        pair_charges(constants),
         stiffness,
         energy_and_closest,
         array_if_wanted(weight, state.load),
@@ -69,16 +70,20 @@ def _compute_pair_forces(
         clear_sums(arrays)
     else:
         _sum_magnetic_forces(constants.acting.cut, constants.acting.listing, bed, arrays)
-    return _add_close_disc_forces(constants.acting.discs, state.close, constants.grains, arrays)
+    return _add_near_forces(constants.acting.near, state.near, constants.grains, arrays)
 
 
 @compiled(inline=True)
-def _add_close_disc_forces(
-    discs: DiscLaw | None, close: CloseDiscList | None, grains: int, arrays: GrainArrays
-) -> int:
-    if discs is None or close is None:
-        return 0
-    return add_close_disc_corrections(discs, close, grains, arrays)
+def _add_near_forces(law: NearLaw | None, near: NearList | None, grains: int, arrays: GrainArrays) -> int:
+    return 0 if law is None else add_near_forces(law, near, grains, arrays.x, arrays.y, arrays.fx, arrays.fy)
+
+
+@compiled(inline=True)
+def _measure_near_part(law: NearLaw | None, bed: Bed, stiffness: Array) -> float:
+    state, constants = bed.state, bed.constants
+    if law is None:
+        return 0.0
+    return measure_near_part(law, state.near, constants.grains, state.x, state.y, constants.masses, stiffness)
 
 
 _add_forces = sum_of_hooks("add_forces", "bed time")
@@ -136,13 +141,15 @@ def potential_energies(
     state, constants = bed.state, bed.constants
     stiffness = measurement.stiffness
     # Gershgorin: the pair's stiffness 3 q_i q_j/r^5 enters the row of i twice, on the diagonal and beside it.
-    bound = 6.0 * pair_stiffness_bound(constants.acting.discs)
+    bound = 6.0 * pair_stiffness_bound(constants.acting.series)
     for i in range(constants.grains):
         stiffness[i] *= bound
-    multiply_by_moment_over_mass(stiffness, constants.moments, constants.masses, constants.grains)
+    charges = values_or_default(constants.acting.charges, constants.moments)
+    multiply_by_moment_over_mass(stiffness, charges, constants.masses, constants.grains)
+    near = _measure_near_part(constants.acting.near, bed, stiffness)
     energies[:] = 0.0
     _measure(constants.acting.laws, state.workspaces, bed, time, stiffness, energies)
-    return ENERGY * measurement.energy_and_closest[0] + far_energy(state.far_forces)
+    return ENERGY * measurement.energy_and_closest[0] + far_energy(state.far_forces) + near
 
 
 @entry

@@ -14,9 +14,8 @@ from granular.effects.wall_kernels import add_piston_stiffness
 from granular.effects.wall_side import TOP
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import Bed, Measurement
-from granular.pairs.close_disc_corrections import head_on_disc_frequency_squared
 from granular.pairs.dipole_law import head_on_frequency_squared
-from granular.pairs.disc_law_tables import DiscLaw
+from granular.pairs.near_law import NearLaw, squared_collision_frequency
 from granular.protocol.piston_motion import Motion
 
 _squared_impact_frequency = greatest_of_hooks("squared_head_on_impact_frequency", "speed constants")
@@ -35,17 +34,17 @@ def highest_impact_frequency(constants: Constants, speed: float) -> float:
     square = 0.0
     if constants.acting.dipole is not None and constants.grains > 1:
         square = _head_on_pair_stiffness(
-            constants.acting.discs, speed, constants.least_mass, constants.least_moment
+            constants.acting.near, speed, constants.least_mass, constants.least_moment
         )
     laws = constants.acting.laws
     return math.sqrt(max(square, _squared_impact_frequency(laws, laws, speed, constants)))
 
 
 @compiled(inline=True)
-def _head_on_pair_stiffness(discs: DiscLaw | None, speed: float, mass: float, moment: float) -> float:
+def _head_on_pair_stiffness(discs: NearLaw | None, speed: float, mass: float, moment: float) -> float:
     if discs is None:
         return head_on_frequency_squared(speed, mass, moment)
-    return head_on_disc_frequency_squared(discs, speed, mass, moment)
+    return squared_collision_frequency(discs, speed)
 
 
 @compiled

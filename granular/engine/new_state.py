@@ -9,9 +9,9 @@ import numpy as np
 from granular.kernel_data.constants import EffectLaws
 from granular.kernel_data.state import LOSSES, Measurement, StageSlopes, State
 from granular.methods import Method
-from granular.pairs.close_disc_corrections import close_disc_list_workspace
 from granular.pairs.direct_sum import pad_coordinates, partial_sum_buffers
 from granular.pairs.mesh_far_field import FarFieldState, far_field_state
+from granular.pairs.near_law import near_law_workspace
 from granular.pairs.stripes import Stripes, stripes_workspace
 from granular.pairs.verlet_list import verlet_list_workspace
 
@@ -47,11 +47,9 @@ def new_state(
         label=np.arange(x.size),
         load=None if acting.weight is None else np.zeros_like(x),
         stripes=_new_stripes(x.size, acting),
-        verlet_list=None if acting.listing is None else verlet_list_workspace(x.size, acting.listing.radius),
+        verlet_list=None if acting.listing is None else verlet_list_workspace(count, acting.listing),
         far_forces=_new_far_forces(x.size, acting),
-        close=None
-        if acting.discs is None
-        else close_disc_list_workspace(x.size, acting.discs.reach, acting.periods),
+        near=None if acting.near is None else near_law_workspace(acting.near, count),
         workspaces=workspaces,
         host=hosts[0] if hosts else None,
         scratch=np.zeros_like(x),

@@ -13,9 +13,9 @@ from granular.pairs.direct_sum import PADDING
 def constants_per_grain(constants: Constants) -> list[np.ndarray]:
     """Constants with one value for each grain (m,), which must move with the grains."""
     acting = constants.acting
-    result = [constants.masses, constants.moments, acting.weight]
-    if acting.discs is not None:
-        result += [acting.discs.shift, acting.discs.species]
+    result = [constants.masses, constants.moments, acting.weight, acting.charges, acting.shift]
+    if acting.near is not None:
+        result.append(acting.near.species)
     result += [law.species for law in acting.walls if isinstance(law, DiscWall)]
     # A law's arrays are all of this kind; any other stands in a tuple of its own within the law.
     result += [values for law in acting.laws for values in law]

@@ -10,8 +10,8 @@ import numpy as np
 
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
-from granular.pairs.close_disc_corrections import closest_distance_over_contact
-from granular.pairs.disc_law_tables import CLOSEST
+from granular.pairs.disc_near_law import CLOSEST
+from granular.pairs.near_law import closest_over_least
 from granular.schema.natural_units import Scales
 from granular.shared.errors import (
     EnergyError,
@@ -74,9 +74,10 @@ def misplaced_grain_error(
             time=time,
             remedy="sum the pairs directly ('pairs.method = \"direct\"')",
         )
-    if constants.acting.discs is not None and state.close is not None:
-        ratio, grain = closest_distance_over_contact(constants.acting.discs, state.close, state.x, state.y)
-        if ratio < CLOSEST:
+    if constants.acting.near is not None:
+        ratio, grain = closest_over_least(constants.acting.near, state.near, count, state.x, state.y)
+        if ratio < 1.0:
+            ratio *= CLOSEST
             return OutsideError(
                 f"two discs are at {ratio:.3g} of the distance at which they touch, {CLOSEST:g} is the limit",
                 step=step,

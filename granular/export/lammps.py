@@ -36,7 +36,7 @@ from granular.export.lammps_script import (
 from granular.export.lammps_stages import RemainingStage, remaining_stage
 from granular.pairs import dipole_law
 from granular.pairs.disc_law import Disc
-from granular.pairs.disc_law_tables import SQUARES, STIFFNESSES, disc_over_dipole_stiffness, make_disc_law
+from granular.pairs.disc_near_law import disc_over_dipole_stiffness, make_disc_laws
 from granular.run.run_directory import is_run_directory
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.loading import load_scene
@@ -367,8 +367,9 @@ def collision_stiffness_frequency(
         if pairs and not discs:
             squares.append(dipole_law.head_on_frequency_squared(speed, mass, moment_ratio))
         elif pairs:
-            meeting = make_disc_law(discs, np.zeros(0, dtype=np.int64), 8).collision
+            near = make_disc_laws(discs, np.zeros(0, dtype=np.int64), 8)[1]
+            speeds, frequencies = near.tables.collisions
             strength = moment_ratio * ratio
-            row = min(np.searchsorted(meeting[SQUARES], speed**2 / strength), meeting.shape[1] - 1)
-            squares.append(strength * meeting[STIFFNESSES, row])
+            row = min(np.searchsorted(speeds, speed**2 / strength), len(speeds) - 1)
+            squares.append(strength * frequencies[row])
     return math.sqrt(max(squares, default=0.0))

@@ -13,7 +13,7 @@ from granular.effects import wall_experimental, wall_infinite
 from granular.export.lammps_stages import RemainingStage
 from granular.pairs import dipole_law
 from granular.pairs.disc_law import Disc
-from granular.pairs.disc_law_tables import disc_law_continued_below_contact, force_slope_at_contact
+from granular.pairs.disc_near_law import disc_law_continued_below_contact, force_slope_at_contact
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.pairs.disc_law_tables import STIFFNESS, DiscLaw
-from granular.pairs.grain_arrays import value_or_one
+from granular.pairs.grain_arrays import STIFFNESS, value_or_one
 from granular.pairs.mesh_far_field import FarFieldSettings
+from granular.pairs.near_law import NearLaw
 from granular.pairs.stripes import CutOffSettings
 from granular.pairs.verlet_list import VerletSettings
 
@@ -20,16 +20,17 @@ class EffectLaws(NamedTuple):
 
     laws: tuple[Any, ...]  # one for each effect but the dipole, in loop order
     host: Any  # the one that carries the cell, and moves all others
-    dipole: bool | None
+    dipole: bool | None  # sum over all pairs: of dipoles, discs, or the tails of own laws
     walls: tuple[Any, ...]  # in the order of `SIDES`; no named tuple, as kernels take each whole
     weight: Float[Array, "m"] | None  # where friction bears: weight_j of the sums over 1/r^3
     cut: CutOffSettings | None  # where pairs end; None, as the next: all pairs
     listing: VerletSettings | None  # de Paula's list
     far: FarFieldSettings | None  # far field beyond the radius where pairs end smoothly
     nearest: Float[Array, "3"] | None  # of a periodic direct sum: sides, and the radius [D]
-    discs: DiscLaw | None = None  # instead of the law of dipoles
-    series: Array | None = None  # ``coefficients`` of ``discs``
-    shift: Array | None = None  # ``shift`` of ``discs`` [D^2]
+    charges: Float[Array, "m"] | None = None  # in that sum, over the first species' moment; None: moments
+    series: Float[Array, "6"] | None = None  # of discs: see `granular.pairs.grain_arrays.COMMON`
+    shift: Float[Array, "m"] | None = None  # of unlike discs: part of each grain in b [D^2]
+    near: NearLaw | None = None  # of discs: what close pairs have beyond that sum
 
     @property
     def periods(self) -> tuple[float, float] | None:
@@ -68,17 +69,24 @@ class Constants(NamedTuple):
 @compiled(inline=True)
 def relative_moments(constants: Constants) -> Float[Array, "m"] | None:
     """Magnetic moment of each grain over that of the first species; None where all are alike."""
-    return _values_or_default(constants.moments, constants.masses)
+    return values_or_default(constants.moments, constants.masses)
 
 
 @compiled(inline=True)
-def pair_stiffness_bound(discs: DiscLaw | None) -> float:
+def pair_charges(constants: Constants) -> Float[Array, "m"] | None:
+    """Charge of each grain in the sum over all pairs, over the first species' moment; None: all alike."""
+    return values_or_default(constants.acting.charges, relative_moments(constants))
+
+
+@compiled(inline=True)
+def pair_stiffness_bound(series: Float[Array, "6"] | None) -> float:
     """Bound of a pair's stiffness over 3 / rho^5, with rho its distance [D]."""
-    return 1.0 if discs is None else discs.coefficients[STIFFNESS]
+    return 1.0 if series is None else series[STIFFNESS]
 
 
 @compiled(inline=True)
-def _values_or_default(values: Array | None, otherwise: Array | None) -> Array | None:
+def values_or_default(values: Array | None, otherwise: Array | None) -> Array | None:
+    """Return an array, or another one where there is none."""
     return otherwise if values is None else values
 
 

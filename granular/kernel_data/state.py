@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.kernel_data.constants import Constants
-from granular.pairs.close_disc_corrections import CloseDiscList
 from granular.pairs.mesh_far_field import FarFieldState
+from granular.pairs.near_list import NearList
 from granular.pairs.stripes import Stripes
-from granular.pairs.verlet_list import VerletList
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -53,9 +52,9 @@ class State(NamedTuple):
     label: Int[np.ndarray, "m"]  # index in the scene of each grain
     load: Float[np.ndarray, "m"] | None  # sums behind the normal force of friction [1/D^3]
     stripes: Stripes | None
-    verlet_list: VerletList | None
+    verlet_list: NearList | None
     far_forces: FarFieldState | None
-    close: CloseDiscList | None
+    near: NearList | None  # close pairs of discs
     workspaces: tuple[Any, ...]  # scratch of each law, or None; zero behind the grains
     host: Any  # workspace of what carries the cell
     scratch: Float[np.ndarray, "m"]  # for sums over the grains; zero behind them

@@ -167,7 +167,7 @@ def _make_disc_to_dipole_ratio(first: Disc, second: Disc) -> Callable[[np.ndarra
     """Force of two discs over that of dipoles, by their distance; below contact with its slope."""
     from scipy.interpolate import CubicSpline
 
-    from granular.pairs.disc_law_tables import force_slope_at_contact
+    from granular.pairs.disc_near_law import force_slope_at_contact
 
     contact, shift = contact_distance(first, second), pair_squared_distance_shift(first, second)
     # Its singular part at contact is smooth in the root of the gap.

@@ -118,7 +118,7 @@ def _sum_pairs_of_part(
         requested.energy_and_closest,
         array_if_wanted(requested.load, stripes.load),
         stripes.weight,
-        requested.disc_law,
+        requested.series,
         stripes.shift,
     )
     first, stop = stripes.rows[part], stripes.rows[part + 1]
@@ -155,8 +155,8 @@ def _copy_sums_to_grains(out: Array, sums: Array | None, scale: float, stripes: 
 @compiled
 def _copy_all_sums_of_part(stripes: Stripes, requested: GrainArrays, part: int) -> None:
     scale, strength = (
-        unscaled_sum_factor(requested.disc_law),
-        STRENGTH * unscaled_force_factor(requested.disc_law),
+        unscaled_sum_factor(requested.series),
+        STRENGTH * unscaled_force_factor(requested.series),
     )
     _copy_sums_if_wanted(requested.fx, stripes.fx, strength, stripes, part)
     _copy_sums_if_wanted(requested.fy, stripes.fy, strength, stripes, part)
@@ -226,7 +226,7 @@ def _sum_with_energy_and_closest(
         measured = replace_energy_and_closest(arrays, parts)
         _sum_parts_or_threaded(threaded, stripes, measured, radius, smooth)
         energy_and_closest[:] = 0.0
-        scale = unscaled_sum_factor(arrays.disc_law)
+        scale = unscaled_sum_factor(arrays.series)
         for part in range(len(parts)):
             energy_and_closest[0] += scale * parts[part, 0]
             energy_and_closest[1] = max(energy_and_closest[1], scale * parts[part, 1])

@@ -62,7 +62,7 @@ def _add_eight_partners(code: VectorBuilder, row_sums: _RowSums, j: ir.Value, *,
             lanes,
             row_sums.cut,
             None,
-            row_sums.arrays.disc_law,
+            row_sums.arrays.series,
         )
         for total, value in zip(sums, computed_sums(pairs[0]), strict=True):
             code.add_to_variable(total, value)

@@ -74,7 +74,7 @@ def compute_direct_far_field(
         near,
         workspace.load,
         arrays.weight,
-        arrays.disc_law,
+        arrays.series,
         arrays.shift,
     )
     cut_off_sum(stripes, radius, True, threaded, grains, close)

@@ -87,7 +87,7 @@ def _sum_part_into_buffer(
         array_if_wanted(arrays.energy_and_closest, buffer[4]),
         array_if_wanted(arrays.load, buffer[3]),
         arrays.weight,
-        arrays.disc_law,
+        arrays.series,
         arrays.shift,
     )
     _sum_pairs_of_part(sums, periodic_cut_off, part, PARTS)
@@ -143,7 +143,7 @@ def _compiled_direct_sum(
         _add_buffers(buffers, 3, arrays.load)
         clear_array_if_given(arrays.energy_and_closest)
         _combine_energy_and_closest(buffers, arrays.energy_and_closest)
-    scale, strength = unscaled_sum_factor(arrays.disc_law), STRENGTH * unscaled_force_factor(arrays.disc_law)
+    scale, strength = unscaled_sum_factor(arrays.series), STRENGTH * unscaled_force_factor(arrays.series)
     scale_array_if_given(arrays.fx, strength)
     scale_array_if_given(arrays.fy, strength)
     scale_array_if_given(arrays.stiffness, scale)

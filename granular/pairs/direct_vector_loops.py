@@ -81,7 +81,7 @@ def _emit_rows_with_partners(
         reactions = [code.load_vector(pointer, j) for pointer in pointers]
         for grain, sums in zip(grains, totals, strict=True):
             own, other = pair_contributions(
-                code, grain, partners, arrays.sums, energy_and_closest, None, *ends, arrays.disc_law
+                code, grain, partners, arrays.sums, energy_and_closest, None, *ends, arrays.series
             )
             for total, value in zip(sums, computed_sums(own), strict=True):
                 code.add_to_variable(total, value)
@@ -109,7 +109,7 @@ def _emit_pairs_within_block(
         # Half way round, each pair would be met from both ends.
         lanes = [lane < WIDTH // 2 for lane in range(WIDTH)] if by == WIDTH // 2 else None
         own, other = pair_contributions(
-            code, grains, partners, arrays.sums, energy_and_closest, lanes, *ends, arrays.disc_law
+            code, grains, partners, arrays.sums, energy_and_closest, lanes, *ends, arrays.series
         )
         totals = add_vectors(code, totals, computed_sums(own))
         back = [code.rotate_lanes(value, WIDTH - by) for value in computed_sums(other)]

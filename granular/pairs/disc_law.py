@@ -14,7 +14,7 @@ those of one displacement v in all directions make a ring. It is the same as the
 Far away it is the dipoles' energy times 1 + (3/2) b / r^2 + ..., and b is the sum of what each disc
 brings, `squared_distance_shift`. As (1 - b/r^2)^(-3/2) begins in the same manner, dipoles at the distance
 rho = sqrt(r^2 - b) are much closer to discs than dipoles at r: that, with one term more, is what is
-summed over all pairs, and a table over the close ones makes up for the rest (`disc_law_tables`).
+summed over all pairs, and a table over the close ones makes up for the rest (`granular.pairs.disc_near_law`).
 
 Where both faces are in one plane, the force is singular at contact as x^(3/2), x = r - R1 - R2;
 else as the real part of (x + iz)^(3/2): `contact_force_singularity`.

@@ -12,7 +12,7 @@ second: W has the first moment v S(v) of the overlap for its area A(v), S the se
 
 Far away the torque over the dipoles' is 1 + kappa/r^2 + ..., kappa = (15/2) b1 + (5/2) b2, b that of
 `squared_distance_shift`: an octupole e/r^5 of the energy turns its own disc by 15 e and the other by 5 e,
-where dipoles have 3. So with rho, s and c of `granular.pairs.disc_law_tables` the load has for 1/r^3
+where dipoles have 3. So with rho, s and c of `granular.pairs.disc_near_law` the load has for 1/r^3
 
     rho^2 (s + c s^2) + (6 b1 + b2) s + d s^2,
 

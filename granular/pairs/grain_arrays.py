@@ -10,11 +10,16 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
-from granular.pairs.disc_law_tables import FORCE_SCALE
 from granular.pairs.simd import DISC_SCALE, SCALE
 
 if TYPE_CHECKING:
     from jaxtyping import Float
+
+
+COMMON, TERM, CENTRE, FORCE_SCALE, FAR, STIFFNESS = range(6)
+"""Coefficients of the sum over all pairs of discs (`granular.pairs.disc_near_law`): b of alike discs; c;
+g / `DISC_SCALE`; what sums of forces lack as a factor, besides `STRENGTH`; the factor of r^-5 that the far
+field has beside r^-3; the greatest stiffness beyond the tables over that of dipoles at rho."""
 
 
 class GrainArrays(NamedTuple):
@@ -29,8 +34,8 @@ class GrainArrays(NamedTuple):
     energy_and_closest: Float[np.ndarray, "2"] | None = None  # sum q_i q_j / r^3; largest r^-5
     load: Float[np.ndarray, "m"] | None = None  # sum_j weight_j / r^3 [1/D^3]
     weight: Float[np.ndarray, "m"] | None = None
-    disc_law: Float[np.ndarray, "6"] | None = None  # instead of 1/r^3 and its slope; None: dipoles
-    shift: Float[np.ndarray, "m"] | None = None  # of unlike discs, see `DiscLaw` [D^2]
+    series: Float[np.ndarray, "6"] | None = None  # see `COMMON` and the others; None: dipoles
+    shift: Float[np.ndarray, "m"] | None = None  # part of each grain in b; None: b is `COMMON` [D^2]
 
 
 @compiled(inline=True)
@@ -46,7 +51,7 @@ def replace_energy_and_closest(arrays: GrainArrays, energy_and_closest: Array) -
         energy_and_closest,
         arrays.load,
         arrays.weight,
-        arrays.disc_law,
+        arrays.series,
         arrays.shift,
     )
 
@@ -86,15 +91,15 @@ def value_or_one(values: Float[Array, "m"] | None, i: int) -> float:
 
 
 @compiled(inline=True)
-def unscaled_sum_factor(disc_law: Float[Array, "6"] | None) -> float:
+def unscaled_sum_factor(series: Float[Array, "6"] | None) -> float:
     """Factor that vectorised sums of energies, stiffnesses and loads still lack."""
-    return SCALE if disc_law is None else DISC_SCALE
+    return SCALE if series is None else DISC_SCALE
 
 
 @compiled(inline=True)
-def unscaled_force_factor(disc_law: Float[Array, "6"] | None) -> float:
+def unscaled_force_factor(series: Float[Array, "6"] | None) -> float:
     """Factor that vectorised sums of forces still lack, besides `granular.pairs.dipole_law.STRENGTH`."""
-    return SCALE if disc_law is None else disc_law[FORCE_SCALE]
+    return SCALE if series is None else series[FORCE_SCALE]
 
 
 @compiled(inline=True)

@@ -2,7 +2,7 @@
 
 The law is the dipole pair: with s = r^-5 the force on i is (3/4) q_i q_j s (r_i - r_j), and
 r^-3 = r^2 s gives the energy and the friction load in the same pass. All sums lack the
-factor `granular.pairs.simd.SCALE`, and the forces also 3/4. Of discs (`granular.pairs.disc_law_tables`)
+factor `granular.pairs.simd.SCALE`, and the forces also 3/4. Of discs (`granular.pairs.disc_near_law`)
 s = rho^-5, without `DISC_SCALE`; it enters the energy as rho^2 (s + c s^2), and the force as
 (s + g)^2 - g^2, whose sums lack a factor of their own.
 """
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from llvmlite import ir
 
-from granular.pairs.disc_law_tables import CENTRE, COMMON, FAR, FORCE_SCALE, TERM
+from granular.pairs.grain_arrays import CENTRE, COMMON, FAR, FORCE_SCALE, TERM
 from granular.pairs.simd import (
     DISC_SCALE,
     INDEX,
@@ -39,8 +39,8 @@ class PairSums(NamedTuple):
     load: Any
 
 
-class DiscLawVectors(NamedTuple):
-    """The law of all pairs of discs, in every lane: b of alike discs, g, -g^2, and c of the energy."""
+class SeriesVectors(NamedTuple):
+    """The sum over all pairs of discs, in every lane: b of alike discs, g, -g^2, and c of the energy."""
 
     common: Any
     centre: Any
@@ -48,7 +48,7 @@ class DiscLawVectors(NamedTuple):
     energy: Any
 
 
-def _load_disc_law(code: VectorBuilder, pointer: Any) -> DiscLawVectors | None:
+def _load_series(code: VectorBuilder, pointer: Any) -> SeriesVectors | None:
     if pointer is None:
         return None
     b, entries = code.builder, (COMMON, CENTRE, TERM)
@@ -56,7 +56,7 @@ def _load_disc_law(code: VectorBuilder, pointer: Any) -> DiscLawVectors | None:
         code.broadcast_scalar(code.load_scalar(pointer, ir.Constant(INDEX, k))) for k in entries
     )
     rest = b.fneg(b.fmul(centre, centre))
-    return DiscLawVectors(common, centre, rest, b.fmul(broadcast_constant(DISC_SCALE), term))
+    return SeriesVectors(common, centre, rest, b.fmul(broadcast_constant(DISC_SCALE), term))
 
 
 class GrainArrayPointers:
@@ -70,8 +70,8 @@ class GrainArrayPointers:
         self.x, self.y = pointers[:2]
         self.sums = PairSums(pointers[2], pointers[3], pointers[5], pointers[7])
         self.moments, self.energy_and_closest, self.weight = pointers[4], pointers[6], pointers[8]
-        self.disc_law, self.shift = _load_disc_law(code, pointers[9]), pointers[10]
-        self.scale = SCALE if self.disc_law is None else DISC_SCALE
+        self.series, self.shift = _load_series(code, pointers[9]), pointers[10]
+        self.scale = SCALE if self.series is None else DISC_SCALE
         self.far = pointers[9] and code.load_scalar(pointers[9], ir.Constant(INDEX, FAR))
         self.unscaled_force_factor = pointers[9] and code.load_scalar(
             pointers[9], ir.Constant(INDEX, FORCE_SCALE)
@@ -234,11 +234,11 @@ def _masked_inverse_fifth_power(
     r2: ir.Value,
     lanes: list[bool] | None,
     cut: CutOffVectors | None,
-    disc_law: DiscLawVectors | None,
+    series: SeriesVectors | None,
 ) -> ir.Value:
     """Return ``argument``^(-5/2), and 0 where a pair does not count."""
     b, zero = code.builder, broadcast_constant(0.0)
-    s = inverse_fifth_power(code, argument) if disc_law is None else rough_inverse_fifth_power(code, argument)
+    s = inverse_fifth_power(code, argument) if series is None else rough_inverse_fifth_power(code, argument)
     if lanes is not None:
         s = b.select(lane_mask(lanes), s, zero)
     if cut is not None:
@@ -255,7 +255,7 @@ def pair_contributions(
     lanes: list[bool] | None = None,
     cut: CutOffVectors | None = None,
     images: PeriodicCellVectors | None = None,
-    disc_law: DiscLawVectors | None = None,
+    series: SeriesVectors | None = None,
 ) -> tuple[PairSums, PairSums]:
     """Emit what eight pairs add to the sums of both grains, in the given lanes (8,) or all; see the head."""
     b = code.builder
@@ -266,17 +266,17 @@ def pair_contributions(
     r2 = code.fused_multiply_add(dx, dx, b.fmul(dy, dy))
     # Of dipoles, all of these are the same; of discs, s stands for rho^-5.
     argument, shift = r2, None
-    if disc_law is not None:
-        shift = disc_law.common if first.shift is None else b.fadd(first.shift, second.shift)
+    if series is not None:
+        shift = series.common if first.shift is None else b.fadd(first.shift, second.shift)
         # Without a cut-off nothing else needs r2.
         within = code.fused_multiply_add(dx, dx, code.fused_multiply_add(dy, dy, b.fneg(shift)))
         argument = within if cut is None else b.fsub(r2, shift)
-    s = _masked_inverse_fifth_power(code, argument, r2, lanes, cut, disc_law)
+    s = _masked_inverse_fifth_power(code, argument, r2, lanes, cut, series)
     slope = energy = near = s
-    if disc_law is not None:
-        root = b.fadd(s, disc_law.centre)
-        slope = near = code.fused_multiply_add(root, root, disc_law.rest)
-        energy = code.fused_multiply_add(b.fmul(s, disc_law.energy), s, s)
+    if series is not None:
+        root = b.fadd(s, series.centre)
+        slope = near = code.fused_multiply_add(root, root, series.rest)
+        energy = code.fused_multiply_add(b.fmul(s, series.energy), s, s)
     cube = None
     if cut is not None and cut.smooth is not None:
         # Not zero, and so inside, also where two grains are at one place and s is no number.
@@ -290,7 +290,7 @@ def pair_contributions(
         pair = b.fmul(first.moments, second.moments)
         strength = b.fmul(near, pair)
     if energy_and_closest.pointer is not None:
-        closest = s if disc_law is None else _masked_inverse_fifth_power(code, r2, r2, lanes, cut, disc_law)
+        closest = s if series is None else _masked_inverse_fifth_power(code, r2, r2, lanes, cut, series)
         energy_and_closest.include_pairs(
             closest, _pair_energies(code, r2, s, strength, pair, cut, cube, shift)
         )

@@ -18,8 +18,7 @@ from granular.pairs.dipole_law import (
     pair_energy,
     pair_force,
 )
-from granular.pairs.disc_law_tables import COMMON, FAR, TERM
-from granular.pairs.grain_arrays import GrainArrays
+from granular.pairs.grain_arrays import COMMON, FAR, TERM, GrainArrays
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -37,24 +36,24 @@ class _PairLawValues(NamedTuple):
 
 
 def _pair_law_values(arrays: GrainArrays, i: int, j: int, r: float) -> _PairLawValues:
-    if arrays.disc_law is None:
+    if arrays.series is None:
         fifth = pair_force(r) / (STRENGTH * r)
         return _PairLawValues(fifth, pair_energy(r) / ENERGY, fifth)
     rho2 = r * r - _pair_squared_distance_shift(arrays, i, j)
     fifth = np.abs(rho2) ** -2.5
-    slope, cube = (1.0 + factor * arrays.disc_law[TERM] * fifth for factor in (8.0 / 3.0, 1.0))
+    slope, cube = (1.0 + factor * arrays.series[TERM] * fifth for factor in (8.0 / 3.0, 1.0))
     return _PairLawValues(slope * fifth, cube * rho2 * fifth, fifth)
 
 
 def _pair_squared_distance_shift(arrays: GrainArrays, i: int, j: int) -> float:
-    assert arrays.disc_law is not None
-    return float(arrays.disc_law[COMMON] if arrays.shift is None else arrays.shift[i] + arrays.shift[j])
+    assert arrays.series is not None
+    return float(arrays.series[COMMON] if arrays.shift is None else arrays.shift[i] + arrays.shift[j])
 
 
 def _energy_at_cut_off(arrays: GrainArrays, i: int, j: int, radius: float) -> float:
     """Value that stands for 1/r^3 where pairs end."""
     rest = pair_energy(radius) / ENERGY
-    if arrays.disc_law is None:
+    if arrays.series is None:
         return rest
     b = _pair_squared_distance_shift(arrays, i, j) / radius**2
     return rest * (1.0 + b * (1.5 + 1.875 * b))
@@ -98,7 +97,7 @@ def pure_python_cut_off_sum(
     """Pair forces [F*] and sums within a radius [D], at which the energy is zero; of stripes only periods."""
     _clear_all_sums(arrays)
     periods = getattr(stripes, "periods", None)
-    fifth = 0.0 if arrays.disc_law is None else float(arrays.disc_law[FAR])
+    fifth = 0.0 if arrays.series is None else float(arrays.series[FAR])
     for i in range(grains):
         for j in range(i + 1, grains):
             dx, dy = arrays.x[i] - arrays.x[j], arrays.y[i] - arrays.y[j]

@@ -12,8 +12,8 @@ import numpy as np
 from granular.engine.energy_ledger import EnergyLedger
 from granular.engine.outflow import constants_per_grain
 from granular.kernel_data.state import PERSISTENT, State
+from granular.pairs.near_list import NearList
 from granular.pairs.stripes import LISTED, Stripes
-from granular.pairs.verlet_list import VerletList
 from granular.protocol.stage import TimedStage, stage_motion
 from granular.run.run_state import ARRANGE, RunProgress, RunState
 from granular.shared.errors import StoreError
@@ -107,14 +107,14 @@ def restore_persistent_arrays(state: State, saved: dict[str, np.ndarray]) -> Non
     restore_neighbour_lists(state.stripes or state.verlet_list, saved)
 
 
-def copy_neighbour_list_arrays(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
+def copy_neighbour_list_arrays(lists: Stripes | NearList | None) -> dict[str, np.ndarray]:
     """Copy the positions that the neighbour lists were made at, and the lists' memory [D]."""
     if lists is None:
         return {}
     return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}
 
 
-def restore_neighbour_lists(lists: Stripes | VerletList | None, saved: dict[str, np.ndarray]) -> None:
+def restore_neighbour_lists(lists: Stripes | NearList | None, saved: dict[str, np.ndarray]) -> None:
     """Make the neighbour lists be listed again at the positions of a checkpoint."""
     if lists is not None and "near_built" in saved:
         lists.built[:], lists.memory[:] = saved["near_built"], saved["near_memory"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba.core.errors import NumbaError
@@ -17,8 +17,10 @@ from granular.effects.wall_side import SIDES
 from granular.kernel_data.constants import Constants, EffectLaws, PistonResistance
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_values
-from granular.pairs.disc_law_tables import FAR, DiscLaw, make_disc_law
+from granular.pairs.disc_near_law import DiscSeries, make_disc_laws
+from granular.pairs.grain_arrays import FAR
 from granular.pairs.mesh_far_field import AHEAD, MOST_POINTS, SPACINGS, FarFieldSettings
+from granular.pairs.near_law import NearLaw
 from granular.pairs.pair_sum_settings import SPLIT_RADIUS
 from granular.pairs.simd import pad_to_vectors
 from granular.pairs.stripes import CutOffSettings
@@ -66,14 +68,9 @@ def scene_in_natural_units(
     """Make all that the compiled loop takes of a scene, in natural units."""
     scales = Scales.from_grains(scene.grains)
     species = scene.grains.species_indices()
-    masses = scene.grains.mass_ratios()[species]
-    moments = scene.grains.moment_ratios()[species] * scene.grains.moment_spread_factors()
-    alike = bool((masses == moments).all())
-    several = len(scene.grains.species) > 1 or not alike
-    # At one speed the closest approach grows with q^2/m: others come closest to the grain with the least.
-    weakest = int(np.argmin(moments * (moments / masses))) if len(species) else None
+    numbers = _grain_numbers(scene, species)
     effects = scene.effects.in_loop_order
-    acting = _acting_laws(scene, scales, species, method)
+    acting = _acting_laws(scene, scales, species, numbers, method)
     piston_mass, piston_weight = _piston_mass_and_weight(
         scene,
         scales,
@@ -82,11 +79,7 @@ def scene_in_natural_units(
     walls = scene.effects.walls
     constants = Constants(
         grains=len(species),
-        masses=pad_values(masses) if several else None,
-        moments=None if alike else pad_values(moments),
-        least_mass=1.0 if weakest is None else float(masses[weakest]),
-        least_moment=1.0 if weakest is None else float(moments[weakest]),
-        least_ratio=float((moments / masses).min(initial=1.0)) if not alike else 1.0,
+        **numbers._asdict(),
         width=scene.cell.width / scales.length,
         piston_mass=piston_mass,
         piston_weight=piston_weight,
@@ -98,16 +91,49 @@ def scene_in_natural_units(
     return SceneInNaturalUnits(scales, constants, species, effects)
 
 
-def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Method | None) -> EffectLaws:
+class _GrainNumbers(NamedTuple):
+    """Masses and moments of the grains over the first species'; see `Constants`."""
+
+    masses: np.ndarray | None
+    moments: np.ndarray | None
+    least_mass: float
+    least_moment: float
+    least_ratio: float
+
+    @property
+    def relative_moments(self) -> np.ndarray | None:
+        """Moment of each grain; None: all alike."""
+        return self.masses if self.moments is None else self.moments
+
+
+def _grain_numbers(scene: Scene, species: np.ndarray) -> _GrainNumbers:
+    masses = scene.grains.mass_ratios()[species]
+    moments = scene.grains.moment_ratios()[species] * scene.grains.moment_spread_factors()
+    alike = bool((masses == moments).all())
+    several = len(scene.grains.species) > 1 or not alike
+    # At one speed the closest approach grows with q^2/m: others come closest to the grain with the least.
+    weakest = int(np.argmin(moments * (moments / masses))) if len(species) else None
+    return _GrainNumbers(
+        masses=pad_values(masses) if several else None,
+        moments=None if alike else pad_values(moments),
+        least_mass=1.0 if weakest is None else float(masses[weakest]),
+        least_moment=1.0 if weakest is None else float(moments[weakest]),
+        least_ratio=float((moments / masses).min(initial=1.0)) if not alike else 1.0,
+    )
+
+
+def _acting_laws(
+    scene: Scene, scales: Scales, species: np.ndarray, numbers: _GrainNumbers, method: Method | None
+) -> EffectLaws:
     grains, effects = scene.grains, scene.effects.in_loop_order
     context = _effect_context(scene, scales, species)
     weights = [result for effect in effects if (result := effect.normal_load_weights(context)) is not None]
     dipole = scene.effects.dipole
     summed = None if dipole is None else scene.pair_method
-    discs = None if dipole is None else _disc_laws(scene, scales, species)
+    discs = None if dipole is None else _disc_laws(scene, scales, species, numbers)
     far = _far_field_settings(scene, scales, summed, method)
     if far is not None and discs is not None:
-        far = far._replace(inverse_fifth_factor=float(discs.coefficients[FAR]))
+        far = far._replace(inverse_fifth_factor=float(discs[0].coefficients[FAR]))
     periods = _periodic_sides(scene, scales)
     workspace = None if periods is None else min(periods)
     radius = scene.pairs.near_pair_radius(summed, scales.length, workspace) if far is None else far.radius
@@ -119,7 +145,7 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
         several = len(grains.species) > 1 or grains.spread > 0.0
         cut = CutOffSettings(radius, several, None if far is None else True, periods)
     if discs is not None:
-        _check_disc_reach(discs, scales, radius, periods)
+        _check_disc_reach(discs[1], scales, radius, periods)
     laws = tuple(effect.make_kernel_law(context) for effect in effects)
     named = {effect.key: law for effect, law in zip(effects, laws, strict=True)}
     return EffectLaws(
@@ -132,20 +158,26 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
         listing=scene.pairs.verlet_list_settings(scales.length) if summed == "verlet-list" else None,
         far=far,
         nearest=nearest,
-        discs=discs,
-        series=None if discs is None else discs.coefficients,
-        shift=None if discs is None else discs.shift,
+        series=None if discs is None else discs[0].coefficients,
+        shift=None if discs is None else discs[0].shift,
+        near=None if discs is None else discs[1],
     )
 
 
-def _disc_laws(scene: Scene, scales: Scales, species: np.ndarray) -> DiscLaw | None:
-    """Law of the grains as discs; None where they are dipoles."""
+def _disc_laws(
+    scene: Scene, scales: Scales, species: np.ndarray, numbers: _GrainNumbers
+) -> tuple[DiscSeries, NearLaw] | None:
+    """Both parts of the law of the grains as discs; None where they are dipoles."""
     discs = discs_unless_dipoles(scene.grains, scales.length)
-    return make_disc_law(discs, species, pad_to_vectors(len(species))) if discs else None
+    if not discs:
+        return None
+    strength = numbers.least_moment**2 / numbers.least_mass
+    factor, periods = numbers.relative_moments, _periodic_sides(scene, scales)
+    return make_disc_laws(discs, species, pad_to_vectors(len(species)), factor, strength, periods)
 
 
 def _check_disc_reach(
-    discs: DiscLaw, scales: Scales, radius: float | None, periods: tuple[float, float] | None
+    discs: NearLaw, scales: Scales, radius: float | None, periods: tuple[float, float] | None
 ) -> None:
     """Raise `InputError` where pairs end before the law of discs is close to that of dipoles."""
     most = min([np.inf if radius is None else radius, *(0.5 * side for side in periods or ())])

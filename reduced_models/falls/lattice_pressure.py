@@ -139,7 +139,7 @@ def _short_range_sum(first: Disc, second: Disc, spacing: float) -> tuple[float, 
     """Shift b of two discs, and the sum of r F(r) less 3 r^-3 + 7.5 b r^-5, over that scale of dipoles."""
     # Below contact the force continues with its slope, as in a run.
     from granular.pairs.disc_law import contact_distance, disc_energy_and_force, pair_squared_distance_shift
-    from granular.pairs.disc_law_tables import force_slope_at_contact
+    from granular.pairs.disc_near_law import force_slope_at_contact
 
     r, counts = _lattice_distances()
     r = spacing * r

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.spatial import cKDTree
 
 from granular import Scene, evaluate, load_scene, simulate
-from granular.compiled import entry
-from granular.pairs import cell_list
-from granular.pairs.cell_list import close_pairs_workspace
-from granular.pairs.direct_sum import pad_coordinates, pad_values
-
-find_close_pairs = entry(cell_list.find_close_pairs)
 
 
 def head_on_collision(speed: float, restitution: float, **changes: object) -> Scene:
@@ -81,55 +72,6 @@ def test_contact_only_acts_below_the_sum_of_radii(bed: Scene) -> None:
     place = mixture.initial_positions_and_velocities()[0]
     touching = mixture.replace(**{"effects.contact.modulus": 1e8})
     assert np.array_equal(evaluate(mixture, place).force, evaluate(touching, place).force)
-
-
-@settings(max_examples=60, deadline=None)
-@given(
-    count=st.integers(0, 200),
-    seed=st.integers(0, 10**6),
-    reach=st.floats(0.1, 3.0),
-    width=st.floats(0.5, 50.0),
-)
-def test_close_pairs_are_those_of_a_tree(count: int, seed: int, reach: float, width: float) -> None:
-    place = np.random.default_rng(seed).uniform(0.0, 1.0, (count, 2)) * [width, 12.0]
-    wanted = cKDTree(place).query_pairs(reach, output_type="set") if count else set()
-    workspace = close_pairs_workspace(count, len(wanted))
-    x, y = pad_coordinates(place)
-    find_close_pairs(workspace, x, y, count, reach, None)
-    filled = workspace.filled[0]
-    found = {
-        (min(i, j), max(i, j))
-        for i, j in zip(workspace.first[:filled].tolist(), workspace.second[:filled].tolist(), strict=True)
-    }
-    assert len(found) == filled
-    assert found == wanted
-
-
-def test_too_many_contacts_are_an_error_not_silence() -> None:
-    place = np.zeros((40, 2))
-    workspace = close_pairs_workspace(40, 40 * 39 // 2 - 1)
-    x, y = pad_coordinates(place)
-    find_close_pairs(workspace, x, y, 40, 1.0, None)
-    assert workspace.filled[0] == -1
-    x[3] = np.nan
-    find_close_pairs(close_pairs_workspace(40, 780), x, y, 40, 1.0, None)
-
-
-def test_small_grains_about_a_big_one_have_room() -> None:
-    """Hundreds of them lie within the big one's diameter of each other, and three touch."""
-    place = 0.11 * np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2)
-    radius = np.full(400, 0.056)
-    radius[0] = 0.5
-    workspace = close_pairs_workspace(400, 16 * 400)
-    find_close_pairs(workspace, *pad_coordinates(place), 400, 1.0, pad_values(radius))
-    wanted = {
-        (min(i, j), max(i, j))
-        for i, j in cKDTree(place).query_pairs(1.0, output_type="set")
-        if np.hypot(*(place[i] - place[j])) < radius[i] + radius[j]
-    }
-    filled = workspace.filled[0]
-    found = zip(workspace.first[:filled].tolist(), workspace.second[:filled].tolist(), strict=True)
-    assert {(min(pair), max(pair)) for pair in found} == wanted
 
 
 @pytest.mark.long

@@ -13,7 +13,7 @@ from granular import Scene, evaluate, simulate
 from granular.effects.dipole import discs_unless_dipoles
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.disc_law import Disc, disc_energy_and_force
-from granular.pairs.disc_law_tables import disc_law_continued_below_contact
+from granular.pairs.disc_near_law import disc_law_continued_below_contact
 from granular.schema.natural_units import Scales
 from granular.shared.errors import OutsideError
 

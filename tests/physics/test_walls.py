@@ -17,7 +17,7 @@ from granular import Scene, Trajectory, evaluate, load_scene, simulate
 from granular.compiled import entry
 from granular.effects import wall_discs, wall_experimental, wall_infinite, wall_slab
 from granular.pairs.disc_law import Disc, pair_squared_distance_shift
-from granular.pairs.disc_law_tables import disc_law_continued_below_contact
+from granular.pairs.disc_near_law import disc_law_continued_below_contact
 from granular.shared.errors import SceneError
 
 LENGTH = 10.0

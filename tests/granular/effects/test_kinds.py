@@ -23,8 +23,8 @@ def hooks_of(law: object) -> set[str]:
     return {hook for hook in EVERY if hasattr(type(law), hook)}
 
 
-def test_nine_hooks_are_all() -> None:
-    assert len(EVERY) == sum(map(len, KINDS.values())) == 9
+def test_eight_hooks_are_all() -> None:
+    assert len(EVERY) == sum(map(len, KINDS.values())) == 8
 
 
 @pytest.mark.parametrize("key", sorted(all_effects()))

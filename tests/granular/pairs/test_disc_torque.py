@@ -10,8 +10,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, squared_distance_shift
-from granular.pairs.disc_law_tables import TERM, make_disc_law
+from granular.pairs.disc_near_law import make_disc_laws
 from granular.pairs.disc_torque import disc_load, disc_load_law, disc_torque_over_dipoles, fit_load_term
+from granular.pairs.grain_arrays import TERM
 from tests.granular.pairs.test_discs import COIN, MU0, SMALL, TALL, THIN, face_points
 
 TILT = np.radians(0.96)
@@ -133,8 +134,8 @@ def test_discs_have_the_parts_of_the_bound_that_dipoles_have() -> None:
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [COIN, Disc(0.5 * 5.0 / 6.0, 0.5)], [THIN], [TALL]])
 def test_load_of_all_pairs_is_close_where_the_tables_end(discs: list[Disc]) -> None:
     """Within 1e-4 of the load at contact, and 2e-3 of itself."""
-    law = make_disc_law(discs, np.zeros(1, dtype=np.int64), 8)
-    c, pairs = law.coefficients[TERM], list(itertools.product(discs, discs))
+    series, law = make_disc_laws(discs, np.zeros(1, dtype=np.int64), 8)
+    c, pairs = series.coefficients[TERM], list(itertools.product(discs, discs))
     term = fit_load_term(pairs, [law.reach] * len(pairs), c)
     for pair in pairs:
         r = np.geomspace(law.reach, 40.0 * law.reach, 50)

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from granular.compiled import entry
-from granular.pairs import close_disc_corrections
 from granular.pairs import direct_sum as direct
-from granular.pairs.close_disc_corrections import CloseDiscList, close_disc_list_workspace
+from granular.pairs import near_law
 from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.disc_law import (
     Disc,
@@ -20,22 +19,17 @@ from granular.pairs.disc_law import (
     pair_squared_distance_shift,
     squared_distance_shift,
 )
-from granular.pairs.disc_law_tables import (
-    CLOSEST,
-    STIFFNESS,
-    TOUCH,
-    DiscLaw,
-    disc_law_continued_below_contact,
-    make_disc_law,
-)
-from granular.pairs.grain_arrays import GrainArrays
+from granular.pairs.disc_near_law import CLOSEST, disc_law_continued_below_contact, make_disc_laws
+from granular.pairs.grain_arrays import STIFFNESS, GrainArrays
+from granular.pairs.near_law import near_law_workspace
 from granular.shared.errors import InputError
 
 MU0 = 4e-7 * np.pi
 COIN, SMALL, THIN, TALL = Disc(0.5, 0.5), Disc(0.35, 0.4), Disc(0.5, 0.2), Disc(0.5, 1.0)
 
-add_close_disc_corrections = entry(close_disc_corrections.add_close_disc_corrections)
-head_on_disc_frequency_squared = entry(close_disc_corrections.head_on_disc_frequency_squared)
+add_near_forces = entry(near_law.add_near_forces)
+measure_near_part = entry(near_law.measure_near_part)
+squared_collision_frequency = entry(near_law.squared_collision_frequency)
 direct_sum = entry(direct.direct_sum)
 
 
@@ -133,8 +127,8 @@ class Bed:
         self.x, self.y = pad_coordinates(positions)
         self.q = (volumes / volumes[0])[species]
         self.moments = pad_values(self.q) if len(discs) > 1 else None
-        self.discs: DiscLaw = make_disc_law(discs, species, self.x.size)
-        self.close: CloseDiscList = close_disc_list_workspace(self.x.size, self.discs.reach, periods)
+        self.series, self.near = make_disc_laws(discs, species, self.x.size, self.moments, periods=periods)
+        self.listed = near_law_workspace(self.near, self.count)
         self.nearest = None if periods is None else np.array([*periods, 0.5 * min(periods)])
 
     def sums(self) -> tuple[np.ndarray, float, np.ndarray, int]:
@@ -148,13 +142,14 @@ class Bed:
             self.moments,
             out[2],
             extremes,
-            disc_law=self.discs.coefficients,
-            shift=self.discs.shift,
+            series=self.series.coefficients,
+            shift=self.series.shift,
         )
         direct_sum(arrays, None, None, self.nearest)
-        crowded = add_close_disc_corrections(self.discs, self.close, self.count, arrays)
-        stiffness = 6.0 * self.discs.coefficients[STIFFNESS] * out[2] * pad_values(self.q)
-        return out[:2, : self.count].T, 0.25 * extremes[0], stiffness[: self.count], crowded
+        crowded = add_near_forces(self.near, self.listed, self.count, self.x, self.y, out[0], out[1])
+        stiffness = 6.0 * self.series.coefficients[STIFFNESS] * out[2] * pad_values(self.q)
+        energy = measure_near_part(self.near, self.listed, self.count, self.x, self.y, None, stiffness)
+        return out[:2, : self.count].T, 0.25 * extremes[0] + energy, stiffness[: self.count], crowded
 
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [Disc(0.5, 0.5), Disc(0.4, 0.495)], [THIN]])
@@ -219,15 +214,13 @@ def test_stiffness_is_a_bound_of_the_hessian(discs: list[Disc]) -> None:
 @pytest.mark.parametrize("ratio", [0.985, 1.05, 1.3, 2.0, 5.0])
 def test_discs_that_meet_head_on_are_as_stiff_as_where_they_turn(ratio: float) -> None:
     """Two of mass m and speed v turn where their energy is m v^2; the reduced mass is m/2."""
-    discs, step = make_disc_law([COIN], np.zeros(2, dtype=np.int64), 8), 1e-4
+    step = 1e-4
     energy, force = disc_law_continued_below_contact(ratio + step * np.array([-1.0, 0.0, 1.0]), (COIN, COIN))
     mass, moment = 0.7, 0.8
     speed = np.sqrt(0.25 * moment**2 * energy[1] / mass)
     known = 2.0 / mass * 0.25 * moment**2 * (force[0] - force[2]) / (2.0 * step)
-    assert known <= head_on_disc_frequency_squared(discs, speed, mass, moment) * 1.01 <= 1.25 * known
-    assert discs.collision[TOUCH, 0] == pytest.approx(
-        0.25 * disc_law_continued_below_contact(np.ones(1), (COIN, COIN))[0][0]
-    )
+    discs = make_disc_laws([COIN], np.zeros(2, dtype=np.int64), 8, strength=moment**2 / mass)[1]
+    assert known <= squared_collision_frequency(discs, speed) * 1.01 <= 1.25 * known
 
 
 @pytest.mark.parametrize(
@@ -247,14 +240,15 @@ def test_list_holds_the_close_pairs_while_grains_move(periods: tuple[float, floa
         moved = bed.sums()
         fresh = Bed(np.column_stack([bed.x[:48], bed.y[:48]]), [COIN], periods)
         assert np.array_equal(fresh.sums()[0], moved[0], equal_nan=True)
-        pairs = set(zip(*(values[: fresh.close.filled[0]] for values in fresh.close[:2]), strict=True))
+        firsts = np.repeat(np.arange(48), np.diff(fresh.listed.starts))
+        pairs = set(zip(firsts, fresh.listed.partners[: len(firsts)], strict=True))
         apart = np.stack([bed.x[:48, None] - bed.x[:48], bed.y[:48, None] - bed.y[:48]])
         if periods is not None:
             apart -= size[:, None, None] * np.round(apart / size[:, None, None])
-        near = np.argwhere(np.triu((apart**2).sum(axis=0) < bed.discs.reach**2, 1))
+        near = np.argwhere(np.triu((apart**2).sum(axis=0) < bed.near.reach**2, 1))
         assert pairs >= {tuple(pair) for pair in near}
 
 
 def test_discs_that_are_too_tall_are_refused() -> None:
     with pytest.raises(InputError, match="times as high as wide"):
-        make_disc_law([Disc(0.5, 6.0)], np.zeros(1, dtype=np.int64), 8)
+        make_disc_laws([Disc(0.5, 6.0)], np.zeros(1, dtype=np.int64), 8)

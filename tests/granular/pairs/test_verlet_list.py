@@ -8,11 +8,11 @@ import pytest
 from granular import Scene, simulate
 from granular.compiled import entry
 from granular.pairs import verlet_list
-from granular.pairs.cell_list import ClosePairs
 from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.grain_arrays import GrainArrays
+from granular.pairs.near_list import BUILDS, NearList
 from granular.pairs.pure_python_sums import pure_python_cut_off_sum
-from granular.pairs.verlet_list import BUILDS, VerletList, VerletSettings, verlet_list_workspace
+from granular.pairs.verlet_list import VerletSettings, verlet_list_workspace
 from granular.run.snapshot import copy_neighbour_list_arrays, restore_neighbour_lists
 from granular.shared.errors import SceneError
 
@@ -28,57 +28,56 @@ def scattered(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return pad_coordinates(1.8 * slot + random.uniform(-0.5, 0.5, (count, 2)))
 
 
-def sums(function, first, second, count: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def sums(function, near: NearList, count: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     moments = pad_values(np.linspace(0.3, 1.0, count))
     out, extremes = np.zeros((4, x.size)), np.zeros(2)
     arrays = GrainArrays(x, y, out[0], out[1], moments, out[2], extremes, out[3], moments)
-    function(first, second, count, arrays)
+    function(near, count, arrays)
     return np.concatenate([out[:, :count].ravel(), extremes])
 
 
 def test_fresh_list_is_the_cut_off() -> None:
     x, y = scattered(150, 3)
-    found = sums(verlet_list_sum, verlet_list_workspace(x.size, LISTING.radius), LISTING, 150, x, y)
+    found = sums(verlet_list_sum, verlet_list_workspace(x.size, LISTING), 150, x, y)
 
-    def plain(near: None, radius: float, *rest: object) -> None:
-        pure_python_cut_off_sum(near, radius, None, None, *rest)
+    def plain(near: NearList, *rest: object) -> None:
+        pure_python_cut_off_sum(None, near.reach, None, None, *rest)
 
-    wanted = sums(plain, None, LISTING.radius, 150, x, y)
+    wanted = sums(plain, verlet_list_workspace(x.size, LISTING), 150, x, y)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
 def test_pairs_are_those_of_the_list_until_a_grain_has_moved_by_the_skin() -> None:
     x, y = pad_coordinates(np.array([[0.0, 0.0], [5.9, 0.0], [0.0, 6.1]]))
-    known = verlet_list_workspace(x.size, LISTING.radius)
-    sums(verlet_list_sum, known, LISTING, 3, x, y)
+    known = verlet_list_workspace(x.size, LISTING)
+    sums(verlet_list_sum, known, 3, x, y)
     x[1] += 1.9  # beyond the radius, and still on the list
     y[2] -= 1.9  # within the radius, and missed
-    force = sums(verlet_list_sum, known, LISTING, 3, x, y)[:6].reshape(2, 3)
+    force = sums(verlet_list_sum, known, 3, x, y)[:6].reshape(2, 3)
     fraction = 0.3 * 0.65 * 0.75 / 7.8**4
     np.testing.assert_allclose(force, [[-fraction, fraction, 0.0], [0.0, 0.0, 0.0]], atol=1e-15)
     assert known.memory[BUILDS] == 1.0
     y[2] -= 0.2
-    assert sums(verlet_list_sum, known, LISTING, 3, x, y)[3] < 0.0  # the first grain, pushed down
+    assert sums(verlet_list_sum, known, 3, x, y)[3] < 0.0  # the first grain, pushed down
     assert known.memory[BUILDS] == 2.0
 
 
 def test_list_made_again_gives_the_same_bits() -> None:
     x, y = scattered(150, 5)
-    known = verlet_list_workspace(x.size, LISTING.radius)
-    sums(verlet_list_sum, known, LISTING, 150, x, y)
+    known = verlet_list_workspace(x.size, LISTING)
+    sums(verlet_list_sum, known, 150, x, y)
     x[:150] += np.random.default_rng(1).uniform(-1.0, 1.0, 150)
-    wanted = sums(verlet_list_sum, known, LISTING, 150, x, y)
-    again = verlet_list_workspace(x.size, LISTING.radius)
+    wanted = sums(verlet_list_sum, known, 150, x, y)
+    again = verlet_list_workspace(x.size, LISTING)
     restore_neighbour_lists(again, copy_neighbour_list_arrays(known))
-    np.testing.assert_array_equal(sums(verlet_list_sum, again, LISTING, 150, x, y), wanted)
+    np.testing.assert_array_equal(sums(verlet_list_sum, again, 150, x, y), wanted)
 
 
 def test_full_list_gives_no_numbers() -> None:
     x, y = scattered(60, 5)
-    workspace = verlet_list_workspace(x.size, LISTING.radius)
-    short = workspace.pairs._asdict() | {name: np.zeros(9, np.int32) for name in ("first", "second")}
-    full = VerletList(ClosePairs(**short), workspace.built, workspace.memory)
-    assert np.isnan(sums(verlet_list_sum, full, LISTING, 60, x, y)[:120]).all()
+    workspace = verlet_list_workspace(x.size, LISTING)
+    full = workspace._replace(partners=np.zeros(9, dtype=np.uint32))
+    assert np.isnan(sums(verlet_list_sum, full, 60, x, y)[:120]).all()
 
 
 def test_scene_names_the_source_s_list(bed: Scene) -> None:

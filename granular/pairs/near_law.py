@@ -1,0 +1,212 @@
+"""Near part of a pair law: what close pairs of grains have beyond the sum over all pairs.
+
+Any pair law is split in two. Its tail in r^-3 is summed over all pairs as dipoles are, with a charge
+of each grain in place of its moment; of discs that sum has one term more (`granular.pairs.disc_near_law`).
+The near part is the difference of the energies, tabulated for each pair of species, over the pairs of a
+near list. Discs and laws of a user's own are made so.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.compiled import Array, compiled
+from granular.pairs.dipole_law import STRENGTH
+from granular.pairs.grain_arrays import value_or_one
+from granular.pairs.near_list import NearList, near_list_workspace, pair_displacement, refresh_near_list
+from granular.pairs.piecewise import (
+    PiecewiseTable,
+    Samples,
+    tabulated_energy,
+    tabulated_ratio,
+    tabulated_slope,
+)
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
+TAIL, SHIFT, LEAST, END = range(4)
+"""Entries of a pair of species: its part in the sum over all pairs, over that of two dipoles of the
+first species; b of that sum [D^2]; squared distances at which a run stops, and at which the table
+ends [D^2]."""
+
+
+class SeriesTerms(NamedTuple):
+    """Terms of the sum over all pairs beside those of dipoles at a distance rho, rho^2 = r^2 - b."""
+
+    term: float = 0.0  # c of the energy rho^-3 + c rho^-8
+    stiffness: float = 1.0  # bound of the stiffness over 3 / rho^5
+
+
+class NearTables(NamedTuple):
+    """What a near part reads for each pair of species."""
+
+    energies: PiecewiseTable  # [F* D], over the product of the factors
+    pairs: Float[np.ndarray, "p 4"]  # see `TAIL` and the others
+    series: SeriesTerms
+    collisions: Float[np.ndarray, "2 n"]  # squared speeds over ``strength``, and squared frequencies
+
+
+class NearLaw(NamedTuple):
+    """Near part of a pair law, as kernels take it."""
+
+    factor: Float[np.ndarray, "m"] | None  # of each grain; None: 1
+    species: Int[np.ndarray, "m"] | None  # None: all alike
+    kinds: int  # number of species
+    reach: float  # [D]; infinite: all pairs
+    strength: float  # squared factor over mass of the grains that come closest
+    periods: tuple[float, float] | None  # sides of a periodic cell [D]
+    tables: NearTables
+
+
+def near_law_workspace(law: NearLaw, size: int) -> NearList | None:
+    """Allocate the near list of a law; None where all pairs count."""
+    if math.isinf(law.reach):
+        return None
+    return near_list_workspace(size, law.reach, periods=law.periods)
+
+
+def collision_stiffness(r: Samples, energy: Samples, mass: float = 1.0) -> Float[np.ndarray, "2 n"]:
+    """Squared speeds of two grains that meet head-on, rising, and the greatest squared frequency up to there.
+
+    The pair's energy (n,) [F* D] is given at rising distances [D] and is over the squared factor, as the
+    mass is; where a grain of speed v turns it is m v^2, and the stiffness acts on the reduced mass m/2.
+    """
+    slopes = np.gradient(np.gradient(energy, r), r)
+    barriers = np.maximum.accumulate(energy[::-1])
+    return np.array([barriers / mass, 2.0 * np.maximum.accumulate(np.abs(slopes[::-1])) / mass])
+
+
+@compiled
+def squared_collision_frequency(law: NearLaw, speed: float) -> float:
+    """Squared highest angular frequency as two grains meet head-on [1/tau^2]; speed [D/tau]."""
+    squares, frequencies = law.tables.collisions[0], law.tables.collisions[1]
+    last = min(np.searchsorted(squares, speed * speed / law.strength), squares.size - 1)
+    return law.strength * frequencies[last]
+
+
+@compiled(inline=True)
+def _pair_row(species: Array | None, kinds: int, i: int, j: int) -> int:
+    return 0 if species is None else species[i] * kinds + species[j]
+
+
+@compiled(inline=True)
+def _least_of_pair(species: Array | None, tables: NearTables, row: int, alike: float) -> float:
+    """Entry `LEAST` of a pair: where all grains are alike it stays in a register."""
+    return alike if species is None else tables.pairs[row, LEAST]
+
+
+@compiled(inline=True)
+def _shifts_of(near: NearList | None) -> Array | None:
+    return None if near is None else near.shifts
+
+
+@compiled(inline=True)
+def _partner_range(near: NearList | None, i: int, grains: int) -> tuple[int, int]:
+    """Begin and end of a grain's partners: of the listed ones, or of all that follow it."""
+    return (i + 1, grains) if near is None else (near.starts[i], near.starts[i + 1])
+
+
+@compiled(inline=True)
+def _partner(near: NearList | None, k: int) -> int:
+    return k if near is None else near.partners[k]
+
+
+@compiled(inline=True)
+def _refresh_if_listed(near: NearList | None, x: Array, y: Array, grains: int) -> bool:
+    return True if near is None else refresh_near_list(near, x, y, grains)
+
+
+@compiled
+def add_near_forces(
+    law: NearLaw,
+    near: NearList | None,
+    grains: int,
+    x: Float[Array, "m"],
+    y: Float[Array, "m"],
+    force_x: Float[Array, "m"],
+    force_y: Float[Array, "m"],
+) -> int:
+    """Add the forces of the near part [F*]; return how many pairs are where none can be; x, y [D]."""
+    tables, crowded, least = law.tables, 0, law.tables.pairs[0, LEAST]
+    if not _refresh_if_listed(near, x, y, grains):
+        return 1
+    for i in range(grains):
+        fx, fy, own = 0.0, 0.0, value_or_one(law.factor, i)
+        begin, end = _partner_range(near, i, grains)
+        for k in range(begin, end):
+            j = _partner(near, k)
+            dx, dy = pair_displacement(_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            u, row = dx * dx + dy * dy, _pair_row(law.species, law.kinds, i, j)
+            crowded += u < _least_of_pair(law.species, tables, row, least)
+            ratio = own * value_or_one(law.factor, j) * tabulated_ratio(tables.energies, row, u)
+            fx += ratio * dx
+            fy += ratio * dy
+            force_x[j] -= ratio * dx
+            force_y[j] -= ratio * dy
+        force_x[i] += fx
+        force_y[i] += fy
+    return crowded
+
+
+@compiled
+def _stiffness_above_tail(tables: NearTables, row: int, u: float) -> float:
+    """Stiffness of a close pair less the bound that the sum over all pairs has, over the factors [F*/D]."""
+    ratio, slope = tabulated_ratio(tables.energies, row, u), tabulated_slope(tables.energies, row, u)
+    # Soft grains may be at one place; without a tail that adds nothing.
+    rho2 = max(u - tables.pairs[row, SHIFT], 1e-30)
+    fifth = 1.0 / (rho2 * rho2 * math.sqrt(rho2))
+    tail, power = STRENGTH * tables.pairs[row, TAIL] * fifth, 8.0 / 3.0 * tables.series.term * fifth
+    ratio += tail * (1.0 + power)
+    slope -= 2.5 * tail / rho2 * (1.0 + 2.0 * power)
+    bound = 3.0 / STRENGTH * tables.series.stiffness * tail
+    return max(abs(ratio + 2.0 * u * slope), abs(ratio)) - bound
+
+
+@compiled
+def measure_near_part(
+    law: NearLaw,
+    near: NearList | None,
+    grains: int,
+    x: Float[Array, "m"],
+    y: Float[Array, "m"],
+    masses: Float[Array, "m"] | None,
+    stiffness: Float[Array, "m"],
+) -> float:
+    """Energy of the near part [F* D]; add its bound of the stiffness over the mass [1/tau^2]."""
+    tables, total = law.tables, 0.0
+    if not _refresh_if_listed(near, x, y, grains):
+        return math.nan
+    for i in range(grains):
+        begin, end = _partner_range(near, i, grains)
+        for k in range(begin, end):
+            j = _partner(near, k)
+            dx, dy = pair_displacement(_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            u, row = dx * dx + dy * dy, _pair_row(law.species, law.kinds, i, j)
+            if u < tables.pairs[row, END]:
+                both = value_or_one(law.factor, i) * value_or_one(law.factor, j)
+                total += both * tabulated_energy(tables.energies, row, u)
+                # Twice: Gershgorin's row sum has the pair's block on the diagonal and beside it.
+                slope = 2.0 * both * _stiffness_above_tail(tables, row, u)
+                stiffness[i] += slope / value_or_one(masses, i)
+                stiffness[j] += slope / value_or_one(masses, j)
+    return total
+
+
+def closest_over_least(
+    law: NearLaw, near: NearList | None, grains: int, x: Float[np.ndarray, "m"], y: Float[np.ndarray, "m"]
+) -> tuple[float, int]:
+    """Find the shortest distance of two grains over that at which a run stops, and one of them."""
+    if near is None or not near.starts[grains] or not law.tables.pairs[:, LEAST].any():
+        return math.inf, -1
+    i = np.repeat(np.arange(grains), np.diff(near.starts[: grains + 1]))
+    j = near.partners[: len(i)].astype(np.int64)
+    apart = np.array([x[i] - x[j], y[i] - y[j]])
+    if near.shifts is not None:
+        apart += near.shifts[:, : len(i)]
+    row = 0 if law.species is None else law.species[i] * law.kinds + law.species[j]
+    ratio = np.hypot(*apart) / np.sqrt(law.tables.pairs[row, LEAST])
+    return float(ratio.min()), int(i[ratio.argmin()])

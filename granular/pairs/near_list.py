@@ -1,0 +1,289 @@
+"""Near list: the pairs of grains within a reach, with their images in a periodic cell.
+
+Grains are sorted into cells no smaller than the reach and a skin, by counting (Allen and Tildesley
+1987, 5.3.2), and each grain's partners behind it are listed in the order of their numbers. The list
+holds every pair within the reach until a grain has moved by half the skin (Verlet 1967,
+doi:10.1103/PhysRev.159.98); then it is made again, here and nowhere else. What a pair adds, and the
+order of the sums, do not depend on when that was: a resumed run has the bits of one in a piece.
+
+De Paula's list [D, Algorithm 5.1] is the same without a skin among its pairs: it is made again once a
+grain has moved by a skin of its own, and misses pairs that come closer meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.compiled import Array, compiled
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
+SKIN = 0.15
+"""Usual skin [D]: a fifth of the pairs of a reach of 2 D lie in it."""
+
+_PARTNERS_PER_AREA = 4.0
+"""Room for pairs, per grain and square of the reach [D]; touching discs, 2/sqrt(3) per D^2, have
+pi/sqrt(3) = 1.8."""
+
+LEAST_PARTNERS = 24
+"""Room for pairs, per grain, at any reach: discs of any sizes that overlap have about three each."""
+
+LISTED, GRAINS, BUILDS = range(3)
+"""Entries of the memory: whether the list is that of the positions where it was made; for how many
+grains; how often one was made."""
+
+
+class NearList(NamedTuple):
+    """Listed pairs, the cells for their search, and where they were listed."""
+
+    starts: Int[np.ndarray, "m+1"]  # index of each grain's first partner
+    partners: np.ndarray  # higher numbers than the grain's own, rising (p,), uint32
+    shifts: Float[np.ndarray, "2 p"] | None  # to be added to x_i - x_j in a periodic cell [D]
+    periods: Float[np.ndarray, "2"] | None  # its sides [D]
+    radius: Float[np.ndarray, "m"] | None  # None: the reach is the same for all pairs [D]
+    reach: float  # the longest, without the skin [D]
+    skin: float  # [D]
+    farthest: float  # squared displacement of a grain from which on the list is made again [D^2]
+    built: Float[np.ndarray, "2 m"]  # positions at which it was made [D]
+    memory: Float[np.ndarray, "3"]  # see `LISTED` and the others
+    cell: Int[np.ndarray, "m"]  # cell of each grain
+    order: Int[np.ndarray, "m"]  # grains in the order of cells
+    begins: Int[np.ndarray, "c"]  # index in ``order`` at which each cell begins
+
+
+def near_list_workspace(
+    size: int,
+    reach: float,
+    *,
+    skin: float = SKIN,
+    periods: tuple[float, float] | None = None,
+    radius: Float[np.ndarray, "m"] | None = None,
+) -> NearList:
+    """Allocate a near list; lengths [D]. With radii it holds pairs that overlap, not all within reach."""
+    longest = reach + skin
+    per_grain = LEAST_PARTNERS
+    if radius is None:
+        per_grain = max(per_grain, math.ceil(_PARTNERS_PER_AREA * longest**2))
+    most = size * (size - 1) // 2
+    if periods is not None:
+        most *= int(
+            (2.0 * math.ceil(longest / periods[0]) + 1.0) * (2.0 * math.ceil(longest / periods[1]) + 1.0)
+        )
+    capacity = max(1, min(most, size * per_grain))
+    return NearList(
+        starts=np.zeros(size + 1, dtype=np.int64),
+        partners=np.zeros(capacity, dtype=np.uint32),
+        shifts=None if periods is None else np.zeros((2, capacity)),
+        periods=None if periods is None else np.array(periods),
+        radius=radius,
+        reach=reach,
+        skin=skin,
+        farthest=0.25 * skin**2,
+        built=np.zeros((2, size)),
+        memory=np.array([0.0, -1.0, 0.0]),
+        cell=np.zeros(size, dtype=np.int64),
+        order=np.zeros(size, dtype=np.int64),
+        begins=np.zeros(2 * size + 16, dtype=np.int64),
+    )
+
+
+class _Grid(NamedTuple):
+    """Grid of cells: lowest coordinates and sides of a cell [D], numbers, and neighbours to look at."""
+
+    left: float
+    low: float
+    wide: float
+    high: float
+    columns: int
+    rows: int
+    across: int
+    up: int
+
+
+@compiled
+def _covering_grid(x: Array, y: Array, grains: int, reach: float, most: int) -> _Grid:
+    """Grid that covers the grains, with at most so many cells."""
+    left, right, low, high = x[0], x[0], y[0], y[0]
+    for i in range(grains):
+        left, right = min(left, x[i]), max(right, x[i])
+        low, high = min(low, y[i]), max(high, y[i])
+    # In floating-point numbers: the product of far more cells than there is room for overflows.
+    size = reach
+    columns, rows = np.floor((right - left) / size) + 1.0, np.floor((high - low) / size) + 1.0
+    while columns * rows > most and size < np.inf:
+        size *= 1.5
+        columns, rows = np.floor((right - left) / size) + 1.0, np.floor((high - low) / size) + 1.0
+    return _Grid(left, low, size, size, int(columns), int(rows), 1, 1)
+
+
+@compiled
+def _periodic_grid(periods: Array, reach: float, most: int) -> _Grid:
+    """Grid of a periodic cell: of a reach longer than a side, images further away are looked at."""
+    columns = min(max(np.floor(periods[0] / reach), 1.0), most)
+    rows = min(max(np.floor(periods[1] / reach), 1.0), max(np.floor(most / columns), 1.0))
+    wide, high = periods[0] / columns, periods[1] / rows
+    across, up = int(np.ceil(reach / wide)), int(np.ceil(reach / high))
+    return _Grid(0.0, 0.0, wide, high, int(columns), int(rows), across, up)
+
+
+@compiled(inline=True)
+def _grid_of_cells(periods: Array | None, near: NearList, grains: int, reach: float) -> _Grid:
+    most = near.begins.size - 2
+    if periods is None:
+        return _covering_grid(near.built[0], near.built[1], grains, reach, most)
+    return _periodic_grid(periods, reach, most)
+
+
+@compiled(inline=True)
+def _turns(periods: Array | None, axis: int, position: float) -> float:
+    """Return how many periods a position is away from the cell."""
+    return 0.0 if periods is None else np.floor(position / periods[axis])
+
+
+@compiled(inline=True)
+def _period(periods: Array | None, axis: int) -> float:
+    return 0.0 if periods is None else periods[axis]
+
+
+@compiled
+def _sort_into_cells(near: NearList, grid: _Grid, grains: int) -> None:
+    """Sort the grains into cells by counting."""
+    begins, periods, cells = near.begins, near.periods, grid.columns * grid.rows
+    begins[: cells + 1] = 0
+    for i in range(grains):
+        x, y = near.built[0, i], near.built[1, i]
+        x, y = (
+            x - _turns(periods, 0, x) * _period(periods, 0),
+            y - _turns(periods, 1, y) * _period(periods, 1),
+        )
+        column = min(int((x - grid.left) / grid.wide), grid.columns - 1)
+        row = min(int((y - grid.low) / grid.high), grid.rows - 1)
+        near.cell[i] = row * grid.columns + column
+        begins[near.cell[i] + 1] += 1
+    for cell in range(cells):
+        begins[cell + 1] += begins[cell]
+    for i in range(grains - 1, -1, -1):
+        # Filling from the back moves each end down to its beginning.
+        begins[near.cell[i] + 1] -= 1
+        near.order[begins[near.cell[i] + 1]] = i
+    for cell in range(cells):
+        begins[cell] = begins[cell + 1]
+    begins[cells] = grains
+
+
+@compiled(inline=True)
+def _pair_reach(radius: Array | None, near: NearList, i: int, j: int) -> float:
+    return near.reach + near.skin if radius is None else radius[i] + radius[j] + near.skin
+
+
+@compiled(inline=True)
+def _store_shift(shifts: Array | None, k: int, x: float, y: float) -> None:
+    if shifts is not None:
+        shifts[0, k], shifts[1, k] = x, y
+
+
+@compiled(inline=True)
+def _is_behind(shifts: Array | None, partners: Array, k: int, j: int, x: float, y: float) -> bool:
+    """Return whether entry ``k`` comes behind partner ``j`` with a shift."""
+    if partners[k] != j or shifts is None:
+        return partners[k] > j
+    return shifts[1, k] > y or (shifts[1, k] == y and shifts[0, k] > x)
+
+
+@compiled(inline=True)
+def _copy_shift(shifts: Array | None, source: int, target: int) -> None:
+    if shifts is not None:
+        shifts[0, target], shifts[1, target] = shifts[0, source], shifts[1, source]
+
+
+@compiled
+def _list_partners_in_cell(
+    near: NearList, i: int, cell: int, turns_x: float, turns_y: float, begin: int, last: int
+) -> int:
+    """List a grain's partners in a cell that stands so many periods away; the new end, or -1: no room."""
+    periods, x, y = near.periods, near.built[0], near.built[1]
+    for index in range(near.begins[cell], near.begins[cell + 1]):
+        j = near.order[index]
+        if j <= i:
+            continue
+        # Grain i stays where it is: its partner is brought to the image in question.
+        by_x = (_turns(periods, 0, x[j]) - turns_x) * _period(periods, 0)
+        by_y = (_turns(periods, 1, y[j]) - turns_y) * _period(periods, 1)
+        dx, dy, reach = x[i] - x[j] + by_x, y[i] - y[j] + by_y, _pair_reach(near.radius, near, i, j)
+        if dx * dx + dy * dy < reach * reach:
+            if last == near.partners.size:
+                return -1
+            # In their order: the sums do not depend on when the list was made.
+            at = last
+            while at > begin and _is_behind(near.shifts, near.partners, at - 1, j, by_x, by_y):
+                near.partners[at] = near.partners[at - 1]
+                _copy_shift(near.shifts, at - 1, at)
+                at -= 1
+            near.partners[at] = j
+            _store_shift(near.shifts, at, by_x, by_y)
+            last += 1
+    return last
+
+
+@compiled
+def _list_pairs(near: NearList, grains: int) -> bool:
+    """List the pairs at the positions where the list is made; False where there is no room."""
+    grid = _grid_of_cells(near.periods, near, grains, near.reach + near.skin)
+    _sort_into_cells(near, grid, grains)
+    last = 0
+    for i in range(grains):
+        begin = last
+        near.starts[i] = begin
+        column, row = near.cell[i] % grid.columns, near.cell[i] // grid.columns
+        own_x, own_y = _turns(near.periods, 0, near.built[0, i]), _turns(near.periods, 1, near.built[1, i])
+        for up in range(row - grid.up, row + grid.up + 1):
+            for across in range(column - grid.across, column + grid.across + 1):
+                inside = 0 <= up < grid.rows and 0 <= across < grid.columns
+                if near.periods is None and not inside:
+                    continue
+                cell = up % grid.rows * grid.columns + across % grid.columns
+                turns_x, turns_y = own_x + across // grid.columns, own_y + up // grid.rows
+                last = _list_partners_in_cell(near, i, cell, turns_x, turns_y, begin, last)
+                if last < 0:
+                    return False
+    near.starts[grains] = last
+    return True
+
+
+@compiled
+def refresh_near_list(near: NearList, x: Float[Array, "m"], y: Float[Array, "m"], grains: int) -> bool:
+    """Hold every pair within the reach [D]; False where there is no room, or a position is no number."""
+    moved = 0
+    for i in range(grains):
+        dx, dy = x[i] - near.built[0, i], y[i] - near.built[1, i]
+        moved += not dx * dx + dy * dy < near.farthest
+    if moved > 0 or near.memory[GRAINS] != grains:
+        odd = 0
+        for i in range(grains):
+            odd += 0.0 * x[i] + 0.0 * y[i] != 0.0
+            near.built[0, i], near.built[1, i] = x[i], y[i]
+        if odd > 0:
+            near.memory[GRAINS] = -1.0
+            return False
+        near.memory[LISTED], near.memory[GRAINS] = 0.0, grains
+        near.memory[BUILDS] += 1.0
+    if near.memory[LISTED] == 0.0:
+        if grains > 0 and not _list_pairs(near, grains):
+            near.memory[GRAINS] = -1.0
+            return False
+        near.memory[LISTED] = 1.0
+    return True
+
+
+@compiled(inline=True)
+def pair_displacement(
+    shifts: Float[Array, "2 p"] | None, k: int, dx: float, dy: float
+) -> tuple[float, float]:
+    """Displacement of a listed pair, to the listed image in a periodic cell [D]."""
+    if shifts is None:
+        return dx, dy
+    return dx + shifts[0, k], dy + shifts[1, k]

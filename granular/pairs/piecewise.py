@@ -1,0 +1,192 @@
+"""Functions of a squared distance as tables of polynomials, as kernels take them.
+
+Pieces are as wide as a fixed fraction of the squared distance: the exponent and the first digits of
+its binary number are their index. Where one polynomial is not close enough (at a kink, or at the
+root by which two discs touch) a piece is halved, and its halves, until they are. A piece holds its
+middle, six coefficients and one number more: a line of the processor's cache.
+
+Of an energy E(u), u = r^2, a table holds F/r = -2 dE/du, the derivative of the polynomial that was
+fitted to the energy, and the energy in the middle: the force is minus the gradient of the energy to
+rounding, and both come from the energy alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular.compiled import compiled
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
+Samples = NDArray[np.float64]
+Sampled = Callable[[Samples], tuple[Samples, Samples]]
+"""Function of squared distances (n,): its values, and the magnitudes by which errors are judged."""
+
+_DIGITS = 5
+"""Binary digits of a squared distance that choose the piece: 32 pieces for each factor of two. Of
+1/r^3 the polynomials are then off by 1e-14, their derivatives by 2e-11."""
+
+_SHIFT = 52 - _DIGITS
+"""Binary digits behind these: a double has 52 (IEEE 754)."""
+
+_ORDER = 6
+"""Coefficients of a piece: a line of 64 bytes has room for eight numbers."""
+
+_DEEPEST = 26
+"""Halvings of a piece: a jump is then within 1e-9 of where it should be."""
+
+MIDDLE, FIRST, ENERGY = 0, 1, 7
+"""Entries of a piece: its middle [D^2]; its coefficients; the energy in the middle [F* D]."""
+
+_CHECKS = np.array([-1.0, -0.8, -0.35, 0.15, 0.6, 0.95, 1.0])
+"""Places of a piece, on [-1, 1], at which polynomial and function are compared."""
+
+
+class PiecewiseTable(NamedTuple):
+    """Tables of one function for each pair of species, one behind the other."""
+
+    pieces: Float[np.ndarray, "p*n 8"]  # see `MIDDLE` and the others
+    halves: Int[np.ndarray, "p*n"]  # index of the lower half of a piece that is halved; 0: it is not
+    length: int  # pieces of a table, n
+    start: int  # leading digits of the lowest squared distance
+    last: int  # index of the last piece of a table that is no half
+
+
+def tabulate_energies(
+    energies: Sequence[Sampled], low: float, high: float, tolerance: float
+) -> PiecewiseTable:
+    """Tabulate energies (p,) between two squared distances [D^2], to a part of their magnitude."""
+    return _join_tables(
+        [_fit_pieces(one, low, high, tolerance, _force_pieces) for one in energies], low, high
+    )
+
+
+def tabulate_values(values: Sequence[Sampled], low: float, high: float, tolerance: float) -> PiecewiseTable:
+    """Tabulate functions (p,) themselves, to be read by `tabulated_ratio`."""
+    return _join_tables([_fit_pieces(one, low, high, tolerance, _value_pieces) for one in values], low, high)
+
+
+def _leading_digits(square: float) -> int:
+    return int(np.float64(square).view(np.int64) >> _SHIFT)
+
+
+def _join_tables(
+    made: Sequence[tuple[Samples, NDArray[np.int64]]], low: float, high: float
+) -> PiecewiseTable:
+    most = max(len(pieces) for pieces, _ in made)
+    start = _leading_digits(low)
+    return PiecewiseTable(
+        np.concatenate([np.pad(pieces, ((0, most - len(pieces)), (0, 0))) for pieces, _ in made]),
+        np.concatenate(
+            [
+                np.pad(halves + row * most * (halves > 0), (0, most - len(halves)))
+                for row, (_, halves) in enumerate(made)
+            ]
+        ),
+        most,
+        start,
+        _leading_digits(high) - start,
+    )
+
+
+def _fit_pieces(
+    sampled: Sampled,
+    low: float,
+    high: float,
+    tolerance: float,
+    fit: Callable[[Sampled, Samples, Samples], tuple[Samples, Samples]],
+) -> tuple[Samples, NDArray[np.int64]]:
+    """Pieces of one table, and where the halves of each begin."""
+    edges = (np.arange(_leading_digits(low), _leading_digits(high) + 2) << _SHIFT).view(np.float64)
+    lower, upper = edges[:-1], edges[1:]
+    pieces, halves = np.zeros((0, 8)), np.zeros(0, dtype=np.int64)
+    for depth in range(_DEEPEST + 1):
+        made, errors = fit(sampled, lower, upper)
+        bad = np.flatnonzero(errors > tolerance) if depth < _DEEPEST else np.zeros(0, dtype=np.int64)
+        links = np.zeros(len(made), dtype=np.int64)
+        links[bad] = len(pieces) + len(made) + 2 * np.arange(len(bad))
+        pieces, halves = np.concatenate([pieces, made]), np.concatenate([halves, links])
+        if not len(bad):
+            break
+        middle = 0.5 * (lower[bad] + upper[bad])
+        lower, upper = (
+            np.column_stack(ends).ravel() for ends in ((lower[bad], middle), (middle, upper[bad]))
+        )
+    return pieces, halves
+
+
+def _chebyshev_nodes(count: int) -> tuple[Samples, Samples]:
+    """Nodes on (-1, 1), and the matrix from values there to coefficients of powers."""
+    nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    return nodes, np.linalg.inv(np.vander(nodes, increasing=True)).T
+
+
+def _fit_polynomials(sampled: Sampled, lower: Samples, upper: Samples, count: int) -> tuple[Samples, Samples]:
+    """Coefficients in the part of half a piece (n, count), and their errors over the magnitude."""
+    nodes, to_powers = _chebyshev_nodes(count)
+    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+    places = middle[:, None] + half[:, None] * np.concatenate([nodes, _CHECKS])
+    values, magnitudes = (part.reshape(places.shape) for part in sampled(places.ravel()))
+    powers = values[:, :count] @ to_powers
+    differences = powers @ np.vander(_CHECKS, count, increasing=True).T - values[:, count:]
+    sizes = np.maximum(np.abs(magnitudes).max(axis=1), np.finfo(np.float64).tiny)
+    return powers, np.abs(differences).max(axis=1) / sizes
+
+
+def _force_pieces(energy: Sampled, lower: Samples, upper: Samples) -> tuple[Samples, Samples]:
+    powers, errors = _fit_polynomials(energy, lower, upper, _ORDER + 1)
+    half, orders = 0.5 * (upper - lower), np.arange(1, _ORDER + 1)
+    slopes = -2.0 * orders * powers[:, 1:] / half[:, None] ** orders
+    return np.column_stack([0.5 * (lower + upper), slopes, powers[:, 0]]), errors
+
+
+def _value_pieces(values: Sampled, lower: Samples, upper: Samples) -> tuple[Samples, Samples]:
+    powers, errors = _fit_polynomials(values, lower, upper, _ORDER)
+    scaled = powers / (0.5 * (upper - lower))[:, None] ** np.arange(_ORDER)
+    return np.column_stack([0.5 * (lower + upper), scaled, np.zeros(len(lower))]), errors
+
+
+@compiled(inline=True)
+def find_piece(table: PiecewiseTable, row: int, square: float) -> np.uint64:
+    """Index of the piece that holds a squared distance [D^2]; its end piece beyond the table."""
+    index = (np.float64(square).view(np.int64) >> _SHIFT) - table.start
+    # An index without a sign takes no look at whether it counts from the end.
+    k = np.uint64(row * table.length + min(max(index, 0), table.last))
+    half = table.halves[k]
+    while half > 0:
+        k = np.uint64(half) + np.uint64(square > table.pieces[k, MIDDLE])
+        half = table.halves[k]
+    return k
+
+
+@compiled(inline=True)
+def tabulated_ratio(table: PiecewiseTable, row: int, square: float) -> float:
+    """F/r of an energy [F*/D], or a value, at a squared distance [D^2]."""
+    k, p = find_piece(table, row, square), table.pieces
+    t = square - p[k, 0]
+    inner = p[k, 4] + t * (p[k, 5] + t * p[k, 6])
+    return p[k, 1] + t * (p[k, 2] + t * (p[k, 3] + t * inner))
+
+
+@compiled(inline=True)
+def tabulated_energy(table: PiecewiseTable, row: int, square: float) -> float:
+    """Energy [F* D] at a squared distance [D^2]."""
+    k, p = find_piece(table, row, square), table.pieces
+    t = square - p[k, 0]
+    inner = p[k, 4] / 4.0 + t * (p[k, 5] / 5.0 + t * p[k, 6] / 6.0)
+    passed = p[k, 1] + t * (p[k, 2] / 2.0 + t * (p[k, 3] / 3.0 + t * inner))
+    return p[k, 7] - 0.5 * t * passed
+
+
+@compiled(inline=True)
+def tabulated_slope(table: PiecewiseTable, row: int, square: float) -> float:
+    """d(F/r)/d(r^2) [F*/D^3] at a squared distance [D^2]."""
+    k, p = find_piece(table, row, square), table.pieces
+    t = square - p[k, 0]
+    inner = 3.0 * p[k, 4] + t * (4.0 * p[k, 5] + 5.0 * t * p[k, 6])
+    return p[k, 2] + t * (2.0 * p[k, 3] + t * inner)

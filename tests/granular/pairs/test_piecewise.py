@@ -1,0 +1,91 @@
+"""Tables of polynomials: energies, forces that are their slopes, kinks and jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from granular.compiled import entry
+from granular.pairs import piecewise
+from granular.pairs.piecewise import PiecewiseTable, Samples, tabulate_energies, tabulate_values
+
+tabulated_energy = entry(piecewise.tabulated_energy)
+tabulated_ratio = entry(piecewise.tabulated_ratio)
+tabulated_slope = entry(piecewise.tabulated_slope)
+
+LOW, HIGH = 2.0**-10, 80.0
+
+
+def yukawa(r: Samples) -> Samples:
+    return np.exp(-2.0 * r) / r
+
+
+def yukawa_force(r: Samples) -> Samples:
+    return np.exp(-2.0 * r) / r * (2.0 + 1.0 / r)
+
+
+def cubic_end(r: Samples) -> Samples:
+    return np.maximum(2.0 - r, 0.0) ** 3
+
+
+def cubic_end_force(r: Samples) -> Samples:
+    return 3.0 * np.maximum(2.0 - r, 0.0) ** 2
+
+
+def table_of(energy: Callable[[Samples], Samples]) -> PiecewiseTable:
+    def sampled(u: Samples) -> tuple[Samples, Samples]:
+        values = energy(np.sqrt(u))
+        return values, np.maximum(np.abs(values), 0.1)
+
+    return tabulate_energies([sampled], LOW, HIGH, 1e-14)
+
+
+@pytest.mark.parametrize(
+    ("energy", "force", "tolerance"), [(yukawa, yukawa_force, 3e-11), (cubic_end, cubic_end_force, 1e-9)]
+)
+def test_energy_and_force_are_those_of_the_law(
+    energy: Callable[[Samples], Samples], force: Callable[[Samples], Samples], tolerance: float
+) -> None:
+    table, r = table_of(energy), np.geomspace(0.05, 8.5, 700)
+    found = np.array([[tabulated_energy(table, 0, x * x), x * tabulated_ratio(table, 0, x * x)] for x in r])
+    scale = np.maximum(np.abs(force(r)), 1e-3)
+    assert (np.abs(found[:, 0] - energy(r)) <= 1e-12 * np.maximum(energy(r), 1.0)).all()
+    assert (np.abs(found[:, 1] - force(r)) <= tolerance * scale).all()
+
+
+def test_force_and_slope_are_derivatives_within_a_piece() -> None:
+    table, step = table_of(yukawa), 1e-4
+    for u in (0.3, 1.01, 2.7, 9.9):
+        near, far = (tabulated_energy(table, 0, u + k * step) for k in (-1, 1))
+        assert (near - far) / step == pytest.approx(tabulated_ratio(table, 0, u), rel=1e-7)
+        near, far = (tabulated_ratio(table, 0, u + k * step) for k in (-1, 1))
+        assert 0.5 * (far - near) / step == pytest.approx(tabulated_slope(table, 0, u), rel=1e-6)
+
+
+def test_jump_of_the_force_is_where_it_should_be() -> None:
+    def truncated(r: Samples) -> Samples:
+        return np.where(r < 3.0, 1.0 / r - 1.0 / 3.0, 0.0)
+
+    table = table_of(truncated)
+    for r, wanted in ((3.0 - 1e-7, 1.0 / 9.0), (3.0 + 1e-7, 0.0)):
+        assert r * tabulated_ratio(table, 0, r * r) == pytest.approx(wanted, abs=1e-6)
+    assert (table.halves > 0).sum() < 60
+
+
+def test_tables_of_several_functions_are_read_by_row() -> None:
+    def sampled(factor: float) -> piecewise.Sampled:
+        return lambda u: (factor * np.cos(u), np.full(len(u), factor))
+
+    table = tabulate_values([sampled(1.0), sampled(3.0)], LOW, HIGH, 1e-10)
+    for row, factor in enumerate((1.0, 3.0)):
+        for u in np.geomspace(LOW, HIGH, 40):
+            assert tabulated_ratio(table, row, u) == pytest.approx(factor * np.cos(u), abs=2e-10 * factor)
+
+
+def test_beyond_its_ends_a_table_goes_on() -> None:
+    """Below with its first polynomial, and above with its last, which is zero where the law is."""
+    table = table_of(cubic_end)
+    assert tabulated_ratio(table, 0, 1e6) == tabulated_energy(table, 0, 1e6) == 0.0
+    assert tabulated_energy(table, 0, 0.0) == pytest.approx(8.0, rel=0.05)
