@@ -271,12 +271,12 @@ def _run_checks(
     executor: Executor,
     progress: bool,
 ) -> tuple[DesignCheck, ...]:
-    scenes = [candidate.scene(seed) for seed in seeds]
+    plans = [plan(candidate.scene(seed), accuracy=SCATTER, runs=len(seeds)) for seed in seeds]
     study = sweep(
         damper(),
-        cases=[scene.to_plain() for scene in scenes],
+        cases=[chosen.scene.to_plain() for chosen in plans],
         measure=measure_design_check,
-        dt=plan(scenes[0], accuracy=SCATTER).dt,
+        dt=plans[0].dt,
         out=out,
         executor=executor,
         progress=progress,

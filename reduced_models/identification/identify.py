@@ -60,8 +60,8 @@ from reduced_models.records.sources import (
     run_scene,
 )
 
-RUNS = 4
-"""Runs of a scene and its checks that share what is compiled, one after another on one of two processors."""
+RUNS = 9
+"""Runs of a scene and of its checks, which share what is compiled."""
 GLANCED = "sindy"
 """Method of a discovery that nobody asked for: it needs nothing beyond what a fit needs."""
 BUDGET = 300.0

@@ -45,8 +45,8 @@ def summed(monkeypatch: pytest.MonkeyPatch, scene: Scene, **options: Any) -> tup
 
 
 def test_a_scene_and_its_checks_are_summed_alike(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert summed(monkeypatch, damper(count=500)) == ("mesh", "auto*4", {"mesh"})
-    assert summed(monkeypatch, damper()) == ("direct", "auto*4", {"direct"})
+    assert summed(monkeypatch, damper()) == ("mesh", "auto*4", {"mesh"})
+    assert summed(monkeypatch, damper(count=300)) == ("direct", "auto*4.43", {"direct"})
     assert summed(monkeypatch, damper(count=92)) == ("direct", "auto*2", {"direct"})
 
 
@@ -62,9 +62,9 @@ def test_a_single_run_does_not_pay_for_the_mesh(monkeypatch: pytest.MonkeyPatch)
     assert summed(monkeypatch, damper(), checks=False) == ("direct", "auto*4", set())
 
 
-@pytest.mark.parametrize(("grains", "dt"), [(368, "auto*4"), (184, "auto*1.41")])
-def test_a_proposal_is_simulated_with_the_longest_step_that_starts_hide(
-    monkeypatch: pytest.MonkeyPatch, grains: int, dt: str
+@pytest.mark.parametrize(("grains", "pairs", "dt"), [(368, "mesh", "auto*4"), (184, "direct", "auto*1.41")])
+def test_a_proposal_is_simulated_by_the_fastest_sum_and_step_that_starts_hide(
+    monkeypatch: pytest.MonkeyPatch, grains: int, pairs: str, dt: str
 ) -> None:
     asked: list[tuple[str, str]] = []
 
@@ -75,4 +75,4 @@ def test_a_proposal_is_simulated_with_the_longest_step_that_starts_hide(
     monkeypatch.setattr(importlib.import_module("reduced_models.designs.design"), "sweep", sweep)
     with pytest.raises(StoppedError):
         design(3.6, 0.15, grains=grains, small_share=0.3, executor=Asked(), progress=False)
-    assert asked == [("direct", dt)] * 3
+    assert asked == [(pairs, dt)] * 3
