@@ -265,9 +265,9 @@ def _measure_until_decided(
             own: list[WorkPrecisionPoint] = []
             for setting in (setting for setting in settings if setting.family == family):
                 best = advise_setting(tried + own, truth.floor, tolerance)
-                if _finest_points_suffice(own, truth.floor, tolerance) or _next_step_too_dear(own, best):
+                if _finest_points_suffice(own, truth.floor, tolerance):
                     break
-                if not own and _family_too_dear(setting, tried, best):
+                if _too_dear(setting, tried + own, best):
                     break
                 bar.set_description(f"{family}, {setting.dt}, against {truth.words}")
                 own += measure_points(scenes, [quantity], setting, [truth], until, REPEATS)
@@ -286,18 +286,8 @@ def _finest_points_suffice(
     return len(accurate_points(last, tolerance)) == count
 
 
-def _next_step_too_dear(points: Sequence[WorkPrecisionPoint], best: AdvisedSetting) -> bool:
-    """Tell if the next step of a family would cost far more than the best one so far."""
-    done = [point for point in points if not point.has_failed]
-    if not done or best.point is None or best.point in points[-1:]:
-        return False
-    return 2.0 * done[-1].seconds > HOPELESS * best.point.seconds
-
-
-def _family_too_dear(
-    setting: SolverSettings, tried: Sequence[WorkPrecisionPoint], best: AdvisedSetting
-) -> bool:
-    """Tell if already a family's longest step must cost far more than the best one so far."""
+def _too_dear(setting: SolverSettings, tried: Sequence[WorkPrecisionPoint], best: AdvisedSetting) -> bool:
+    """Tell if a setting must cost far more than the best one so far."""
     # By its force calls: the time of a run is that of its steps times those of each.
     known = [latest for latest in tried if not latest.has_failed and latest.setting.dt in STEPS]
     if not known or best.point is None or setting.dt not in STEPS:

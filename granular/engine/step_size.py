@@ -6,6 +6,8 @@ import dataclasses
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from granular.compiled import compiled
 
 FRACTION, LEAST_FRACTION = 0.1, 0.03
@@ -49,7 +51,8 @@ def auto_step_text(factor: float) -> str:
     """Multiple of the automatic step, as users write it: ``auto/2``."""
     if factor == 1.0:
         return "auto"
-    return f"auto*{factor:g}" if factor > 1.0 else f"auto/{1.0 / factor:g}"
+    sign, ratio = ("*", factor) if factor > 1.0 else ("/", 1.0 / factor)
+    return f"auto{sign}{np.format_float_positional(ratio, trim='-')}"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,8 @@ offers its own by an entry point of the group `GROUP`, and `granular.simulate` t
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -58,12 +59,8 @@ class Rows(NamedTuple):
     records: Float[np.ndarray, "r columns"]  # of `granular.engine.columns`; the last row: the last tick
 
 
-class Engine(Protocol):
-    """A function that moves a bed on."""
-
-    def __call__(self, system: SceneInNaturalUnits, state: State, ticks: Ticks) -> Rows:
-        """Advance the state by ticks."""
-        ...
+Engine = Callable[[SceneInNaturalUnits, State, Ticks], Rows]
+"""A function that advances the state by ticks."""
 
 
 def advance(system: SceneInNaturalUnits, state: State, ticks: Ticks) -> Rows:

@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property, partial
 from typing import Any
 
-import numpy as np
-
 from granular.engine.step_size import MOST_STEPS, StepRequest, auto_step_text
 from granular.methods.method import COMPENSATED, Method
 from granular.methods.registry import resolve_method
@@ -249,20 +247,16 @@ def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
 def multiply_time_step(dt: float | str, by: float) -> float | str:
     """Multiply a time step [s], or a multiple of the automatic one, by a factor."""
     step = parse_time_step(dt)
-    if step.seconds is not None:
-        return by * step.seconds
-    factor = by * step.factor
-    sign, shown = ("*", factor) if factor >= 1.0 else ("/", 1.0 / factor)
-    return f"auto{sign}{np.format_float_positional(shown, trim='-')}"
+    return auto_step_text(by * step.factor) if step.seconds is None else by * step.seconds
 
 
 def _multiple_of_automatic(scene: Scene, fraction: float) -> str:
     """Time step with a given product of step and highest frequency, as a multiple of the automatic one."""
     step = parse_time_step("auto", scene)
     factor = min(fraction / step.step_times_frequency, step.greatest_factor)
+    # Rounded down to hundredths, so that the error stays below the bound.
     if factor < 1.0:
-        # Rounded down to hundredths, so that the error stays below the bound.
-        return f"auto/{math.ceil(100.0 / factor - 1e-6) / 100.0:g}"
+        return auto_step_text(100.0 / math.ceil(100.0 / factor - 1e-6))
     return auto_step_text(math.floor(100.0 * factor + 1e-6) / 100.0)
 
 

@@ -126,17 +126,10 @@ class SceneWorkPrecision(NamedTuple):
         return fraction
 
 
-class PricedStep(NamedTuple):
-    """A method and its longest step for a tolerance, with price and bound of the error."""
-
-    seconds: float  # computing time of a run in the measured scene [s]
-    fraction: float  # step times highest frequency
-    method: str
-    bound: float
-
-
-def steps_within(costs: SceneWorkPrecision, quantity: str, tolerance: float, grains: int) -> list[PricedStep]:
-    """Methods and steps that keep a tolerance in a measured scene, the cheapest first."""
+def steps_within(
+    costs: SceneWorkPrecision, quantity: str, tolerance: float, grains: int
+) -> list[tuple[float, float, str, float]]:
+    """Price [s], step times frequency, method and bound of all that keep a tolerance, the cheapest first."""
     floor = costs.scatter_for_grain_count(quantity, grains)
     if tolerance < FLOORS * floor:
         raise InputError(
@@ -150,9 +143,8 @@ def steps_within(costs: SceneWorkPrecision, quantity: str, tolerance: float, gra
         if fraction is not None:
             ratios = [(entry, fraction / entry.fraction) for entry in costs.entries_of(method)]
             near, ratio = min(ratios, key=lambda pair: abs(math.log(pair[1])))
-            priced.append(
-                PricedStep(near.seconds / ratio, fraction, method, near.error_bound(quantity, ratio))
-            )
+            bound = near.error_bound(quantity, ratio)
+            priced.append((near.seconds / ratio, fraction, method, bound))
     return sorted(priced)
 
 
@@ -232,27 +224,35 @@ def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecisi
 
 def work_precision_text(run: Trajectory) -> str:
     """Say in a line how long a run took, its error by the step, and both for half the step [s]."""
-    settings, order, grains = run.settings(), run.method.order, run.scene.grains.count
-    seconds, seen = settings["seconds"], settings.get("step_times_highest_frequency", 0.0)
-    finer = f"twice as fine: {2.0 * seconds:.3g} s"
+    seen = run.settings().get("step_times_highest_frequency", 0.0)
     rested = any(stage.reason == "rest" for stage in run.stages)
     quantity = "rest height" if rested else "piston force"  # that a run is first looked at for
     for costs in measured_scenes(run.scene, quantity) if run.scene.piston is not None else ():
         entries = costs.entries_of(run.method.name, "frequency")
-        if not entries or not 0.0 < seen <= 2.0 * entries[-1].frequency:
-            continue
-        entry = next((entry for entry in entries if entry.frequency >= seen), entries[-1])
-        scatter = costs.scatter_for_grain_count(quantity, grains)
-        scattered = f"; starts scatter it by {scatter:.1g}" if scatter else ""
-        error = entry.error_bound(quantity, seen / entry.frequency)
-        if quantity not in entry.clear:
-            return (
-                f"price: {seconds:.3g} s; {quantity} to {error:.1g} or better by the step{scattered}; "
-                f"{finer}, and no better where the starts decide"
-            )
-        return (
-            f"price: {seconds:.3g} s; {quantity} to {error:.1g} by the step{scattered}; {finer}, "
-            f"{error / 2.0**order:.1g}"
-        )
-    error = settings["ledger_residual"]
-    return f"price: {seconds:.3g} s; energy to {error:.1g} by the step; {finer}, {error / 2.0**order:.1g}"
+        if entries and 0.0 < seen <= 2.0 * entries[-1].frequency:
+            entry = next((entry for entry in entries if entry.frequency >= seen), entries[-1])
+            error = entry.error_bound(quantity, seen / entry.frequency)
+            scatter = costs.scatter_for_grain_count(quantity, run.scene.grains.count)
+            if quantity in entry.clear:
+                return price_text(run, quantity, error, scatter=scatter)
+            return price_text(run, quantity, error, "or better by the step", scatter, hidden=True)
+    return price_text(run, "energy", run.settings()["ledger_residual"])
+
+
+def price_text(
+    run: Trajectory,
+    quantity: str,
+    error: float,
+    by: str = "by the step",
+    scatter: float = 0.0,
+    *,
+    hidden: bool = False,
+) -> str:
+    """Say in a line how long a run took, and the error of a quantity, which random starts may hide."""
+    seconds = run.settings()["seconds"]
+    finer = "and no better where the starts decide" if hidden else f"{error / 2.0**run.method.order:.1g}"
+    scattered = f"; starts scatter it by {scatter:.1g}" if scatter else ""
+    return (
+        f"price: {seconds:.3g} s; {quantity} to {error:.1g} {by}{scattered}; "
+        f"twice as fine: {2.0 * seconds:.3g} s, {finer}"
+    )

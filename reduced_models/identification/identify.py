@@ -227,12 +227,12 @@ def _run_beside_checks(
     from granular.scene.scene import Scene
 
     if isinstance(source, Scene):
-        if free_step:
-            from granular.run.plan import SCATTER, plan
+        from granular.run.plan import SCATTER, plan
 
-            runs = 1 if background is None else RUNS
-            chosen = plan(source, method=options.method, accuracy=SCATTER, runs=runs)
-            source, options = chosen.scene, options._replace(dt=chosen.dt)
+        accuracy, runs = SCATTER if free_step else None, 1 if background is None else RUNS
+        chosen = plan(source, options.dt, options.method, accuracy=accuracy, runs=runs)
+        chosen.check_arguments()
+        source, options = chosen.scene, options._replace(dt=chosen.dt)
         settings = {"dt": options.dt, "t_end": None, "method": options.method}
         further = None if background is None else SceneChecks(background, source, settings, lift)
         run = run_scene(source, out, options)

@@ -364,17 +364,11 @@ def higher_lift_verdict(table: Comparison) -> str:
 
 def checked_work_precision_text(run: Trajectory, rest: QuantityWithError | None) -> str:
     """Time and error of a run whose level of rest was checked; without a check, `work_precision_text`."""
-    if rest is None or "step" not in rest.parts or not rest.value > 0.0:
-        # Fits alone need nothing of the simulation.
-        from granular.run.work_precision import work_precision_text
+    # Fits alone need nothing of the simulation.
+    from granular.run.work_precision import price_text, work_precision_text
 
+    if rest is None or "step" not in rest.parts or not rest.value > 0.0:
         return work_precision_text(run)
-    seconds = run.settings()["seconds"]
-    spread, step = rest.parts.get("start"), rest.parts["step"]
-    scatter = f"; starts scatter it by {spread / rest.value:.1g}" if spread else ""
-    finer = f"twice as fine: {2.0 * seconds:.3g} s"
-    if spread is not None and step <= spread:
-        finer += ", and no better where the starts decide"
-    return (
-        f"price: {seconds:.3g} s; rest height to {step / rest.value:.1g} by the step check{scatter}; {finer}"
-    )
+    scatter, step = rest.parts.get("start", 0.0), rest.parts["step"]
+    error, hidden = step / rest.value, step <= scatter
+    return price_text(run, "rest height", error, "by the step check", scatter / rest.value, hidden=hidden)

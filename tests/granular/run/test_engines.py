@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granular import Scene, load_scene, simulate
-from granular.run import engines
+from granular import Plan, Scene, load_scene, load_trajectory, simulate
+from granular.run import engines, simulation
 from granular.run.engines import GROUP, NUMBA, engine_named
 from granular.shared.errors import InputError, StoreError
 
@@ -89,6 +89,24 @@ def test_an_installed_engine_makes_the_run(
         simulate(scene, 1e-4, 0.06, out=out, resume=True, progress=False)
     resumed = simulate(scene, 1e-4, 0.06, engine="plain", out=out, resume=True, progress=False)
     np.testing.assert_array_equal(resumed.dataset["position"][-1], made.dataset["position"][-1])
+
+
+def test_a_run_of_before_engines_had_names_is_resumed_by_the_first(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = simulation._run_settings
+
+    def former(plan: Plan) -> dict[str, object]:
+        return {name: value for name, value in plain(plan).items() if name != "engine"}
+
+    out = tmp_path / "run"
+    with monkeypatch.context() as patch:
+        patch.setattr(simulation, "_run_settings", former)
+        simulate(scene, 1e-4, 0.03, out=out, progress=False)
+    assert "engine" not in load_trajectory(out).settings()
+    resumed = simulate(scene, 1e-4, 0.06, out=out, resume=True, progress=False)
+    at_once = simulate(scene, 1e-4, 0.06, progress=False)
+    np.testing.assert_array_equal(resumed.dataset["position"], at_once.dataset["position"])
 
 
 def test_an_unknown_engine_is_refused_in_a_line_with_the_known_ones(

@@ -200,7 +200,7 @@ def test_from_run(run: Trajectory) -> None:
     ("dt", "half"),
     [
         ("auto", "auto/2"),
-        ("auto*2", "auto*1"),
+        ("auto*2", "auto"),
         ("auto*8", "auto*4"),
         ("auto/2", "auto/4"),
         ("auto*0.5", "auto/4"),
