@@ -103,13 +103,25 @@ class Plan:
         """True where method and step suit the scene, whatever its end."""
         return self.refusals.keys().isdisjoint(("method", "dt"))
 
+    def take_system(self) -> SceneInNaturalUnits:
+        """Give the scene in natural units to a run, which changes it: another run makes its own."""
+        system = self.system
+        del self.__dict__["system"]
+        return system
+
     def check_arguments(self) -> None:
         """Raise `InputError` if the scene cannot be run like this."""
         for words in self.refusals.values():
             raise InputError(words)
 
     def to_plain(self) -> dict[str, Any]:
-        """Return the plan as plain data, with all its refusals."""
+        """Return the plan as plain data, with all its refusals.
+
+        Returns
+        -------
+        dict
+            Method, dt, pairs, threads and engine by name, and the lines of refusals.
+        """
         refusals = list(self.refusals.values())
         try:
             self.system  # noqa: B018 (a mesh may not fit into memory)

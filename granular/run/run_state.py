@@ -74,7 +74,7 @@ class RunState:
     """State, progress and recorder of a run, and all that follows from them."""
 
     def __init__(self, plan: Plan) -> None:
-        scene, system, step = plan.scene, plan.system, plan.step
+        scene, system, step = plan.scene, plan.take_system(), plan.step
         self.scene, self.system, self.step = scene, system, step
         self.t_end = math.inf if plan.t_end is None else plan.t_end / system.scales.time
         self.tables = make_step_plan(plan.method, step, system.constants.acting.far)

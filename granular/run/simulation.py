@@ -53,7 +53,7 @@ _INSTANT = 1e-6
 
 
 def simulate(
-    scene: Scene,
+    scene: Scene | Plan,
     dt: float | str = "auto",
     t_end: float | None = None,
     method: str | Method | Mapping[str, Any] = METHOD,
@@ -68,8 +68,9 @@ def simulate(
 
     Parameters
     ----------
-    scene : Scene
-        Scene to run, with at least one stage.
+    scene : Scene or Plan
+        Scene to run, with at least one stage; or the plan of its run, which holds ``dt``, ``t_end``,
+        ``method``, ``threads``, ``accuracy`` and ``engine``.
     dt : float or str
         Time step [s]. "auto" follows the stiffest mode that the bed can meet (see
         `granular.engine.step_size`); "auto/2" or "auto*2" is half or twice as long, to see what
@@ -129,7 +130,14 @@ def simulate(
     >>> run.dataset["piston_height"].attrs["units"], len(run.dataset["frame_time"])
     ('m', 2)
     """
-    chosen = plan(scene, dt, method, t_end=t_end, accuracy=accuracy, threads=threads, engine=engine)
+    if not isinstance(scene, Plan):
+        chosen = plan(scene, dt, method, t_end=t_end, accuracy=accuracy, threads=threads, engine=engine)
+    elif (dt, t_end, method, threads, accuracy, engine) == ("auto", None, METHOD, None, None, NUMBA):
+        chosen = scene
+    else:
+        raise InputError(
+            "scene is a plan, which holds dt, t_end, method, threads and engine; give them to plan"
+        )
     scene = chosen.scene
     check_variable_names(scene)
     chosen.check_arguments()

@@ -57,7 +57,7 @@ from reduced_models.records.sources import (
     incomplete_run_notes,
     make_directory,
     open_and_check_source,
-    run_scene,
+    run_plan,
 )
 
 RUNS = 9
@@ -229,13 +229,18 @@ def _run_beside_checks(
     if isinstance(source, Scene):
         from granular.run.plan import SCATTER, plan
 
-        accuracy, runs = SCATTER if free_step else None, 1 if background is None else RUNS
-        chosen = plan(source, options.dt, options.method, accuracy=accuracy, runs=runs)
+        chosen = plan(
+            source,
+            options.dt,
+            options.method,
+            accuracy=SCATTER if free_step else None,
+            threads=options.threads,
+            runs=1 if background is None else RUNS,
+        )
         chosen.check_arguments()
-        source, options = chosen.scene, options._replace(dt=chosen.dt)
-        settings = {"dt": options.dt, "t_end": None, "method": options.method}
-        further = None if background is None else SceneChecks(background, source, settings, lift)
-        run = run_scene(source, out, options)
+        settings = {"dt": chosen.dt, "t_end": None, "method": options.method}
+        further = None if background is None else SceneChecks(background, chosen.scene, settings, lift)
+        run = run_plan(chosen, out, options.progress)
         return run, further if run.complete else None
     if background is None or not source.complete:
         return source, None

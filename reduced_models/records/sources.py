@@ -16,6 +16,7 @@ from granular.shared.message_text import one_line, quote, sanitize
 from reduced_models.records.free_motion import find_free_motion, find_free_motions
 
 if TYPE_CHECKING:
+    from granular.run.plan import Plan
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
 
@@ -41,8 +42,12 @@ def load_record(
         return opened, None
     from granular.scene.scene import Scene
 
-    run = run_scene(opened, out, options) if isinstance(opened, Scene) else opened
-    return run.piston(), run
+    if isinstance(opened, Scene):
+        from granular.run.plan import plan
+
+        chosen = plan(opened, options.dt, options.method, threads=options.threads)
+        opened = run_plan(chosen, out, options.progress)
+    return opened.piston(), opened
 
 
 def open_and_check_source(
@@ -286,19 +291,12 @@ def _refuse_run_options(options: RunOptions) -> None:
             )
 
 
-def run_scene(scene: Scene, out: Path | None, options: RunOptions) -> Trajectory:
+def run_plan(plan: Plan, out: Path | None, progress: bool) -> Trajectory:
     """Run a scene in the folder ``run`` of a directory, or continue the run that is there already."""
     from granular.run.simulation import simulate
 
-    return simulate(
-        scene,
-        dt=options.dt,
-        method=options.method,
-        out=None if out is None else out / "run",
-        resume=out is not None,
-        threads=options.threads,
-        progress=options.progress,
-    )
+    resume = out is not None
+    return simulate(plan, out=None if out is None else out / "run", resume=resume, progress=progress)
 
 
 def incomplete_run_notes(run: Trajectory) -> tuple[str, ...]:

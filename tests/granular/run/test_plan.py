@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from granular import Scene, effect, load_scene, simulate
+from granular import Scene, effect, load_scene, plan, simulate
 from granular.methods import METHODS
 from granular.run.plan import can_run, multiply_time_step, parse_time_step
 from granular.scene.dry_friction import dry_friction_parts
@@ -191,3 +191,15 @@ def test_ticks_of_many_steps_stay_exact() -> None:
         exact = tick * schedule.given // schedule.every
         assert start(schedule, tick) == exact * schedule.h
         assert steps(schedule, tick) == (tick + 1) * schedule.given // schedule.every - exact
+
+
+def test_a_plan_is_run_as_it_stands_and_again_to_the_same_bits(small_bed: Scene) -> None:
+    chosen = plan(small_bed, 1e-4, t_end=0.01, threads=1)
+    runs = [simulate(chosen, progress=False), simulate(chosen, progress=False)]
+    runs.append(simulate(small_bed, 1e-4, 0.01, threads=1, progress=False))
+    for run in runs:
+        assert run.dataset.equals(runs[0].dataset)
+    with pytest.raises(InputError, match="give them to plan"):
+        simulate(chosen, t_end=0.02, progress=False)
+    with pytest.raises(InputError, match="'pefrl' cannot run a scene with friction"):
+        simulate(plan(small_bed.replace(**{"effects.friction": {}}), method="pefrl"), progress=False)

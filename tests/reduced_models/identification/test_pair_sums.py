@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from granular import Scene, damper
+from granular import Plan, Scene, damper
 from granular.studies.cases import Case
 from reduced_models import design, identify
 
@@ -34,11 +34,11 @@ def summed(monkeypatch: pytest.MonkeyPatch, scene: Scene, **options: Any) -> tup
     """Method of summing pairs and step of the scene's own run, and the methods of its checks."""
     ran, asked = [], Asked()
 
-    def run(scene: Scene, _: Any, chosen: Any) -> None:
-        ran.append((scene.pair_method, chosen.dt))
+    def run(chosen: Plan, *_: Any) -> None:
+        ran.append((chosen.pair_sum, str(chosen.dt)))
         raise StoppedError
 
-    monkeypatch.setattr(IDENTIFY, "run_scene", run)
+    monkeypatch.setattr(IDENTIFY, "run_plan", run)
     with pytest.raises(StoppedError):
         identify(scene, executor=asked, progress=False, **options)
     return *ran[0], {one.pair_method for one in asked.scenes}
