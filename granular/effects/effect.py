@@ -17,7 +17,7 @@ over as ``workspace``; its field ``persistent``, if it has one, is part of the r
 
 Where a grain, a pair or a wall's distance is all that counts, the loops over grains need not be
 written: a class with the functions of one of them, decorated with
-`granular.effects.custom.effect` as a user's own, becomes an effect of this form, and so does a
+`granular.effects.own.effect` as a user's own, becomes an effect of this form, and so does a
 formula. `granular.effects.magnetic_gradient` is written so. The file's own test aside, nothing else has to
 be touched: `granular.effects.registry` finds it.
 """
@@ -136,20 +136,6 @@ class Effect(Section):
     def user_code_digests(self) -> tuple[str, ...]:
         """Digests of a user's functions and texts in it, for the run's settings."""
         return ()
-
-    def check_functions_compile(self, context: EffectContext) -> None:
-        """Check that a user's functions compile; nothing for a built-in effect.
-
-        Parameters
-        ----------
-        context : EffectContext
-            Grains, cell, natural units and effects of the scene.
-
-        Raises
-        ------
-        InputError
-            If one does not.
-        """
 
     @property
     def dissipates(self) -> bool:

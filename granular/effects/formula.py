@@ -1,95 +1,103 @@
-"""Energies that are written as formulas, and what is derived from them.
+"""Energies that are written as formulas: each writes an own part, with the functions derived from it.
 
 A text is read by `granular.formulas`, never run. Its names are variables, which the kind of
 formula fixes, and parameters, which stand next to it with their units; the units must make joules.
 Force, stiffness and the rate of change in time are derived from it, so that the force is minus the
 gradient of the energy.
+
+Fields act on every grain:
+``effects.field = [{ energy = "k*y**2/2 + a*sin(x/l)", k = "10 N/m", a = "1 uJ", l = "3 mm" }]``.
+Their variables are the position ``x``, ``y``, the time ``t``, and a grain's ``mass`` and magnetic
+``moment``. Where ``t`` is in it, the work from outside is derived too.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-import numba
+import numpy as np
 
-from granular.compiled.hook_calls import OPTIONS
-from granular.effects.custom_functions import DEFINITIONS, CustomDefinition
-from granular.effects.effect import Effect
+from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
-from granular.formulas import parse
-from granular.schema.field_kinds import FieldError
+from granular.effects.own import OwnPart
+from granular.effects.own_law import Definition, Functions, OwnEffectLaw, OwnWallLaw
+from granular.formulas import parse, variable_names
+from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
+from granular.pairs.direct_sum import pad_values
+from granular.schema.apparatus import Cell, Grains, Piston
+from granular.schema.field_kinds import FieldError, FieldKind, SectionListKind, unknown_word_message
 from granular.schema.formula_parameters import SectionWithFormula
 from granular.schema.natural_units import Scales
-from granular.schema.sections import text_field
-from granular.shared.errors import InputError
+from granular.schema.sections import quantity, section_field, text_field
 from granular.shared.message_text import quote
-
-if TYPE_CHECKING:
-    import sympy
-
-    from granular.schema.apparatus import Cell, Grains, Piston
-
-Functions = dict[str, Callable[..., Any]]
 
 _FORM = "2"
 """Part of the digest, to be raised with any change of what is derived from a text."""
 
 
-class EnergyFormula(SectionWithFormula):
+class EnergyFormula(SectionWithFormula, OwnPart):
     """An energy as a formula.
 
     Attributes
     ----------
     energy : str
         [J]
+    arguments : tuple of str, or of tuples of str
+        Arguments of the derived functions behind the parameters: variables, and tuples of them.
+    function_names : tuple of str
+        Names of the derived functions; one of the time has the ``power`` besides.
     """
 
     formula_key: ClassVar[str] = "energy"
     unit: ClassVar[str] = "J"
+    arguments: ClassVar[tuple[Any, ...]] = ()
+    function_names: ClassVar[tuple[str, ...]] = ("energy", "force", "stiffness")
 
     energy: str = text_field()
 
     @staticmethod
-    def derivative_expressions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Derive SymPy's expressions of force and stiffness from that of the energy."""
+    def derive_functions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
+        """Derive SymPy's expressions of the functions, by their names, from the energy's."""
         raise NotImplementedError
-
-    @staticmethod
-    def make_kernel_functions(compiled: Functions) -> Functions:
-        """Make the functions that kernels call, from compiled ones of all variables and parameters."""
-        raise NotImplementedError
-
-    @classmethod
-    def kernel_function_names(cls, energy: str) -> tuple[str, ...]:
-        """Names of the functions that kernels get from a formula."""
-        raise NotImplementedError
-
-    def parameters_in_natural_units(self, scales: Scales) -> tuple[float, ...]:
-        """Parameters in natural units, in the order of `values`."""
-        units = (scales.length, scales.mass, scales.time, scales.current)
-        result = []
-        for name, _ in self.values:
-            value, dimension = self.parameter_value_and_dimension(name)
-            for unit, power in zip(units, dimension, strict=True):
-                value /= unit ** float(power)
-            result.append(value)
-        return tuple(result)
 
     @property
-    def definition(self) -> CustomDefinition:
-        """Definition by which kernels know the formula."""
-        kind: Any = type(self)
-        result: CustomDefinition = _make_definition(kind, self.energy, tuple(name for name, _ in self.values))
-        DEFINITIONS[result.digest] = result
-        return result
+    def definition(self) -> Definition:
+        """The derived functions; the same ones for the same text."""
+        return _make_definition(type(self), self.energy, tuple(name for name, _ in self.values))
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
         """Digest of what is derived, for the run's settings."""
         return (self.definition.digest,)
+
+
+@functools.cache
+def _make_definition(kind: type[EnergyFormula], energy: str, parameters: tuple[str, ...]) -> Definition:
+    key = kind.__name__.lower()
+    content = repr((_FORM, key, energy, parameters))
+    digest = hashlib.sha256(content.encode()).hexdigest()[:24]
+    depends = "t" in kind.variables and any(name.text == "t" for name in variable_names(parse(energy)))
+    names = (*kind.function_names, *(("power",) if depends else ()))
+    given = tuple(f"parameter{number}" for number in range(len(parameters)))
+    make = functools.partial(_derive_functions, kind, energy, parameters, names)
+    return Definition("effect", key, f"{key}_{digest}", given, names, make, kind.law_base)
+
+
+def _derive_functions(
+    kind: type[EnergyFormula], energy: str, parameters: tuple[str, ...], names: tuple[str, ...]
+) -> Functions:
+    from granular.formulas.algebra import compile_formula
+
+    assert kind.law_base is not None
+    # In the functions of a class ``p`` is the law, with all its fields.
+    p = (*parameters, *(f"law.{name}" for name in kind.law_base.extra_fields))
+    made = compile_formula(energy, parameters, (p, *kind.arguments), kind.derive_functions)
+    return {name: made[name] for name in names}
 
 
 class FormulaList(ForceEffect):
@@ -124,87 +132,117 @@ class FormulaList(ForceEffect):
             part.check_compatibility(grains, cell, piston, others)
 
 
-@functools.cache
-def _make_definition(kind: type[EnergyFormula], energy: str, parameters: tuple[str, ...]) -> CustomDefinition:
-    key = kind.__name__.lower()
-    content = repr((_FORM, key, energy, parameters))
-    digest = hashlib.sha256(content.encode()).hexdigest()[:24]
-    functions = _DerivedFunctions(kind, energy, parameters)
-    return CustomDefinition(
-        "effect", key, f"{key}_{digest}", _pack_values, functions, _CompiledFunctions(functions)
-    )
+@dataclasses.dataclass(frozen=True)
+class _SpeciesFactors(FieldKind):
+    """A number for each species that has another one than 1, by their names."""
+
+    def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, float], ...]:
+        if not isinstance(value, Mapping | tuple):
+            raise FieldError(f"{quote(value)} must be a table of numbers by species")
+        try:
+            result = {str(name): float(number) for name, number in dict(value).items()}
+            return tuple(sorted(result.items()))
+        except (TypeError, ValueError):
+            raise FieldError(f"{quote(value)} holds something that is not a number") from None
+
+    def to_plain(self, value: Any) -> Any:
+        return dict(value)
 
 
-def _pack_values(*values: float) -> tuple[float, ...]:
-    return values
+class FieldFormula(EnergyFormula, ForceEffect):
+    """One field.
 
+    Attributes
+    ----------
+    factor : pairs of str and float
+        Species, and what its energy is multiplied by; 1 for those that are not named.
+    frequency : float
+        Highest frequency at which it changes in time [Hz], for the step.
+    """
 
-if not numba.config.DISABLE_JIT:
-    _pack_values = numba.njit(**OPTIONS)(_pack_values)
+    rank = 1
+    energy_record = energy_variable("field_energy", "energy of the fields")
+    variables: ClassVar[Mapping[str, Dimension]] = {
+        "x": LENGTH,
+        "y": LENGTH,
+        "t": TIME,
+        "mass": MASS,
+        "moment": MOMENT,
+    }
+    arguments = (("x", "y", "mass", "moment"), "t")
+    law_base = OwnEffectLaw
 
+    factor: tuple[tuple[str, float], ...] = section_field(_SpeciesFactors(), default=())
+    frequency: float = quantity("Hz", default=0.0, least=0.0)
 
-class _DerivedFunctions(Mapping[str, Callable[..., Any]]):
-    """The functions of a formula, derived when one of them is asked for first."""
-
-    def __init__(self, kind: type[EnergyFormula], energy: str, parameters: Sequence[str]) -> None:
-        self.kind, self.energy, self.parameters = kind, energy, parameters
-        self.known = kind.kernel_function_names(energy)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.known)
-
-    def __len__(self) -> int:
-        return len(self.known)
-
-    def __getitem__(self, name: str) -> Callable[..., Any]:
-        if name not in self.known:
-            raise KeyError(name)
-        return self._derived_kernel_functions[name]
-
-    @functools.cached_property
-    def _derived_kernel_functions(self) -> Functions:
+    @staticmethod
+    def derive_functions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
+        """Derive the functions; the stiffness is the row sum of the second derivatives."""
         import sympy
 
-        from granular.formulas.algebra import compile_function, sympy_expression
+        from granular.formulas.algebra import magnitude, maximum
 
-        symbols = {name: sympy.Symbol(name, real=True) for name in self.kind.variables}
-        given = {
-            name: sympy.Symbol(f"parameter{index}", real=True) for index, name in enumerate(self.parameters)
+        x, y, t = (symbols[name] for name in "xyt")
+        xx, xy, yy = (magnitude(energy.diff(*by)) for by in ((x, x), (x, y), (y, y)))
+        return {
+            "energy": energy,
+            "force": sympy.Tuple(-energy.diff(x), -energy.diff(y)),
+            "stiffness": maximum(xx, yy) + xy,
+            "power": energy.diff(t),
         }
-        tree = sympy_expression(parse(self.energy), symbols | given)
-        forms = self.kind.derivative_expressions(tree, symbols)
-        # Of sign(u/a), where a may be zero, SymPy leaves the derivative as it is.
-        if forms["force"].has(sympy.DiracDelta, sympy.Derivative):
-            raise InputError(f"the energy {quote(self.energy)} jumps; write one without jumps")
-        arguments = [*symbols.values(), *given.values()]
-        made = {
-            name: compile_function(arguments, _remove_delta_of_kink(form)) for name, form in forms.items()
-        }
-        if not numba.config.DISABLE_JIT:
-            made = {name: numba.njit(**OPTIONS)(function) for name, function in made.items()}
-        return self.kind.make_kernel_functions(made)
+
+    def check_compatibility(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        """Check that ``factor`` names species of the scene."""
+        known = tuple(specy.name for specy in grains.species)
+        for name, _ in self.factor:
+            if name not in known:
+                raise FieldError(unknown_word_message(name, known, "species"), "effects", "field", "factor")
+
+    def drive_angular_frequency(self, scales: Scales) -> float:
+        """Highest angular frequency at which the field changes in time [1/tau]."""
+        return 2.0 * math.pi * self.frequency * scales.time
+
+    def make_kernel_law(self, context: EffectContext) -> Any:
+        """Law in natural units."""
+        law, numbers = self.natural_law(context.scales), dict(self.factor)
+        if not numbers:
+            return law
+        value = [numbers.get(specy.name, 1.0) for specy in context.grains.species]
+        return law._replace(species_factor=pad_values(np.array(value)[context.species]))
 
 
-def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
-    """Without the infinite stiffness of a kink, at the one point where it is."""
-    import sympy
+class ForceFields(FormulaList):
+    """Fields of force from their energies; see the head of this file.
 
-    for infinite in (sympy.DiracDelta, sympy.Derivative):
-        form = form.replace(infinite, lambda *_: sympy.Integer(0))
-    return form.replace(sympy.Heaviside, lambda x, *_: (1 + sympy.sign(x)) / 2)
+    Attributes
+    ----------
+    fields : tuple of FieldFormula
+    """
+
+    key = "field"
+    example: ClassVar[Any] = [
+        {"energy": "k*(y - h)**2/2*(1 + sin(w*t)/4)", "k": "1 N/m", "h": "3 D", "w": "60 1/s"},
+        {"energy": "a*mass*sin(x/l)", "a": "0.1 m^2/s^2", "l": "1 D"},
+    ]
+
+    fields: tuple[FieldFormula, ...] = section_field(SectionListKind(section=FieldFormula, least=1))
 
 
-class _CompiledFunctions(Mapping[str, Callable[..., Any]]):
-    """The same, to be called by kernels."""
+class WallFormula(EnergyFormula):
+    """A law of a wall as a formula of the distance ``w``."""
 
-    def __init__(self, functions: _DerivedFunctions) -> None:
-        self.functions = functions
+    variables: ClassVar[Mapping[str, Dimension]] = {"w": LENGTH}
+    arguments = ("w",)
+    law_base = OwnWallLaw
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.functions)
+    @staticmethod
+    def derive_functions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
+        """Derive force and stiffness from the energy."""
+        w = symbols["w"]
+        return {"energy": energy, "force": -energy.diff(w), "stiffness": energy.diff(w, 2)}
 
-    def __len__(self) -> int:
-        return len(self.functions)
-
-    def __getitem__(self, name: str) -> Callable[..., Any]:
-        return numba.njit(**OPTIONS)(self.functions[name])
+    def make_kernel_law(self, scales: Scales) -> Any:
+        """Law in natural units."""
+        return self.natural_law(scales)

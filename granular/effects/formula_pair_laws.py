@@ -8,16 +8,14 @@ species; see `granular.effects.formula`. Both grains must be treated alike.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from granular.effects.custom_function_checks import check_effect_functions
-from granular.effects.custom_functions import CustomLawKind, Grain
-from granular.effects.custom_law import CustomLaw
 from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
-from granular.effects.formula import EnergyFormula, FormulaList, Functions
+from granular.effects.formula import EnergyFormula, FormulaList
+from granular.effects.own_checks import check_effect_functions
+from granular.effects.own_law import OwnEffectLaw
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, NONE, Dimension
 from granular.schema.field_kinds import SectionListKind
@@ -38,46 +36,35 @@ class PairFormula(EnergyFormula, ForceEffect):
     energy_record = energy_variable("pair_law_energy", "energy of the pair laws")
     variables: ClassVar[Mapping[str, Dimension]] = {"r": LENGTH, "q1": NONE, "q2": NONE}
 
+    arguments = (
+        "r",
+        ("first.x", "first.y", "first.mass", "q1"),
+        ("second.x", "second.y", "second.mass", "q2"),
+    )
+    function_names = ("pair_energy", "pair_force", "pair_stiffness")
+    law_base = OwnEffectLaw
+
     reach: float | None = quantity("m", above=0.0, default=None, optional=True)
 
-    @classmethod
-    def kernel_function_names(cls, energy: str) -> tuple[str, ...]:
-        """Names of the functions that kernels get from the formula."""
-        return ("pair_energy", "pair_force", "pair_stiffness")
-
     @staticmethod
-    def derivative_expressions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
+    def derive_functions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
         """Derive force and stiffness from the energy."""
+        from granular.formulas.algebra import magnitude, maximum
+
         r = symbols["r"]
-        return {"energy": energy, "force": -energy.diff(r), "slope": energy.diff(r, 2)}
+        push, slope = energy.diff(r), energy.diff(r, 2)
+        return {
+            "pair_energy": energy,
+            "pair_force": -push,
+            "pair_stiffness": maximum(magnitude(slope), magnitude(push) / r),
+        }
 
-    @staticmethod
-    def make_kernel_functions(compiled: Functions) -> Functions:
-        """Make the functions that kernels call."""
-        energy_of, force_of, slope_of = (compiled[name] for name in ("energy", "force", "slope"))
-
-        def energy(p: Any, r: float, first: Grain, second: Grain) -> Any:
-            return energy_of(r, first.moment, second.moment, *p)
-
-        def force(p: Any, r: float, first: Grain, second: Grain) -> Any:
-            return force_of(r, first.moment, second.moment, *p)
-
-        def stiffness(p: Any, r: float, first: Grain, second: Grain) -> Any:
-            slope, push = (
-                slope_of(r, first.moment, second.moment, *p),
-                force_of(r, first.moment, second.moment, *p),
-            )
-            return max(abs(slope), abs(push) / r)
-
-        return {"pair_energy": energy, "pair_force": force, "pair_stiffness": stiffness}
-
-    def make_kernel_law(self, context: EffectContext) -> CustomLaw:
+    def make_kernel_law(self, context: EffectContext) -> Any:
         """Law in natural units."""
-        definition, values = self.definition, self.parameters_in_natural_units(context.scales)
+        law = self.natural_law(context.scales)
         if any(name.text in ("q1", "q2") for name in variable_names(parse(self.energy))):
-            check_effect_functions(definition, values, context)  # that both are treated alike
-        reach = math.inf if self.reach is None else self.reach / context.scales.length
-        return CustomLaw(CustomLawKind(definition.digest), values, reach, None)
+            check_effect_functions(self.definition, law, context)  # that both are treated alike
+        return law if self.reach is None else law._replace(pair_reach=self.reach / context.scales.length)
 
 
 class PairLaws(FormulaList):

@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from granular.effects.custom_functions import CustomLawKind
-from granular.effects.custom_law import CustomWallLaw
 from granular.effects.dipole import species_discs
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
-from granular.effects.formula import EnergyFormula, Functions
+from granular.effects.formula import WallFormula
 from granular.effects.registry import WALL_LAWS, find_wall_law
 from granular.effects.wall_discs import DiscWall, disc_wall_tables
 from granular.effects.wall_experimental import ExperimentalWall
@@ -25,10 +23,8 @@ from granular.effects.wall_infinite import InfiniteWall
 from granular.effects.wall_kernels import WallLaws
 from granular.effects.wall_side import SIDES
 from granular.effects.wall_slab import SlabWall
-from granular.formulas.dimensions import LENGTH, Dimension
 from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.field_kinds import FieldError, FieldKind, unknown_word_message
-from granular.schema.natural_units import Scales
 from granular.schema.sections import Section, nested_section_field, quantity, section_field
 
 LAWS = ("experimental", "infinite", "slab", "discs")
@@ -56,36 +52,6 @@ class AlreadyParsedSection(FieldKind):
         return value
 
 
-class WallFormula(EnergyFormula):
-    """A law of a wall as a formula of the distance ``w``."""
-
-    variables: ClassVar[Mapping[str, Dimension]] = {"w": LENGTH}
-
-    @classmethod
-    def kernel_function_names(cls, energy: str) -> tuple[str, ...]:
-        """Names of the functions that kernels get from the formula."""
-        return ("energy", "force", "stiffness")
-
-    @staticmethod
-    def derivative_expressions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Derive force and stiffness from the energy."""
-        w = symbols["w"]
-        return {"energy": energy, "force": -energy.diff(w), "stiffness": energy.diff(w, 2)}
-
-    @staticmethod
-    def make_kernel_functions(compiled: Functions) -> Functions:
-        """Make the functions that kernels call."""
-
-        def wrap_law(of: Any) -> Any:
-            return lambda p, w: of(w, *p)
-
-        return {name: wrap_law(of) for name, of in compiled.items()}
-
-    def make_kernel_law(self, scales: Scales) -> CustomWallLaw:
-        """Law in natural units."""
-        return CustomWallLaw(CustomLawKind(self.definition.digest), self.parameters_in_natural_units(scales))
-
-
 class Wall(Section):
     """One wall.
 
@@ -106,7 +72,7 @@ class Wall(Section):
         two.
     own : section or None
         Of a law of one's own; in a scene its keys stand next to ``law``. See
-        `granular.effects.custom`.
+        `granular.effects.own`.
     """
 
     law: str = section_field(WallLawName(), default="experimental")

@@ -11,7 +11,8 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from granular.formulas import FUNCTIONS, FormulaError, Name, Node, Number
+from granular.formulas import FUNCTIONS, FormulaError, Name, Node, Number, parse
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     import sympy
@@ -114,22 +115,68 @@ def _build_expression(tree: Node, symbols: Mapping[str, sympy.Symbol]) -> Any:
     return function(*operands)
 
 
+def maximum(first: sympy.Expr, second: sympy.Expr) -> sympy.Expr:
+    """Return the greater one of two expressions."""
+    return _make_min_or_max("max")(first, second)
+
+
+def magnitude(expression: sympy.Expr) -> sympy.Expr:
+    """Return the absolute value, on which SymPy does not ponder as it does on its own `Abs`."""
+    return maximum(expression, -expression)
+
+
+def compile_formula(
+    text: str,
+    parameters: Sequence[str],
+    arguments: Sequence[Any],
+    derive: Callable[[sympy.Expr, Mapping[str, sympy.Symbol]], dict[str, sympy.Expr]],
+) -> dict[str, Callable[..., Any]]:
+    """Compile functions of named arguments, and tuples of them, that are derived from a formula.
+
+    The second of them is the first derivative, which must have no jumps.
+    """
+    import sympy
+
+    given = {name: sympy.Symbol(f"parameter{number}", real=True) for number, name in enumerate(parameters)}
+    symbols = {name: sympy.Symbol(name, real=True) for name in sympy.flatten(arguments)} | given
+    forms = derive(sympy_expression(parse(text), symbols), symbols)
+    # Of sign(u/a), where a may be zero, SymPy leaves the derivative as it is.
+    if list(forms.values())[1].has(sympy.DiracDelta, sympy.Derivative):
+        raise FormulaError(f"{quote(text)} jumps; write one without jumps")
+    taken = [
+        [symbols[part] for part in name] if isinstance(name, tuple) else symbols[name] for name in arguments
+    ]
+    return {name: compile_function(taken, _remove_delta_of_kink(form)) for name, form in forms.items()}
+
+
+def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
+    """Without the infinite stiffness of a kink, at the one point where it is."""
+    import sympy
+
+    for infinite in (sympy.DiracDelta, sympy.Derivative):
+        form = form.replace(infinite, lambda *_: sympy.Integer(0))
+    return form.replace(sympy.Heaviside, lambda x, *_: (1 + sympy.sign(x)) / 2)
+
+
 def compile_function(
-    arguments: Sequence[sympy.Symbol],
+    arguments: Sequence[sympy.Symbol | Sequence[sympy.Symbol]],
     expressions: sympy.Expr | Sequence[sympy.Expr],
     modules: str | Sequence[Any] = "numpy",
 ) -> Callable[..., Any]:
-    """Compile a function of symbols that returns the value of an expression or of each in a list."""
+    """Compile a function of symbols, or tuples of them: an expression's value, or a list of values."""
     import sympy
 
     # In the order of their own names, since SymPy adds and multiplies in the order of names, and
     # about the x0, x1 ... that it makes up: the last bits stay what they are without new names.
-    order = sorted(arguments, key=lambda symbol: symbol.name)
+    order = sorted(sympy.flatten(arguments), key=lambda symbol: symbol.name)
     safe = {
         symbol: sympy.Symbol(f"{'a' if symbol.name < 'x' else 'y'}{number:04d}", real=symbol.is_real)
         for number, symbol in enumerate(order)
     }
-    names = [safe[symbol] for symbol in arguments]
+    names = [
+        safe[item] if isinstance(item, sympy.Basic) else [safe[symbol] for symbol in item]
+        for item in arguments
+    ]
     if isinstance(expressions, sympy.Basic):
         return sympy.lambdify(names, expressions.xreplace(safe), modules, cse=True)
     renamed = [expression.xreplace(safe) for expression in expressions]

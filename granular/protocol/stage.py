@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.formulas import parse
 from granular.protocol.piston_motion import SPLINE, Motion, with_table_arrays
 from granular.schema.field_kinds import FieldError
 from granular.schema.formula_parameters import SectionWithFormula
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section, choice_field, quantity, text_field
-from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -333,28 +331,23 @@ class FormulaStage(SectionWithFormula, SampledStage):
         self, times: Float[np.ndarray, "k"], height: float
     ) -> Float[np.ndarray, "2 k"]:
         """Sample the formula and its derivative [m, N, m/s, N/s]; times [s], height [m]."""
-        given = [self.parameter_value_and_dimension(name)[0] for name, _ in self.values]
-        parameter_names = tuple(name for name, _ in self.values)
-        functions = _value_and_slope_functions(self.formula, tuple(self.variables), parameter_names)
+        given = [number for number, _ in self.parameters]
+        value, slope = _value_and_slope(self.formula, tuple(self.variables), tuple(dict(self.values)))
         start = [height] if "h0" in self.variables else []
         with np.errstate(all="ignore"):
-            values = [np.broadcast_to(of(times, *start, *given), times.shape) for of in functions]
+            values = [np.broadcast_to(of(given, times, *start), times.shape) for of in (value, slope)]
         return np.array(values, dtype=np.float64)
 
 
 @functools.cache
-def _value_and_slope_functions(
+def _value_and_slope(
     formula: str, variables: tuple[str, ...], parameters: tuple[str, ...]
-) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    import sympy
+) -> Iterable[Callable[..., Any]]:
+    from granular.formulas.algebra import compile_formula
 
-    from granular.formulas.algebra import compile_function, sympy_expression
-
-    symbols = {name: sympy.Symbol(name, real=True) for name in variables}
-    given = {name: sympy.Symbol(f"parameter{number}", real=True) for number, name in enumerate(parameters)}
-    tree = sympy_expression(parse(formula), symbols | given)
-    arguments = [*symbols.values(), *given.values()]
-    slope = tree.diff(symbols["t"])
-    if slope.has(sympy.DiracDelta, sympy.Derivative):
-        raise FieldError(f"{quote(formula)} jumps; write it without jumps")
-    return compile_function(arguments, tree), compile_function(arguments, slope)
+    return compile_formula(
+        formula,
+        parameters,
+        (parameters, *variables),
+        lambda value, symbols: {"value": value, "slope": value.diff(symbols["t"])},
+    ).values()

@@ -14,11 +14,7 @@ from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.kernel_data.state import State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
-from granular.scene.scene_in_natural_units import (
-    SceneInNaturalUnits,
-    explain_compile_errors,
-    scene_in_natural_units,
-)
+from granular.scene.scene_in_natural_units import SceneInNaturalUnits, scene_in_natural_units
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 
@@ -110,7 +106,7 @@ def evaluate(
         METHODS["stormer-verlet"],
     )
     measurement, energies = new_measurement(state), np.zeros(len(constants.acting.laws))
-    with report_arithmetic_errors_as(_misplaced_positions_error), explain_compile_errors(scene):
+    with report_arithmetic_errors_as(_misplaced_positions_error):
         outside, potential, kinetic = evaluate_forces(state, constants, measurement, energies)
     force = np.stack(force_with_far_field(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():

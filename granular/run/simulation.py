@@ -33,7 +33,7 @@ from granular.run.thread_count import set_thread_count
 from granular.run.trajectory import Trajectory, load_trajectory, make_trajectory
 from granular.scene.dry_friction import degraded_residual_limit
 from granular.scene.scene import Scene
-from granular.scene.scene_in_natural_units import SceneInNaturalUnits, explain_compile_errors
+from granular.scene.scene_in_natural_units import SceneInNaturalUnits
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
@@ -153,7 +153,7 @@ def simulate(
         store = None if out is None else _create_or_resume_directory(Path(out), run, settings, resume)
         try:
             # From where the job counts its seconds: to restore a run may compile before.
-            with measure_compile_time() as compiling, explain_compile_errors(scene):
+            with measure_compile_time() as compiling:
                 return _SimulationJob(run, store, settings, compiling).run_to_end(progress, stop)
         finally:
             if store is not None:

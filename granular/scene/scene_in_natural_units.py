@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba.core.errors import NumbaError
 
 from granular.effects.dipole import discs_unless_dipoles
 from granular.effects.effect import Effect, EffectContext
@@ -200,18 +197,6 @@ def _effect_context(scene: Scene, scales: Scales, species: np.ndarray) -> Effect
     indices = {effect.key: index for index, effect in enumerate(effects)}
     acting = {effect.key: effect for effect in scene.effects.acting}
     return EffectContext(scene.grains, scene.cell, scales, species, acting, indices, scene.piston)
-
-
-@contextlib.contextmanager
-def explain_compile_errors(scene: Scene) -> Iterator[None]:
-    """Turn the compiler's error of a user's function into one line, within the block."""
-    try:
-        yield
-    except NumbaError:
-        context = _effect_context(scene, Scales.from_grains(scene.grains), scene.grains.species_indices())
-        for effect in scene.effects.in_loop_order:
-            effect.check_functions_compile(context)
-        raise
 
 
 def _far_field_settings(

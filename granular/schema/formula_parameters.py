@@ -39,8 +39,12 @@ def _text_in_si(given: Any, diameter: float | None) -> str:
         raise FieldError(f"{quote(given)} is no quantity; write a number and a unit, as '5 mm'")
     match = _UNIT.fullmatch(str(given))
     unit = match[1] if match is not None else ""
-    si = unit_text(tuple(map(Fraction, unit_size(unit or "1", diameter)[1])))
+    si = unit_text(_dimension_of_unit(unit or "1", diameter))
     return f"{si_value(str(given), si, diameter)!r} {si}"
+
+
+def _dimension_of_unit(unit: str, diameter: float | None = None) -> Dimension:
+    return tuple(map(Fraction, unit_size(unit, diameter)[1]))
 
 
 class SectionWithFormula(Section):
@@ -70,10 +74,11 @@ class SectionWithFormula(Section):
         formula: str = getattr(self, self.formula_key)
         return formula
 
-    def parameter_value_and_dimension(self, name: str) -> tuple[float, Dimension]:
-        """Value and dimension of a parameter."""
-        number, unit = dict(self.values)[name].split(" ", 1)
-        return float(number), tuple(map(Fraction, unit_size(unit)[1]))
+    @property
+    def parameters(self) -> list[tuple[float, str]]:
+        """Numbers of the parameters and their SI units, in the order of `values`."""
+        split = (given.split(" ", 1) for _, given in self.values)
+        return [(float(number), unit) for number, unit in split]
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
@@ -103,14 +108,15 @@ class SectionWithFormula(Section):
         written = [name.text for name in variable_names(tree)]
         for name in written:
             if name not in self.variables and name not in given:
-                known = (*self.variables, *given)
-                raise InputError(f"{unknown_word_message(name, known, 'name')}; or give it: {name} = ...")
+                names = (*self.variables, *given)
+                raise InputError(f"{unknown_word_message(name, names, 'name')}; or give it: {name} = ...")
         for name in given:
             if name in self.variables:
                 raise FieldError("is a variable; give the parameter another name", name)
             if name not in written:
                 raise FieldError(f"the {self.formula_key} has no {quote(name)}; take it out", name)
-        dimensions = {name: self.parameter_value_and_dimension(name)[1] for name in given}
-        dimension = infer_dimension(tree, dict(self.variables) | dimensions)
-        if dimension != tuple(map(Fraction, unit_size(self.unit)[1])):
+        units = {name: unit for name, (_, unit) in zip(given, self.parameters, strict=True)}
+        known = dict(self.variables) | {name: _dimension_of_unit(unit) for name, unit in units.items()}
+        dimension = infer_dimension(tree, known)
+        if dimension != _dimension_of_unit(self.unit):
             raise InputError(f"it is in {unit_text(dimension)}, not in {self.unit}; check the units")

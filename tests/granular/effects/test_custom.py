@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
-from granular.effects.custom_functions import DEFINITIONS
+from granular.effects.own_law import Grain, Laws
 from granular.effects.registry import effect_names
 from granular.run.simulation import custom_code_digests
 from granular.scene.scene_in_natural_units import scene_in_natural_units
@@ -164,13 +164,13 @@ def test_what_is_missing_is_told_at_once(functions: Any, words: str) -> None:
 
 def test_a_class_that_is_refused_leaves_nothing_behind() -> None:
     effect_names()  # those of the package are defined now
-    before = dict(DEFINITIONS)
+    before = dict(vars(Laws))
     with pytest.raises(InputError, match="'drag' is there already"):
         made("Drag", energy=_energy, force=_swung)
     functions = {"energy": staticmethod(_energy), "force": staticmethod(_double)}
     with pytest.raises(InputError, match="k must be a number"):
         effect(type("Plain", (), {**functions, "__annotations__": {"k": "float"}, "k": 3.0}))
-    assert before == DEFINITIONS
+    assert before == dict(vars(Laws))
 
 
 def test_scenes_check_an_own_effect_as_any_other() -> None:
@@ -228,12 +228,12 @@ def test_the_kink_of_a_formula_compiles(compressed: str) -> None:
     """A spring that acts on one side: a step stands in its force and in its stiffness."""
     law = {"energy": f"a*({compressed})**2/l**2", "a": "2 uJ", "l": "1 D", "reach": "2 D"}
     scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
-    functions = scene.effects.pair_law.component_effects[0].definition.functions
-    grain = SimpleNamespace(moment=1.0)
+    definition = scene.effects.pair_law.component_effects[0].definition
+    functions, p, grain = definition.functions, definition.law(2.0, 1.0), Grain(0.0, 0.0, 1.0, 1.0)
     for r in (0.25, 0.75, 1.0, 1.5):
         within = max(1.0 - r, 0.0)
-        assert functions["pair_energy"]((2.0, 1.0), r, grain, grain) == pytest.approx(2 * within**2)
-        assert functions["pair_force"]((2.0, 1.0), r, grain, grain) == pytest.approx(4 * within)
+        assert functions["pair_energy"](p, r, grain, grain) == pytest.approx(2 * within**2)
+        assert functions["pair_force"](p, r, grain, grain) == pytest.approx(4 * within)
 
 
 def test_a_kink_at_a_ratio_of_a_wall_s_parameters_compiles() -> None:

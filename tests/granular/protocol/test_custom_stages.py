@@ -107,7 +107,7 @@ def test_a_file_brings_one_to_other_processes(tmp_path: Path) -> None:
 
 
 def test_what_a_class_cannot_be() -> None:
-    with pytest.raises(InputError, match="needs one static method, 'height' or 'force'"):
+    with pytest.raises(InputError, match="does nothing; give it a static method 'height' or 'force'"):
         stage(type("Idle", (), {}))
     with pytest.raises(InputError, match="'hold' is a built-in one"):
         stage(type("Hold", (), {"height": staticmethod(lambda p, time, start: start)}))

@@ -24,12 +24,12 @@ spline.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from granular.effects.custom import CustomSection, make_section_class, scene_key_of_class, static_methods_of
-from granular.effects.custom_functions import user_code_error
+from granular.effects.own import OwnSection, make_section_class
 from granular.protocol import KINDS
 from granular.protocol.stage import SampledStage
 from granular.shared.errors import InputError
@@ -37,22 +37,28 @@ from granular.shared.errors import InputError
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-_FUNCTIONS = ("height", "force")
 
-
-class CustomStage(CustomSection, SampledStage):
+class OwnStage(OwnSection, SampledStage):
     """Base of the stages that `stage` makes."""
+
+    what = "stage"
+    needed = ("height", "force")
+    partners: ClassVar[Mapping[str, str | None]] = {"height": None, "force": None}
 
     @classmethod
     def register_class(cls) -> None:
-        """Let protocols name it; an own one of the same name is replaced."""
-        KINDS[cls.definition.key] = cls
+        """Let protocols name it; an own one of the same name is replaced, a built-in one refused."""
+        key, names = cls.definition.key, cls.definition.names
+        if len(names) != 1:
+            raise InputError(f"stage {key!r} has both 'height' and 'force'; take one of them out")
+        if not issubclass(KINDS.get(key, OwnStage), OwnStage):
+            raise InputError(f"stage {key!r} is a built-in one; give the class another name")
+        KINDS[key] = cls
 
     @property
     def driven_quantity(self) -> str:
         """Name of the user's function, ``"height"`` or ``"force"``."""
-        (name,) = self.definition.functions
-        return name
+        return self.definition.names[0]
 
     def sample_values(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
         """Sample the user's function [m, N] at any times [s]; height [m]."""
@@ -64,7 +70,7 @@ class CustomStage(CustomSection, SampledStage):
                 values[k] = float(function(self, float(time), *start))
             except Exception as error:
                 what = f"{name} fails {time:g} s after the stage's start"
-                raise user_code_error(self.definition, what, error) from None
+                raise self.definition.error(what, error) from None
         return values
 
     def sample_values_and_slopes(
@@ -96,7 +102,7 @@ def stage(user_class: type) -> Any:
     Returns
     -------
     type
-        A `CustomStage` with the class's parameters, known to protocols by its name.
+        An `OwnStage` with the class's parameters, known to protocols by its name.
 
     Raises
     ------
@@ -105,14 +111,4 @@ def stage(user_class: type) -> Any:
         `quantity`, an attribute whose name has a meaning of its own, or the name of a built-in stage. A
         function that fails does so when a run begins.
     """
-    key, functions = scene_key_of_class(user_class), static_methods_of(dict(vars(user_class)))
-    if len(set(functions) & set(_FUNCTIONS)) != 1:
-        raise InputError(f"stage {key!r} needs one static method, 'height' or 'force'")
-    if not issubclass(KINDS.get(key, CustomStage), CustomStage):
-        raise InputError(f"stage {key!r} is a built-in one; give the class another name")
-    made: type[CustomStage] = make_section_class(user_class, CustomStage, _FUNCTIONS, (), "stage")
-    made.register_class()
-    return made
-
-
-CustomStage.made_by = staticmethod(stage)
+    return make_section_class(user_class, OwnStage)

@@ -1,0 +1,360 @@
+"""Effects and laws of walls of a user's own: classes with static functions, and a decorator.
+
+    from granular import effect, quantity
+
+    @effect
+    class Spring:
+        \"\"\"A spring that pulls every grain towards a height.\"\"\"
+
+        k: float = quantity("N/m", above=0.0)
+        height: float = quantity("m", default=0.0)
+
+        @staticmethod
+        def energy(p, grain, time):
+            return 0.5 * p.k * (grain.y - p.height) ** 2
+
+        @staticmethod
+        def force(p, grain, time):
+            return 0.0, -p.k * (grain.y - p.height)
+
+        @staticmethod
+        def stiffness(p, grain, time):
+            return p.k
+
+From then on a scene may say ``effects.spring = { k = "10 N/m" }``, with units, limits and checks.
+The functions are compiled into the loop, so they hold what Numba compiles: arithmetic, `math`, and
+functions that are compiled themselves. They see the parameters ``p`` and a ``grain`` with its
+``x``, ``y``, ``mass`` and ``moment``, in natural units, in which any formula with consistent units
+reads as it does in SI. There may be, each with what belongs to it:
+
+``energy(p, grain, time)``, ``force(p, grain, time) -> (fx, fy)``
+    Of a grain; the force is minus the gradient of the energy.
+``stiffness(p, grain, time)``
+    A bound of the force's slope, which the automatic step follows.
+``power(p, grain, time)``
+    d(energy)/d(time) at a fixed position, where the energy depends on time: work from outside.
+``flow(p, grain, vx, vy, dt) -> (vx, vy)``
+    Velocity after ``dt`` under a dissipative effect alone, exactly, for either sign of ``dt``.
+    What it takes is entered in the ledger.
+``pair_energy(p, r, first, second)``, ``pair_force(p, r, first, second)``
+    Of two grains at the distance r; the force is positive where they repel each other.
+``pair_stiffness(p, r, first, second)``
+    A bound of its slope.
+``reach(p)``
+    Distance from which on a pair does nothing; all pairs count without it.
+``frequency(p)``
+    Highest angular frequency with which it changes in time, for the step.
+
+A law of a wall is decorated with `wall_law` and has, of a grain of the first species at the
+distance w (others feel it in the ratio of their moments):
+
+``energy(p, w)``, ``force(p, w)``, ``stiffness(p, w)``
+    Force away from the wall, minus the slope of the energy; and minus its own slope.
+
+A scene names it as ``effects.walls.left = { law = "soft", k = "9 N/m", reach = "1 cm" }``. Either
+can be a formula as well: `granular.effects.formula`, `granular.effects.formula_pair_laws`,
+and of the distance ``w`` of a wall:
+``effects.walls.left = { energy = "a*(l/w)**3", a = "1 uJ", l = "6 mm" }``.
+
+What is not there costs nothing. Compiled code is kept under a digest of the functions and of all
+that they use of their file, so a second process starts as fast as with a built-in effect, and an
+edited one is compiled anew.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import types as python_types
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+from granular.effects.dissipative_effect import DissipativeEffect
+from granular.effects.effect import EffectContext, energy_variable
+from granular.effects.force_effect import ForceEffect
+from granular.effects.own_checks import check_effect_functions, check_wall_functions
+from granular.effects.own_law import Definition, OwnEffectLaw, OwnLaw, OwnWallLaw
+from granular.effects.registry import WALL_LAWS, register_effect
+from granular.schema.field_kinds import IntegerKind, QuantityKind, unknown_word_message
+from granular.schema.natural_units import Scales
+from granular.schema.sections import Section
+from granular.shared.errors import InputError
+from granular.shared.function_digest import functions_digest
+from granular.shared.message_text import quote
+from granular.shared.user_file import UserFile, user_definitions
+
+
+class OwnPart(Section):
+    """Base of what has a user's functions: written as a class, or derived from a formula."""
+
+    law_base: ClassVar[type[OwnLaw] | None] = None
+
+    @property
+    def parameters(self) -> list[tuple[float, str]]:
+        """Numbers of the parameters and their SI units, in the order of the definition's."""
+        raise NotImplementedError
+
+    def natural_law(self, scales: Scales) -> Any:
+        """Parameters in natural units, as the user's functions and the loop take them."""
+        definition: Definition = self.definition  # type: ignore[attr-defined]
+        return definition.law(*(float(value) / scales.natural_unit(unit) for value, unit in self.parameters))
+
+    @property
+    def user_code_digests(self) -> tuple[str, ...]:
+        """Digest of its functions, for the run's settings; those of the package have a version."""
+        return () if is_built_in(type(self)) else (self.definition.digest,)  # type: ignore[attr-defined]
+
+
+class OwnSection(OwnPart):
+    """Base of what is made of a user's class.
+
+    Attributes
+    ----------
+    what : str
+        What it is called in messages.
+    partners : mapping of str to str or None
+        Functions that the class may have, and for each the one without which it means nothing.
+    needed : tuple of str
+        Functions of which the class must have one.
+    definition : Definition
+    user_class : type
+        The class as it was written.
+    origin : UserFile or None
+        The file that it came from, where the command line named one.
+    """
+
+    what: ClassVar[str]
+    partners: ClassVar[Mapping[str, str | None]]
+    needed: ClassVar[tuple[str, ...]]
+    definition: ClassVar[Definition]
+    user_class: ClassVar[type]
+    origin: ClassVar[UserFile | None] = None
+
+    @classmethod
+    def class_attributes(cls, key: str, user_class: type) -> dict[str, Any]:
+        """Attributes of the made class that follow from the user's."""
+        return {}
+
+    @classmethod
+    def register_class(cls) -> None:
+        """Let scenes name it; an own one of the same name is replaced."""
+        raise NotImplementedError
+
+    @property
+    def parameters(self) -> list[tuple[float, str]]:
+        """Numbers of the parameters and their SI units, in the order of the fields."""
+        kinds = [(field.name, field.metadata["kind"]) for field in dataclasses.fields(self)]
+        return [(getattr(self, name), getattr(kind, "unit", "1")) for name, kind in kinds]
+
+    def __reduce__(self) -> Any:
+        """Any process can have it so: by the file's text, or by the class as it was written."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        if self.origin is not None:
+            return _unpickle, (self.origin, self.definition.key, values)
+        if self.__module__ != "__main__":
+            return _unpickle, (None, type(self), values)
+        return _unpickle, (type(self).__base__, self.user_class, values)
+
+
+def _unpickle(origin: UserFile | type[OwnSection] | None, made: Any, values: dict[str, Any]) -> Any:
+    if isinstance(origin, UserFile):
+        made = load_user_sections(origin)[made]
+    elif origin is not None:
+        made = make_section_class(made, origin)
+    return made(**values)
+
+
+class OwnEffect(OwnSection, ForceEffect, DissipativeEffect):
+    """Base of the effects that `effect` makes."""
+
+    rank = 1
+    what = "effect"
+    law_base = OwnEffectLaw
+    needed = ("force", "pair_force", "flow")
+    partners: ClassVar[Mapping[str, str | None]] = {
+        "energy": "force",
+        "force": "energy",
+        "stiffness": "energy",
+        "power": "energy",
+        "flow": None,
+        "pair_energy": "pair_force",
+        "pair_force": "pair_energy",
+        "pair_stiffness": "pair_energy",
+        "reach": "pair_energy",
+        "frequency": None,
+    }
+
+    @classmethod
+    def class_attributes(cls, key: str, user_class: type) -> dict[str, Any]:
+        """Name and records of the effect."""
+        content = vars(user_class)
+        meaning = (user_class.__doc__ or key).strip().splitlines()[0].rstrip(".")
+        conserves, damps = "energy" in content or "pair_energy" in content, "flow" in content
+        return {
+            "key": key,
+            "damps": damps,
+            "example": content.get("example", True),
+            "energy_record": energy_variable(f"{key}_energy", f"energy of: {meaning}") if conserves else None,
+            "loss_record": energy_variable(f"{key}_loss", f"lost to: {meaning}") if damps else None,
+        }
+
+    @classmethod
+    def register_class(cls) -> None:
+        """Let scenes name it; an own one of the same name is replaced, a built-in one refused."""
+        if not is_built_in(cls):  # which the registry knows by its file
+            register_effect(cls)
+
+    def make_kernel_law(self, context: EffectContext) -> Any:
+        """Law in natural units."""
+        law, functions = self.natural_law(context.scales), self.definition.functions
+        check_effect_functions(self.definition, law, context)
+        return law._replace(pair_reach=float(functions["reach"](law))) if "reach" in functions else law
+
+    def drive_angular_frequency(self, scales: Scales) -> float:
+        """Highest angular frequency with which the effect changes in time [1/tau]."""
+        result = self.definition.functions.get("frequency")
+        return 0.0 if result is None else abs(float(result(self.natural_law(scales))))
+
+
+class OwnWall(OwnSection):
+    """Base of the wall laws that `wall_law` makes."""
+
+    what = "wall law"
+    law_base = OwnWallLaw
+    needed = ("force",)
+    partners: ClassVar[Mapping[str, str | None]] = {
+        "energy": "force",
+        "force": "stiffness",
+        "stiffness": "energy",
+    }
+
+    @classmethod
+    def register_class(cls) -> None:
+        """Let walls name it; an own one of the same name is replaced."""
+        WALL_LAWS[cls.definition.key] = cls
+
+    def make_kernel_law(self, scales: Scales) -> Any:
+        """Law in natural units."""
+        law = self.natural_law(scales)
+        check_wall_functions(self.definition, law)
+        return law
+
+
+def effect(user_class: type) -> Any:
+    """Make a class an effect that scenes can name; see the head of this file.
+
+    Parameters
+    ----------
+    user_class : type
+        A class with parameters (`quantity`) and static functions. Its name in small letters is what
+        a scene calls it: ``LeafSpring`` is ``leaf_spring``. An own one of that name is replaced.
+
+    Returns
+    -------
+    type
+        An `OwnEffect` with the class's parameters, known to scenes by its name.
+
+    Raises
+    ------
+    InputError
+        If the class has no ``force``, ``flow`` or ``pair_force``, lacks the partner that a function needs
+        (an ``energy`` for a force), has an unknown or a not static function, a parameter that is no
+        `quantity`, or the name of a built-in effect. Functions with other arguments, that do not
+        compile, or a force that is not minus the gradient of its energy, fail when a run begins.
+    """
+    return make_section_class(user_class, OwnEffect)
+
+
+def wall_law(user_class: type) -> Any:
+    """Make a class a law that scenes can name for a wall; see the head of this file.
+
+    Parameters
+    ----------
+    user_class : type
+        Class with parameters (`quantity`) and static functions ``energy``, ``force`` and ``stiffness`` of
+        the parameters and the distance. Its name in small letters is what a wall calls it; an own one
+        of that name is replaced, and a built-in law keeps its name.
+
+    Returns
+    -------
+    type
+        An `OwnWall` with the class's parameters, known to walls by its name.
+
+    Raises
+    ------
+    InputError
+        If the class lacks one of the three, has an unknown or a not static function, or a parameter that
+        is no `quantity`. Functions that do not compile, or a force that is not minus the slope of its
+        energy, fail when a run begins.
+    """
+    return make_section_class(user_class, OwnWall)
+
+
+def make_section_class(user_class: type, base: type[OwnSection]) -> Any:
+    """Make a subclass of ``base`` with the class's parameters and functions, which scenes know."""
+    written = {
+        name: value for name, value in vars(user_class).items() if name not in ("__dict__", "__weakref__")
+    }
+    key = scene_key_of_class(user_class)
+    functions = {name: value.__func__ for name, value in written.items() if isinstance(value, staticmethod)}
+    more = base.class_attributes(key, user_class)
+    _check_class(f"{base.what} {key!r}", written, functions, base, more)
+    content = {name: value for name, value in written.items() if name not in functions}
+    made = type(user_class.__name__, (base,), content | more | {"user_class": user_class})
+    fields = [field for field in dataclasses.fields(made) if field.name not in base.key_names()]
+    for field in fields:
+        if not isinstance(field.metadata.get("kind"), QuantityKind | IntegerKind):
+            raise InputError(f"{base.what} {key!r}: {field.name} must be a number; give quantity(unit)")
+    names = tuple(field.name for field in fields)
+    digest = f"{key}_{functions_digest(functions, names)}"
+    made.definition = Definition(  # type: ignore[attr-defined]
+        base.what, key, digest, names, tuple(functions), lambda: functions, base.law_base
+    )
+    made.register_class()  # type: ignore[attr-defined]
+    return made
+
+
+def _check_class(
+    who: str,
+    written: Mapping[str, Any],
+    functions: Mapping[str, Callable[..., Any]],
+    base: type[OwnSection],
+    more: Mapping[str, Any],
+) -> None:
+    """Check the names of a user's class."""
+    if not set(functions) & set(base.needed):
+        wanted = " or ".join(map(repr, base.needed))
+        raise InputError(f"{who} does nothing; give it a static method {wanted}")
+    for name in functions:
+        if name not in base.partners:
+            raise InputError(f"{who}: {unknown_word_message(name, tuple(base.partners), 'function')}")
+        partner = base.partners[name]
+        if partner is not None and partner not in functions:
+            raise InputError(f"{who} has no {partner!r}; give it, as a static method")
+    reserved = {*dir(base), *dir(base.law_base), *getattr(base.law_base, "extra_fields", ())} - set(more)
+    for name, value in written.items():
+        if not name.startswith("_") and name not in functions and name in reserved:
+            raise InputError(f"{who}: {quote(name)} has a meaning of its own; rename it")
+        if isinstance(value, python_types.FunctionType):
+            raise InputError(f"{who}: {name!r} must be static; write @staticmethod above")
+
+
+def load_user_sections(file: UserFile) -> dict[str, type[OwnSection]]:
+    """Load the effects, wall laws and stages that a user's file defines; they know the file then."""
+    result = {}
+    for content in list(user_definitions(file).values()):
+        own = isinstance(content, type) and issubclass(content, OwnSection)
+        if own and content.__module__ == file.module_name:
+            content.origin = file
+            result[content.definition.key] = content
+    return result
+
+
+def is_built_in(made: type) -> bool:
+    """Return whether a class is defined in a file of the package's effects."""
+    return made.__module__.rpartition(".")[0] == __name__.rpartition(".")[0]
+
+
+def scene_key_of_class(user_class: type) -> str:
+    """Name of a class in scenes: ``LeafSpring`` is ``leaf_spring``."""
+    words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in user_class.__name__)
+    return words.lstrip("_")

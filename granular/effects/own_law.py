@@ -1,0 +1,396 @@
+"""Laws of a user's own as the loop takes them: named tuples whose hooks call the user's functions.
+
+An own law is a named tuple of its parameters in natural units: it is the ``p`` of the user's functions. Its
+class is made of a `Definition` and has the name of its digest, by which compiled code is kept. Its hooks
+are made when a loop is compiled, since SymPy takes half a second to derive the functions of a formula.
+"""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import functools
+import math
+import re
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numba
+from numba.core.errors import NumbaError
+from numba.core.registry import CPUDispatcher
+
+from granular.compiled import Array, compiled
+from granular.compiled.hook_calls import OPTIONS
+from granular.kernel_data.constants import relative_moments
+from granular.kernel_data.state import LOSSES, WORK, Bed, State
+from granular.pairs.cell_list import CellList, cell_list_workspace, find_partners_of_grain, sort_into_cells
+from granular.pairs.grain_arrays import value_or_one
+from granular.shared.errors import InputError
+from granular.shared.message_text import one_line
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+Functions = Mapping[str, Callable[..., Any]]
+
+
+class Grain(NamedTuple):
+    """A grain as the functions of an own effect see it: x, y [D]; mass, moment over the first species'."""
+
+    x: float
+    y: float
+    mass: float
+    moment: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Definition:
+    """Functions of an own part, under a digest.
+
+    Attributes
+    ----------
+    what, key, digest : str
+    parameters : tuple of str
+    names : tuple of str
+        Names of the functions.
+    make_functions : function
+        Makes them when one of them is asked for first.
+    law_base : type or None
+        Base of the law's class; None for what is no law of the loop.
+    """
+
+    what: str
+    key: str
+    digest: str
+    parameters: tuple[str, ...]
+    names: tuple[str, ...]
+    make_functions: Callable[[], Functions]
+    law_base: type[OwnLaw] | None
+
+    @property
+    def display_name(self) -> str:
+        """Name in messages."""
+        return f"{self.what} {self.key!r}"
+
+    def error(self, words: str, error: BaseException) -> InputError:
+        """Make the error of a user's code, in one line."""
+        return InputError(
+            f"{self.display_name}: {words}: {type(error).__name__}: {one_line(error)}; correct it"
+        )
+
+    @functools.cached_property
+    def functions(self) -> Functions:
+        """The functions in plain Python."""
+        return self.make_functions()
+
+    @functools.cached_property
+    def hooks(self) -> Functions:
+        """Kernels of the law, by the names of the loop's hooks."""
+        assert self.law_base is not None
+        return self.law_base.make_hooks(
+            {name: _compile_user_function(self, name, function) for name, function in self.functions.items()}
+        )
+
+    @functools.cached_property
+    def law(self) -> Any:
+        """Class of the law, the same one for the same digest."""
+        assert self.law_base is not None
+        if not hasattr(Laws, self.digest):
+            extra = self.law_base.extra_fields
+            names = (*self.parameters, *extra)
+            values = collections.namedtuple("Values", names, defaults=extra.values())  # type: ignore[misc]
+            place = {"__module__": __name__, "__qualname__": f"{Laws.__name__}.{self.digest}"}
+            made = _LawClass(self.digest, (values, self.law_base), {"_definition": self, **place})
+            setattr(Laws, self.digest, made)
+        return getattr(Laws, self.digest)
+
+
+class Laws:
+    """Classes of own laws, by their digests: compiled code that is read from disk finds them here."""
+
+
+class _LawClass(type):
+    """Type of the laws' classes: a hook is there once the compiler asks for it."""
+
+    _definition: Definition
+
+    def __getattr__(cls, name: str) -> Any:
+        base: Any = cls
+        if name.startswith("_") or name not in base.hook_names(base._definition.names):
+            raise AttributeError(f"an own law has no {name!r}")
+        return base._definition.hooks[name]
+
+
+class OwnLaw(metaclass=_LawClass):
+    """Base of the laws.
+
+    Attributes
+    ----------
+    extra_fields : mapping of str
+        Fields besides the parameters, and their values.
+    """
+
+    extra_fields: ClassVar[Mapping[str, Any]] = {}
+
+    @staticmethod
+    def hook_names(names: tuple[str, ...]) -> tuple[str, ...]:
+        """Names of the hooks of a law with functions of these names."""
+        raise NotImplementedError
+
+    @staticmethod
+    def make_hooks(user: Functions) -> Functions:
+        """Make the hooks, of kernels by the names of the user's functions."""
+        raise NotImplementedError
+
+    def __getattr__(self, name: str) -> Any:
+        """Return the hook of the class, where plain Python asks for it."""
+        return getattr(type(self), name)
+
+
+class UserKernel(CPUDispatcher):  # type: ignore[misc]  # Numba is not typed
+    """A user's function, compiled."""
+
+    name_in_messages = ""
+
+    def compile(self, sig: Any) -> Any:
+        """Compile it, or say in one line why that fails."""
+        try:
+            return super().compile(sig)
+        except NumbaError as error:
+            raise InputError(
+                f"{self.name_in_messages} does not compile: {_main_error_line(error)}; take "
+                "arithmetic, math, and functions that are compiled themselves"
+            ) from None
+
+
+def _compile_user_function(definition: Definition, name: str, function: Callable[..., Any]) -> Any:
+    kernel = numba.njit(**OPTIONS)(function)
+    if isinstance(kernel, CPUDispatcher):  # a plain function where compiling is switched off
+        kernel.__class__ = UserKernel
+        kernel.name_in_messages = f"{definition.display_name}: {name!r}"
+    return kernel
+
+
+def _main_error_line(error: BaseException) -> str:
+    """Line of the compiler's message that tells the most."""
+    lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
+    shown = [line for line in lines if line and not line.startswith(("Failed in", "During", "File"))]
+    return one_line(shown[0] if shown else type(error).__name__)
+
+
+def _return_zero(*arguments: Any) -> int:
+    return 0
+
+
+if not numba.config.DISABLE_JIT:
+    _return_zero = numba.njit(**OPTIONS)(_return_zero)
+
+
+@compiled(inline=True)
+def make_grain(
+    state: State, masses: Float[Array, "m"] | None, moments: Float[Array, "m"] | None, i: int
+) -> Grain:
+    """Grain as the user's functions see it: x, y [D], and mass and moment over the first species'."""
+    return Grain(state.x[i], state.y[i], value_or_one(masses, i), value_or_one(moments, i))
+
+
+class OwnEffectLaw(OwnLaw):
+    """Base of the laws of own effects."""
+
+    # What the energy and force of each grain are multiplied by, and the distance from which on pairs do
+    # nothing [D]; infinite: all pairs count.
+    extra_fields: ClassVar[Mapping[str, Any]] = {"species_factor": None, "pair_reach": math.inf}
+
+    @staticmethod
+    def hook_names(names: tuple[str, ...]) -> tuple[str, ...]:
+        """Names of the hooks of a law with functions of these names."""
+        return tuple(_HOOKS[name] for name in names if name in _HOOKS)
+
+    @staticmethod
+    def make_hooks(user: Functions) -> Functions:
+        """Make the hooks, of kernels by the names of the user's functions."""
+        hooks = _make_grain_hooks(user)
+        return hooks | _make_pair_hooks(user, hooks) if "pair_force" in user else hooks
+
+    def workspace(self: Any, size: int, count: int) -> CellList | None:
+        """Make cells for the search of grains within reach."""
+        return cell_list_workspace(count) if math.isfinite(self.pair_reach) else None
+
+
+_HOOKS = {
+    "force": "add_forces",
+    "energy": "measure_energy_and_stiffness",
+    "power": "record_external_work",
+    "flow": "damp_velocities",
+    "pair_force": "add_forces",
+    "pair_energy": "measure_energy_and_stiffness",
+}
+"""The hook that calls a user's function."""
+
+
+def _make_grain_hooks(user: Functions) -> Functions:
+    force, energy, stiffness, power, flow = (
+        user.get(name, _return_zero) for name in ("force", "energy", "stiffness", "power", "flow")
+    )
+
+    @compiled(inline=True)
+    def add_forces(law: Any, workspace: Any, index: int, bed: Bed, time: float) -> int:
+        state, constants = bed.state, bed.constants
+        masses, moments = constants.masses, relative_moments(constants)
+        for i in range(constants.grains):
+            fx, fy = force(law, make_grain(state, masses, moments, i), time)
+            state.fx[i] += value_or_one(law.species_factor, i) * fx
+            state.fy[i] += value_or_one(law.species_factor, i) * fy
+        return 0
+
+    @compiled(inline=True)
+    def measure_energy_and_stiffness(
+        law: Any, workspace: Any, index: int, bed: Bed, time: float, slopes: Array, energies: Array
+    ) -> int:
+        state, constants, total = bed.state, bed.constants, 0.0
+        masses, moments = constants.masses, relative_moments(constants)
+        for i in range(constants.grains):
+            grain, factor = make_grain(state, masses, moments, i), value_or_one(law.species_factor, i)
+            total += factor * energy(law, grain, time)
+            slopes[i] += abs(factor * stiffness(law, grain, time)) / grain.mass
+        energies[index] = total
+        return 0
+
+    @compiled(inline=True)
+    def record_external_work(law: Any, workspace: Any, index: int, dt: float, bed: Bed, time: float) -> int:
+        state, constants, total = bed.state, bed.constants, 0.0
+        masses, moments = constants.masses, relative_moments(constants)
+        for i in range(constants.grains):
+            grain = make_grain(state, masses, moments, i)
+            total += value_or_one(law.species_factor, i) * power(law, grain, time)
+        state.ledger[WORK] += dt * total
+        return 0
+
+    @compiled(inline=True)
+    def damp_velocities(law: Any, workspace: Any, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
+        state, constants, lost = bed.state, bed.constants, 0.0
+        masses, moments = constants.masses, relative_moments(constants)
+        for i in range(constants.grains):
+            grain, vx, vy = make_grain(state, masses, moments, i), state.vx[i], state.vy[i]
+            wx, wy = flow(law, grain, vx, vy, dt)
+            state.vx[i], state.vy[i] = wx, wy
+            lost += 0.5 * grain.mass * ((vx - wx) * (vx + wx) + (vy - wy) * (vy + wy))
+        state.ledger[LOSSES + index] += lost
+        return 0
+
+    hooks = {
+        "force": add_forces,
+        "energy": measure_energy_and_stiffness,
+        "power": record_external_work,
+        "flow": damp_velocities,
+    }
+    return {_HOOKS[name]: hook for name, hook in hooks.items() if name in user}
+
+
+@compiled
+def _sort_grains_into_cells(cells: CellList | None, reach: float, state: State, count: int) -> bool:
+    """Sort the grains, where pairs end; False where a position is no number."""
+    return True if cells is None else sort_into_cells(cells, state.x, state.y, count, reach)
+
+
+@compiled
+def _count_partners(cells: CellList | None, reach: float, state: State, i: int, count: int) -> int:
+    """Return the number of a grain's partners: those within reach, or all that follow it."""
+    if cells is None:
+        return count - 1 - i
+    return find_partners_of_grain(cells, state.x, state.y, i, reach)
+
+
+@compiled
+def _partner_index(cells: CellList | None, i: int, k: int) -> int:
+    return i + 1 + k if cells is None else cells.partners[k]
+
+
+def _make_pair_hooks(user: Functions, of_grains: Functions) -> Functions:
+    """Make the hooks of a law with functions of pairs, which call those of its functions of grains."""
+    force, energy = user["pair_force"], user["pair_energy"]
+    stiffness = user.get("pair_stiffness", _return_zero)
+    add_grain_forces, measure_grains = (
+        of_grains.get(_HOOKS[name], _return_zero) for name in ("force", "energy")
+    )
+
+    @compiled(inline=True)
+    def add_forces(law: Any, cells: CellList | None, index: int, bed: Bed, time: float) -> int:
+        state, count = bed.state, bed.constants.grains
+        masses, moments = bed.constants.masses, relative_moments(bed.constants)
+        add_grain_forces(law, cells, index, bed, time)
+        if not _sort_grains_into_cells(cells, law.pair_reach, state, count):
+            return 1
+        for i in range(count):
+            first = make_grain(state, masses, moments, i)
+            for k in range(_count_partners(cells, law.pair_reach, state, i, count)):
+                j = _partner_index(cells, i, k)
+                dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
+                r = math.sqrt(dx * dx + dy * dy)
+                if r < law.pair_reach:
+                    ratio = force(law, r, first, make_grain(state, masses, moments, j)) / r
+                    state.fx[i] += ratio * dx
+                    state.fy[i] += ratio * dy
+                    state.fx[j] -= ratio * dx
+                    state.fy[j] -= ratio * dy
+        return 0
+
+    @compiled(inline=True)
+    def measure_energy_and_stiffness(
+        law: Any, cells: CellList | None, index: int, bed: Bed, time: float, slopes: Array, energies: Array
+    ) -> int:
+        state, count, total = bed.state, bed.constants.grains, 0.0
+        masses, moments = bed.constants.masses, relative_moments(bed.constants)
+        measure_grains(law, cells, index, bed, time, slopes, energies)
+        if not _sort_grains_into_cells(cells, law.pair_reach, state, count):
+            energies[index] = math.nan
+            return 0
+        for i in range(count):
+            first = make_grain(state, masses, moments, i)
+            for k in range(_count_partners(cells, law.pair_reach, state, i, count)):
+                j = _partner_index(cells, i, k)
+                dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
+                r = math.sqrt(dx * dx + dy * dy)
+                if r < law.pair_reach:
+                    second = make_grain(state, masses, moments, j)
+                    total += energy(law, r, first, second)
+                    # Twice: Gershgorin's row sum has the pair's block on the diagonal and beside it.
+                    slope = 2.0 * abs(stiffness(law, r, first, second))
+                    slopes[i] += slope / first.mass
+                    slopes[j] += slope / second.mass
+        energies[index] += total
+        return 0
+
+    return {hook.__name__: hook for hook in (add_forces, measure_energy_and_stiffness)}
+
+
+NEAREST, FARTHEST = 1e-4, 1e3
+"""Distances [D] between which a grain's turning point is looked for."""
+
+
+class OwnWallLaw(OwnLaw):
+    """Base of the laws of own walls: three of their hooks are the user's functions."""
+
+    @staticmethod
+    def hook_names(names: tuple[str, ...]) -> tuple[str, ...]:
+        """Names of the hooks."""
+        return (*names, "turning_point_stiffness")
+
+    @staticmethod
+    def make_hooks(user: Functions) -> Functions:
+        """Make the hooks, of kernels by the names of the user's functions."""
+        energy, stiffness = user["energy"], user["stiffness"]
+
+        @compiled
+        def turning_point_stiffness(law: Any, speed: float) -> float:
+            near, far = math.log(NEAREST), math.log(FARTHEST)
+            # log(1e3/1e-4)/2^60 is below the rounding of the logarithm.
+            for _ in range(60):
+                middle = 0.5 * (near + far)
+                if energy(law, math.exp(middle)) > 0.5 * speed * speed:
+                    near = middle
+                else:
+                    far = middle
+            return abs(stiffness(law, math.exp(near)))
+
+        return {**user, "turning_point_stiffness": turning_point_stiffness}
