@@ -68,7 +68,8 @@ class EnergyFormula(SectionWithFormula, OwnPart):
     @property
     def definition(self) -> Definition:
         """The derived functions; the same ones for the same text."""
-        return _make_definition(type(self), self.energy, tuple(name for name, _ in self.values))
+        kind: Any = type(self)
+        return _make_definition(kind, self.energy, tuple(name for name, _ in self.values))
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:

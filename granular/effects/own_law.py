@@ -31,7 +31,7 @@ from granular.shared.message_text import one_line
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-Functions = Mapping[str, Callable[..., Any]]
+Functions = Mapping[str, Any]
 
 
 class Grain(NamedTuple):
@@ -210,7 +210,7 @@ class OwnEffectLaw(OwnLaw):
     def make_hooks(user: Functions) -> Functions:
         """Make the hooks, of kernels by the names of the user's functions."""
         hooks = _make_grain_hooks(user)
-        return hooks | _make_pair_hooks(user, hooks) if "pair_force" in user else hooks
+        return {**hooks, **_make_pair_hooks(user, hooks)} if "pair_force" in user else hooks
 
     def workspace(self: Any, size: int, count: int) -> CellList | None:
         """Make cells for the search of grains within reach."""
@@ -278,7 +278,7 @@ def _make_grain_hooks(user: Functions) -> Functions:
         state.ledger[LOSSES + index] += lost
         return 0
 
-    hooks = {
+    hooks: dict[str, Any] = {
         "force": add_forces,
         "energy": measure_energy_and_stiffness,
         "power": record_external_work,

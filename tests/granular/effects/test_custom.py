@@ -299,6 +299,21 @@ def test_what_does_not_compile_is_told_in_a_line() -> None:
     assert "\n" not in str(told.value)
 
 
+def test_a_wall_law_that_does_not_compile_is_told_in_a_line() -> None:
+    def mixed(p: Any, w: float) -> Any:
+        return SCALES.one * p.k / w**3
+
+    functions = {"energy": lambda p, w: 0.5 * p.k / w**2, "force": mixed, "stiffness": mixed}
+    content: dict[str, Any] = {name: staticmethod(one) for name, one in functions.items()}
+    content |= {"__annotations__": {"k": "float"}, "k": quantity("N/m", default=1.0)}
+    wall_law(type("MixedWall", (), content))
+    walls = {"left": {"law": "mixed_wall"}, "right": None, "bottom": None, "top": None}
+    scene = load_scene("single-particle").replace(effects={"walls": walls})
+    with pytest.raises(InputError, match="wall law 'mixed_wall': 'force' does not compile") as told:
+        evaluate(scene, np.array([[0.05, 0.05]]))
+    assert "\n" not in str(told.value)
+
+
 def test_an_installed_package_brings_effects(installed: Callable[..., None]) -> None:
     source = FILE.format(factor=2.0, name="BenchSpring")
     installed("effects", source, {"bench_spring": "BenchSpring", "gone_spring": "Gone"})
