@@ -378,7 +378,8 @@ def draw_new_scenes(seed: int) -> list[Drawn]:
     """Draw periodic scenes with contact and own pair laws, each of them by each sum."""
     random, scenes = np.random.default_rng(seed), []
     for name, method in itertools.product(SOON, ("direct", "cut-off", "mesh")):
-        features = draw_features(random, frozenset((name, method, "periodic")), (*WITH_IMAGES, *SOON))
+        others = (name,) if name == "contact" else SOON
+        features = draw_features(random, frozenset((name, method, "periodic")), (*WITH_IMAGES, *others))
         scenes.append(Drawn(features, 100 + len(scenes)))
     return scenes
 

@@ -1,0 +1,157 @@
+"""Second order by slope with all that dissipates, and the same bits where near pairs are listed again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+
+from granular import Scene, simulate
+from granular.effects.registry import all_effects
+from granular.shared.errors import InputError
+from tests.plain_python.test_every_effect import EXAMPLES, NAMES, STEP, small
+from tests.plain_python.test_pair_law_tails import FORMULA
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::RuntimeWarning"),
+    pytest.mark.filterwarnings("ignore:two grains came as close"),
+    pytest.mark.filterwarnings("ignore:the energy ledger"),
+]
+
+DASHPOT = {
+    "mount": "cell",
+    "bodies": [{"mass": "0.1 kg", "stiffness": "400 N/m", "damping": "200 kg/s"}],
+    "excitation": {"kind": "sine", "force": "20 N", "frequency": "300 Hz"},
+}
+DISSIPATIVE: dict[str, dict[str, Any]] = {
+    "contact": {},
+    "drag": {"effects.drag": {"coefficient": "1 kg/s"}},
+    "friction": {"effects.friction": {"load": "20 mN"}, "arrangement.speed": "150 D/s"},
+    "friction with drag": {
+        "effects.friction": {"load": "20 mN"},
+        "arrangement.speed": "150 D/s",
+        "effects.drag": {"coefficient": "1 kg/s"},
+    },
+    "wall_friction": {"effects.wall_friction": {"coefficient": 0.3}, "arrangement.speed": "150 D/s"},
+    "eddy": {"effects.eddy": EXAMPLES["eddy"] | {"mutual": False}},
+    "mutual eddy": {"effects.eddy": EXAMPLES["eddy"] | {"mutual": True}},
+    "mud": {"effects.mud": {"gamma": "1 kg/s"}},
+    "oil": {"effects.oil": {"drag": "1 kg/s"}},
+    "host": {"effects.host": DASHPOT},
+    "drag of the piston": {"piston.mass": "20 g", "piston.drag": "10 kg/s"},
+    "friction of the piston": {"piston.mass": "20 g", "piston.friction": "0.5 N"},
+}
+"""So strong that each takes a visible part of the energy within a few steps."""
+
+
+def dissipating(name: str) -> Scene:
+    """Nine grains that move, with a free piston where it is the part that takes energy."""
+    scene = small("walls", **DISSIPATIVE[name])
+    if name == "contact":  # of two grains, as long as the run
+        scene = with_touching_grains(scene.replace(**{"effects.contact": {"modulus": "5 MPa"}}), 0.92)
+    if "piston" in name:
+        scene = scene.replace(protocol=[{"name": "rise", "kind": "free", "duration": 1.0}])
+    return scene
+
+
+def with_touching_grains(scene: Scene, near: float) -> Scene:
+    """Scene whose second grain is so near to the first, over the distance at which they touch."""
+    start, velocities = scene.initial_positions_and_velocities()
+    way = start[1] - start[0]
+    start[1] = start[0] + near * scene.grains.diameters()[:2].mean() * way / np.hypot(*way)
+    return scene.replace(arrangement={"positions": start.tolist(), "velocities": velocities.tolist()})
+
+
+@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
+def test_every_effect_that_damps_is_in_the_table() -> None:
+    """But for a bath, which kicks: its order is one of averages, in test_bath_order."""
+    named = {
+        key.split(".")[1] for changes in DISSIPATIVE.values() for key in changes if key[:8] == "effects."
+    }
+    damping = {name for name in NAMES if all_effects()[name].loss_record is not None}
+    assert damping - named - {"contact", "bath"} == set()
+
+
+@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
+@pytest.mark.parametrize("name", DISSIPATIVE)
+def test_places_are_of_second_order_with_what_dissipates(name: str) -> None:
+    scene = dissipating(name)
+    end = (2 if name == "contact" else 8) * STEP
+    runs = [simulate(scene, dt=STEP / k, t_end=end, progress=False) for k in (2, 4, 8)]
+    losses = [str(one) for one in runs[0].dataset if str(one).endswith("_loss")]
+    lost = sum(float(runs[0].dataset[one].values[-1]) for one in losses)
+    assert lost > 1e-4 * float(runs[0].dataset["kinetic_energy"].values[0])
+    ends = [
+        np.append(run.dataset["position"].values[-1], run.dataset["velocity"].values[-1] * 1e-3)
+        for run in runs
+    ]
+    coarse, fine = (float(np.linalg.norm(ends[k] - ends[k + 1])) for k in (0, 1))
+    assert np.log2(coarse / fine) == pytest.approx(2.0, abs=0.02)
+
+
+BIG_CELL = {"cell": {"width": "12 D", "height": "11 D", "sides": "periodic"}, "piston": "none"}
+TOUCHING = {"effects.contact": {"modulus": "500 MPa", "restitution": 0.5}, "arrangement.speed": "600 D/s"}
+DISCS = {"grains.magnets": "cylinders", "grains.spread": 0.05}
+PAIR_LAW = {"energy": "a*q1*q2*exp(-r/l)", "a": "30 uJ", "l": "3 mm", "reach": "3 D"}
+PERIODIC: dict[str, Any] = BIG_CELL | {"grains.count": 30, "arrangement.height": None}
+RESUMED: dict[str, dict[str, Any]] = {
+    "own pair law": {"effects.bumpers": {"k": "20 N/m", "end": "2 D"}, "arrangement.speed": "600 D/s"},
+    "formula pair law": {"effects.pair_law": [PAIR_LAW], "arrangement.speed": "600 D/s"},
+    "discs by mesh": {"pairs.method": "mesh", **DISCS, **TOUCHING},
+    "discs by cut-off": {"pairs": {"method": "cut-off", "cut_off": "5 D"}, **DISCS, **TOUCHING},
+    "contact, periodic": PERIODIC | {"effects": {"dipole": True}} | TOUCHING,
+    "contact and discs, periodic": PERIODIC | {"effects": {"dipole": True}} | DISCS | TOUCHING,
+    "own pair law, periodic": PERIODIC
+    | {"effects": {"dipole": True, "bumpers": {"k": "20 N/m", "end": "2 D"}}, "arrangement.speed": "600 D/s"},
+    "formula pair law, periodic": PERIODIC
+    | {"effects": {"dipole": True, "pair_law": [PAIR_LAW]}, "arrangement.speed": "600 D/s"},
+    "pair law with a tail by mesh": {
+        "effects.dipole": None,
+        "effects.pair_law": [FORMULA],
+        "pairs.method": "mesh",
+        "arrangement.speed": "600 D/s",
+    },
+}
+"""Grains so fast that lists of near pairs are made again before and behind the pause."""
+TIME = 24 * STEP
+
+
+def check_bits(name: str, out: Path) -> None:
+    """Check that a run in three parts, and one on two threads, have the bits of one in a piece."""
+    try:
+        scene = small("walls", **RESUMED[name])
+    except InputError as refusal:
+        if "cell with periodic sides" not in str(refusal) and "tail" not in str(refusal):
+            raise
+        if not numba.config.DISABLE_JIT:  # in plain Python nothing may be skipped
+            pytest.skip(str(refusal))
+        return
+    if scene.effects.contact is not None:
+        scene = with_touching_grains(scene, 0.99)
+    whole = simulate(scene, dt=STEP / 4, t_end=TIME, progress=False)
+    moved = whole.dataset["position"].values[-1] - scene.initial_positions_and_velocities()[0]
+    assert np.abs(moved).max() > 0.5 * scene.grains.species[0].diameter
+    if scene.effects.contact is not None:
+        assert float(whole.dataset["contact_loss"].values[-1]) > 0.0
+    for end in (0.3 * TIME, 0.7 * TIME, TIME):
+        parts = simulate(scene, dt=STEP / 4, t_end=end, out=out, resume=True, progress=False)
+    assert parts.dataset.equals(whole.dataset)
+    two = simulate(scene, dt=STEP / 4, t_end=TIME, threads=2, progress=False)
+    assert two.dataset.equals(whole.dataset)
+
+
+if numba.config.DISABLE_JIT:
+
+    @pytest.mark.parametrize("name", RESUMED)
+    def test_near_pairs_that_are_listed_again_keep_the_bits(name: str, tmp_path: Path) -> None:
+        check_bits(name, tmp_path)
+
+else:
+
+    @pytest.mark.long
+    @pytest.mark.parametrize("name", RESUMED)
+    def test_compiled_near_pairs_that_are_listed_again_keep_the_bits(name: str, tmp_path: Path) -> None:
+        check_bits(name, tmp_path)
