@@ -7,13 +7,24 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 import os
+import pickle
 import threading
 from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from granular.shared.cache_files import toolkit_cache_folder, trusted_cache_folder
+import numpy as np
+from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
+
+from granular.shared.cache_files import (
+    read_sealed_file,
+    toolkit_cache_folder,
+    trusted_cache_folder,
+    write_sealed_file,
+)
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote, sanitize
 from granular.shared.stop_signals import defer_stop_signals
@@ -77,17 +88,59 @@ def jax_call() -> Iterator[None]:
         _within.call = False
 
 
-def jit(function: Callable[P, T]) -> Callable[P, T]:
-    """Compile a function by JAX, to be called by `jax_call`."""
+def jit(function: Callable[P, T], form: object = None) -> Callable[P, T]:
+    """Compile a function by JAX, to be called by `jax_call`; with a form, which names it, kept on disk."""
     compiled = jax.jit(function)
+    label = f"{function.__module__}.{function.__qualname__} {form!r}"
+    programs: dict[Any, Callable[P, T]] = {}
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
         with jax_call():
-            result: T = compiled(*args, **kwargs)
-            return result
+            leaves, tree = jax.tree.flatten((args, kwargs))
+            if form is None or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+                result: T = compiled(*args, **kwargs)
+                return result
+            types = tree, *((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves)
+            if types not in programs:
+                programs[types] = _load_or_compile(f"{label} {types}", compiled, args, kwargs)
+            return programs[types](*args, **kwargs)
 
     return call
+
+
+def _load_or_compile(label: str, compiled: Any, args: Any, kwargs: Any) -> Any:
+    """Read a program for arguments of these types from its file; else compile it, and write the file."""
+    # JAX's own cache finds compiled code only after tracing, which takes longer than to load it.
+    from jax.experimental.serialize_executable import deserialize_and_load, serialize
+
+    if _folder is None or jax.default_backend() != "cpu":
+        return compiled
+    label += _digest_of_surroundings()
+    path = _folder / f"{hashlib.sha256(label.encode()).hexdigest()}.program"
+    body = read_sealed_file(path, label)
+    if body is not None:
+        return deserialize_and_load(*pickle.loads(body))
+    lowered = compiled.lower(*args, **kwargs)
+    result = lowered.compile()
+    # What calls a library, as LAPACK, crashes where tracing has not registered that.
+    if "custom_call" not in lowered.as_text():
+        with contextlib.suppress(OSError):  # a full disk costs time only
+            write_sealed_file(path, label, pickle.dumps(serialize(result)))
+    return result
+
+
+@functools.cache
+def _digest_of_surroundings() -> str:
+    """Digest of all that a program depends on but its form: sources, versions, processor and settings."""
+    digest = hashlib.sha256(f"{get_host_cpu_name()} {get_host_cpu_features().flatten()}".encode())
+    versions = [version(name) for name in ("jax", "jaxlib", "diffrax", "equinox", "optimistix", "sympy")]
+    digest.update(f"{versions} {os.environ.get('XLA_FLAGS')} {jax.config.values}".encode())
+    package = Path(__file__).parent
+    for folder in (package, package.parent / "granular" / "formulas"):
+        for path in sorted(folder.rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 _set: Any = jax.config.update

@@ -218,7 +218,7 @@ def _adaptive_solver(equation: str, budget: int) -> Callable[..., tuple[jax.Arra
         reached = (reached & jnp.isfinite(z)) | complete
         return jnp.where(reached, z, jnp.nan), jnp.where(reached, v, jnp.nan), complete, blown_up
 
-    return jit(solve)
+    return jit(solve, (equation, budget))
 
 
 def solve_law(
@@ -295,7 +295,7 @@ def _fixed_step_solver(equation: str, inputs: tuple[str, ...]) -> Callable[..., 
 
         return jax.lax.scan(interval, jnp.stack(start), (length, cubics))[1]
 
-    return jit(solve)
+    return jit(solve, (equation, inputs))
 
 
 def _driven_solution(

@@ -143,7 +143,7 @@ def _rates_and_slopes(
     def both(*arguments: Any) -> Any:
         return rates(*arguments), jax.jacfwd(rates, (0, 2))(*arguments)
 
-    now, slopes = jit(jax.vmap(both, (0, 0, None)))(states, drive, values)
+    now, slopes = jit(jax.vmap(both, (0, 0, None)), (equation, inputs))(states, drive, values)
     return states, np.asarray(now), np.asarray(slopes[0]), np.asarray(slopes[1])
 
 

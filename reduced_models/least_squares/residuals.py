@@ -191,7 +191,7 @@ def _compile_residuals(
         "linear": linear,
         "residual": residual,
     }
-    return jit(functions[kind])
+    return jit(functions[kind], (equation, inputs, logarithmic, fits_map, sensor))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

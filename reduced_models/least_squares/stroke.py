@@ -131,4 +131,4 @@ def force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]
 @functools.lru_cache(maxsize=PROGRAMS)
 def compiled_force_function(equation: str, inputs: tuple[str, ...]) -> Callable[..., Any]:
     """Compile `force_function`, once for each equation."""
-    return jit(force_function(equation, inputs))
+    return jit(force_function(equation, inputs), (equation, inputs))
