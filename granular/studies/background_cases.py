@@ -67,19 +67,23 @@ class BackgroundCaseRunner:
     def wait_for_outcomes(
         self, started: Sequence[BackgroundCase], title: str, progress: bool
     ) -> list[Outcome]:
-        """Wait for cases, and return their outcomes; those whose process died are tried again."""
+        """Wait for cases, and compute the last ones; those whose process died are tried again."""
         waiting = {entry.future for entry in started}
         done = {future for future in waiting if future.done()}
+        outcomes: dict[str, Outcome] = {}
         with progress_bar(
             wanted=progress, total=len(started), initial=len(done), desc=title, unit="run"
         ) as bar:
+            for entry in reversed(started):
+                if self._own is not None and entry.future.cancel():
+                    outcomes[entry.case.key] = compute_case(entry.case, self._measure, None, False)
+                    waiting.remove(entry.future)
+                    bar.update()
             for _ in concurrent.futures.as_completed(waiting - done):
                 bar.update()
-        outcomes = {
-            entry.case.key: outcome
-            for entry in started
-            if (outcome := future_outcome(entry.future)) is not None
-        }
+        for entry in started:
+            if entry.future in waiting and (outcome := future_outcome(entry.future)) is not None:
+                outcomes[entry.case.key] = outcome
         lost = [entry.case for entry in started if entry.case.key not in outcomes]
         for case, outcome in compute_outcomes_with_retries(lost, self._measure, None, False, self._pool()):
             outcomes[case.key] = outcome

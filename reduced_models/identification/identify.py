@@ -36,12 +36,7 @@ from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.measured_swing import MeasuredSwing, measure_swing
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
-from reduced_models.identification.scene_checks import (
-    SceneChecks,
-    add_check_errors,
-    end_time_of_open_run,
-    piston_record_columns,
-)
+from reduced_models.identification.scene_checks import SceneChecks, add_check_errors, end_time_of_open_run
 from reduced_models.identification.wells import well_quantities
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.law import Law
@@ -49,6 +44,7 @@ from reduced_models.least_squares.levenberg_marquardt import spent_budget_text, 
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.models.quantities import QuantityWithError
+from reduced_models.records.checked_motions import piston_record_columns
 from reduced_models.records.sensor_artefacts import keep_text, spike_mask, with_note, without_clipped_samples
 from reduced_models.records.sources import (
     METHOD,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
@@ -16,6 +15,7 @@ from reduced_models.identification.measured_swing import MeasuredSwing, quantiti
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.models.quantities import QuantityWithError, add_step_and_start_errors
+from reduced_models.records.checked_motions import FALL, RECORD
 from reduced_models.records.first_guesses import first_guesses
 
 if TYPE_CHECKING:
@@ -36,8 +36,6 @@ FEWEST = 100
 """Samples of a fall."""
 STARTS = 8
 """Starts of each fit: a fall is without noise, few starts find it, and the scene says where to begin."""
-RECORD, FALL = "record", "fall"
-"""Names of what `piston_record_columns` gives."""
 TITLE = "checks of step, random starts, lift and falls"
 _STILL = 0.05  # of the drop: what falls less far is a nudge
 
@@ -131,21 +129,6 @@ class SceneChecks:
             falls=scores,
             failures=tuple(failures),
         )
-
-
-def piston_record_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Piston's record of a run, and of its first stage if that is a free motion, as columns [s, m]."""
-    from granular.protocol.free_piston_stages import Free
-
-    motions = {RECORD: run.piston()}
-    first = run.scene.protocol[0]
-    if isinstance(first, Free) and first.name != run.scene.output.record:
-        with contextlib.suppress(RecordError):
-            motions[FALL] = run.piston(first.name)
-    return {
-        name: {column: values.tolist() for column, values in motion.columns.items()}
-        for name, motion in motions.items()
-    }
 
 
 def _records_of_case(
