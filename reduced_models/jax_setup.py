@@ -32,6 +32,8 @@ from granular.shared.stop_signals import defer_stop_signals
 with defer_stop_signals():  # broken off, the import of JAX's C++ ended in a segmentation fault
     import diffrax  # noqa: F401
     import jax
+    from jax.experimental.compilation_cache.compilation_cache import reset_cache
+    from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
 _VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 
@@ -112,8 +114,6 @@ def jit(function: Callable[P, T], form: object = None) -> Callable[P, T]:
 def _load_or_compile(label: str, compiled: Any, args: Any, kwargs: Any) -> Any:
     """Read a program for arguments of these types from its file; else compile it, and write the file."""
     # JAX's own cache finds compiled code only after tracing, which takes longer than to load it.
-    from jax.experimental.serialize_executable import deserialize_and_load, serialize
-
     if _folder is None or jax.default_backend() != "cpu":
         return compiled
     label += _digest_of_surroundings()
@@ -122,12 +122,25 @@ def _load_or_compile(label: str, compiled: Any, args: Any, kwargs: Any) -> Any:
     if body is not None:
         return deserialize_and_load(*pickle.loads(body))
     lowered = compiled.lower(*args, **kwargs)
-    result = lowered.compile()
+    with _without_jax_cache():
+        result = lowered.compile()
     # What calls a library, as LAPACK, crashes where tracing has not registered that.
     if "custom_call" not in lowered.as_text():
         with contextlib.suppress(OSError):  # a full disk costs time only
             write_sealed_file(path, label, pickle.dumps(serialize(result)))
     return result
+
+
+@contextlib.contextmanager
+def _without_jax_cache() -> Iterator[None]:
+    """Compile afresh: a program that JAX has read from its cache, written again, lacks functions."""
+    try:
+        _set("jax_enable_compilation_cache", False)
+        reset_cache()  # or what was set first would hold
+        yield
+    finally:
+        _set("jax_enable_compilation_cache", True)
+        reset_cache()
 
 
 @functools.cache

@@ -9,7 +9,9 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -124,3 +126,37 @@ def test_a_device_that_is_not_there_is_said_in_one_line(
     assert done.returncode == 2
     assert done.stderr.startswith(f"error: JAX_PLATFORMS = {platform!r}, which JAX cannot use here")
     assert done.stderr.count("\n") == 1
+
+
+def test_a_kept_program_is_loaded_without_tracing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is damaged, is named otherwise, takes other types or calls LAPACK is traced."""
+    from reduced_models import jax_setup
+
+    monkeypatch.setattr(jax_setup, "_folder", tmp_path)
+    traced = []
+
+    def fresh(form: str, x: Any) -> Any:
+        def double(x: Any) -> Any:
+            traced.append(x)
+            return 2.0 * x
+
+        return jax_setup.jit(double, form)(x)
+
+    assert fresh("a", 3.0) == fresh("a", 4.0) - 2.0 == 6.0
+    assert len(traced) == 1
+    assert fresh("b", 3.0) == 6.0
+    assert fresh("a", np.array([3.0])).tolist() == [6.0]
+    assert len(traced) == 3
+    for path in tmp_path.iterdir():
+        path.write_bytes(path.read_bytes()[:-1])
+    assert fresh("a", 5.0) == 10.0
+    assert len(traced) == 4
+
+    for _ in range(2):
+
+        def root(matrix: Any) -> Any:
+            traced.append(matrix)
+            return jax_setup.jax.numpy.linalg.cholesky(matrix)
+
+        assert jax_setup.jit(root, "root")(4.0 * np.eye(2))[0, 0] == 2.0
+    assert len(traced) == 6
