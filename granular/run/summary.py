@@ -47,8 +47,8 @@ def active_effect_names(scene: Scene) -> tuple[str, ...]:
 
 def custom_code_digests(scene: Scene) -> list[str]:
     """Digests of a user's own functions in a scene, and of what is derived from formulas."""
-    own = [part.user_code_digests for part in (*scene.effects.in_loop_order, *scene.protocol)]
-    return sorted(digest for sources in own for digest in sources)
+    parts: list[Any] = [*scene.effects.in_loop_order, *scene.protocol]
+    return sorted(digest for part in parts for digest in part.user_code_digests)
 
 
 def scene_text(scene: Scene) -> str:

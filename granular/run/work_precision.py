@@ -9,6 +9,7 @@ random start.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -18,9 +19,10 @@ from granular.methods.registry import method_named
 from granular.run.summary import active_effect_names, custom_code_digests
 from granular.scene.scene import Scene
 from granular.shared.cache_files import toolkit_cache_folder
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, StoreError
 from granular.shared.files import parse_toml
 from granular.shared.result_cache import ResultCache, digest
+from granular.shared.version import __version__
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -179,7 +181,7 @@ def _measurement_key(scene: Scene, quantity: str, t_end: float | None) -> str:
     """Key of a measured quantity of a scene until a time [s], the same for any random start."""
     plain = scene.to_plain() | {"name": None}
     plain["arrangement"] = {**plain["arrangement"], "seed": None}
-    return digest([plain, custom_code_digests(scene), quantity, t_end], 20)
+    return digest([plain, custom_code_digests(scene), quantity, t_end, __version__], 20)
 
 
 def keep_measured_scene(
@@ -187,9 +189,13 @@ def keep_measured_scene(
 ) -> None:
     """Keep what was measured of a quantity of a scene until a time [s] in the table of the user's own."""
     table = user_table()
-    if table is not None:
-        entries = [entry._asdict() for entry in measured.entries]
+    if table is None:
+        return
+    entries = [entry._asdict() for entry in measured.entries]
+    try:
         table.keep(_measurement_key(scene, quantity, t_end), measured._asdict() | {"entries": entries})
+    except StoreError as error:
+        warnings.warn(f"what was measured is not kept: {error}", stacklevel=2)
 
 
 def measured_scenes(scene: Scene, quantity: str, t_end: float | None = None) -> list[SceneWorkPrecision]:

@@ -14,6 +14,7 @@ from numba.core.compiler_lock import global_compiler_lock
 import granular.run.engines
 import granular.run.simulation
 from granular import Scene, damper, load_scene, plan, simulate
+from granular.run import work_precision
 from granular.run.plan import MESH_PAYS_FROM, SCATTER, parse_accuracy, parse_time_step
 from granular.run.summary import run_text
 from granular.run.work_precision import (
@@ -27,6 +28,7 @@ from granular.run.work_precision import (
     work_precision_text,
 )
 from granular.shared.errors import InputError
+from granular.shared.result_cache import ResultCache
 
 
 def of_table(one: SceneWorkPrecision) -> Scene:
@@ -124,6 +126,15 @@ def test_what_the_user_has_measured_is_looked_up_after_the_package_s_table(bed: 
     keep_measured_scene(bed, "piston force", None, own)
     assert plan(bed, accuracy="5 % piston force").words.endswith(" starts, 2026-11-22)")
     assert plan(bed, accuracy="2e-3 piston force").words.endswith("(mine, 4 starts, 2026-11-28)")
+
+
+def test_a_table_that_cannot_be_written_costs_no_measurement(
+    bed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(work_precision, "user_table", lambda: ResultCache(tmp_path / "file"))
+    with pytest.warns(UserWarning, match=r"what was measured is not kept: .*file"):
+        keep_measured_scene(bed, "energy", None, load_work_precision_scenes()[0])
 
 
 def test_a_mesh_gives_way_to_the_direct_sum_where_it_would_be_felt(bed: Scene) -> None:
