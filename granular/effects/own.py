@@ -64,6 +64,7 @@ edited one is compiled anew.
 from __future__ import annotations
 
 import dataclasses
+import re
 import types as python_types
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
@@ -356,5 +357,4 @@ def is_built_in(made: type) -> bool:
 
 def scene_key_of_class(user_class: type) -> str:
     """Name of a class in scenes: ``LeafSpring`` is ``leaf_spring``."""
-    words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in user_class.__name__)
-    return words.lstrip("_")
+    return re.sub("(?=[A-Z])", "_", user_class.__name__).lower().lstrip("_")

@@ -88,16 +88,14 @@ class Wall(Section):
         plain = {"law": plain} if isinstance(plain, str) else plain
         if not isinstance(plain, Mapping) or "own" in plain:
             return super().from_plain(plain, diameter)
-        given = {name: value for name, value in plain.items() if name != "law"}
         law = plain.get("law", FORMULA if "energy" in plain else None)
-        if law == FORMULA:
-            return cls(law=FORMULA, own=WallFormula.from_plain(given, diameter))
-        own = find_wall_law(law) if isinstance(law, str) and law not in LAWS else None
-        if own is not None:
-            return cls(law=law, own=own.from_plain(given, diameter))
-        if isinstance(law, str) and law not in LAWS:
+        if not isinstance(law, str) or law in LAWS:
+            return super().from_plain(plain, diameter)
+        own = WallFormula if law == FORMULA else find_wall_law(law)
+        if own is None:
             raise FieldError(unknown_word_message(law, (*LAWS, FORMULA, *WALL_LAWS), "law of a wall"))
-        return super().from_plain(plain, diameter)
+        given = {name: value for name, value in plain.items() if name != "law"}
+        return cls(law=law, own=own.from_plain(given, diameter))
 
     def to_plain(self) -> dict[str, Any]:
         """Wall as a table with its law's keys; `from_plain` makes an equal wall of it."""
