@@ -7,26 +7,26 @@ to call a kernel takes about a sixth of the time of compiling it, so most kernel
 from __future__ import annotations
 
 import functools
-import os
 from collections.abc import Callable
 from typing import Any, NoReturn, TypeVar, overload
 
 import numba
 import numpy as np
-from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
+from granular.compiled.numba_insides import insides_are_usable
 from granular.compiled.source_digest import PACKAGE
 
-PLAIN = os.environ.get("GRANULAR_PLAIN_NUMBA", "") not in ("", "0")
-"""Switch to compile kernels by Numba's own ``njit``, without anything of `kernel_linking`, `by_reference`
-and `kernel_cache`: slower at each start, and of use where a new version of Numba has moved its insides."""
-if PLAIN:
-    InnerCompiler = EntryCompiler = Compiler
-else:
-    from granular.compiled.kernel_cache import KernelCache
+_INNER: dict[str, Any] = {}
+_ENTRY: dict[str, Any] = {}
+if insides_are_usable():
+    from granular.compiled.kernel_cache import cache_kernel
     from granular.compiled.kernel_linking import EntryCompiler, InnerCompiler
+
+    _INNER, _ENTRY = {"pipeline_class": InnerCompiler}, {"pipeline_class": EntryCompiler}
+else:
+    from granular.compiled.cache_folder import cache_kernel_by_numba as cache_kernel
 
 __all__ = ["Array", "compiled", "entry"]
 
@@ -78,8 +78,8 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
         return functools.partial(compiled, parallel=parallel, inline=inline)
     bare = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     # Code on threads is reached by its address, so it stands by itself.
-    compiler = Compiler if parallel else InnerCompiler
-    kernel = _compile_kernel(function, compiler, parallel=parallel, forceinline=inline, **bare)
+    pipeline = {} if parallel else _INNER
+    kernel = _compile_kernel(function, parallel=parallel, forceinline=inline, **bare, **pipeline)
     if isinstance(kernel, CPUDispatcher):  # a plain function where compiling is switched off
         kernel.__class__ = InnerKernel
     return kernel
@@ -107,17 +107,14 @@ def entry(function: Any = None, *, inline: bool = False) -> Any:
     if function is None:
         return functools.partial(entry, inline=inline)
     plain = getattr(function, "py_func", function)
-    return _compile_kernel(plain, EntryCompiler, forceinline=inline, no_cfunc_wrapper=True)
+    return _compile_kernel(plain, forceinline=inline, no_cfunc_wrapper=True, **_ENTRY)
 
 
-def _compile_kernel(function: Any, compiler: type[Compiler], **options: bool) -> Any:
+def _compile_kernel(function: Any, **options: Any) -> Any:
     # ``contract`` allows a b + c in one rounding and nothing else: with reordered sums one thread and several
     # would not have the same bits, and compensated sums would be lost.
-    kernel = numba.njit(
-        error_model="numpy", nogil=True, fastmath={"contract"}, pipeline_class=compiler, **options
-    )(function)
+    kernel = numba.njit(error_model="numpy", nogil=True, fastmath={"contract"}, **options)(function)
     # What stands elsewhere is not in the digest of the sources, and is compiled in every process.
-    own = function.__module__.startswith(f"{PACKAGE.name}.")
-    if own and not PLAIN and isinstance(kernel, CPUDispatcher):
-        kernel._cache = KernelCache(function, kernel.targetoptions)
+    if function.__module__.startswith(f"{PACKAGE.name}.") and isinstance(kernel, CPUDispatcher):
+        cache_kernel(kernel)
     return kernel

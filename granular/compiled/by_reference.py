@@ -9,7 +9,7 @@ its fields as before; a field that is a named tuple is read by reference, too.
 from __future__ import annotations
 
 import hashlib
-from typing import Any, TypeVar
+from typing import Any
 
 import numba
 from llvmlite import ir
@@ -18,10 +18,6 @@ from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import intrinsic, lower_getattr_generic, models, register_model
-
-from granular.compiled import PLAIN
-
-T = TypeVar("T")
 
 
 class ReferenceType(types.Type):
@@ -120,9 +116,5 @@ def _pass_by_reference(typing: Any, total: Any) -> Any:
     return ReferenceType(total)(total), generate
 
 
-def _return_unchanged(total: T) -> T:
-    return total
-
-
-by_reference: Any = numba.njit(_return_unchanged) if PLAIN or numba.config.DISABLE_JIT else _pass_by_reference
+by_reference: Any = (lambda total: total) if numba.config.DISABLE_JIT else _pass_by_reference
 """The address of a named tuple, good until the kernel returns; of anything else, that itself."""

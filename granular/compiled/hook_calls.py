@@ -9,7 +9,9 @@ chosen at every call.
 
 from __future__ import annotations
 
+import functools
 import inspect
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -32,55 +34,45 @@ OPTIONS: dict[str, Any] = {
 
 def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:
     """Make a kernel ``(laws, workspaces, *rest)`` that adds up what a hook of each law returns."""
-
-    def call(laws: Any, workspaces: Any, *others: Any) -> Any:
-        result = [
-            getattr(laws[index], hook)(laws[index], workspaces[index], index, *others)
-            for index in _indices_of_laws_with_hook(hook, map(type, laws), backward)
-        ]
-        return sum(result[1:], start=result[0]) if result else empty
-
-    def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
-        indices = _indices_of_laws_with_hook(hook, _law_classes(laws), backward)
-        calls = [_resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
-        return _emit_unrolled_calls(calls, empty, _emit_sum, (laws, workspaces, *others))
-
-    return _make_intrinsic_wrapper(call, choose, f"laws workspaces {rest}")
+    return _call_hooks(hook, rest, slice(None, None, -1 if backward else 1), empty)
 
 
 def greatest_of_hooks(hook: str, rest: str) -> Kernel:
     """Make a kernel as of `sum_of_hooks`, for the greatest value; 0 where no law has the hook."""
-
-    def call(laws: Any, workspaces: Any, *others: Any) -> Any:
-        return max(
-            (
-                getattr(laws[index], hook)(laws[index], workspaces[index], index, *others)
-                for index in _indices_of_laws_with_hook(hook, map(type, laws))
-            ),
-            default=0.0,
-        )
-
-    def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
-        indices = _indices_of_laws_with_hook(hook, _law_classes(laws))
-        calls = [_resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
-        return _emit_unrolled_calls(calls, 0.0, _emit_maximum, (laws, workspaces, *others))
-
-    return _make_intrinsic_wrapper(call, choose, f"laws workspaces {rest}")
+    return _call_hooks(hook, rest, slice(None), 0.0, max, _emit_maximum)
 
 
 def call_last_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
     """Make a kernel that calls the hook of the last law that has it; without one ``otherwise(*rest)``."""
+    return _call_hooks(hook, rest, slice(-1, None), otherwise=otherwise)
+
+
+def _call_hooks(
+    hook: str,
+    rest: str,
+    called: slice,
+    empty: float = 0,
+    join: Kernel = operator.add,
+    emit_join: Kernel | None = None,
+    otherwise: Kernel | None = None,
+) -> Kernel:
+    """Make a kernel that calls a hook of some of the laws that have it, and joins what they return."""
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
-        for index in _indices_of_laws_with_hook(hook, map(type, laws), backward=True):
-            return getattr(laws[index], hook)(laws[index], workspaces[index], index, *others)
-        return otherwise(*others)
+        indices = [index for index, law in enumerate(laws) if hasattr(law, hook)][called]
+        if not indices:
+            return empty if otherwise is None else otherwise(*others)
+        results = (getattr(laws[k], hook)(laws[k], workspaces[k], k, *others) for k in indices)
+        return functools.reduce(join, results)
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
-        indices = _indices_of_laws_with_hook(hook, _law_classes(laws), backward=True)[:1]
-        calls = [_resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
-        calls = calls or [_resolve_kernel_call(context, otherwise, others, range(2, 2 + len(others)))]
-        return _emit_unrolled_calls(calls, 0, _emit_sum, (laws, workspaces, *others))
+        indices = [index for index, law in enumerate(laws.types) if hasattr(law.instance_class, hook)]
+        calls = [
+            _resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices[called]
+        ]
+        if not calls and otherwise is not None:
+            calls = [_resolve_kernel_call(context, otherwise, others, lambda *given: given[2][2:])]
+        return _emit_unrolled_calls(calls, empty, emit_join or _emit_sum, (laws, workspaces, *others))
 
     return _make_intrinsic_wrapper(call, choose, f"laws workspaces {rest}")
 
@@ -93,19 +85,10 @@ def call_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
 
     def choose(context: Any, law: Any, *others: Any) -> tuple[Signature, Kernel]:
         kernel = getattr(law.instance_class, hook, otherwise)
-        call_law = _resolve_kernel_call(context, kernel, (law, *others), range(1 + len(others)))
+        call_law = _resolve_kernel_call(context, kernel, (law, *others), lambda *given: given[2])
         return _emit_unrolled_calls([call_law], 0, _emit_sum, (law, *others))
 
     return _make_intrinsic_wrapper(call, choose, f"law {rest}")
-
-
-def _law_classes(laws: types.BaseTuple) -> list[type]:
-    return [law.instance_class for law in laws.types]
-
-
-def _indices_of_laws_with_hook(hook: str, classes: Any, backward: bool = False) -> list[int]:
-    indices = [index for index, kind in enumerate(classes) if hasattr(kind, hook)]
-    return indices[::-1] if backward else indices
 
 
 class _KernelCall(NamedTuple):
@@ -113,28 +96,25 @@ class _KernelCall(NamedTuple):
 
     kernel: Any
     sig: Signature
-    sources: Sequence[int | tuple[int, int]]
-    number: int | None
+    given: Sequence[Any]  # types of its arguments
+    take: Kernel  # (context, builder, values) -> arguments, of those of the calling kernel
 
 
-def _resolve_kernel_call(
-    context: Any,
-    kernel: Kernel,
-    given: Sequence[Any],
-    sources: Sequence[int | tuple[int, int]],
-    number: int | None = None,
-) -> _KernelCall:
+def _resolve_kernel_call(context: Any, kernel: Kernel, given: Sequence[Any], take: Kernel) -> _KernelCall:
     known = context.resolve_value_type(kernel)
-    return _KernelCall(known, known.get_call_type(context, tuple(given), {}), sources, number)
+    return _KernelCall(known, known.get_call_type(context, tuple(given), {}), given, take)
 
 
 def _resolve_hook_call(
     context: Any, hook: str, laws: Any, workspaces: Any, index: int, rest: Sequence[Any]
 ) -> _KernelCall:
+    def take(context: Any, builder: Any, values: Sequence[Any]) -> list[Any]:
+        own = [builder.extract_value(value, index) for value in values[:2]]
+        return [*own, context.get_constant(types.int64, index), *values[2:]]
+
     kernel = getattr(laws.types[index].instance_class, hook)
     given = (laws.types[index], workspaces.types[index], types.int64, *rest)
-    sources = ((0, index), (1, index), *range(2, 2 + len(rest)))
-    return _resolve_kernel_call(context, kernel, given, sources, index)
+    return _resolve_kernel_call(context, kernel, given, take)
 
 
 def _emit_sum(builder: Any, first: Any, second: Any) -> Any:
@@ -160,7 +140,7 @@ def _emit_unrolled_calls(
             return context.get_constant(none, empty)
         total = None
         for call in calls:
-            output = _emit_call(context, builder, call, values, given)
+            output = _emit_call(context, builder, call, values)
             if result == types.none:
                 total = context.get_dummy_value()
             else:
@@ -171,25 +151,16 @@ def _emit_unrolled_calls(
     return signature(result, *given), write
 
 
-def _emit_call(
-    context: Any, builder: Any, call: _KernelCall, values: Sequence[Any], given: Sequence[Any]
-) -> Any:
-    arguments = []
-    for source in call.sources:
-        if isinstance(source, tuple):
-            which, entry = source
-            arguments.append((builder.extract_value(values[which], entry), given[which].types[entry]))
-        else:
-            arguments.append((values[source], given[source]))
-    if call.number is not None:
-        arguments.insert(2, (context.get_constant(types.int64, call.number), types.int64))
-    cast = [
+def _emit_call(context: Any, builder: Any, call: _KernelCall, values: Sequence[Any]) -> Any:
+    arguments = [
         context.cast(builder, value, have, want)
-        for (value, have), want in zip(arguments, call.sig.args, strict=True)
+        for value, have, want in zip(
+            call.take(context, builder, values), call.given, call.sig.args, strict=True
+        )
     ]
     function = context.get_function(call.kernel, call.sig)
     context.add_linking_libs(getattr(function, "libs", ()))
-    return function(builder, cast)
+    return function(builder, arguments)
 
 
 def _make_intrinsic_wrapper(call: Kernel, choose: Any, names: str) -> Kernel:

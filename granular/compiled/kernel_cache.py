@@ -16,71 +16,21 @@ import contextlib
 import functools
 import hashlib
 import pickle
-import sys
 import time
-import warnings
 from pathlib import Path
 from typing import Any
 
-import llvmlite
 import numba
-from numba.core.caching import _Cache
+from numba.core.caching import NullCache
 from numba.core.serialize import dumps
 
+from granular.compiled.cache_folder import digest_of_sources, kernel_cache_folder, write_cache_file
 from granular.compiled.kernel_linking import rebuild_kernel
-from granular.compiled.source_digest import PACKAGE, digest_of_bytes, digest_of_syntax, read_compiled_sources
-from granular.shared.cache_files import (
-    read_sealed_file,
-    toolkit_cache_folder,
-    trusted_cache_folder,
-    write_sealed_file,
-)
+from granular.shared.cache_files import read_sealed_file
 from granular.shared.file_locks import lock_file
 
 ABANDONED = 86400.0
 """Age [s] from which a part of a file is nobody's any more."""
-
-
-@functools.cache
-def kernel_cache_folder() -> Path | None:
-    """Folder where kernels are kept: in ``NUMBA_CACHE_DIR``, or among the user's caches."""
-    here = hashlib.sha256(f"{PACKAGE} {sys.implementation.cache_tag}".encode()).hexdigest()
-    chosen = numba.config.CACHE_DIR
-    home = Path(chosen) if chosen else toolkit_cache_folder()
-    return trusted_cache_folder(home and home / f"kernels-{here[:16]}", "NUMBA_CACHE_DIR")
-
-
-@functools.cache
-def digest_of_sources() -> str:
-    """Digest of all that the code of kernels depends on, but for arguments and processor."""
-    versions = f"{sys.version} {numba.__version__} {llvmlite.__version__}"
-    return hashlib.sha256(f"{versions} {_load_or_compute_syntax_digest()}".encode()).hexdigest()
-
-
-def _load_or_compute_syntax_digest() -> str:
-    """Digest of the sources' syntax, kept with theirs: parsing takes a quarter of a second."""
-    files, folder = read_compiled_sources(), kernel_cache_folder()
-    if folder is None:
-        return digest_of_syntax(files)
-    known, label = folder / "source", digest_of_bytes(files)
-    sealed = read_sealed_file(known, label)
-    if sealed is not None:
-        return sealed.decode()
-    result = digest_of_syntax(files)
-    _write_cache_file(known, label, result.encode())
-    return result
-
-
-def _write_cache_file(path: Path, label: str, body: bytes) -> None:
-    try:
-        write_sealed_file(path, label, body)
-    except OSError as error:
-        _warn_once(f"{path.parent} cannot be written: {error.strerror}")
-
-
-@functools.cache
-def _warn_once(why: str) -> None:
-    warnings.warn(f"compiled code is not kept: {why}; the next start compiles anew", stacklevel=3)
 
 
 @functools.cache
@@ -128,18 +78,12 @@ def _release_claim(path: Path) -> None:
         _claims.pop(path).close()
 
 
-class KernelCache(_Cache):
+class KernelCache(NullCache):
     """The compiled forms of one kernel, as Numba asks for them."""
 
     def __init__(self, function: Any, options: dict[str, Any]) -> None:
         self.name = f"{function.__module__}.{function.__qualname__}"
         self.options = repr(sorted(options.items()))
-        self.enabled = True
-
-    @property
-    def cache_path(self) -> str:
-        """Folder of the compiled forms, as Numba asks for it."""
-        return str(kernel_cache_folder())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load the compiled form for these types of arguments."""
@@ -162,13 +106,13 @@ class KernelCache(_Cache):
         # Dynamic globals are addresses in this process; in another they would point anywhere.
         if not data.library.has_dynamic_globals:
             _delete_outdated_files(entry[0].parent)
-            _write_cache_file(*entry, dumps((sig, data._reduce())))
+            write_cache_file(*entry, dumps((sig, data._reduce())))
         _release_claim(entry[0])
 
     def _kernel_file_and_label(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
         """File of a form, and all that it must have been made for."""
         folder = kernel_cache_folder()
-        if folder is None or not self.enabled:
+        if folder is None:
             return None
         stamp = digest_of_sources()
         checked = numba.config.BOUNDSCHECK  # code with checks of indices is other code
@@ -177,17 +121,7 @@ class KernelCache(_Cache):
         # 64 bits of each digest do: a clash is harmless, since the label in the file holds them in full.
         return folder / f"{self.name}-{key[:16]}-{stamp[:16]}.kernel", label
 
-    def enable(self) -> None:
-        """Read and write compiled forms from now on."""
-        self.enabled = True
 
-    def disable(self) -> None:
-        """Neither read nor write compiled forms from now on."""
-        self.enabled = False
-
-    def flush(self) -> None:
-        """Forget all forms."""
-        folder = kernel_cache_folder()
-        if folder is not None:
-            for path in folder.glob(f"{self.name}-*.kernel"):
-                path.unlink(missing_ok=True)
+def cache_kernel(kernel: Any) -> None:
+    """Keep the compiled forms of a kernel on disk."""
+    kernel._cache = KernelCache(kernel.py_func, kernel.targetoptions)

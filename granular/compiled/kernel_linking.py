@@ -13,7 +13,7 @@ from typing import Any
 from llvmlite import binding
 from numba import _dynfunc
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, CompileResult
+from numba.core.compiler import Compiler, CompileResult, compile_result
 
 from granular.shared.garbage import rare_garbage_collection
 
@@ -51,11 +51,6 @@ class LinkedLibrary(JITCodeLibrary):
             self._reload_init.update(library._reload_init)
         self._finalized = True
 
-    def kernel_module(self) -> Any:
-        """LLVM module of the kernel alone."""
-        self._ensure_finalized()
-        return self._final_module
-
     def _get_module_for_linking(self) -> Any:
         """Own code with all that it calls."""
         self._ensure_finalized()
@@ -89,7 +84,7 @@ class EntryLibrary(JITCodeLibrary):
 
 def _module_to_link(library: Any) -> Any:
     if isinstance(library, LinkedLibrary):
-        return library.kernel_module()
+        return library._final_module
     return library._get_module_for_linking()
 
 
@@ -146,7 +141,7 @@ def rebuild_kernel(context: Any, payload: tuple[Any, ...]) -> Any:
     library._final_module = binding.parse_bitcode(data)
     library.finalize()
     library._shared_module = library._final_module
-    return CompileResult(
+    return compile_result(
         target_context=context,
         typing_context=context.typing_context,
         library=library,
@@ -157,9 +152,6 @@ def rebuild_kernel(context: Any, payload: tuple[Any, ...]) -> Any:
         signature=signature,
         objectmode=False,
         lifted=rest[1],
-        typing_error=None,
-        call_helper=None,
-        metadata=None,
         reload_init=rest[3],
         referenced_envs=rest[4],
     )

@@ -7,7 +7,6 @@ import hashlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from types import CodeType
 from typing import Any
 
 PACKAGE = Path(__file__).parent.parent
@@ -43,7 +42,7 @@ def digest_of_syntax(files: dict[str, bytes]) -> str:
     digest = hashlib.sha256()
     for name in sorted(trees):
         digest.update(f"{name}\0".encode())
-        _add_code(digest, compile(trees[name], name, "exec", dont_inherit=True))
+        digest.update(ast.dump(trees[name]).encode())
     return digest.hexdigest()
 
 
@@ -51,35 +50,14 @@ def _remove_docstrings(tree: ast.Module) -> list[str]:
     """Take out docstrings, and return the package's files that the file may import from."""
     imports: list[str] = []
     waiting: list[Any] = [tree]
-    while waiting:
-        node = waiting.pop()
+    for node in waiting:
         if isinstance(node, ast.ImportFrom | ast.Import):
             imports += _imports_of(node)
-            continue
         for part in ("body", "orelse", "finalbody", "handlers", "cases"):
-            inner = getattr(node, part, None)
-            if isinstance(inner, list):
-                nothing = [ast.copy_location(ast.Pass(), statement) for statement in inner[:1]]
-                inner[:] = [statement for statement in inner if not _is_docstring(statement)] or nothing
-                waiting += inner
+            inner = getattr(node, part, [])
+            inner[:] = [statement for statement in inner if not _is_docstring(statement)]
+            waiting += inner
     return imports
-
-
-def _add_code(digest: Any, code: CodeType) -> None:
-    """Add what a code object does, without where it stands in its file."""
-    # The order in a set differs from process to process.
-    plain = [
-        sorted(constant, key=repr) if isinstance(constant, frozenset) else constant
-        for constant in code.co_consts
-    ]
-    constants = [constant for constant in plain if not isinstance(constant, CodeType)]
-    names = code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
-    counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
-    seen = names, counts, code.co_code, code.co_exceptiontable, constants
-    digest.update(repr(seen).encode())
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            _add_code(digest, constant)
 
 
 def _imports_of(node: ast.ImportFrom | ast.Import) -> Iterator[str]:

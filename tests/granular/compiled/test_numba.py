@@ -6,14 +6,21 @@ import importlib
 import os
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
+from typing import Any
 
 import numba
 import pytest
 
+from granular.compiled.numba_insides import TESTED
+
+ROOT = Path(__file__).parents[3]
+
 INSIDES = {
-    "granular/compiled/__init__.py": ("numba.core.compiler.Compiler", "numba.core.registry.CPUDispatcher"),
+    "granular/compiled/__init__.py": ("numba.core.registry.CPUDispatcher",),
     "granular/compiled/kernel_cache.py": (
-        "numba.core.caching._Cache",
+        "numba.core.caching.NullCache",
         "numba.core.serialize.dumps",
         "numba.core.compiler.CompileResult._reduce",
         "numba.core.codegen.JITCodeLibrary.has_dynamic_globals",
@@ -26,6 +33,7 @@ INSIDES = {
         "numba.core.codegen.JITCodeLibrary._get_module_for_linking",
         "numba.core.codegen.JITCodeLibrary.serialize_using_object_code",
         "numba.core.codegen.JITCodeLibrary.enable_object_caching",
+        "numba.core.compiler.compile_result",
         "numba.core.compiler.Compiler.define_pipelines",
         "numba.core.compiler.Compiler._compile_core",
         "numba.core.compiler.CompileResult._rebuild",
@@ -53,7 +61,7 @@ def test_numba_has_what_kernels_take(file: str, name: str) -> None:
     words = name.split(".")
     for length in range(len(words) - 1, 0, -1):
         try:
-            found = importlib.import_module(".".join(words[:length]))
+            found: Any = importlib.import_module(".".join(words[:length]))
         except ModuleNotFoundError:
             continue
         for word in words[length:]:
@@ -61,38 +69,102 @@ def test_numba_has_what_kernels_take(file: str, name: str) -> None:
         break
     assert found is not None, (
         f"Numba {numba.__version__} has no {name}, which {file} builds on: see "
-        "docs/reference/compiled.md, correct that file, and until then set GRANULAR_PLAIN_NUMBA=1 "
-        "or install an older Numba"
+        "docs/reference/compiled.md and correct that file"
     )
 
 
 PROGRAM = """
 import sys
-from typing import NamedTuple
 import numpy as np
-from granular.compiled import compiled, entry
-from granular.compiled.by_reference import by_reference
-
-class Pair(NamedTuple):
-    values: np.ndarray
-    factor: float
-
-@compiled
-def below(pair):
-    return pair.factor * pair.values.sum()
-
-@entry
-def whole(pair):
-    return below(by_reference(pair))
-
-print(whole(Pair(np.arange(4.0), 0.5)), "granular.compiled.kernel_linking" in sys.modules)
+from granular.compiled.trial_kernels import Weighted, _sum
+print(_sum(Weighted(np.arange(4.0), 0.5)), "granular.compiled.kernel_linking" in sys.modules)
 """
 
 
-@pytest.mark.parametrize(("plain", "linked"), [("1", "False"), ("0", "True")])
-def test_kernels_do_without_linking(plain: str, linked: str) -> None:
-    environment = {**os.environ, "GRANULAR_PLAIN_NUMBA": plain}
+def start(folder: Path, switch: str = "", tampering: str = "") -> tuple[list[str], list[str]]:
+    """What a process with kernels prints, and what it says besides; it tampers with Numba first."""
+    (folder / "sitecustomize.py").write_text(tampering, encoding="utf-8")
+    environment = {
+        **os.environ,
+        "GRANULAR_PLAIN_NUMBA": switch,
+        "NUMBA_CACHE_DIR": str(folder / "cache"),
+        "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)]),
+        "PYTHONWARNINGS": "",
+    }
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, env=environment
     )
-    assert done.stdout.split() == ["3.0", linked]
+    return done.stdout.split(), done.stderr.splitlines()
+
+
+def files(folder: Path, pattern: str) -> dict[Path, int]:
+    """Files that are kept, with the time at which each was written."""
+    return {path: path.stat().st_mtime_ns for path in (folder / "cache").rglob(pattern)}
+
+
+@pytest.mark.parametrize(("switch", "linked", "kept"), [("1", "False", "*.nbc"), ("0", "True", "*.kernel")])
+def test_kernels_do_without_linking(switch: str, linked: str, kept: str, tmp_path: Path) -> None:
+    """Either way they are kept on disk."""
+    assert start(tmp_path, switch) == (["3.0", linked], [])
+    kernels = files(tmp_path, kept)
+    assert any("._sum-" in path.name for path in kernels)
+    assert start(tmp_path, switch) == (["3.0", linked], [])
+    assert files(tmp_path, kept) == kernels
+
+
+def test_numba_s_own_cache_is_never_stale(fresh_workshop: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law is changed, whose caller stands in another file."""
+    monkeypatch.setenv("GRANULAR_PLAIN_NUMBA", "1")
+    before = float(fresh_workshop.run()[0])
+    kept = set(fresh_workshop.cache.rglob("*.nbc"))
+    assert kept
+    fresh_workshop.edit("effects/wall_experimental.py", "STRENGTH * 3.5", "STRENGTH * 3.5 * 4.0")
+    assert float(fresh_workshop.run()[0]) == pytest.approx(2.0 * before, rel=1e-12)
+    # Code of former sources is taken out.
+    now = set(fresh_workshop.cache.rglob("*.nbc"))
+    assert now
+    assert not now & kept
+
+
+NEWER = "import numba; numba.__version__ = '9.9.9'\n"
+SUBCLASS = """
+import os
+from numba.core.codegen import JITCodeLibrary
+
+def refuse():
+    raise TypeError("code libraries are closed")
+
+JITCodeLibrary.__init_subclass__ = """
+
+
+@pytest.mark.long  # quick: one that lacks them, and this one, whose version is known
+def test_a_newer_numba_that_has_the_insides_is_taken(tmp_path: Path) -> None:
+    assert start(tmp_path, "", NEWER) == (["3.0", "True"], [])
+    (verdict,) = files(tmp_path, "insides").items()
+    assert start(tmp_path, "", NEWER) == (["3.0", "True"], [])
+    assert files(tmp_path, "insides") == dict([verdict])
+    assert start(tmp_path)[1] == []
+
+
+@pytest.mark.parametrize(
+    ("subclass", "fault"),
+    [
+        ("refuse", "(TypeError: code libraries are closed)"),
+        pytest.param("os.abort", "(exit code -6)", marks=pytest.mark.long),
+    ],
+    ids=["error", "crash"],
+)
+def test_without_the_insides_numba_s_own_njit_compiles(subclass: str, fault: str, tmp_path: Path) -> None:
+    for _ in range(2):
+        printed, said = start(tmp_path, "", NEWER + SUBCLASS + subclass)
+        assert printed == ["3.0", "False"]
+        (warning,) = [line for line in said if "Warning" in line]
+        assert "numba 9.9.9 is outside the tested versions, 0.64 to 0.68" in warning
+        assert fault in warning
+    assert len(files(tmp_path, "insides")) == 1
+
+
+def test_the_lowest_version_of_numba_that_may_be_installed_is_tested() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    required = [one for one in project["dependencies"] if one.startswith("numba")]
+    assert required == ["numba>=" + ".".join(map(str, TESTED[0]))]
