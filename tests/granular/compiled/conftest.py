@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 class Acting(NamedTuple):
     laws: Any
     dipole: Any = None
-    discs: Any = None
+    near: Any = None
 
 class Constants(NamedTuple):
     acting: Any
