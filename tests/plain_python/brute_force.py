@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from granular import Scene
 from granular.pairs.disc_law import Disc, disc_energy_and_force
 
 MU_0 = 4e-7 * math.pi
@@ -76,14 +77,37 @@ class Bed:
         return tuple(Disc(0.5 * one["diameter"], one["thickness"]) for one in self.species)
 
 
+def bed_of(scene: Scene, places: np.ndarray, piston: float | None = None) -> Bed:
+    """Bed of a scene with grains at these places; piston at the scene's height if not given [m]."""
+    grains, cell = scene.grains, scene.cell
+    names = ("thickness", "density", "remanence")
+    values = {name: grains.species_values(name) for name in names}
+    if piston is None and scene.piston is not None:
+        piston = scene.piston.height
+    return Bed(
+        species=tuple(
+            {"name": one.name, "diameter": one.diameter} | {name: values[name][k] for name in names}
+            for k, one in enumerate(grains.species)
+        ),
+        kind=grains.species_indices(),
+        scatter=grains.moment_spread_factors(),
+        places=places,
+        width=cell.width,
+        separation=cell.separation,
+        periods=None if cell.periods is None else np.array(cell.periods),
+        piston=piston,
+    )
+
+
 @dataclasses.dataclass
 class Sums:
-    """Forces on the grains [N], energy [J], forces on the walls [N], and each grain's sum of sizes [N]."""
+    """Forces on the grains, energy, forces on the walls, and sums of the sizes of forces and energies."""
 
     force: np.ndarray
     energy: float = 0.0
     walls: dict[str, float] = dataclasses.field(default_factory=lambda: dict.fromkeys(SIDES, 0.0))
     sizes: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(1))
+    energies: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,8 +149,11 @@ def sum_pairs(bed: Bed, law: Law, reach: Reach = EVERYWHERE) -> Sums:
         i, j = np.nonzero(later & (distance > 0.0) & (distance < reach.end))
         r = distance[i, j]
         energy, push = law(r, i, j)
+        result.energies += float(np.abs(energy).sum())
         if reach.shifted:
-            energy = energy - law(np.full(len(r), reach.end), i, j)[0]
+            end = law(np.full(len(r), reach.end), i, j)[0]
+            result.energies += float(np.abs(end).sum())
+            energy = energy - end
         force = (push / r)[:, None] * way[i, j]
         np.add.at(result.force, i, force)
         np.add.at(result.force, j, -force)

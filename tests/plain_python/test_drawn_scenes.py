@@ -27,6 +27,7 @@ from tests.plain_python.brute_force import (
     Reach,
     Sums,
     WallLaw,
+    bed_of,
     dipoles,
     disc_row_wall,
     discs,
@@ -488,16 +489,7 @@ def make_case(drawn: Drawn) -> Case:
     velocities = random.normal(0.0, 0.02, places.shape)
     plain["arrangement"] = {"positions": places.tolist(), "velocities": velocities.tolist()}
     scene = Scene.from_plain(plain)
-    bed = Bed(
-        species=tuple(species),
-        kind=kind,
-        scatter=scene.grains.moment_spread_factors(),
-        places=places,
-        width=width,
-        separation=scene.cell.separation,
-        periods=None if closed else np.array([width, height]),
-        piston=height if closed else None,
-    )
+    bed = bed_of(scene, places)
     parts = {"magnets": magnetic_sums(drawn, bed)} | {name: sums(bed) for name, sums in brute.items()}
     for side, law in laws.items():
         parts[side] = sum_wall(bed, side, law(bed))

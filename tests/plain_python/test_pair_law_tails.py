@@ -17,7 +17,7 @@ import pytest
 from granular import Scene, effect, evaluate, quantity
 from granular.shared.errors import InputError
 from tests.granular.pairs.test_periodic import ewald_energy
-from tests.plain_python.brute_force import Bed, Law, Reach, Sums, dipoles, sum_pairs
+from tests.plain_python.brute_force import Bed, Law, Reach, Sums, bed_of, dipoles, sum_pairs
 from tests.plain_python.test_drawn_scenes import (
     CHOICES,
     METHODS,
@@ -159,16 +159,7 @@ def make_tail(written: str, alone: bool, drawn: Drawn) -> Tail:
     grains = Scene.from_plain(plain | {"effects": {}, "pairs": {}, "protocol": []}).grains
     places = draw_places(kept, random, grains.diameters(), columns)
     scene = Scene.from_plain(plain | {"arrangement": {"positions": places.tolist()}})
-    bed = Bed(
-        species=tuple(species),
-        kind=grains.species_indices(),
-        scatter=grains.moment_spread_factors(),
-        places=places,
-        width=width,
-        separation=scene.cell.separation,
-        periods=None if closed else np.array([width, height]),
-        piston=height if closed else None,
-    )
+    bed = bed_of(scene, places)
     reach = reach_of(kept, bed)
     known = [short_sums(bed) if written == "by mass" else tailed_sums(bed, yukawa(bed), reach, C)]
     if not alone:
