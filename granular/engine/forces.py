@@ -21,7 +21,7 @@ from granular.pairs.dipole_law import ENERGY
 from granular.pairs.direct_sum import direct_sum
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import GrainArrays, array_if_wanted, clear_sums
-from granular.pairs.near_law import NearLaw, add_near_forces, measure_near_part
+from granular.pairs.near_law import NearLaw, add_near_forces, add_near_loads, measure_near_part
 from granular.pairs.near_list import NearList
 from granular.pairs.stripes import CutOffSettings
 from granular.pairs.verlet_list import VerletSettings, verlet_list_sum
@@ -70,12 +70,22 @@ def _compute_pair_forces(
         clear_sums(arrays)
     else:
         _sum_magnetic_forces(constants.acting.cut, constants.acting.listing, bed, arrays)
-    return _add_near_forces(constants.acting.near, state.near, constants.grains, arrays)
+    crowded = _add_near_forces(constants.acting.near, state.near, constants.grains, arrays)
+    _add_near_loads(constants.acting.near, weight, state.near, constants.grains, arrays)
+    return crowded
 
 
 @compiled(inline=True)
 def _add_near_forces(law: NearLaw | None, near: NearList | None, grains: int, arrays: GrainArrays) -> int:
     return 0 if law is None else add_near_forces(law, near, grains, arrays.x, arrays.y, arrays.fx, arrays.fy)
+
+
+@compiled(inline=True)
+def _add_near_loads(
+    law: NearLaw | None, weight: Array | None, near: NearList | None, grains: int, arrays: GrainArrays
+) -> None:
+    if law is not None and weight is not None:
+        add_near_loads(law, near, grains, arrays.x, arrays.y, weight, arrays.load)
 
 
 @compiled(inline=True)

@@ -28,7 +28,7 @@ class EffectLaws(NamedTuple):
     far: FarFieldSettings | None  # far field beyond the radius where pairs end smoothly
     nearest: Float[Array, "3"] | None  # of a periodic direct sum: sides, and the radius [D]
     charges: Float[Array, "m"] | None = None  # in that sum, over the first species' moment; None: moments
-    series: Float[Array, "6"] | None = None  # of discs: see `granular.pairs.grain_arrays.COMMON`
+    series: Float[Array, "8"] | None = None  # of discs: see `granular.pairs.grain_arrays.COMMON`
     shift: Float[Array, "m"] | None = None  # of unlike discs: part of each grain in b [D^2]
     near: NearLaw | None = None  # of discs: what close pairs have beyond that sum
 
@@ -79,7 +79,7 @@ def pair_charges(constants: Constants) -> Float[Array, "m"] | None:
 
 
 @compiled(inline=True)
-def pair_stiffness_bound(series: Float[Array, "6"] | None) -> float:
+def pair_stiffness_bound(series: Float[Array, "8"] | None) -> float:
     """Bound of a pair's stiffness over 3 / rho^5, with rho its distance [D]."""
     return 1.0 if series is None else series[STIFFNESS]
 

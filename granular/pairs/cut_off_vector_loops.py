@@ -129,17 +129,23 @@ def _make_smooth_cut_off(
     part = None
     if smooth:
         fifth, of_force = b.fdiv(cube, square), scale
-        energies = _rescaled_coefficients(code, CUBE, cube, square, scale)
+        energies = loads = _rescaled_coefficients(code, CUBE, cube, square, scale)
         if far is not None:
-            more = _rescaled_coefficients(code, FIFTH_ENERGY, b.fmul(far, fifth), square, scale)
-            energies = add_vectors(code, energies, more)
+            energies, loads = (
+                add_vectors(
+                    code,
+                    energies,
+                    _rescaled_coefficients(code, FIFTH_ENERGY, b.fmul(factor, fifth), square, scale),
+                )
+                for factor in (far, arrays.load_far)
+            )
             fifth, of_force = b.fdiv(fifth, arrays.unscaled_force_factor), 1.0
         forces = _rescaled_coefficients(code, FIFTH, fifth, square, of_force)
         if far is not None:
             seventh = b.fdiv(b.fmul(far, fifth), square)
             more = _rescaled_coefficients(code, SEVENTH, seventh, square, of_force)
             forces = add_vectors(code, forces, more)
-        part = FarPartCoefficients(forces, energies)
+        part = FarPartCoefficients(forces, energies, loads)
     return make_cut_off_vectors(code, square, rest, part, far)
 
 

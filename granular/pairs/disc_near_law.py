@@ -16,6 +16,7 @@ difference added, `granular.pairs.near_law`. Below contact the force goes on wit
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -31,9 +32,10 @@ from granular.pairs.disc_law import (
     pair_squared_distance_shift,
     squared_distance_shift,
 )
-from granular.pairs.grain_arrays import FAR
-from granular.pairs.near_law import NearLaw, NearTables, SeriesTerms, collision_stiffness
-from granular.pairs.piecewise import Sampled, tabulate_energies
+from granular.pairs.disc_torque import LOAD_FIFTH, disc_load, disc_load_law, fit_load_term
+from granular.pairs.grain_arrays import FAR, LOAD_FAR, LOAD_TERM
+from granular.pairs.near_law import END, LEAST, NearLaw, NearTables, SeriesTerms, collision_stiffness
+from granular.pairs.piecewise import Sampled, tabulate_energies, tabulate_values
 from granular.pairs.simd import DISC_SCALE
 from granular.shared.errors import InputError
 
@@ -48,6 +50,9 @@ CLOSEST = 0.98
 
 _TABLE_ERROR = 1e-12
 """Error of the tables over the energy: of the force, below 1e-8 of itself from contact on."""
+
+_LOAD_ERROR = 1e-6
+"""Error of the tables over the load."""
 
 _WINDOW = 1.01
 """Last part of a table, over where the law is good enough, in which it goes to zero."""
@@ -65,7 +70,7 @@ _LEAST_TERM = 0.004
 class DiscSeries(NamedTuple):
     """The sum over all pairs of discs; see the head of this file."""
 
-    coefficients: Float[np.ndarray, "6"]  # see `granular.pairs.grain_arrays.COMMON`
+    coefficients: Float[np.ndarray, "8"]  # see `granular.pairs.grain_arrays.COMMON`
     shift: Float[np.ndarray, "m"] | None  # part of each grain in b [D^2]; None: all alike
 
 
@@ -106,12 +111,15 @@ def make_disc_laws(
     factor: Float[np.ndarray, "m"] | None = None,
     strength: float = 1.0,
     periods: tuple[float, float] | None = None,
+    *,
+    loads: bool = False,
 ) -> tuple[DiscSeries, NearLaw]:
     """Make both parts of the law of discs, in units of the first one's diameter; factor: the moments."""
-    made, alike = _make_parts(tuple(discs)), len(discs) == 1
+    made, alike = (_make_parts_with_loads if loads else _make_parts)(tuple(discs)), len(discs) == 1
     own = [squared_distance_shift(disc) for disc in discs]
     coefficients = made.coefficients.copy()
-    coefficients[FAR] = 3.0 * float(np.mean([own[k] for k in species])) if len(species) else 0.0
+    mean = float(np.mean([own[k] for k in species])) if len(species) else 0.0
+    coefficients[FAR], coefficients[LOAD_FAR] = 3.0 * mean, LOAD_FIFTH * mean
     shift, index = np.zeros(size), np.zeros(size, dtype=np.int64)
     shift[: len(species)], index[: len(species)] = [own[k] for k in species], species
     near = NearLaw(
@@ -129,7 +137,7 @@ def make_disc_laws(
 class _Parts(NamedTuple):
     """Parts of both laws that depend on the species alone."""
 
-    coefficients: Float[np.ndarray, "6"]
+    coefficients: Float[np.ndarray, "8"]
     reach: float
     tables: NearTables
 
@@ -157,7 +165,7 @@ def _make_parts(discs: tuple[Disc, ...]) -> _Parts:
         series=SeriesTerms(c, slope),
         collisions=_collision_stiffness([pairs[k, k] for k in kinds]),
     )
-    coefficients = np.array([common, c, centre, 0.5 * DISC_SCALE / centre, 0.0, slope])
+    coefficients = np.array([common, c, centre, 0.5 * DISC_SCALE / centre, 0.0, slope, 0.0, 0.0])
     return _Parts(coefficients, reach, tables)
 
 
@@ -219,6 +227,31 @@ def _greatest_stiffness(pair: _ExactDiscPair, begin: float, c: float) -> float:
     u, rho = r * r, np.sqrt(r * r - pair.shift)
     slope = 15.0 * u * rho**-7 - 3.0 * rho**-5 + 8.0 * c * (10.0 * u * rho**-12 - rho**-10)
     return float((np.abs(slope) / (12.0 * rho**-5)).max())
+
+
+@functools.cache
+def _make_parts_with_loads(discs: tuple[Disc, ...]) -> _Parts:
+    """Parts that hold the load on the plates as well."""
+    made, pairs = _make_parts(discs), list(itertools.product(discs, discs))
+    c, ends = made.tables.series.term, np.sqrt(made.tables.pairs[:, END])
+    coefficients, term = made.coefficients.copy(), fit_load_term(pairs, ends, c)
+    coefficients[LOAD_TERM] = term
+    sampled = [_sampled_near_load(pair, end, c, term) for pair, end in zip(pairs, ends, strict=True)]
+    low, high = made.tables.pairs[:, LEAST].min(), 1.05 * made.reach**2
+    loads = tabulate_values(sampled, low, high, _LOAD_ERROR)
+    return _Parts(coefficients, made.reach, made.tables._replace(loads=loads))
+
+
+def _sampled_near_load(discs: tuple[Disc, Disc], end: float, c: float, term: float) -> Sampled:
+    """Value beside 1/r^3 in the load on the first disc, less that of the sum over all pairs."""
+
+    def sampled(u: Samples) -> tuple[Samples, Samples]:
+        r = np.sqrt(u)
+        whole, t = disc_load(r, *discs), np.clip((end - r) / (end - end / _WINDOW), 0.0, 1.0)
+        part = disc_load_law(r, *discs, c, term)
+        return (whole - part) * t**3 * (10.0 - 15.0 * t + 6.0 * t * t), whole
+
+    return sampled
 
 
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(12)

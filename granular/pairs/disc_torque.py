@@ -38,6 +38,9 @@ from granular.pairs.disc_law import (
     squared_distance_shift,
 )
 
+LOAD_FIFTH = 10.0
+"""Factor of r^-5 beside r^-3 in the load over b of one of two equal discs: kappa."""
+
 _BEYOND = 40.0
 """Largest distance of the fit, over that of contact."""
 

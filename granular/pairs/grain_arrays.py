@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 
-COMMON, TERM, CENTRE, FORCE_SCALE, FAR, STIFFNESS = range(6)
+COMMON, TERM, CENTRE, FORCE_SCALE, FAR, STIFFNESS, LOAD_TERM, LOAD_FAR = range(8)
 """Coefficients of the sum over all pairs of discs (`granular.pairs.disc_near_law`): b of alike discs; c;
 g / `DISC_SCALE`; what sums of forces lack as a factor, besides `STRENGTH`; the factor of r^-5 that the far
-field has beside r^-3; the greatest stiffness beyond the tables over that of dipoles at rho."""
+field has beside r^-3; the greatest stiffness beyond the tables over that of dipoles at rho; of the load on
+the plates d and the factor of r^-5 (`granular.pairs.disc_torque`)."""
 
 
 class GrainArrays(NamedTuple):
@@ -34,7 +35,7 @@ class GrainArrays(NamedTuple):
     energy_and_closest: Float[np.ndarray, "2"] | None = None  # sum q_i q_j / r^3; largest r^-5
     load: Float[np.ndarray, "m"] | None = None  # sum_j weight_j / r^3 [1/D^3]
     weight: Float[np.ndarray, "m"] | None = None
-    series: Float[np.ndarray, "6"] | None = None  # see `COMMON` and the others; None: dipoles
+    series: Float[np.ndarray, "8"] | None = None  # see `COMMON` and the others; None: dipoles
     shift: Float[np.ndarray, "m"] | None = None  # part of each grain in b; None: b is `COMMON` [D^2]
 
 

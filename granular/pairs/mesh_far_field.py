@@ -66,15 +66,18 @@ class FarFieldSettings(NamedTuple):
     rubbing: int | None = None  # steps between evaluations while grains slide; None: every force
     periodic: bool = False  # the mesh goes round a periodic cell of that size
     inverse_fifth_factor: float = 0.0  # of discs: factor of r^-5 beside r^-3 [D^2]
+    load_fifth_factor: float = 0.0  # of discs: the same in loads [D^2]
 
 
 class FarFieldState(NamedTuple):
     """Forces and energy of the last evaluation, and the arrays that compute them."""
 
     mesh: MultilevelMesh | None
+    load_mesh: MultilevelMesh | None  # of the loads of discs, with the arrays of the other
     direct: DirectFarFieldWorkspace | None  # instead of the mesh: all pairs less the near ones
     radius: float  # [D]
     self_potential: float  # of a grain of moment 1 at its own position [1/D^3]
+    self_load: float  # of a grain of weight 1 [1/D^3]
     fx: Float[np.ndarray, "m"]  # [F*]
     fy: Float[np.ndarray, "m"]  # [F*]
     held_forces: Float[np.ndarray, "2 m"] | None  # [F*], act all the time; impulses add the rest
@@ -90,17 +93,23 @@ class FarFieldState(NamedTuple):
 
 def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> FarFieldState:
     """Allocate the far field of a scene, with the mesh or the direct sum that computes it [F*]."""
-    mesh, spacing = None, field.radius / SPACINGS
-    if field.size is not None and field.periodic:
-        mesh = periodic_mesh_workspace(*field.size, field.radius, spacing, field.inverse_fifth_factor)
-    elif field.size is not None:
-        mesh = multilevel_mesh_workspace(*field.size, field.radius, spacing, size, field.inverse_fifth_factor)
+    mesh, load_mesh = _new_mesh(field, field.inverse_fifth_factor, size), None
+    if mesh is not None and with_loads and field.load_fifth_factor != field.inverse_fifth_factor:
+        other = _new_mesh(field, field.load_fifth_factor, size)
+        assert other is not None
+        load_mesh = mesh._replace(
+            band_along=other.band_along,
+            band_across=other.band_across,
+            rest_along=other.rest_along,
+            rest_across=other.rest_across,
+        )
     return FarFieldState(
         mesh=mesh,
+        load_mesh=load_mesh,
         direct=direct_far_field_workspace(size, with_loads=with_loads) if mesh is None else None,
         radius=field.radius,
-        self_potential=CUBE[0] / (field.radius * field.radius * field.radius)
-        + FIFTH_ENERGY[0] * field.inverse_fifth_factor / field.radius**5,
+        self_potential=_self_potential(field.radius, field.inverse_fifth_factor),
+        self_load=_self_potential(field.radius, field.load_fifth_factor),
         fx=np.zeros(size),
         fy=np.zeros(size),
         # Without it grains at rest would be pushed to and fro by the impulses.
@@ -116,6 +125,19 @@ def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> 
     )
 
 
+def _new_mesh(field: FarFieldSettings, fifth: float, size: int) -> MultilevelMesh | None:
+    if field.size is None:
+        return None
+    spacing = field.radius / SPACINGS
+    if field.periodic:
+        return periodic_mesh_workspace(*field.size, field.radius, spacing, fifth)
+    return multilevel_mesh_workspace(*field.size, field.radius, spacing, size, fifth)
+
+
+def _self_potential(radius: float, fifth: float) -> float:
+    return CUBE[0] / (radius * radius * radius) + FIFTH_ENERGY[0] * fifth / radius**5
+
+
 class MeshFarFieldArrays(NamedTuple):
     """Grains for a far field, and the arrays for its results; see `compute_mesh_far_field`."""
 
@@ -126,6 +148,7 @@ class MeshFarFieldArrays(NamedTuple):
     weight: np.ndarray | None
     order: np.ndarray
     self_potential: float  # of a grain of moment 1 at its own position [1/D^3]
+    self_load: float  # of a grain of weight 1 [1/D^3]
     fx: np.ndarray  # [F*]
     fy: np.ndarray  # [F*]
     load: np.ndarray | None  # [1/D^3]
@@ -157,13 +180,13 @@ def _interpolate_forces_of_part(mesh: MultilevelMesh, requested: MeshFarFieldArr
 
 @compiled
 def _interpolate_loads_of_part(mesh: MultilevelMesh, requested: MeshFarFieldArrays, part: int) -> None:
-    """Return the loads of grains that differ, from a mesh of their weights."""
+    """Return the loads of a part of the grains, from a mesh of their weights."""
     grains = requested.grains
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = requested.order[k]
         value, _, _ = interpolate_potential(mesh, requested.x[i], requested.y[i])
         _store_load_if_wanted(
-            requested.load, i, value - requested.self_potential * value_or_one(requested.weight, i)
+            requested.load, i, value - requested.self_load * value_or_one(requested.weight, i)
         )
 
 
@@ -210,18 +233,29 @@ def _fit_windows_unless_periodic(
 
 
 @compiled(inline=True)
-def _compute_load_of_unlike_grains(
+def _compute_loads_by_weights(
     weight: Array | None,
     moments: Array | None,
+    load_mesh: MultilevelMesh | None,
     mesh: MultilevelMesh,
     threaded: bool | None,
     sums: MeshFarFieldArrays,
 ) -> None:
-    """Compute the load of grains that differ; of others it comes with the forces."""
-    if weight is not None and moments is not None:
-        spread_grains(mesh, threaded, sums.x, sums.y, weight, sums.order, sums.grains)
-        compute_mesh_potential(mesh, threaded)
-        _interpolate_loads(threaded, mesh, sums)
+    """Compute the loads of discs, and of grains that differ; of others they come with the forces."""
+    if weight is not None:
+        if load_mesh is not None:
+            _compute_loads(load_mesh, threaded, weight, sums)
+        elif moments is not None:
+            _compute_loads(mesh, threaded, weight, sums)
+
+
+@compiled
+def _compute_loads(
+    mesh: MultilevelMesh, threaded: bool | None, weight: Array, sums: MeshFarFieldArrays
+) -> None:
+    spread_grains(mesh, threaded, sums.x, sums.y, weight, sums.order, sums.grains)
+    compute_mesh_potential(mesh, threaded)
+    _interpolate_loads(threaded, mesh, sums)
 
 
 @compiled
@@ -251,6 +285,7 @@ def compute_mesh_far_field(
         arrays.weight,
         order,
         far.self_potential,
+        far.self_load,
         arrays.fx,
         arrays.fy,
         arrays.load,
@@ -260,7 +295,7 @@ def compute_mesh_far_field(
     compute_mesh_potential(mesh, threaded)
     far.energy[0] = _interpolate_forces(threaded, mesh, sums)
     store_positions(far.evaluated_at, x, y, grains)
-    _compute_load_of_unlike_grains(arrays.weight, arrays.moments, mesh, threaded, sums)
+    _compute_loads_by_weights(arrays.weight, arrays.moments, far.load_mesh, mesh, threaded, sums)
     return 0
 
 

@@ -48,6 +48,7 @@ class NearTables(NamedTuple):
     pairs: Float[np.ndarray, "p 4"]  # see `TAIL` and the others
     series: SeriesTerms
     collisions: Float[np.ndarray, "2 n"]  # squared speeds over ``strength``, and squared frequencies
+    loads: PiecewiseTable | None = None  # where friction bears: beside 1/r^3 in the load of the first [1/D^3]
 
 
 class NearLaw(NamedTuple):
@@ -150,6 +151,28 @@ def add_near_forces(
         force_x[i] += fx
         force_y[i] += fy
     return crowded
+
+
+@compiled
+def add_near_loads(
+    law: NearLaw,
+    near: NearList | None,
+    grains: int,
+    x: Float[Array, "m"],
+    y: Float[Array, "m"],
+    weight: Float[Array, "m"],
+    load: Float[Array, "m"],
+) -> None:
+    """Add the loads of the near part [1/D^3], with the list of the forces; x, y [D]."""
+    loads = law.tables.loads
+    for i in range(grains):
+        begin, end = _partner_range(near, i, grains)
+        for k in range(begin, end):
+            j = _partner(near, k)
+            dx, dy = pair_displacement(_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            u = dx * dx + dy * dy
+            load[i] += weight[j] * tabulated_ratio(loads, _pair_row(law.species, law.kinds, i, j), u)
+            load[j] += weight[i] * tabulated_ratio(loads, _pair_row(law.species, law.kinds, j, i), u)
 
 
 @compiled

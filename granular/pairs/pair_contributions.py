@@ -3,8 +3,8 @@
 The law is the dipole pair: with s = r^-5 the force on i is (3/4) q_i q_j s (r_i - r_j), and
 r^-3 = r^2 s gives the energy and the friction load in the same pass. All sums lack the
 factor `granular.pairs.simd.SCALE`, and the forces also 3/4. Of discs (`granular.pairs.disc_near_law`)
-s = rho^-5, without `DISC_SCALE`; it enters the energy as rho^2 (s + c s^2), and the force as
-(s + g)^2 - g^2, whose sums lack a factor of their own.
+s = rho^-5, without `DISC_SCALE`; it enters the energy as rho^2 (s + c s^2), the force as (s + g)^2 - g^2,
+whose sums lack a factor of their own, and the load with two terms more (`granular.pairs.disc_torque`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from llvmlite import ir
 
-from granular.pairs.grain_arrays import CENTRE, COMMON, FAR, FORCE_SCALE, TERM
+from granular.pairs.grain_arrays import CENTRE, COMMON, FAR, FORCE_SCALE, LOAD_FAR, LOAD_TERM, TERM
 from granular.pairs.simd import (
     DISC_SCALE,
     INDEX,
@@ -40,23 +40,25 @@ class PairSums(NamedTuple):
 
 
 class SeriesVectors(NamedTuple):
-    """The sum over all pairs of discs, in every lane: b of alike discs, g, -g^2, and c of the energy."""
+    """Sum over all pairs of discs, in every lane: b of equal discs, g, -g^2, c of energies, d of loads."""
 
     common: Any
     centre: Any
     rest: Any
     energy: Any
+    load: Any
 
 
 def _load_series(code: VectorBuilder, pointer: Any) -> SeriesVectors | None:
     if pointer is None:
         return None
-    b, entries = code.builder, (COMMON, CENTRE, TERM)
-    common, centre, term = (
+    b, entries = code.builder, (COMMON, CENTRE, TERM, LOAD_TERM)
+    common, centre, term, load = (
         code.broadcast_scalar(code.load_scalar(pointer, ir.Constant(INDEX, k))) for k in entries
     )
     rest = b.fneg(b.fmul(centre, centre))
-    return SeriesVectors(common, centre, rest, b.fmul(broadcast_constant(DISC_SCALE), term))
+    energy, load = (b.fmul(broadcast_constant(DISC_SCALE), value) for value in (term, load))
+    return SeriesVectors(common, centre, rest, energy, load)
 
 
 class GrainArrayPointers:
@@ -72,7 +74,10 @@ class GrainArrayPointers:
         self.moments, self.energy_and_closest, self.weight = pointers[4], pointers[6], pointers[8]
         self.series, self.shift = _load_series(code, pointers[9]), pointers[10]
         self.scale = SCALE if self.series is None else DISC_SCALE
-        self.far = pointers[9] and code.load_scalar(pointers[9], ir.Constant(INDEX, FAR))
+        self.far, self.load_far = (
+            pointers[9] and code.load_scalar(pointers[9], ir.Constant(INDEX, entry))
+            for entry in (FAR, LOAD_FAR)
+        )
         self.unscaled_force_factor = pointers[9] and code.load_scalar(
             pointers[9], ir.Constant(INDEX, FORCE_SCALE)
         )
@@ -111,10 +116,11 @@ def broadcast_grain(code: VectorBuilder, arrays: GrainArrayPointers, i: ir.Value
 
 
 class FarPartCoefficients(NamedTuple):
-    """Coefficients in r^2 of the far parts of r^-5 and r^-3, over the scale, in every lane."""
+    """Coefficients in r^2 of the far parts of r^-5, and of r^-3 in energies and loads, in every lane."""
 
     fifth: list[Any]
     cube: list[Any]
+    load: list[Any]
 
 
 class CutOffVectors(NamedTuple):
@@ -283,7 +289,7 @@ def pair_contributions(
         inside = b.fcmp_unordered("!=", s, zero)
         fifth = _evaluate_polynomial(code, cut.smooth.fifth, r2)
         near = b.select(inside, b.fsub(slope, fifth), zero)
-    if energy_and_closest.pointer is not None or wanted.load is not None:
+    if energy_and_closest.pointer is not None:
         cube = _inverse_cube_in_energy(code, r2, argument, energy, shift, cut)
     pair, strength = None, near
     if first.moments is not None:
@@ -304,9 +310,8 @@ def pair_contributions(
         own[2] = b.fmul(s, second.moments) if differ else s
         other[2] = b.fmul(s, first.moments) if differ else s
     if wanted.load is not None:
-        if cube is None:
-            cube = b.fmul(r2, s)
-        own[3], other[3] = b.fmul(cube, second.weight), b.fmul(cube, first.weight)
+        cubes = _inverse_cubes_in_loads(code, first, second, r2, s, b.fmul(argument, energy), series, cut)
+        own[3], other[3] = b.fmul(cubes[0], second.weight), b.fmul(cubes[1], first.weight)
     return PairSums(*own), PairSums(*other)
 
 
@@ -327,6 +332,35 @@ def _inverse_cube_in_energy(
     if smooth is not None:
         cube = b.fsub(cube, _evaluate_polynomial(code, smooth.cube, r2))
     return cube if cut is None else b.select(b.fcmp_unordered("!=", energy, zero), cube, zero)
+
+
+def _inverse_cubes_in_loads(
+    code: VectorBuilder,
+    first: GrainVectors,
+    second: GrainVectors,
+    r2: ir.Value,
+    s: ir.Value,
+    cube: ir.Value,
+    series: SeriesVectors | None,
+    cut: CutOffVectors | None,
+) -> tuple[ir.Value, ir.Value]:
+    """Return what stands for r^-3 in the loads on the first and on the second grains."""
+    b, zero = code.builder, broadcast_constant(0.0)
+    if series is not None:
+        both = b.fmul(broadcast_constant(3.5), series.common)
+        if first.shift is not None:
+            both = b.fadd(first.shift, second.shift)
+        cube = code.fused_multiply_add(code.fused_multiply_add(series.load, s, both), s, cube)
+    if cut is not None and cut.smooth is not None:
+        inside = b.fcmp_unordered("!=", s, zero)
+        cube = b.select(inside, b.fsub(cube, _evaluate_polynomial(code, cut.smooth.load, r2)), zero)
+    if series is None or first.shift is None:
+        return cube, cube
+    more = b.fmul(broadcast_constant(5.0), s)
+    return (
+        code.fused_multiply_add(more, first.shift, cube),
+        code.fused_multiply_add(more, second.shift, cube),
+    )
 
 
 def add_vectors(code: VectorBuilder, totals: list[Any], values: list[Any]) -> list[Any]:

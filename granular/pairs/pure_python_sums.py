@@ -18,7 +18,7 @@ from granular.pairs.dipole_law import (
     pair_energy,
     pair_force,
 )
-from granular.pairs.grain_arrays import COMMON, FAR, TERM, GrainArrays
+from granular.pairs.grain_arrays import COMMON, FAR, LOAD_FAR, LOAD_TERM, TERM, GrainArrays
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -28,26 +28,35 @@ PADDING = 1e60
 
 
 class _PairLawValues(NamedTuple):
-    """Stand-ins for 1/r^5 in the force and 1/r^3 in the energy of a pair, and the sum's 1/r^5."""
+    """Stand-ins for 1/r^5 in the force, 1/r^3 in the energy, and 1/r^3 in both loads; the sum's 1/r^5."""
 
     slope: float
     cube: float
+    loads: tuple[float, float]
     fifth: float
 
 
 def _pair_law_values(arrays: GrainArrays, i: int, j: int, r: float) -> _PairLawValues:
     if arrays.series is None:
         fifth = pair_force(r) / (STRENGTH * r)
-        return _PairLawValues(fifth, pair_energy(r) / ENERGY, fifth)
-    rho2 = r * r - _pair_squared_distance_shift(arrays, i, j)
+        cube = pair_energy(r) / ENERGY
+        return _PairLawValues(fifth, cube, (cube, cube), fifth)
+    rho2 = r * r - sum(_squared_distance_shifts(arrays, i, j))
     fifth = np.abs(rho2) ** -2.5
     slope, cube = (1.0 + factor * arrays.series[TERM] * fifth for factor in (8.0 / 3.0, 1.0))
-    return _PairLawValues(slope * fifth, cube * rho2 * fifth, fifth)
+    cube *= rho2 * fifth
+    shifts = _squared_distance_shifts(arrays, i, j)
+    both = cube + (sum(shifts) + arrays.series[LOAD_TERM] * fifth) * fifth
+    loads = both + 5.0 * shifts[0] * fifth, both + 5.0 * shifts[1] * fifth
+    return _PairLawValues(slope * fifth, cube, loads, fifth)
 
 
-def _pair_squared_distance_shift(arrays: GrainArrays, i: int, j: int) -> float:
+def _squared_distance_shifts(arrays: GrainArrays, i: int, j: int) -> tuple[float, float]:
+    """Parts of both grains in b [D^2]."""
     assert arrays.series is not None
-    return float(arrays.series[COMMON] if arrays.shift is None else arrays.shift[i] + arrays.shift[j])
+    if arrays.shift is None:
+        return 0.5 * float(arrays.series[COMMON]), 0.5 * float(arrays.series[COMMON])
+    return float(arrays.shift[i]), float(arrays.shift[j])
 
 
 def _energy_at_cut_off(arrays: GrainArrays, i: int, j: int, radius: float) -> float:
@@ -55,7 +64,7 @@ def _energy_at_cut_off(arrays: GrainArrays, i: int, j: int, radius: float) -> fl
     rest = pair_energy(radius) / ENERGY
     if arrays.series is None:
         return rest
-    b = _pair_squared_distance_shift(arrays, i, j) / radius**2
+    b = sum(_squared_distance_shifts(arrays, i, j)) / radius**2
     return rest * (1.0 + b * (1.5 + 1.875 * b))
 
 
@@ -82,7 +91,7 @@ def pure_python_direct_sum(
                     continue
                 rest = _energy_at_cut_off(arrays, i, j, periodic_cut_off[2])
             law = _pair_law_values(arrays, i, j, r)
-            _add_pair_to_sums(arrays, (i, j), (dx, dy), law.fifth, law.slope, law.cube, rest)
+            _add_pair_to_sums(arrays, (i, j), (dx, dy), law, rest)
     np.seterr(**old)
 
 
@@ -97,7 +106,7 @@ def pure_python_cut_off_sum(
     """Pair forces [F*] and sums within a radius [D], at which the energy is zero; of stripes only periods."""
     _clear_all_sums(arrays)
     periods = getattr(stripes, "periods", None)
-    fifth = 0.0 if arrays.series is None else float(arrays.series[FAR])
+    fifth, of_loads = (0.0 if arrays.series is None else float(arrays.series[k]) for k in (FAR, LOAD_FAR))
     for i in range(grains):
         for j in range(i + 1, grains):
             dx, dy = arrays.x[i] - arrays.x[j], arrays.y[i] - arrays.y[j]
@@ -107,12 +116,16 @@ def pure_python_cut_off_sum(
             r = np.sqrt(dx * dx + dy * dy)
             if r < radius:
                 law, square = _pair_law_values(arrays, i, j, r), np.array(r * r)
-                slope, cube, rest = law.slope, law.cube, _energy_at_cut_off(arrays, i, j, radius)
+                rest = _energy_at_cut_off(arrays, i, j, radius)
                 if smooth is not None:
-                    slope -= float(far_part_of_inverse_fifth(square, radius, fifth))
-                    cube -= float(far_part_of_inverse_cube(square, radius, fifth))
+                    far = float(far_part_of_inverse_cube(square, radius, of_loads))
+                    law = law._replace(
+                        slope=law.slope - float(far_part_of_inverse_fifth(square, radius, fifth)),
+                        cube=law.cube - float(far_part_of_inverse_cube(square, radius, fifth)),
+                        loads=(law.loads[0] - far, law.loads[1] - far),
+                    )
                     rest -= float(far_part_of_inverse_cube(np.array(radius**2), radius, fifth))
-                _add_pair_to_sums(arrays, (i, j), (dx, dy), law.fifth, slope, cube, rest)
+                _add_pair_to_sums(arrays, (i, j), (dx, dy), law, rest)
 
 
 def _clear_all_sums(arrays: GrainArrays) -> None:
@@ -122,28 +135,22 @@ def _clear_all_sums(arrays: GrainArrays) -> None:
 
 
 def _add_pair_to_sums(
-    arrays: GrainArrays,
-    pair: tuple[int, int],
-    apart: tuple[float, float],
-    fifth: float,
-    slope: float,
-    cube: float,
-    rest: float,
+    arrays: GrainArrays, pair: tuple[int, int], apart: tuple[float, float], law: _PairLawValues, rest: float
 ) -> None:
-    """Add a pair to all sums, with what stands for 1/r^5 and 1/r^3; energies are less by a rest."""
+    """Add a pair to all sums; energies are less by a rest."""
     i, j = pair
     q = np.ones(arrays.x.size) if arrays.moments is None else arrays.moments
-    ratio = q[i] * q[j] * STRENGTH * slope
+    ratio = q[i] * q[j] * STRENGTH * law.slope
     for position, sign in ((i, 1.0), (j, -1.0)):
         arrays.fx[position] += sign * ratio * apart[0]
         arrays.fy[position] += sign * ratio * apart[1]
     if arrays.stiffness is not None:
-        arrays.stiffness[i] += q[j] * fifth
-        arrays.stiffness[j] += q[i] * fifth
+        arrays.stiffness[i] += q[j] * law.fifth
+        arrays.stiffness[j] += q[i] * law.fifth
     if arrays.energy_and_closest is not None:
-        arrays.energy_and_closest[0] += q[i] * q[j] * (cube - rest)
+        arrays.energy_and_closest[0] += q[i] * q[j] * (law.cube - rest)
         r = np.hypot(*apart)
         arrays.energy_and_closest[1] = max(arrays.energy_and_closest[1], pair_force(r) / (STRENGTH * r))
     if arrays.load is not None and arrays.weight is not None:
-        arrays.load[i] += arrays.weight[j] * cube
-        arrays.load[j] += arrays.weight[i] * cube
+        arrays.load[i] += arrays.weight[j] * law.loads[0]
+        arrays.load[j] += arrays.weight[i] * law.loads[1]

@@ -15,7 +15,7 @@ from granular.kernel_data.constants import Constants, EffectLaws, PistonResistan
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_near_law import DiscSeries, make_disc_laws
-from granular.pairs.grain_arrays import FAR
+from granular.pairs.grain_arrays import FAR, LOAD_FAR
 from granular.pairs.mesh_far_field import AHEAD, MOST_POINTS, SPACINGS, FarFieldSettings
 from granular.pairs.near_law import NearLaw
 from granular.pairs.pair_sum_settings import SPLIT_RADIUS
@@ -127,10 +127,11 @@ def _acting_laws(
     weights = [result for effect in effects if (result := effect.normal_load_weights(context)) is not None]
     dipole = scene.effects.dipole
     summed = None if dipole is None else scene.pair_method
-    discs = None if dipole is None else _disc_laws(scene, scales, species, numbers)
+    discs = None if dipole is None else _disc_laws(scene, scales, species, numbers, loads=bool(weights))
     far = _far_field_settings(scene, scales, summed, method)
     if far is not None and discs is not None:
-        far = far._replace(inverse_fifth_factor=float(discs[0].coefficients[FAR]))
+        fifth = discs[0].coefficients
+        far = far._replace(inverse_fifth_factor=float(fifth[FAR]), load_fifth_factor=float(fifth[LOAD_FAR]))
     periods = _periodic_sides(scene, scales)
     workspace = None if periods is None else min(periods)
     radius = scene.pairs.near_pair_radius(summed, scales.length, workspace) if far is None else far.radius
@@ -162,7 +163,7 @@ def _acting_laws(
 
 
 def _disc_laws(
-    scene: Scene, scales: Scales, species: np.ndarray, numbers: _GrainNumbers
+    scene: Scene, scales: Scales, species: np.ndarray, numbers: _GrainNumbers, *, loads: bool
 ) -> tuple[DiscSeries, NearLaw] | None:
     """Both parts of the law of the grains as discs; None where they are dipoles."""
     discs = discs_unless_dipoles(scene.grains, scales.length)
@@ -170,7 +171,8 @@ def _disc_laws(
         return None
     strength = numbers.least_moment**2 / numbers.least_mass
     factor, periods = numbers.relative_moments, _periodic_sides(scene, scales)
-    return make_disc_laws(discs, species, pad_to_vectors(len(species)), factor, strength, periods)
+    size = pad_to_vectors(len(species))
+    return make_disc_laws(discs, species, size, factor, strength, periods, loads=loads)
 
 
 def _check_disc_reach(
