@@ -1,6 +1,6 @@
 """Forces and energies of a bed summed pair by pair and wall by wall, from the formulas of the guide alone.
 
-Everything is in SI. Of the package, only the exact law of two discs is used, which is tested against
+Everything is in SI. Of the package, only the exact laws of two discs are used, which are tested against
 magpylib; none of the kernels.
 """
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from granular import Scene
 from granular.pairs.disc_law import Disc, disc_energy_and_force
+from granular.pairs.disc_torque import disc_torque_over_dipoles
 
 MU_0 = 4e-7 * math.pi
 SIDES = ("left", "right", "bottom", "top")
@@ -300,7 +301,26 @@ def disc_row_wall(bed: Bed, pitch: float) -> WallLaw:
     return law
 
 
-def normal_loads(bed: Bed, reach: Reach, directions: str, *, second: bool) -> np.ndarray:
+def torques_of_discs(bed: Bed, r: np.ndarray) -> np.ndarray:
+    """Torques on each grain by each other one, as discs over as dipoles; the load is a magnitude."""
+    result, shapes = np.ones_like(r), bed.discs()
+    for a, first in enumerate(shapes):
+        for b, second in enumerate(shapes):
+            contact = first.radius + second.radius
+            of_pair = (bed.kind[:, None] == a) & (bed.kind == b) & (r > 0.0)
+            # Far away, to 2e-4 of it, by the octupoles; below contact the load is that at contact.
+            octupoles = 7.5 * (first.radius**2 - first.height**2 / 3.0)
+            octupoles += 2.5 * (second.radius**2 - second.height**2 / 3.0)
+            result[of_pair] += 0.75 * octupoles / r[of_pair] ** 2
+            near = of_pair & (r < 8.0 * contact)
+            exact = disc_torque_over_dipoles(np.maximum(r[near], contact), first, second)
+            result[near] = np.abs(exact) * np.minimum(r[near] / contact, 1.0) ** 3
+    return result
+
+
+def normal_loads(
+    bed: Bed, reach: Reach, directions: str, *, second: bool, cylinders: bool = False
+) -> np.ndarray:
     """Normal force of the plates on each grain by [D, eq. 4.11] [N], for such directions of the tilts."""
     diameter, thickness = bed.of_species("diameter"), bed.of_species("thickness")
     diagonal = np.hypot(diameter, thickness)
@@ -319,6 +339,8 @@ def normal_loads(bed: Bed, reach: Reach, directions: str, *, second: bool) -> np
     for way in displacements(bed, reach):
         r = np.hypot(way[..., 0], way[..., 1])
         cubes = np.where((r > 0.0) & (r < reach.end), np.where(r > 0.0, r, 1.0) ** -3.0, 0.0)
+        if cylinders:
+            cubes *= torques_of_discs(bed, r)
         loads += unit * bed.ratios * own * (cubes @ (bed.ratios * other))
     if bed.periods is not None and reach.images:  # beyond, the sum is an integral over the plane
         beyond = 2.0 * math.pi / (float(bed.periods.prod()) * reach.end)
