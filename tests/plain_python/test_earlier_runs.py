@@ -80,7 +80,9 @@ def test_an_earlier_run_loads_and_its_forces_are_what_they_were(name: str, runs:
     np.testing.assert_allclose(found, known, rtol=0.0, atol=error)
 
 
-@pytest.mark.parametrize("name", ["contact", "discs", "formulas", "own"])
+@pytest.mark.parametrize(
+    "name", ["contact", "own", *(pytest.param(one, marks=pytest.mark.long) for one in ("discs", "formulas"))]
+)
 def test_an_earlier_run_goes_on(name: str, runs: Path) -> None:
     scene = load_trajectory(runs / name).scene
     found = simulate(scene, dt=STEP, t_end=END, out=runs / name, resume=True, progress=False).dataset

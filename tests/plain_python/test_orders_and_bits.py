@@ -116,6 +116,7 @@ RESUMED: dict[str, dict[str, Any]] = {
     },
 }
 """Grains so fast that lists of near pairs are made again before and behind the pause."""
+LATER = ("formula pair law", "discs by cut-off", "own pair law, periodic")
 TIME = 24 * STEP
 
 
@@ -145,7 +146,9 @@ def check_bits(name: str, out: Path) -> None:
 
 if numba.config.DISABLE_JIT:
 
-    @pytest.mark.parametrize("name", RESUMED)
+    @pytest.mark.parametrize(
+        "name", [pytest.param(one, marks=pytest.mark.long if one in LATER else ()) for one in RESUMED]
+    )
     def test_near_pairs_that_are_listed_again_keep_the_bits(name: str, tmp_path: Path) -> None:
         check_bits(name, tmp_path)
 

@@ -232,7 +232,11 @@ def label(value: Any) -> str:
 
 if numba.config.DISABLE_JIT:
 
-    @pytest.mark.parametrize(("written", "alone", "drawn"), CASES, ids=label)
+    @pytest.mark.parametrize(
+        ("written", "alone", "drawn"),
+        [pytest.param(*case, marks=pytest.mark.long if k % 3 else ()) for k, case in enumerate(CASES)],
+        ids=label,
+    )
     def test_an_own_law_with_a_tail_is_summed_as_written_out(written: str, alone: bool, drawn: Drawn) -> None:
         check_tail(written, alone, drawn)
 
