@@ -247,9 +247,9 @@ def _sampled_near_load(discs: tuple[Disc, Disc], end: float, c: float, term: flo
 
     def sampled(u: Samples) -> tuple[Samples, Samples]:
         r = np.sqrt(u)
-        whole, t = disc_load(r, *discs), np.clip((end - r) / (end - end / _WINDOW), 0.0, 1.0)
+        exact, t = disc_load(r, *discs), np.clip((end - r) / (end - end / _WINDOW), 0.0, 1.0)
         part = disc_load_law(r, *discs, c, term)
-        return (whole - part) * t**3 * (10.0 - 15.0 * t + 6.0 * t * t), whole
+        return (exact - part) * t**3 * (10.0 - 15.0 * t + 6.0 * t * t), exact
 
     return sampled
 
