@@ -85,6 +85,7 @@ def _add_near_loads(
     law: NearLaw | None, weight: Array | None, near: NearList | None, grains: int, arrays: GrainArrays
 ) -> None:
     if law is not None and weight is not None:
+        assert arrays.load is not None
         add_near_loads(law, near, grains, arrays.x, arrays.y, weight, arrays.load)
 
 

@@ -165,6 +165,7 @@ def add_near_loads(
 ) -> None:
     """Add the loads of the near part [1/D^3], with the list of the forces; x, y [D]."""
     loads = law.tables.loads
+    assert loads is not None
     for i in range(grains):
         begin, end = _partner_range(near, i, grains)
         for k in range(begin, end):
