@@ -61,9 +61,10 @@ LOAD = 0.01
 """Constant load of friction [N]."""
 SPACING, JITTER, CUT_OFF = 10.8 * MM, 0.9 * MM, 30 * MM
 """[m]: big grains alone are packed as at the full compression that the mesh's tolerance is for, 0.24."""
-EXACT, OF_DISCS, OF_ROWS, OF_LOADS = 1e-12, 9e-6, 1e-6, 1e-3
-"""Errors over the rms of a grain's sum of sizes; of discs `disc_near_law.RELATIVE`, of rows of them
-test_row_of_discs_is_the_sum_over_its_magnets's, and of their loads test_disc_loads's."""
+EXACT, OF_LAWS, OF_DISCS, OF_ROWS, OF_LOADS = 1e-12, 1e-9, 9e-6, 1e-6, 1e-3
+"""Errors over the rms of a grain's sum of sizes; of own pair laws, which may be tables, of discs
+(`disc_near_law.RELATIVE`), of rows of them (test_row_of_discs_is_the_sum_over_its_magnets) and of their loads
+(test_disc_loads)."""
 
 Part = tuple[dict[str, Any], Callable[[Bed], Sums]]
 """Sections of a scene, and the sums that they bring."""
@@ -284,7 +285,8 @@ CHOICES: dict[str, tuple[str, ...]] = {
 }
 FEATURES = (*itertools.chain(*CHOICES.values()), *ACTING, *WALLS)
 WITH_IMAGES = ("friction", "drag", "eddy", "bath")
-SOON = ("contact", "pair law", "own short law", "own screened law")
+OWN_PAIR_LAWS = ("pair law", "own short law", "own screened law")
+SOON = ("contact", *OWN_PAIR_LAWS)
 NO_IMAGES = "cannot act in a cell with periodic sides|there is no piston|there is no side wall"
 EXCLUDED: dict[frozenset[str], str] = {
     frozenset(pair): words
@@ -503,7 +505,7 @@ def make_case(drawn: Drawn) -> Case:
             second=asked["torque"] == "second",
             cylinders="cylinders" in drawn.features,
         )
-    errors = dict.fromkeys(parts, EXACT)
+    errors = {name: OF_LAWS if name in OWN_PAIR_LAWS else EXACT for name in parts}
     if "cylinders" in drawn.features:
         errors["magnets"] = OF_DISCS
     if "mesh" in drawn.features:

@@ -32,8 +32,9 @@ from tests.plain_python.test_drawn_scenes import (
 
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
-A, LENGTH, C = 2e-4, 2 * MM, 1e-9
-"""[J m], [m], [J m^3]: at the spacing of the grains, about as much of each, as large as the dipoles' law."""
+A, LENGTH, C, WIDE = 100.0, 0.5 * MM, 1e-9, 2 * MM
+"""[J m], [m], [J m^3], [m]: as much of each at 8 mm; the tail is that of dipoles, and the rest is spent at
+the cut-off. The last is the length of the law by masses."""
 CLOSE = 1e-9
 """Error of a tabled law by direct sum and cut-off, over the rms of a grain's sum of sizes."""
 REFUSED = ""
@@ -60,7 +61,7 @@ class ByMass:
     """A screened repulsion by the masses of both grains, which ends at a distance."""
 
     a: float = quantity("J*m/kg", default=0.3)
-    length: float = quantity("m", default=LENGTH)
+    length: float = quantity("m", default=WIDE)
     end: float = quantity("m", default=25 * MM)
 
     @staticmethod
@@ -108,10 +109,16 @@ CASES = [
 
 def yukawa(bed: Bed) -> Law:
     def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        strength, screened = bed.ratios[i] * bed.ratios[j], A * np.exp(-r / LENGTH) / r
-        return strength * (screened + C / r**3), strength * (
-            screened * (1.0 / r + 1.0 / LENGTH) + 3.0 * C / r**4
-        )
+        energy = bed.ratios[i] * bed.ratios[j] * A * np.exp(-r / LENGTH) / r
+        return energy, energy * (1.0 / r + 1.0 / LENGTH)
+
+    return law
+
+
+def tail_alone(bed: Bed) -> Law:
+    def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        strength = C * bed.ratios[i] * bed.ratios[j]
+        return strength / r**3, 3.0 * strength / r**4
 
     return law
 
@@ -119,8 +126,8 @@ def yukawa(bed: Bed) -> Law:
 def by_mass(bed: Bed) -> Law:
     def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rest = np.maximum(25 * MM - r, 0.0) / (25 * MM)
-        energy = 0.3 * (bed.masses[i] + bed.masses[j]) * np.exp(-r / LENGTH) / r
-        return energy * rest**4, energy * ((1.0 / r + 1.0 / LENGTH) * rest**4 + 4.0 * rest**3 / (25 * MM))
+        energy = 0.3 * (bed.masses[i] + bed.masses[j]) * np.exp(-r / WIDE) / r
+        return energy * rest**4, energy * ((1.0 / r + 1.0 / WIDE) * rest**4 + 4.0 * rest**3 / (25 * MM))
 
     return law
 
@@ -161,33 +168,23 @@ def make_tail(written: str, alone: bool, drawn: Drawn) -> Tail:
     scene = Scene.from_plain(plain | {"arrangement": {"positions": places.tolist()}})
     bed = bed_of(scene, places)
     reach = reach_of(kept, bed)
-    known = [short_sums(bed) if written == "by mass" else tailed_sums(bed, yukawa(bed), reach, C)]
+    if written == "by mass":
+        known = [sum_pairs(bed, by_mass(bed), Reach(25 * MM))]
+    else:  # the method sums the tail; what is short has an end of its own
+        known = [sum_pairs(bed, yukawa(bed)), sum_tail(bed, tail_alone(bed), reach, C)]
     if not alone:
-        known.append(tailed_sums(bed, dipoles(bed), reach, 0.25 * bed.unit * bed.size**4))
+        known.append(sum_tail(bed, dipoles(bed), reach, 0.25 * bed.unit * bed.size**4))
     return Tail(scene, bed, tuple(known))
 
 
-def short_sums(bed: Bed) -> Sums:
-    return sum_pairs(bed, by_mass(bed), Reach(25 * MM))
-
-
-def tailed_sums(bed: Bed, law: Law, reach: Reach, coefficient: float) -> Sums:
-    """Sum a law with such a tail [J m^3]; the energy of all images of the tail by Ewald's sum."""
+def sum_tail(bed: Bed, law: Law, reach: Reach, coefficient: float) -> Sums:
+    """Sum a law as r^-3 with that coefficient [J m^3]; the energy of all images by Ewald's sum."""
     result = sum_pairs(bed, law, reach)
     if reach.images:
         assert bed.periods is not None
-        tail = sum_pairs(bed, tail_alone(bed, coefficient), reach).energy
         unit = 4.0 * coefficient / bed.size**3
-        result.energy += unit * ewald_energy(bed.places / bed.size, bed.periods / bed.size, bed.ratios) - tail
+        result.energy = unit * ewald_energy(bed.places / bed.size, bed.periods / bed.size, bed.ratios)
     return result
-
-
-def tail_alone(bed: Bed, coefficient: float) -> Law:
-    def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        strength = coefficient * bed.ratios[i] * bed.ratios[j]
-        return strength / r**3, 3.0 * strength / r**4
-
-    return law
 
 
 def check_tail(written: str, alone: bool, drawn: Drawn) -> None:

@@ -23,7 +23,7 @@ from granular.shared.errors import InputError
 from tests.granular.run.test_record_names import pull
 from tests.plain_python.brute_force import Bed, Law, Reach, bed_of, dipoles, discs, sum_pairs
 from tests.plain_python.test_every_effect import EXAMPLES
-from tests.plain_python.test_pair_law_tails import CLOSE, FORMULA, yukawa
+from tests.plain_python.test_pair_law_tails import CLOSE, FORMULA, tail_alone, yukawa
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::RuntimeWarning"),
@@ -286,7 +286,7 @@ def by_pairs(scene: Scene, row: Row, place: np.ndarray) -> tuple[np.ndarray, flo
     if row["effect"] in REACH:
         sums.append(sum_pairs(bed, screened(bed), Reach(REACH[row["effect"]] * bed.size)))
     if row["effect"] == TAILED:
-        sums.append(sum_pairs(bed, yukawa(bed), reach_of(scene, row)))
+        sums += [sum_pairs(bed, yukawa(bed)), sum_pairs(bed, tail_alone(bed), reach_of(scene, row))]
     load = float(np.sqrt(np.mean(np.square(sum(one.sizes for one in sums)))))
     energies = sum(one.energies for one in sums)
     off, energy_off = 1e-11 * load, 1e-10 * energies
