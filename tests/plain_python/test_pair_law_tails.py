@@ -32,9 +32,9 @@ from tests.plain_python.test_drawn_scenes import (
 
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
-A, LENGTH, C, WIDE = 100.0, 0.5 * MM, 1e-9, 2 * MM
-"""[J m], [m], [J m^3], [m]: as much of each at 8 mm; the tail is that of dipoles, and the rest is spent at
-the cut-off. The last is the length of the law by masses."""
+A, LENGTH, C, WIDE = 1.0, 0.5 * MM, 1e-9, 2 * MM
+"""[J m], [m], [J m^3], [m]: the tail is that of dipoles, and the rest, a quarter of it where big grains
+touch, is spent at the cut-off. The last is the length of the law by masses."""
 CLOSE = 1e-9
 """Error of a tabled law by direct sum and cut-off, over the rms of a grain's sum of sizes."""
 REFUSED = ""

@@ -140,6 +140,8 @@ REFUSED: list[tuple[Row, str]] = [
     ({"fields": 3, "sides": "periodic"}, "in a cell with periodic sides"),
     *(({"stage": name, "sides": "periodic"}, "moves the piston") for name in STAGES if name != "hold"),
 ]
+if TAILED in ACTING:
+    REFUSED.append(({"effect": TAILED, "magnets": "cylinders"}, "a tail cannot act beside"))
 """Pairs that exclude each other, and the words that say so: what knows of no images or needs a piston, and a
 host, whose motion needs the whole force and which alone moves the cell."""
 
