@@ -115,6 +115,6 @@ def _compile_kernel(function: Any, **options: Any) -> Any:
     # would not have the same bits, and compensated sums would be lost.
     kernel = numba.njit(error_model="numpy", nogil=True, fastmath={"contract"}, **options)(function)
     # What stands elsewhere is not in the digest of the sources, and is compiled in every process.
-    if function.__module__.startswith(f"{PACKAGE.name}.") and isinstance(kernel, CPUDispatcher):
+    if isinstance(kernel, CPUDispatcher) and function.__module__.startswith(f"{PACKAGE.name}."):
         cache_kernel(kernel)
     return kernel

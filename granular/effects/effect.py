@@ -70,6 +70,8 @@ class EffectContext:
     indices : mapping of str to int
         Index of each effect in the tuple of laws.
     piston : Piston or None
+    cut_off : float or None
+        Distance at which all pairs end [D]; None: they do not.
     """
 
     grains: Grains
@@ -79,6 +81,7 @@ class EffectContext:
     effects: Mapping[str, Any]
     indices: Mapping[str, int]
     piston: Piston | None = None
+    cut_off: float | None = None
 
 
 class Effect(Section):

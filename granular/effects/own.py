@@ -36,12 +36,14 @@ reads as it does in SI. There may be, each with what belongs to it:
 ``flow(p, grain, vx, vy, dt) -> (vx, vy)``
     Velocity after ``dt`` under a dissipative effect alone, exactly, for either sign of ``dt``.
     What it takes is entered in the ledger.
-``pair_energy(p, r, first, second)``, ``pair_force(p, r, first, second)``
-    Of two grains at the distance r; the force is positive where they repel each other.
-``pair_stiffness(p, r, first, second)``
-    A bound of its slope.
+``pair_energy(p, r, first, second)``
+    Of two grains at the distance r, each with ``mass``, ``moment`` and ``diameter`` of its species. It is
+    called in plain Python and tabulated, `granular.effects.pair_law`; the force is the table's derivative.
+    A ``pair_force`` and a ``pair_stiffness``, if there are any, are compared with it, and no more.
+``tail(p, first, second)``
+    Its coefficient of 1/r^3 far away, if it has one; summed over all pairs as that of the dipoles is.
 ``reach(p)``
-    Distance from which on a pair does nothing; all pairs count without it.
+    Distance from which on a pair does nothing, but for its tail; without it, where the energy has ended.
 ``frequency(p)``
     Highest angular frequency with which it changes in time, for the step.
 
@@ -52,7 +54,7 @@ distance w (others feel it in the ratio of their moments):
     Force away from the wall, minus the slope of the energy; and minus its own slope.
 
 A scene names it as ``effects.walls.left = { law = "soft", k = "9 N/m", reach = "1 cm" }``. Either
-can be a formula as well: `granular.effects.formula`, `granular.effects.formula_pair_laws`,
+can be a formula as well: `granular.effects.formula`, `granular.effects.pair_formula`,
 and of the distance ``w`` of a wall:
 ``effects.walls.left = { energy = "a*(l/w)**3", a = "1 uJ", l = "6 mm" }``.
 
@@ -64,16 +66,19 @@ edited one is compiled anew.
 from __future__ import annotations
 
 import dataclasses
+import functools
+import math
 import re
 import types as python_types
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from granular.effects.dissipative_effect import DissipativeEffect
-from granular.effects.effect import EffectContext, energy_variable
+from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
-from granular.effects.own_checks import check_effect_functions, check_wall_functions
+from granular.effects.own_checks import check_effect_functions, check_pair_functions, check_wall_functions
 from granular.effects.own_law import Definition, OwnEffectLaw, OwnLaw, OwnWallLaw
+from granular.effects.pair_law import PairFunctions, PairLawEffect, species_of_scene
 from granular.effects.registry import WALL_LAWS, register_effect
 from granular.schema.field_kinds import IntegerKind, QuantityKind, unknown_word_message
 from granular.schema.natural_units import Scales
@@ -170,16 +175,17 @@ class OwnEffect(OwnSection, ForceEffect, DissipativeEffect):
     rank = 1
     what = "effect"
     law_base = OwnEffectLaw
-    needed = ("force", "pair_force", "flow")
+    needed = ("force", "pair_energy", "flow")
     partners: ClassVar[Mapping[str, str | None]] = {
         "energy": "force",
         "force": "energy",
         "stiffness": "energy",
         "power": "energy",
         "flow": None,
-        "pair_energy": "pair_force",
+        "pair_energy": None,
         "pair_force": "pair_energy",
         "pair_stiffness": "pair_energy",
+        "tail": "pair_energy",
         "reach": "pair_energy",
         "frequency": None,
     }
@@ -193,6 +199,7 @@ class OwnEffect(OwnSection, ForceEffect, DissipativeEffect):
         return {
             "key": key,
             "damps": damps,
+            "periodic": "pair_energy" in content and not {"energy", "force", "flow"} & set(content),
             "example": content.get("example", True),
             "energy_record": energy_variable(f"{key}_energy", f"energy of: {meaning}") if conserves else None,
             "loss_record": energy_variable(f"{key}_loss", f"lost to: {meaning}") if damps else None,
@@ -204,16 +211,53 @@ class OwnEffect(OwnSection, ForceEffect, DissipativeEffect):
         if not is_built_in(cls):  # which the registry knows by its file
             register_effect(cls)
 
+    @property
+    def component_effects(self) -> tuple[Effect, ...]:
+        """The effect of its functions of a grain, and that of its functions of a pair."""
+        names = set(self.definition.names)
+        if "pair_energy" not in names:
+            return (self,)
+        return (self, _OwnPairLaw(self)) if names & {"force", "flow"} else (_OwnPairLaw(self),)
+
     def make_kernel_law(self, context: EffectContext) -> Any:
         """Law in natural units."""
-        law, functions = self.natural_law(context.scales), self.definition.functions
+        law = self.natural_law(context.scales)
         check_effect_functions(self.definition, law, context)
-        return law._replace(pair_reach=float(functions["reach"](law))) if "reach" in functions else law
+        return law
 
     def drive_angular_frequency(self, scales: Scales) -> float:
         """Highest angular frequency with which the effect changes in time [1/tau]."""
         result = self.definition.functions.get("frequency")
         return 0.0 if result is None else abs(float(result(self.natural_law(scales))))
+
+
+class _OwnPairLaw(PairLawEffect):
+    """Pair law of an own effect."""
+
+    def __init__(self, owner: OwnEffect) -> None:
+        for name, value in (("owner", owner), ("key", owner.key), ("energy_record", owner.energy_record)):
+            object.__setattr__(self, name, value)
+
+    if TYPE_CHECKING:
+        owner: OwnEffect
+
+    @property
+    def user_code_digests(self) -> tuple[str, ...]:
+        """Digest of the owner's functions."""
+        return self.owner.user_code_digests
+
+    def pair_functions(self, context: EffectContext) -> PairFunctions:
+        """Return the user's functions, with the parameters in natural units."""
+        definition, law = self.owner.definition, self.owner.natural_law(context.scales)
+        check_pair_functions(definition, law, species_of_scene(context))
+        functions = definition.functions
+        return PairFunctions(
+            key=(definition.digest, tuple(law)),
+            reach=float(functions["reach"](law)) if "reach" in functions else math.inf,
+            name=definition.display_name,
+            energy=functools.partial(functions["pair_energy"], law),
+            tail=functools.partial(functions["tail"], law) if "tail" in functions else None,
+        )
 
 
 class OwnWall(OwnSection):
@@ -257,7 +301,7 @@ def effect(user_class: type) -> Any:
     Raises
     ------
     InputError
-        If the class has no ``force``, ``flow`` or ``pair_force``, lacks the partner that a function needs
+        If the class has no ``force``, ``flow`` or ``pair_energy``, lacks the partner that a function needs
         (an ``energy`` for a force), has an unknown or a not static function, a parameter that is no
         `quantity`, or the name of a built-in effect. Functions with other arguments, that do not
         compile, or a force that is not minus the gradient of its energy, fail when a run begins.

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.effects.effect import EffectContext
 from granular.effects.own_law import Definition, Grain
+from granular.effects.pair_law import Species
 from granular.shared.errors import InputError
 
 # Far above the error of the difference quotient, some 1e-11, and far below that of a wrong factor.
@@ -39,9 +40,22 @@ def check_effect_functions(definition: Definition, p: Any, context: EffectContex
                 trial.check_force(grain, time)
         if "flow" in names:
             trial.check_flow(grain)
-    if "pair_force" in names:
+
+
+def check_pair_functions(definition: Definition, p: Any, species: Sequence[Species]) -> None:
+    """Check that a pair law's functions are numbers, and that a given force is the slope of the energy."""
+    trial = _Trial(definition, p)
+    for first, second in itertools.combinations_with_replacement(species, 2):
         for r in _DISTANCES:
-            trial.check_pair_force(r, grains)
+            trial.call("pair_energy", r, first, second)
+            if "pair_force" in definition.names:
+                trial.check_slope("pair_force", "pair_energy", r, first, second)
+            if "pair_stiffness" in definition.names:
+                trial.call("pair_stiffness", r, first, second)
+        if "tail" in definition.names:
+            trial.call("tail", first, second)
+    if "reach" in definition.names:
+        trial.call("reach")
 
 
 def check_wall_functions(definition: Definition, p: Any) -> None:
@@ -109,19 +123,6 @@ class _Trial(NamedTuple):
         self.compare("power", power, lambda moment: self.call("energy", grain, moment), time, size)
         if "stiffness" in self.definition.names:
             self.call("stiffness", grain, time)
-
-    def check_pair_force(self, r: float, grains: list[Grain]) -> None:
-        """Check that the force of pairs is minus the slope of their energy, and the same on both grains."""
-        for first, second in itertools.combinations_with_replacement(grains, 2):
-            result = self.check_slope("pair_force", "pair_energy", r, first, second)
-            other = self.call("pair_force", r, second, first)
-            if not np.isclose(result, other, rtol=1e-9, atol=0.0, equal_nan=True):
-                raise self.refusal(
-                    f"'pair_force' gives {result:.6g} and, with the grains exchanged, {other:.6g}; "
-                    "a pair must pull and push equally"
-                )
-            if "pair_stiffness" in self.definition.names:
-                self.call("pair_stiffness", r, first, second)
 
     def check_flow(self, grain: Grain) -> None:
         """Check that the flow takes energy, and is exact."""

@@ -23,7 +23,6 @@ from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import OPTIONS
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, WORK, Bed, State
-from granular.pairs.cell_list import CellList, cell_list_workspace, find_partners_of_grain, sort_into_cells
 from granular.pairs.grain_arrays import value_or_one
 from granular.shared.errors import InputError
 from granular.shared.message_text import one_line
@@ -197,9 +196,8 @@ def make_grain(
 class OwnEffectLaw(OwnLaw):
     """Base of the laws of own effects."""
 
-    # What the energy and force of each grain are multiplied by, and the distance from which on pairs do
-    # nothing [D]; infinite: all pairs count.
-    extra_fields: ClassVar[Mapping[str, Any]] = {"species_factor": None, "pair_reach": math.inf}
+    # What the energy and force of each grain are multiplied by.
+    extra_fields: ClassVar[Mapping[str, Any]] = {"species_factor": None}
 
     @staticmethod
     def hook_names(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -209,12 +207,7 @@ class OwnEffectLaw(OwnLaw):
     @staticmethod
     def make_hooks(user: Functions) -> Functions:
         """Make the hooks, of kernels by the names of the user's functions."""
-        hooks = _make_grain_hooks(user)
-        return {**hooks, **_make_pair_hooks(user, hooks)} if "pair_force" in user else hooks
-
-    def workspace(self: Any, size: int, count: int) -> CellList | None:
-        """Make cells for the search of grains within reach."""
-        return cell_list_workspace(count) if math.isfinite(self.pair_reach) else None
+        return _make_grain_hooks(user)
 
 
 _HOOKS = {
@@ -222,8 +215,6 @@ _HOOKS = {
     "energy": "measure_energy_and_stiffness",
     "power": "record_external_work",
     "flow": "damp_velocities",
-    "pair_force": "add_forces",
-    "pair_energy": "measure_energy_and_stiffness",
 }
 """The hook that calls a user's function."""
 
@@ -285,83 +276,6 @@ def _make_grain_hooks(user: Functions) -> Functions:
         "flow": damp_velocities,
     }
     return {_HOOKS[name]: hook for name, hook in hooks.items() if name in user}
-
-
-@compiled
-def _sort_grains_into_cells(cells: CellList | None, reach: float, state: State, count: int) -> bool:
-    """Sort the grains, where pairs end; False where a position is no number."""
-    return True if cells is None else sort_into_cells(cells, state.x, state.y, count, reach)
-
-
-@compiled
-def _count_partners(cells: CellList | None, reach: float, state: State, i: int, count: int) -> int:
-    """Return the number of a grain's partners: those within reach, or all that follow it."""
-    if cells is None:
-        return count - 1 - i
-    return find_partners_of_grain(cells, state.x, state.y, i, reach)
-
-
-@compiled
-def _partner_index(cells: CellList | None, i: int, k: int) -> int:
-    return i + 1 + k if cells is None else cells.partners[k]
-
-
-def _make_pair_hooks(user: Functions, of_grains: Functions) -> Functions:
-    """Make the hooks of a law with functions of pairs, which call those of its functions of grains."""
-    force, energy = user["pair_force"], user["pair_energy"]
-    stiffness = user.get("pair_stiffness", _return_zero)
-    add_grain_forces, measure_grains = (
-        of_grains.get(_HOOKS[name], _return_zero) for name in ("force", "energy")
-    )
-
-    @compiled(inline=True)
-    def add_forces(law: Any, cells: CellList | None, index: int, bed: Bed, time: float) -> int:
-        state, count = bed.state, bed.constants.grains
-        masses, moments = bed.constants.masses, relative_moments(bed.constants)
-        add_grain_forces(law, cells, index, bed, time)
-        if not _sort_grains_into_cells(cells, law.pair_reach, state, count):
-            return 1
-        for i in range(count):
-            first = make_grain(state, masses, moments, i)
-            for k in range(_count_partners(cells, law.pair_reach, state, i, count)):
-                j = _partner_index(cells, i, k)
-                dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
-                r = math.sqrt(dx * dx + dy * dy)
-                if r < law.pair_reach:
-                    ratio = force(law, r, first, make_grain(state, masses, moments, j)) / r
-                    state.fx[i] += ratio * dx
-                    state.fy[i] += ratio * dy
-                    state.fx[j] -= ratio * dx
-                    state.fy[j] -= ratio * dy
-        return 0
-
-    @compiled(inline=True)
-    def measure_energy_and_stiffness(
-        law: Any, cells: CellList | None, index: int, bed: Bed, time: float, slopes: Array, energies: Array
-    ) -> int:
-        state, count, total = bed.state, bed.constants.grains, 0.0
-        masses, moments = bed.constants.masses, relative_moments(bed.constants)
-        measure_grains(law, cells, index, bed, time, slopes, energies)
-        if not _sort_grains_into_cells(cells, law.pair_reach, state, count):
-            energies[index] = math.nan
-            return 0
-        for i in range(count):
-            first = make_grain(state, masses, moments, i)
-            for k in range(_count_partners(cells, law.pair_reach, state, i, count)):
-                j = _partner_index(cells, i, k)
-                dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
-                r = math.sqrt(dx * dx + dy * dy)
-                if r < law.pair_reach:
-                    second = make_grain(state, masses, moments, j)
-                    total += energy(law, r, first, second)
-                    # Twice: Gershgorin's row sum has the pair's block on the diagonal and beside it.
-                    slope = 2.0 * abs(stiffness(law, r, first, second))
-                    slopes[i] += slope / first.mass
-                    slopes[j] += slope / second.mass
-        energies[index] += total
-        return 0
-
-    return {hook.__name__: hook for hook in (add_forces, measure_energy_and_stiffness)}
 
 
 NEAREST, FARTHEST = 1e-4, 1e3

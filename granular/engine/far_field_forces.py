@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from granular.compiled import Array, compiled
 from granular.kernel_data.compensated_summation import add_to_velocity
-from granular.kernel_data.constants import pair_charges
 from granular.kernel_data.state import Bed, State
 from granular.pairs.direct_far_field import DirectFarFieldWorkspace, compute_direct_far_field
 from granular.pairs.grain_arrays import GrainArrays, value_or_one
@@ -47,7 +46,7 @@ def _find_far_forces_of_bed(
         state.y,
         far.fx,
         far.fy,
-        pair_charges(constants),
+        constants.acting.charges,
         None,
         None,
         far.load,

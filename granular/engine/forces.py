@@ -8,13 +8,7 @@ from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
 from granular.compiled.hook_calls import sum_of_hooks
 from granular.engine.far_field_forces import add_far_field, compute_far_field, far_energy, refresh_far_field
-from granular.kernel_data.constants import (
-    Constants,
-    multiply_by_moment_over_mass,
-    pair_charges,
-    pair_stiffness_bound,
-    values_or_default,
-)
+from granular.kernel_data.constants import Constants, multiply_by_moment_over_mass, pair_stiffness_bound
 from granular.kernel_data.state import Bed, Measurement, State
 from granular.pairs.cut_off_sum import cut_off_sum
 from granular.pairs.dipole_law import ENERGY
@@ -58,7 +52,7 @@ def _compute_pair_forces(
         state.y,
         state.fx,
         state.fy,
-        pair_charges(constants),
+        constants.acting.charges,
         stiffness,
         energy_and_closest,
         array_if_wanted(weight, state.load),
@@ -155,8 +149,7 @@ def potential_energies(
     bound = 6.0 * pair_stiffness_bound(constants.acting.series)
     for i in range(constants.grains):
         stiffness[i] *= bound
-    charges = values_or_default(constants.acting.charges, constants.moments)
-    multiply_by_moment_over_mass(stiffness, charges, constants.masses, constants.grains)
+    multiply_by_moment_over_mass(stiffness, constants.acting.charges, constants.masses, constants.grains)
     near = _measure_near_part(constants.acting.near, bed, stiffness)
     energies[:] = 0.0
     _measure(constants.acting.laws, state.workspaces, bed, time, stiffness, energies)

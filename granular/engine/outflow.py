@@ -19,7 +19,8 @@ def constants_per_grain(constants: Constants) -> list[np.ndarray]:
     result += [law.species for law in acting.walls if isinstance(law, DiscWall)]
     # A law's arrays are all of this kind; any other stands in a tuple of its own within the law.
     result += [values for law in acting.laws for values in law]
-    return [values for values in result if isinstance(values, np.ndarray)]
+    # Masses, moments and charges may be one array, and must not be moved twice.
+    return list({id(values): values for values in result if isinstance(values, np.ndarray)}.values())
 
 
 def remove_outflowed_grains(state: State, constants: Constants) -> Constants:

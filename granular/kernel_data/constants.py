@@ -27,7 +27,7 @@ class EffectLaws(NamedTuple):
     listing: VerletSettings | None  # de Paula's list
     far: FarFieldSettings | None  # far field beyond the radius where pairs end smoothly
     nearest: Float[Array, "3"] | None  # of a periodic direct sum: sides, and the radius [D]
-    charges: Float[Array, "m"] | None = None  # in that sum, over the first species' moment; None: moments
+    charges: Float[Array, "m"] | None = None  # in that sum: moments, where no own law has a tail; None: 1
     series: Float[Array, "8"] | None = None  # of discs: see `granular.pairs.grain_arrays.COMMON`
     shift: Float[Array, "m"] | None = None  # of unlike discs: part of each grain in b [D^2]
     near: NearLaw | None = None  # of discs: what close pairs have beyond that sum
@@ -69,13 +69,7 @@ class Constants(NamedTuple):
 @compiled(inline=True)
 def relative_moments(constants: Constants) -> Float[Array, "m"] | None:
     """Magnetic moment of each grain over that of the first species; None where all are alike."""
-    return values_or_default(constants.moments, constants.masses)
-
-
-@compiled(inline=True)
-def pair_charges(constants: Constants) -> Float[Array, "m"] | None:
-    """Charge of each grain in the sum over all pairs, over the first species' moment; None: all alike."""
-    return values_or_default(constants.acting.charges, relative_moments(constants))
+    return _values_or_default(constants.moments, constants.masses)
 
 
 @compiled(inline=True)
@@ -85,8 +79,7 @@ def pair_stiffness_bound(series: Float[Array, "8"] | None) -> float:
 
 
 @compiled(inline=True)
-def values_or_default(values: Array | None, otherwise: Array | None) -> Array | None:
-    """Return an array, or another one where there is none."""
+def _values_or_default(values: Array | None, otherwise: Array | None) -> Array | None:
     return otherwise if values is None else values
 
 

@@ -34,7 +34,15 @@ from granular.pairs.disc_law import (
 )
 from granular.pairs.disc_torque import LOAD_FIFTH, disc_load, disc_load_law, fit_load_term
 from granular.pairs.grain_arrays import FAR, LOAD_FAR, LOAD_TERM
-from granular.pairs.near_law import END, LEAST, NearLaw, NearTables, SeriesTerms, collision_stiffness
+from granular.pairs.near_law import (
+    END,
+    LEAST,
+    NearLaw,
+    NearTables,
+    SeriesTerms,
+    collision_stiffness,
+    join_collisions,
+)
 from granular.pairs.piecewise import Sampled, tabulate_energies, tabulate_values
 from granular.pairs.simd import DISC_SCALE
 from granular.shared.errors import InputError
@@ -159,8 +167,9 @@ def _make_parts(discs: tuple[Disc, ...]) -> _Parts:
         [1.0, pairs[key].shift, (CLOSEST * contact) ** 2, (_WINDOW * begins[key]) ** 2]
         for key, contact in zip(keys, contacts, strict=True)
     ]
+    tabulated = tabulate_energies(list(made.values()), low, 1.05 * reach**2, _TABLE_ERROR)
     tables = NearTables(
-        energies=tabulate_energies([made[key] for key in keys], low, 1.05 * reach**2, _TABLE_ERROR),
+        energies=tabulated.rows([list(made).index(key) for key in keys]),
         pairs=np.array(numbers),
         series=SeriesTerms(c, slope),
         collisions=_collision_stiffness([pairs[k, k] for k in kinds]),
@@ -175,11 +184,7 @@ def _collision_stiffness(pairs: Sequence[_ExactDiscPair]) -> Samples:
     for pair in pairs:
         r = pair.r[0] * np.append(np.linspace(CLOSEST, 1.0, 20)[:-1], pair.r / pair.r[0])
         rows.append(collision_stiffness(r, ENERGY * disc_law_continued_below_contact(r, pair.discs)[0]))
-    squares = np.unique(np.concatenate([speeds for speeds, _ in rows]))
-    envelopes = [
-        stiffness[np.minimum(np.searchsorted(speeds, squares), len(speeds) - 1)] for speeds, stiffness in rows
-    ]
-    return np.array([squares, np.max(envelopes, axis=0)])
+    return join_collisions(rows)
 
 
 def _make_exact_pair(first: Disc, second: Disc) -> _ExactDiscPair:

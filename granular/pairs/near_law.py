@@ -9,6 +9,7 @@ near list. Discs and laws of a user's own are made so.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -79,6 +80,15 @@ def collision_stiffness(r: Samples, energy: Samples, mass: float = 1.0) -> Float
     slopes = np.gradient(np.gradient(energy, r), r)
     barriers = np.maximum.accumulate(energy[::-1])
     return np.array([barriers / mass, 2.0 * np.maximum.accumulate(np.abs(slopes[::-1])) / mass])
+
+
+def join_collisions(rows: Sequence[Float[np.ndarray, "2 n"]]) -> Float[np.ndarray, "2 n"]:
+    """Join what `collision_stiffness` makes of several species: the greatest frequency of any."""
+    squares = np.unique(np.concatenate([speeds for speeds, _ in rows]))
+    envelopes = [
+        stiffness[np.minimum(np.searchsorted(speeds, squares), len(speeds) - 1)] for speeds, stiffness in rows
+    ]
+    return np.array([squares, np.max(envelopes, axis=0)])
 
 
 @compiled

@@ -41,7 +41,7 @@ class NearList(NamedTuple):
     """Listed pairs, the cells for their search, and where they were listed."""
 
     starts: Int[np.ndarray, "m+1"]  # index of each grain's first partner
-    partners: np.ndarray  # higher numbers than the grain's own, rising (p,), uint32
+    partners: np.ndarray  # rising from the grain's own number, if it meets itself (p,), uint32
     shifts: Float[np.ndarray, "2 p"] | None  # to be added to x_i - x_j in a periodic cell [D]
     periods: Float[np.ndarray, "2"] | None  # its sides [D]
     radius: Float[np.ndarray, "m"] | None  # None: the reach is the same for all pairs [D]
@@ -208,11 +208,13 @@ def _list_partners_in_cell(
     periods, x, y = near.periods, near.built[0], near.built[1]
     for index in range(near.begins[cell], near.begins[cell + 1]):
         j = near.order[index]
-        if j <= i:
+        if j < i:
             continue
         # Grain i stays where it is: its partner is brought to the image in question.
         by_x = (_turns(periods, 0, x[j]) - turns_x) * _period(periods, 0)
         by_y = (_turns(periods, 1, y[j]) - turns_y) * _period(periods, 1)
+        if j == i and not (by_y > 0.0 or (by_y == 0.0 and by_x > 0.0)):
+            continue  # of a grain's own images, each and its opposite are one pair
         dx, dy, reach = x[i] - x[j] + by_x, y[i] - y[j] + by_y, _pair_reach(near.radius, near, i, j)
         if dx * dx + dy * dy < reach * reach:
             if last == near.partners.size:

@@ -40,6 +40,12 @@ _ORDER = 6
 _DEEPEST = 26
 """Halvings of a piece: a jump is then within 1e-9 of where it should be."""
 
+_AROUND = 8
+"""Pieces on either side whose magnitude counts, too: where a function ends its own is that of rounding."""
+
+_MOST_PIECES = 20000
+"""Pieces from which on none is halved: of a function that is no smoother anywhere; 1.3 MB."""
+
 MIDDLE, FIRST, ENERGY = 0, 1, 7
 """Entries of a piece: its middle [D^2]; its coefficients; the energy in the middle [F* D]."""
 
@@ -55,6 +61,13 @@ class PiecewiseTable(NamedTuple):
     length: int  # pieces of a table, n
     start: int  # leading digits of the lowest squared distance
     last: int  # index of the last piece of a table that is no half
+
+    def rows(self, order: Sequence[int]) -> PiecewiseTable:
+        """Put tables into another order, each as often as it stands there."""
+        length = self.length
+        pieces, halves = self.pieces.reshape(-1, length, 8)[order], self.halves.reshape(-1, length)[order]
+        moved = length * (np.arange(len(order)) - order)[:, None] * (halves > 0)
+        return self._replace(pieces=pieces.reshape(-1, 8), halves=(halves + moved).ravel())
 
 
 def tabulate_energies(
@@ -99,21 +112,26 @@ def _fit_pieces(
     low: float,
     high: float,
     tolerance: float,
-    fit: Callable[[Sampled, Samples, Samples], tuple[Samples, Samples]],
+    fit: Callable[[Sampled, Samples, Samples], tuple[Samples, Samples, Samples]],
 ) -> tuple[Samples, NDArray[np.int64]]:
     """Pieces of one table, and where the halves of each begin."""
     edges = (np.arange(_leading_digits(low), _leading_digits(high) + 2) << _SHIFT).view(np.float64)
     lower, upper = edges[:-1], edges[1:]
-    pieces, halves = np.zeros((0, 8)), np.zeros(0, dtype=np.int64)
+    pieces, halves, bounds = np.zeros((0, 8)), np.zeros(0, dtype=np.int64), np.zeros(0)
     for depth in range(_DEEPEST + 1):
-        made, errors = fit(sampled, lower, upper)
-        bad = np.flatnonzero(errors > tolerance) if depth < _DEEPEST else np.zeros(0, dtype=np.int64)
+        made, errors, sizes = fit(sampled, lower, upper)
+        if depth == 0:
+            around = np.pad(sizes, _AROUND, mode="edge")
+            bounds = tolerance * np.lib.stride_tricks.sliding_window_view(around, 2 * _AROUND + 1).max(axis=1)
+        bad = np.flatnonzero(errors > bounds)
+        if depth == _DEEPEST or len(pieces) > _MOST_PIECES:
+            bad = bad[:0]
         links = np.zeros(len(made), dtype=np.int64)
         links[bad] = len(pieces) + len(made) + 2 * np.arange(len(bad))
         pieces, halves = np.concatenate([pieces, made]), np.concatenate([halves, links])
         if not len(bad):
             break
-        middle = 0.5 * (lower[bad] + upper[bad])
+        bounds, middle = np.repeat(bounds[bad], 2), 0.5 * (lower[bad] + upper[bad])
         lower, upper = (
             np.column_stack(ends).ravel() for ends in ((lower[bad], middle), (middle, upper[bad]))
         )
@@ -126,29 +144,30 @@ def _chebyshev_nodes(count: int) -> tuple[Samples, Samples]:
     return nodes, np.linalg.inv(np.vander(nodes, increasing=True)).T
 
 
-def _fit_polynomials(sampled: Sampled, lower: Samples, upper: Samples, count: int) -> tuple[Samples, Samples]:
-    """Coefficients in the part of half a piece (n, count), and their errors over the magnitude."""
+def _fit_polynomials(
+    sampled: Sampled, lower: Samples, upper: Samples, count: int
+) -> tuple[Samples, Samples, Samples]:
+    """Coefficients in the part of half a piece (n, count), their errors, and the largest magnitude (n,)."""
     nodes, to_powers = _chebyshev_nodes(count)
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     places = middle[:, None] + half[:, None] * np.concatenate([nodes, _CHECKS])
     values, magnitudes = (part.reshape(places.shape) for part in sampled(places.ravel()))
     powers = values[:, :count] @ to_powers
     differences = powers @ np.vander(_CHECKS, count, increasing=True).T - values[:, count:]
-    sizes = np.maximum(np.abs(magnitudes).max(axis=1), np.finfo(np.float64).tiny)
-    return powers, np.abs(differences).max(axis=1) / sizes
+    return powers, np.abs(differences).max(axis=1), np.abs(magnitudes).max(axis=1)
 
 
-def _force_pieces(energy: Sampled, lower: Samples, upper: Samples) -> tuple[Samples, Samples]:
-    powers, errors = _fit_polynomials(energy, lower, upper, _ORDER + 1)
+def _force_pieces(energy: Sampled, lower: Samples, upper: Samples) -> tuple[Samples, Samples, Samples]:
+    powers, errors, sizes = _fit_polynomials(energy, lower, upper, _ORDER + 1)
     half, orders = 0.5 * (upper - lower), np.arange(1, _ORDER + 1)
     slopes = -2.0 * orders * powers[:, 1:] / half[:, None] ** orders
-    return np.column_stack([0.5 * (lower + upper), slopes, powers[:, 0]]), errors
+    return np.column_stack([0.5 * (lower + upper), slopes, powers[:, 0]]), errors, sizes
 
 
-def _value_pieces(values: Sampled, lower: Samples, upper: Samples) -> tuple[Samples, Samples]:
-    powers, errors = _fit_polynomials(values, lower, upper, _ORDER)
+def _value_pieces(values: Sampled, lower: Samples, upper: Samples) -> tuple[Samples, Samples, Samples]:
+    powers, errors, sizes = _fit_polynomials(values, lower, upper, _ORDER)
     scaled = powers / (0.5 * (upper - lower))[:, None] ** np.arange(_ORDER)
-    return np.column_stack([0.5 * (lower + upper), scaled, np.zeros(len(lower))]), errors
+    return np.column_stack([0.5 * (lower + upper), scaled, np.zeros(len(lower))]), errors, sizes
 
 
 @compiled(inline=True)

@@ -10,6 +10,7 @@ import numpy as np
 from granular.effects.dipole import discs_unless_dipoles
 from granular.effects.effect import Effect, EffectContext
 from granular.effects.force_effect import ForceEffect
+from granular.effects.pair_law import PairLawEffect, grain_charges
 from granular.effects.wall_side import SIDES
 from granular.kernel_data.constants import Constants, EffectLaws, PistonResistance
 from granular.methods import Method
@@ -65,9 +66,11 @@ def scene_in_natural_units(
     """Make all that the compiled loop takes of a scene, in natural units."""
     scales = Scales.from_grains(scene.grains)
     species = scene.grains.species_indices()
-    numbers = _grain_numbers(scene, species)
+    context = _effect_context(scene, scales, species)
+    charges = _pair_charges(scene, context)
+    numbers = _grain_numbers(scene, species, charges)
     effects = scene.effects.in_loop_order
-    acting = _acting_laws(scene, scales, species, numbers, method)
+    acting = _acting_laws(scene, context, numbers, charges, method)
     piston_mass, piston_weight = _piston_mass_and_weight(
         scene,
         scales,
@@ -103,31 +106,42 @@ class _GrainNumbers(NamedTuple):
         return self.masses if self.moments is None else self.moments
 
 
-def _grain_numbers(scene: Scene, species: np.ndarray) -> _GrainNumbers:
+def _pair_charges(scene: Scene, context: EffectContext) -> np.ndarray | None:
+    """Charge of each grain in the sum over all pairs, where own laws have a part in it; None: its moment."""
+    laws = [effect for effect in scene.effects.in_loop_order if isinstance(effect, PairLawEffect)]
+    tails = [tail for law in laws if (tail := law.tails(context)) is not None]
+    return grain_charges(tails, context, dipoles=scene.effects.dipole is not None)
+
+
+def _grain_numbers(scene: Scene, species: np.ndarray, charges: np.ndarray | None) -> _GrainNumbers:
     masses = scene.grains.mass_ratios()[species]
     moments = scene.grains.moment_ratios()[species] * scene.grains.moment_spread_factors()
     alike = bool((masses == moments).all())
     several = len(scene.grains.species) > 1 or not alike
     # At one speed the closest approach grows with q^2/m: others come closest to the grain with the least.
-    weakest = int(np.argmin(moments * (moments / masses))) if len(species) else None
+    meeting = moments if charges is None or scene.effects.dipole is not None else charges
+    weakest = int(np.argmin(meeting * (meeting / masses))) if len(species) else None
     return _GrainNumbers(
         masses=pad_values(masses) if several else None,
         moments=None if alike else pad_values(moments),
         least_mass=1.0 if weakest is None else float(masses[weakest]),
-        least_moment=1.0 if weakest is None else float(moments[weakest]),
+        least_moment=1.0 if weakest is None else float(meeting[weakest]),
         least_ratio=float((moments / masses).min(initial=1.0)) if not alike else 1.0,
     )
 
 
 def _acting_laws(
-    scene: Scene, scales: Scales, species: np.ndarray, numbers: _GrainNumbers, method: Method | None
+    scene: Scene,
+    context: EffectContext,
+    numbers: _GrainNumbers,
+    charges: np.ndarray | None,
+    method: Method | None,
 ) -> EffectLaws:
-    grains, effects = scene.grains, scene.effects.in_loop_order
-    context = _effect_context(scene, scales, species)
+    grains, effects, scales = scene.grains, scene.effects.in_loop_order, context.scales
     weights = [result for effect in effects if (result := effect.normal_load_weights(context)) is not None]
     dipole = scene.effects.dipole
-    summed = None if dipole is None else scene.pair_method
-    discs = None if dipole is None else _disc_laws(scene, scales, species, numbers, loads=bool(weights))
+    summed = scene.pair_method if dipole is not None or charges is not None else None
+    discs = None if dipole is None else _disc_laws(scene, context, numbers, loads=bool(weights))
     far = _far_field_settings(scene, scales, summed, method)
     if far is not None and discs is not None:
         fifth = discs[0].coefficients
@@ -140,22 +154,26 @@ def _acting_laws(
         assert radius is not None
         nearest = np.array([*periods, radius])
     elif radius is not None:
-        several = len(grains.species) > 1 or grains.spread > 0.0
+        several = len(grains.species) > 1 or grains.spread > 0.0 or charges is not None
         cut = CutOffSettings(radius, several, None if far is None else True, periods)
+    listing = scene.pairs.verlet_list_settings(scales.length) if summed == "verlet-list" else None
+    ends = radius if listing is None else listing.radius
+    context = dataclasses.replace(context, cut_off=ends if far is None else None)
+    laws = tuple(effect.make_kernel_law(context) for effect in effects)
     if discs is not None:
         _check_disc_reach(discs[1], scales, radius, periods)
-    laws = tuple(effect.make_kernel_law(context) for effect in effects)
     named = {effect.key: law for effect, law in zip(effects, laws, strict=True)}
     return EffectLaws(
         laws=laws,
         host=named.get("host"),
-        dipole=None if dipole is None else True,
+        dipole=None if summed is None else True,
         walls=tuple(named.get("walls", (None,) * len(SIDES))),
         weight=weights[0] if weights else None,
         cut=cut,
-        listing=scene.pairs.verlet_list_settings(scales.length) if summed == "verlet-list" else None,
+        listing=listing,
         far=far,
         nearest=nearest,
+        charges=numbers.relative_moments if charges is None else pad_values(charges),
         series=None if discs is None else discs[0].coefficients,
         shift=None if discs is None else discs[0].shift,
         near=None if discs is None else discs[1],
@@ -163,14 +181,14 @@ def _acting_laws(
 
 
 def _disc_laws(
-    scene: Scene, scales: Scales, species: np.ndarray, numbers: _GrainNumbers, *, loads: bool
+    scene: Scene, context: EffectContext, numbers: _GrainNumbers, *, loads: bool
 ) -> tuple[DiscSeries, NearLaw] | None:
     """Both parts of the law of the grains as discs; None where they are dipoles."""
-    discs = discs_unless_dipoles(scene.grains, scales.length)
+    discs, species = discs_unless_dipoles(scene.grains, context.scales.length), context.species
     if not discs:
         return None
     strength = numbers.least_moment**2 / numbers.least_mass
-    factor, periods = numbers.relative_moments, _periodic_sides(scene, scales)
+    factor, periods = numbers.relative_moments, _periodic_sides(scene, context.scales)
     size = pad_to_vectors(len(species))
     return make_disc_laws(discs, species, size, factor, strength, periods, loads=loads)
 

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import Dimension, infer_dimension, unit_text
+from granular.formulas.tree import Node
 from granular.schema.field_kinds import FieldError, FieldKind, unknown_word_message
 from granular.schema.sections import Section, section_field
 from granular.schema.units import si_value, unit_size
@@ -115,8 +116,13 @@ class SectionWithFormula(Section):
                 raise FieldError("is a variable; give the parameter another name", name)
             if name not in written:
                 raise FieldError(f"the {self.formula_key} has no {quote(name)}; take it out", name)
-        units = {name: unit for name, (_, unit) in zip(given, self.parameters, strict=True)}
+        self.check_unit(tree, self.unit)
+
+    def check_unit(self, tree: Node, unit: str) -> None:
+        """Check the unit of a formula of the variables and parameters."""
+        names = (name for name, _ in self.values)
+        units = {name: unit for name, (_, unit) in zip(names, self.parameters, strict=True)}
         known = dict(self.variables) | {name: _dimension_of_unit(unit) for name, unit in units.items()}
         dimension = infer_dimension(tree, known)
-        if dimension != _dimension_of_unit(self.unit):
-            raise InputError(f"it is in {unit_text(dimension)}, not in {self.unit}; check the units")
+        if dimension != _dimension_of_unit(unit):
+            raise InputError(f"it is in {unit_text(dimension)}, not in {unit}; check the units")

@@ -63,7 +63,7 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
     ),
     "granular/effects/own": _OF_ONES_OWN,
     "granular/effects/formula": _OF_ONES_OWN,
-    "granular/effects/formula_pair_laws": _OF_ONES_OWN,
+    "granular/effects/pair_formula": _OF_ONES_OWN,
     "granular/effects/dimensions": _OF_ONES_OWN,
     "granular/effects/eddy": _OF_A_LONE_GRAIN,
     "granular/effects/magnetic_gradient": _OF_A_LONE_GRAIN,

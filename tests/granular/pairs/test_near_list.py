@@ -50,16 +50,17 @@ def test_pairs_are_those_of_a_tree(count: int, seed: int, reach: float, width: f
 
 
 def images_within(place: np.ndarray, periods: tuple[float, float], reach: float) -> set[Pair]:
-    """Pairs and shifts of all images within a reach, by trying many of them."""
+    """Pairs and shifts of all images within a reach, by trying many; of a grain's own, half of them."""
     result, sides = set(), np.array(periods)
     most = int(np.ceil(reach / sides.min())) + 1
     for i in range(len(place)):
-        for j in range(i + 1, len(place)):
+        for j in range(i, len(place)):
             nearest = -sides * np.rint((place[i] - place[j]) / sides)
             for across in range(-most, most + 1):
                 for up in range(-most, most + 1):
                     shift = nearest + sides * [across, up]
-                    if np.hypot(*(place[i] - place[j] + shift)) < reach:
+                    opposite = i == j and (up, across) <= (0, 0)
+                    if np.hypot(*(place[i] - place[j] + shift)) < reach and not opposite:
                         result.add((i, j, *np.round(shift, 9)))
     return result
 
