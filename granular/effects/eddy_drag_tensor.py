@@ -21,15 +21,15 @@ from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.polynomial import Chebyshev
 
 from granular.pairs.disc_law import Disc
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-# 4e-7 holds if the plate's face is 0.42 D or farther from the grains' middle; 7e-4 at 0.27 D, 3e-2 at 0.17 D.
-ORDER = 12
-"""Coefficients of each series: hold the tensor of a thick plate to 1e-7 of a lone grain's drag."""
+ORDER = 64
+"""Coefficients of each series."""
 
 FARTHEST = 30.0
 """Distance [D] up to which the series are fitted: what is farther brakes by less than 1e-5."""
@@ -88,25 +88,27 @@ def lone_disc_drag_factor(plate: Plate, disc: Disc) -> float:
 
 
 @cache
-def drag_tensor_polynomials(plate: Plate, discs: tuple[Disc, ...] = ()) -> np.ndarray | None:
-    """Coefficients (2, ORDER) of P, Q in T = u^(5/2) [P(u) - 5 Q(u) r r^T/s], u = H^2/s; None: both are 1."""
-    if plate.thickness == 0.0 and not discs:
-        return None
-    chebyshev = np.polynomial.Chebyshev
+def _fit_drag_tensor(plate: Plate, discs: tuple[Disc, ...]) -> tuple[Chebyshev, Chebyshev]:
+    """Series P, Q in T = u^(5/2) [P(u) - 5 Q(u) r r^T/s], u = H^2/s."""
     square = 4.0 * plate.distance**2
     least = square / (square + FARTHEST**2)
-    # Six nodes a coefficient: least squares at Chebyshev nodes is then near the best uniform fit.
-    nodes = np.cos(np.pi * (np.arange(6 * ORDER) + 0.5) / (6 * ORDER))
-    u = least + (1.0 - least) * 0.5 * (nodes + 1.0)
+    u = least + (1.0 - least) * 0.5 * (np.polynomial.chebyshev.chebpts1(ORDER) + 1.0)
     r = np.sqrt(square / u - square)
     isotropic, radial = drag_tensor(plate, r, discs)
-    fits = (isotropic / u**2.5, -radial * square / (5.0 * r * r * u**3.5))
-    made = np.zeros((2, ORDER))
-    for row, values in zip(made, fits, strict=True):
-        fit = chebyshev.fit(u, values, ORDER - 1, domain=[0.0, 1.0])
-        coefficients = fit.convert(kind=np.polynomial.Polynomial, domain=[-1.0, 1.0]).coef
-        row[: len(coefficients)] = coefficients
-    return made
+    first, second = isotropic / u**2.5, -radial * square / (5.0 * r * r * u**3.5)
+    return tuple(Chebyshev.fit(u, values, ORDER - 1, domain=[least, 1.0]) for values in (first, second))
+
+
+def drag_tensor_of_squares(
+    plate: Plate, squares: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
+) -> tuple[np.ndarray, np.ndarray]:
+    """Isotropic part (n,) of the drag tensor, and the radial one over r^2 [1/D^2]; squares r^2 [D^2]."""
+    square = 4.0 * plate.distance**2
+    u = square / (square + squares)
+    p, q = 1.0, 1.0
+    if plate.thickness > 0.0 or discs:
+        p, q = (series(u) for series in _fit_drag_tensor(plate, discs))
+    return u**2.5 * p, -5.0 / square * u**3.5 * q
 
 
 @cache
@@ -117,11 +119,6 @@ def lattice_drag_factor(plate: Plate, spacing: float) -> float:
     i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-reach, reach + 1))
     r = spacing * np.hypot(i + 0.5 * j, math.sqrt(0.75) * j).ravel()
     r = r[r < reach * spacing * math.sqrt(0.75)]
-    u = 4.0 * plate.distance**2 / (4.0 * plate.distance**2 + r * r)
+    across, along = drag_tensor_of_squares(plate, r * r)
     # Averaged over directions, e e^T is one half.
-    terms = u**2.5 - 2.5 * u**2.5 * (1.0 - u)
-    made = drag_tensor_polynomials(plate)
-    if made is not None:
-        p, q = (np.polynomial.Polynomial(coefficients)(u) for coefficients in made)
-        terms = u**2.5 * (p - 2.5 * (1.0 - u) * q)
-    return float(terms.sum()) / plate.thickness_drag_factor()
+    return float((across + 0.5 * r * r * along).sum()) / plate.thickness_drag_factor()

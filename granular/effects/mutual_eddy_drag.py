@@ -5,9 +5,12 @@ The velocities obey m_i dv_i/dt = -sum_j q_i q_j T_ij v_j while the positions st
 in ``dt``, and never a gain of energy while no eigenvalue of A exceeds 2, as T is positive; longer
 steps are cut. The loss is that of the kinetic energy, to the last bit.
 
-The sum goes over all pairs, each from both ends, so that its inner loop writes to a single row and
-is vectorised. Of a high bed, grains whose heights differ by more than ``reach`` do not meet; a drag
-on each grain, as large as what they could brake, then keeps the sum from giving energy.
+Of a large bed only pairs within a reach are summed, from a near list; a drag on each grain, as large as
+what the others could give, then keeps the sum from giving energy. In a periodic cell the list holds the
+images, and those beyond its reach count as an even density of magnets that move with the mean velocity.
+
+The tensor of each pair is stored for all products at the same positions. Without a reach, that of dipoles
+over a thin plate is computed at each of them instead, which is as fast.
 """
 
 from __future__ import annotations
@@ -18,20 +21,31 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.eddy_drag_tensor import FARTHEST, Plate, drag_tensor_polynomials, lone_disc_drag_factor
+from granular.effects.eddy_drag_tensor import Plate, drag_tensor_of_squares, lone_disc_drag_factor
 from granular.effects.effect import EffectContext
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_law import Disc
 from granular.pairs.grain_arrays import value_or_one
-from granular.pairs.sorting import sort_by_value
+from granular.pairs.near_law import partner_at, partner_range, refresh_if_listed, shifts_of
+from granular.pairs.near_list import NearList, near_list_workspace, pair_displacement
+from granular.pairs.piecewise import PiecewiseTable, Sampled, find_piece, piece_value, tabulate_values
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
 LEFT_OUT = 0.01
-"""Drag of a lone grain, at most, that grains beyond the reach take or add."""
+"""Drag of a lone dipole, at most, that grains beyond the reach take or add."""
+
+PAIRS_PER_LISTED = 2.5
+"""Pairs of a bed, over those within the reach, from which on a list is faster."""
+
+FARTHEST = 30.0
+"""Reach in a periodic cell [D]: beyond it only unevenness counts, by less than 1e-4."""
+
+CLOSEST, END = 2.0**-10, 2.0**20
+"""Squared distances between which the tensor is tabulated [D^2]; beyond, it is below 1e-13."""
 
 # 2/sqrt(3), and that over 1.375^2 (see `granular.effects.eddy_drag.SPACING`).
 DENSEST, USUAL = 1.155, 0.61
@@ -41,23 +55,25 @@ DENSEST, USUAL = 1.155, 0.61
 LONGEST = 0.5
 """Largest eigenvalue of A in a step: the error of its exponential is 2 % there."""
 
-PX, PY, INPUT_X, INPUT_Y, OUTPUT_X, OUTPUT_Y, SPEED_X, SPEED_Y, CHARGE = range(9)
-"""Rows of the workspace: positions, what the tensor multiplies, what comes out, velocities, and
-from there on the moments of each kind of grain, 0 for those of other kinds."""
+PX, PY, INPUT_X, INPUT_Y, OUTPUT_X, OUTPUT_Y, FIRST_X, FIRST_Y = range(8)
+"""Rows of the workspace: positions of the stored tensors, what a product multiplies, what comes out, and
+the first order of the step."""
 
 
 class PairDragTable(NamedTuple):
-    """The tensor of each pair of kinds of grains."""
+    """Drag of a grain's own currents, and the tensor of each pair of kinds of grains."""
 
-    series: Float[np.ndarray, "k k 2 ORDER"] | None  # coefficients of P, Q by pairs of kinds; None: both 1
-    shifts: Float[np.ndarray, "s 2"]  # displacements of the images of the cell, its own first [D]
+    own: Float[np.ndarray, "k 2"]  # along x and y, with what images and grains beyond the reach do
+    parts: PiecewiseTable | None  # isotropic and radial part in turn by pairs; None: thin plate, dipoles
 
 
 class EddyWorkspace(NamedTuple):
     """Scratch of the sums."""
 
-    rows: Float[np.ndarray, "8+k m"]  # see `PX` and the others [D, D/tau]
-    order: Int[np.ndarray, "m"]  # grains by their height
+    rows: Float[np.ndarray, "8 m"]  # see `PX` and the others [D, D/tau]
+    stored: Int[np.ndarray, "1"]  # number of grains whose positions these are
+    near: NearList | None  # None: all pairs count
+    tensors: Float[np.ndarray, "3 p"] | None  # xx, xy and yy of each pair; None: computed at each product
 
 
 class MutualEddyLaw(NamedTuple):
@@ -65,8 +81,9 @@ class MutualEddyLaw(NamedTuple):
 
     rate: float  # [1/tau], of a lone dipole of the first species along a thin plate
     square: float  # H^2 [D^2]
-    reach: float  # largest difference in height of grains that meet [D]
-    spare: float  # drag for those beyond the reach, over a lone grain's
+    reach: float  # [D]
+    periods: tuple[float, float] | None  # sides of a periodic cell [D]
+    mean: float  # part of each grain's motion that images beyond the reach put on every grain
     stiffest: float  # bound of the eigenvalues of M^-1 T, over ``rate``
     kinds: int  # 1 of dipoles; of discs one per species
     kind: Float[Array, "m"] | None  # kind of each grain; None of one kind
@@ -74,8 +91,13 @@ class MutualEddyLaw(NamedTuple):
 
     def workspace(self, size: int, count: int) -> EddyWorkspace:
         """Make the scratch arrays of the sums over pairs."""
-        rows = np.zeros((CHARGE + self.kinds, size))
-        return EddyWorkspace(rows, np.arange(size))
+        near, pairs = None, count * (count - 1) // 2
+        if math.isfinite(self.reach):
+            near = near_list_workspace(count, self.reach, periods=self.periods)
+            pairs = near.partners.size
+        stored = near is not None or self.table.parts is not None
+        tensors = np.empty((3, pairs)) if stored else None
+        return EddyWorkspace(np.zeros((8, size)), np.array([-1]), near, tensors)
 
     @staticmethod
     @compiled
@@ -83,89 +105,32 @@ class MutualEddyLaw(NamedTuple):
         law: MutualEddyLaw, workspace: EddyWorkspace, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
         """Let the velocities decay by the eddy currents; enter the energy lost; dt [tau]."""
-        state, constants = bed.state, bed.constants
-        masses, count, rows, lost = constants.masses, constants.grains, workspace.rows, 0.0
-        _load_grains_into_workspace(law, workspace, bed)
+        state, constants, rows = bed.state, bed.constants, workspace.rows
+        masses, moments, count, lost = constants.masses, relative_moments(constants), constants.grains, 0.0
+        _refresh_pair_tensors(law, workspace, bed)
         steps = 1 + int(law.rate * law.stiffest * abs(dt) / LONGEST)
-        h = dt / steps
+        h = law.rate * dt / steps
         for _ in range(steps):
             for i in range(count):
-                rows[INPUT_X, i], rows[INPUT_Y, i] = rows[SPEED_X, i], rows[SPEED_Y, i]
+                charge = value_or_one(moments, i)
+                rows[INPUT_X, i], rows[INPUT_Y, i] = charge * state.vx[i], charge * state.vy[i]
             _multiply_by_drag_tensor(law, workspace, count)
             for i in range(count):
-                factor = h / value_or_one(masses, workspace.order[i])
-                rows[INPUT_X, i] = factor * rows[OUTPUT_X, i]
-                rows[INPUT_Y, i] = factor * rows[OUTPUT_Y, i]
+                charge = value_or_one(moments, i)
+                factor = h * charge / value_or_one(masses, i)
+                rows[FIRST_X, i], rows[FIRST_Y, i] = factor * rows[OUTPUT_X, i], factor * rows[OUTPUT_Y, i]
+                rows[INPUT_X, i], rows[INPUT_Y, i] = charge * rows[FIRST_X, i], charge * rows[FIRST_Y, i]
             _multiply_by_drag_tensor(law, workspace, count)
             for i in range(count):
-                mass = value_or_one(masses, workspace.order[i])
-                x = 0.5 * h / mass * rows[OUTPUT_X, i] - rows[INPUT_X, i]
-                y = 0.5 * h / mass * rows[OUTPUT_Y, i] - rows[INPUT_Y, i]
-                vx, vy = rows[SPEED_X, i], rows[SPEED_Y, i]
+                mass = value_or_one(masses, i)
+                half = 0.5 * h * value_or_one(moments, i) / mass
+                x = half * rows[OUTPUT_X, i] - rows[FIRST_X, i]
+                y = half * rows[OUTPUT_Y, i] - rows[FIRST_Y, i]
+                vx, vy = state.vx[i], state.vy[i]
                 lost -= 0.5 * mass * (x * (2.0 * vx + x) + y * (2.0 * vy + y))
-                rows[SPEED_X, i], rows[SPEED_Y, i] = vx + x, vy + y
-        for i in range(count):
-            grain = workspace.order[i]
-            state.vx[grain], state.vy[grain] = rows[SPEED_X, i], rows[SPEED_Y, i]
+                state.vx[i], state.vy[i] = vx + x, vy + y
         state.ledger[LOSSES + index] += lost
         return 0
-
-
-@compiled
-def _load_grains_into_workspace(law: MutualEddyLaw, workspace: EddyWorkspace, bed: Bed) -> None:
-    """Put the grains into the workspace; in order of their heights where not all of them meet."""
-    state, count, rows, order = bed.state, bed.constants.grains, workspace.rows, workspace.order
-    moments = relative_moments(bed.constants)
-    for i in range(count):
-        order[i] = i  # a grain that left may have changed it
-    if law.reach < np.inf:
-        sort_by_value(order[:count], state.y)
-    for i in range(count):
-        grain = order[i]
-        rows[PX, i], rows[PY, i] = state.x[grain], state.y[grain]
-        rows[SPEED_X, i], rows[SPEED_Y, i] = state.vx[grain], state.vy[grain]
-        for kind in range(law.kinds):
-            rows[CHARGE + kind, i] = 0.0
-        rows[CHARGE + _grain_kind(law.kind, grain), i] = value_or_one(moments, grain)
-
-
-@compiled
-def _multiply_by_drag_tensor(law: MutualEddyLaw, workspace: EddyWorkspace, count: int) -> None:
-    """Multiply the input by T."""
-    rows, series, shifts = workspace.rows, law.table.series, law.table.shifts
-    y = rows[PY]
-    begin = end = 0
-    rows[OUTPUT_X, :count] = 0.0
-    rows[OUTPUT_Y, :count] = 0.0
-    for j in range(count):
-        while y[j] - y[begin] > law.reach:
-            begin += 1
-        while end < count and not y[end] - y[j] > law.reach:
-            end += 1
-        own = _grain_kind(law.kind, workspace.order[j])
-        charge = law.rate * rows[CHARGE + own, j]
-        vx, vy = charge * rows[INPUT_X, j], charge * rows[INPUT_Y, j]
-        for image in range(len(shifts)):
-            at_x, at_y = rows[PX, j] + shifts[image, 0], y[j] + shifts[image, 1]
-            for kind in range(law.kinds):
-                _add_drag_of_grain(
-                    rows[PX],
-                    y,
-                    rows[CHARGE + kind],
-                    rows[OUTPUT_X],
-                    rows[OUTPUT_Y],
-                    begin,
-                    end,
-                    at_x,
-                    at_y,
-                    vx,
-                    vy,
-                    law.square,
-                    _pair_polynomial_terms(series, kind, own),
-                )
-        spare = law.spare * rows[CHARGE + own, j]
-        rows[OUTPUT_X, j] += spare * vx
-        rows[OUTPUT_Y, j] += spare * vy
 
 
 @compiled(inline=True)
@@ -174,88 +139,142 @@ def _grain_kind(kinds: Array | None, grain: int) -> int:
 
 
 @compiled(inline=True)
-def _pair_polynomial_terms(series: Array | None, kind: int, other: int) -> Array | None:
-    return None if series is None else series[kind, other]
+def _tensor_parts(parts: PiecewiseTable | None, row: int, r2: float, square: float) -> tuple[float, float]:
+    """Isotropic part of the tensor, and the radial one over r^2."""
+    if parts is None:
+        u = square / (r2 + square)
+        power = u * u * math.sqrt(u)
+        return power, -5.0 / square * u * power
+    r2 = min(r2, END)
+    # No piece is halved, so both parts have theirs at the same place of their tables.
+    k = find_piece(parts, 2 * row, r2)
+    return piece_value(parts, k, r2), piece_value(parts, k + np.uint64(parts.length), r2)
 
 
 @compiled
-def _add_drag_of_grain(
-    x: Array,
-    y: Array,
-    charges: Array,
-    sum_x: Array,
-    sum_y: Array,
-    begin: int,
-    end: int,
-    at_x: float,
-    at_y: float,
-    vx: float,
-    vy: float,
-    square: float,
-    terms: Array | None,
+def _refresh_pair_tensors(law: MutualEddyLaw, workspace: EddyWorkspace, bed: Bed) -> None:
+    """Take the positions, and what is stored of them, unless they are those of before."""
+    state, rows, count = bed.state, workspace.rows, bed.constants.grains
+    moved = int(workspace.stored[0] != count)
+    for i in range(count):
+        moved += not (rows[PX, i] == state.x[i] and rows[PY, i] == state.y[i])
+    if moved > 0:
+        workspace.stored[0] = count
+        for i in range(count):
+            rows[PX, i], rows[PY, i] = state.x[i], state.y[i]
+        _store_pair_tensors(law, workspace.near, workspace.tensors, rows[PX], rows[PY], count)
+
+
+@compiled
+def _store_pair_tensors(
+    law: MutualEddyLaw, near: NearList | None, tensors: Array | None, x: Array, y: Array, count: int
 ) -> None:
-    """Add what the motion of a grain does to grains of a kind."""
-    # Slices begin at 0: an index that might be negative keeps Numba from vectorising.
-    x, y, charges = x[begin:end], y[begin:end], charges[begin:end]
-    sum_x, sum_y = sum_x[begin:end], sum_y[begin:end]
-    if terms is None:
-        for i in range(len(x)):
-            dx, dy = x[i] - at_x, y[i] - at_y
-            u = square / (dx * dx + dy * dy + square)
-            power = charges[i] * u * u * math.sqrt(u)
-            along = 5.0 / square * u * (dx * vx + dy * vy)
-            sum_x[i] += power * (vx - along * dx)
-            sum_y[i] += power * (vy - along * dy)
-    else:
-        p = _coefficients_as_tuple(terms[0])
-        q = _coefficients_as_tuple(terms[1])
-        for i in range(len(x)):
-            dx, dy = x[i] - at_x, y[i] - at_y
-            u = square / (dx * dx + dy * dy + square)
-            power = charges[i] * u * u * math.sqrt(u)
-            across = _polynomial(p, u)
-            along = 5.0 / square * u * _polynomial(q, u) * (dx * vx + dy * vy)
-            sum_x[i] += power * (across * vx - along * dx)
-            sum_y[i] += power * (across * vy - along * dy)
+    """Store the tensor of each pair; no numbers if there is no room for their list, which stops the run."""
+    if tensors is None:
+        return
+    if not refresh_if_listed(near, x, y, count):
+        tensors[:] = np.nan
+        return
+    at = 0
+    for i in range(count):
+        own = _grain_kind(law.kind, i) * law.kinds
+        begin, end = partner_range(near, i, count)
+        for k in range(begin, end):
+            j = partner_at(near, k)
+            dx, dy = pair_displacement(shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            r2 = dx * dx + dy * dy
+            row = own + _grain_kind(law.kind, j)
+            across, along = _tensor_parts(law.table.parts, row, r2, law.square)
+            # What the list holds besides, in its skin, depends on when it was made.
+            if r2 >= law.reach * law.reach:
+                across, along = 0.0, 0.0
+            tensors[0, at] = across + along * dx * dx
+            tensors[1, at] = along * dx * dy
+            tensors[2, at] = across + along * dy * dy
+            at += 1
 
 
-@compiled(inline=True)
-def _coefficients_as_tuple(c: Array) -> tuple[float, ...]:
-    return c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], c[10], c[11]
+@compiled
+def _multiply_by_drag_tensor(law: MutualEddyLaw, workspace: EddyWorkspace, count: int) -> None:
+    """Multiply the input by T."""
+    rows, own, sum_x, sum_y = workspace.rows, law.table.own, 0.0, 0.0
+    for i in range(count):
+        sum_x += rows[INPUT_X, i]
+        sum_y += rows[INPUT_Y, i]
+    for i in range(count):
+        kind = _grain_kind(law.kind, i)
+        rows[OUTPUT_X, i] = own[kind, 0] * rows[INPUT_X, i] + law.mean * sum_x
+        rows[OUTPUT_Y, i] = own[kind, 1] * rows[INPUT_Y, i] + law.mean * sum_y
+    _add_drag_of_pairs(workspace.near, workspace.tensors, rows, count, law.square)
 
 
-@compiled(inline=True)
-def _polynomial(c: tuple[float, ...], u: float) -> float:
-    """Sum of c_k u^k by Estrin's scheme, written out: Numba does not vectorise round a loop."""
-    c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10, c11 = c
-    v = u * u
-    w = v * v
-    low = c0 + u * c1 + v * (c2 + u * c3)
-    middle = c4 + u * c5 + v * (c6 + u * c7)
-    high = c8 + u * c9 + v * (c10 + u * c11)
-    return low + w * (middle + w * high)
+@compiled
+def _add_drag_of_pairs(
+    near: NearList | None, tensors: Array | None, rows: Array, count: int, square: float
+) -> None:
+    """Add what the motion of each grain does to the others."""
+    if tensors is None:
+        for j in range(count):
+            _add_drag_of_dipole(
+                rows[PX, :count], rows[PY, :count], rows[OUTPUT_X], rows[OUTPUT_Y], rows[:, j], square
+            )
+        return
+    vx, vy, sum_x, sum_y = rows[INPUT_X], rows[INPUT_Y], rows[OUTPUT_X], rows[OUTPUT_Y]
+    at = 0
+    for i in range(count):
+        own_x, own_y, own_vx, own_vy = 0.0, 0.0, vx[i], vy[i]
+        begin, end = partner_range(near, i, count)
+        for k in range(begin, end):
+            j = partner_at(near, k)
+            xx, xy, yy = tensors[0, at], tensors[1, at], tensors[2, at]
+            own_x += xx * vx[j] + xy * vy[j]
+            own_y += xy * vx[j] + yy * vy[j]
+            sum_x[j] += xx * own_vx + xy * own_vy
+            sum_y[j] += xy * own_vx + yy * own_vy
+            at += 1
+        sum_x[i] += own_x
+        sum_y[i] += own_y
+
+
+@compiled
+def _add_drag_of_dipole(x: Array, y: Array, sum_x: Array, sum_y: Array, moving: Array, square: float) -> None:
+    """Add what the motion of a dipole over a thin plate does to all, itself included."""
+    at_x, at_y, vx, vy = moving[PX], moving[PY], moving[INPUT_X], moving[INPUT_Y]
+    for i in range(len(x)):
+        dx, dy = x[i] - at_x, y[i] - at_y
+        across, along = _tensor_parts(None, 0, dx * dx + dy * dy, square)
+        along *= dx * vx + dy * vy
+        sum_x[i] += across * vx + along * dx
+        sum_y[i] += across * vy + along * dy
 
 
 def make_mutual_eddy_law(
     rate: float, plate: Plate, discs: tuple[Disc, ...], context: EffectContext
 ) -> MutualEddyLaw:
     """Make the law of the drag with mutual currents, for a bed; rate [1/tau]."""
-    length = context.scales.length
+    length, count = context.scales.length, context.grains.count
     square = 4.0 * plate.distance**2
-    periods = context.cell.periods
-    shifts, reach = np.zeros((1, 2)), math.inf
-    if periods is not None:
-        sides = np.array(periods) / length
-        numbers = [range(-math.ceil(FARTHEST / side), math.ceil(FARTHEST / side) + 1) for side in sides]
-        shifts = np.array([(i * sides[0], j * sides[1]) for i in numbers[0] for j in numbers[1]])
+    mean, spare, periods, far = 0.0, 0.0, None, np.zeros((0, 2))
+    if context.cell.periods is not None:
+        wide, high = periods = (context.cell.periods[0] / length, context.cell.periods[1] / length)
+        reach = FARTHEST
+        across, up = (np.arange(-(reach // side), reach // side + 1.0) * side for side in periods)
+        far = np.array([(x, y) for x in across for y in up if 0.0 < math.hypot(x, y) < reach]).reshape(-1, 2)
+        # Averaged over directions T ~ -(3/2) H^5/r^5; over all beyond R, pi rho H^5/R^3.
+        mean = -math.pi * square**2.5 / (reach**3 * wide * high)
     else:
-        # Far away T ~ 4 H^5/r^5. Over all grains higher or lower by more than R that is 4 (8/9) rho H^5/R^3;
-        # set to LEFT_OUT.
-        reach = (32.0 / 9.0 * USUAL * square**2.5 / LEFT_OUT) ** (1.0 / 3.0)
-        height = context.grains.count / USUAL / (context.cell.width / length)
-        if height < 2.0 * reach:
-            reach = math.inf
-    made = _pair_polynomials(plate, discs)
+        # Far away |T| ~ 4 H^5/r^5. Over all grains farther than R that is (8 pi/3) rho H^5/R^3.
+        reach = (8.0 / 3.0 * math.pi * USUAL * square**2.5 / LEFT_OUT) ** (1.0 / 3.0)
+        spare = LEFT_OUT
+        if count < PAIRS_PER_LISTED * math.pi * USUAL * reach**2:
+            reach, spare = math.inf, 0.0
+    thin = plate.thickness == 0.0 and not discs
+    alike: list[tuple[Disc, ...]] = [(disc, disc) for disc in discs] or [()]
+    own = np.zeros((len(alike), 2))
+    if not (thin and math.isinf(reach)):
+        for kind, two in enumerate(alike):
+            across, along = drag_tensor_of_squares(plate, np.array([0.0, *(far**2).sum(axis=1)]), two)
+            own[kind] = across.sum() + along[1:] @ far**2 + spare
     factor = max(
         (lone_disc_drag_factor(plate, disc) for disc in discs), default=plate.thickness_drag_factor()
     )
@@ -266,21 +285,27 @@ def make_mutual_eddy_law(
         rate=rate,
         square=square,
         reach=reach,
-        spare=0.0 if reach == math.inf else LEFT_OUT * factor,
+        periods=periods,
+        mean=mean,
         # 1 for grains far apart, rho H^2 for dense ones. Touching, with H = 4/3 D, 3.05 bounds 2.47 (summed
         # over the lattice).
         stiffest=heaviest * factor * (1.0 + DENSEST * square),
-        kinds=max(len(discs), 1),
+        kinds=len(alike),
         kind=pad_values(context.species) if discs else None,
-        table=PairDragTable(made, shifts),
+        table=PairDragTable(own, None if thin else _tabulate_tensors(plate, discs)),
     )
 
 
-def _pair_polynomials(plate: Plate, discs: tuple[Disc, ...]) -> np.ndarray | None:
-    """Coefficients of each pair of kinds (k, k, 2, ORDER); None of dipoles over a thin plate."""
-    if discs:
-        return np.array(
-            [[drag_tensor_polynomials(plate, (disc, other)) for other in discs] for disc in discs]
-        )
-    made = drag_tensor_polynomials(plate)
-    return None if made is None else made[None, None]
+def _tabulate_tensors(plate: Plate, discs: tuple[Disc, ...]) -> PiecewiseTable:
+    """Isotropic and radial part over r^2 in turn, of each pair of kinds."""
+
+    def part_of(two: tuple[Disc, ...], part: int) -> Sampled:
+        def sampled(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            values = drag_tensor_of_squares(plate, squares, two)[part]
+            return values, np.ones_like(values)
+
+        return sampled
+
+    pairs: list[tuple[Disc, ...]] = [(disc, other) for disc in discs for other in discs] or [()]
+    # A smooth function: no piece needs to be halved, which `_tensor_parts` relies on.
+    return tabulate_values([part_of(two, part) for two in pairs for part in (0, 1)], CLOSEST, END, math.inf)

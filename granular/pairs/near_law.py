@@ -111,23 +111,23 @@ def _least_of_pair(species: Array | None, tables: NearTables, row: int, alike: f
 
 
 @compiled(inline=True)
-def _shifts_of(near: NearList | None) -> Array | None:
+def shifts_of(near: NearList | None) -> Array | None:
     return None if near is None else near.shifts
 
 
 @compiled(inline=True)
-def _partner_range(near: NearList | None, i: int, grains: int) -> tuple[int, int]:
+def partner_range(near: NearList | None, i: int, grains: int) -> tuple[int, int]:
     """Begin and end of a grain's partners: of the listed ones, or of all that follow it."""
     return (i + 1, grains) if near is None else (near.starts[i], near.starts[i + 1])
 
 
 @compiled(inline=True)
-def _partner(near: NearList | None, k: int) -> int:
+def partner_at(near: NearList | None, k: int) -> int:
     return k if near is None else near.partners[k]
 
 
 @compiled(inline=True)
-def _refresh_if_listed(near: NearList | None, x: Array, y: Array, grains: int) -> bool:
+def refresh_if_listed(near: NearList | None, x: Array, y: Array, grains: int) -> bool:
     return True if near is None else refresh_near_list(near, x, y, grains)
 
 
@@ -143,14 +143,14 @@ def add_near_forces(
 ) -> int:
     """Add the forces of the near part [F*]; return how many pairs are where none can be; x, y [D]."""
     tables, crowded, least = law.tables, 0, law.tables.pairs[0, LEAST]
-    if not _refresh_if_listed(near, x, y, grains):
+    if not refresh_if_listed(near, x, y, grains):
         return 1
     for i in range(grains):
         fx, fy, own = 0.0, 0.0, value_or_one(law.factor, i)
-        begin, end = _partner_range(near, i, grains)
+        begin, end = partner_range(near, i, grains)
         for k in range(begin, end):
-            j = _partner(near, k)
-            dx, dy = pair_displacement(_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            j = partner_at(near, k)
+            dx, dy = pair_displacement(shifts_of(near), k, x[i] - x[j], y[i] - y[j])
             u, row = dx * dx + dy * dy, _pair_row(law.species, law.kinds, i, j)
             crowded += u < _least_of_pair(law.species, tables, row, least)
             ratio = own * value_or_one(law.factor, j) * tabulated_ratio(tables.energies, row, u)
@@ -212,13 +212,13 @@ def measure_near_part(
 ) -> float:
     """Energy of the near part [F* D]; add its bound of the stiffness over the mass [1/tau^2]."""
     tables, total = law.tables, 0.0
-    if not _refresh_if_listed(near, x, y, grains):
+    if not refresh_if_listed(near, x, y, grains):
         return math.nan
     for i in range(grains):
-        begin, end = _partner_range(near, i, grains)
+        begin, end = partner_range(near, i, grains)
         for k in range(begin, end):
-            j = _partner(near, k)
-            dx, dy = pair_displacement(_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            j = partner_at(near, k)
+            dx, dy = pair_displacement(shifts_of(near), k, x[i] - x[j], y[i] - y[j])
             u, row = dx * dx + dy * dy, _pair_row(law.species, law.kinds, i, j)
             if u < tables.pairs[row, END]:
                 both = value_or_one(law.factor, i) * value_or_one(law.factor, j)

@@ -186,7 +186,13 @@ def find_piece(table: PiecewiseTable, row: int, square: float) -> np.uint64:
 @compiled(inline=True)
 def tabulated_ratio(table: PiecewiseTable, row: int, square: float) -> float:
     """F/r of an energy [F*/D], or a value, at a squared distance [D^2]."""
-    k, p = find_piece(table, row, square), table.pieces
+    return piece_value(table, find_piece(table, row, square), square)
+
+
+@compiled(inline=True)
+def piece_value(table: PiecewiseTable, k: np.uint64, square: float) -> float:
+    """F/r of an energy [F*/D], or a value, within a piece."""
+    p = table.pieces
     t = square - p[k, 0]
     inner = p[k, 4] + t * (p[k, 5] + t * p[k, 6])
     return p[k, 1] + t * (p[k, 2] + t * (p[k, 3] + t * inner))

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.effects.eddy_drag_tensor import Plate, drag_tensor, drag_tensor_polynomials, lattice_drag_factor
+from granular.effects.eddy_drag_tensor import Plate, drag_tensor, drag_tensor_of_squares, lattice_drag_factor
+from granular.effects.mutual_eddy_drag import FARTHEST, LEFT_OUT, USUAL
 from granular.pairs.disc_law import Disc
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.schema.natural_units import Scales
@@ -54,11 +55,11 @@ def loose(columns: int, rows: int, seed: int) -> np.ndarray:
     return np.asarray(grid + np.random.default_rng(seed).uniform(-0.15, 0.15, grid.shape))
 
 
-def thin(displacement: np.ndarray) -> np.ndarray:
+def thin(displacement: np.ndarray, h: float = H) -> np.ndarray:
     """Tensor of two dipoles over that of one, in closed form."""
-    s = float(displacement @ displacement) + H * H
+    s = float(displacement @ displacement) + h * h
     outer = np.outer(displacement, displacement)
-    return np.asarray((H * H / s) ** 2.5 * (np.eye(2) - 5.0 * outer / s))
+    return np.asarray((h * h / s) ** 2.5 * (np.eye(2) - 5.0 * outer / s))
 
 
 def matrix(positions: np.ndarray) -> np.ndarray:
@@ -75,7 +76,9 @@ PAIRS = {
 }
 
 
-def decayed(scene: Scene, dt: float, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+def decayed(
+    scene: Scene, dt: float, tensor: np.ndarray | None = None, **options: Any
+) -> tuple[np.ndarray, np.ndarray]:
     """Velocities [m/s] at the end, as computed and as by the matrix exponential."""
     from scipy.linalg import expm
 
@@ -87,7 +90,8 @@ def decayed(scene: Scene, dt: float, **options: Any) -> tuple[np.ndarray, np.nda
     duration = float(run.dataset["time"][-1])
     moments = np.repeat(scene.grains.moment_ratios()[scene.grains.species_indices()], 2)
     masses = np.repeat(scene.grains.mass_ratios()[scene.grains.species_indices()], 2)
-    weighted = moments[:, None] * matrix(positions) * moments / masses[:, None]
+    tensor = matrix(positions) if tensor is None else tensor
+    weighted = moments[:, None] * tensor * moments / masses[:, None]
     exact = (expm(-duration * rate * weighted) @ start.ravel()).reshape(-1, 2)
     return run.dataset["velocity"][-1].values, exact
 
@@ -196,16 +200,13 @@ def test_thick_plate_and_discs() -> None:
     for h, factor in ((3, 0.497), (4, 0.651), (6, 0.817), (9, 0.913)):
         lone, _ = drag_tensor(Plate(h / 6.0, 0.0), np.zeros(1), (disc, disc))
         assert lone[0] == pytest.approx(factor, abs=1e-3)
-    for plate, discs in ((Plate(4.0 / 6.0, 2.0 / 6.0), ()), (Plate(4.0 / 6.0, 1.0 / 6.0), (disc, disc))):
-        r = np.linspace(0.0, 20.0, 41)
+    thick, near = Plate(4.0 / 6.0, 2.0 / 6.0), Plate(0.5, 2.0 / 3.0)  # the face of ``near`` is 0.17 D away
+    for plate, discs in ((thick, ()), (near, ()), (Plate(4.0 / 6.0, 1.0 / 6.0), (disc, disc))):
+        r = np.linspace(0.0, 28.0, 57)
         isotropic, radial = drag_tensor(plate, r, discs)
-        made = drag_tensor_polynomials(plate, discs)
-        assert made is not None
-        square = 4.0 * plate.distance**2
-        u = square / (square + r * r)
-        p, q = (np.polynomial.Polynomial(row)(u) for row in made)
-        np.testing.assert_allclose(u**2.5 * p, isotropic, rtol=0, atol=1e-5)
-        np.testing.assert_allclose(-5.0 * u**3.5 * q * r * r / square, radial, rtol=0, atol=1e-5)
+        across, along = drag_tensor_of_squares(plate, r * r, discs)
+        np.testing.assert_allclose(across, isotropic, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(along * r * r, radial, rtol=0, atol=1e-10)
 
 
 def test_neighbours_count_where_they_take_more_than_a_tenth() -> None:
@@ -223,30 +224,68 @@ def test_neighbours_count_where_they_take_more_than_a_tenth() -> None:
         scene.replace(**{"effects.eddy": {**PLATE, "plate": "thick", "thickness": "9 mm"}})
 
 
-def test_high_bed_within_reach_is_the_bed_of_all_pairs() -> None:
-    """The drag differs by less than what is left out, and energy is never given."""
-    columns, rows = 6, 120
-    i, j = np.meshgrid(np.arange(columns), np.arange(rows))
-    positions = np.stack([1.3 * i, 1.3 * j], -1).reshape(-1, 2) + 1.0
-    positions = np.random.default_rng(2).permutation(positions)  # in no order of their heights
-    velocities = np.tile([0.0, 1e-9], (len(positions), 1))
-    losses = []
-    for width in ("9 D", "80 D"):  # the wide cell's bed would be low: all pairs meet
-        scene = scene_of(positions, velocities, **NEARLY_ALIKE, **{"cell.width": width})
-        law = scene_in_natural_units(scene).constants.acting.laws[1]
-        assert math.isfinite(law.reach) == (width == "9 D")
-        losses.append(float(simulate(scene, dt=1e-4, t_end=1e-3, progress=False).dataset["eddy_loss"][-1]))
-    assert 0.0 <= losses[0] / losses[1] - 1.0 < 0.05
+def reach_of(h: float) -> float:
+    """Reach [D] at which (8 pi/3) rho H^5/R^3 is what may be neglected."""
+    return float((8.0 / 3.0 * math.pi * USUAL * h**5 / LEFT_OUT) ** (1.0 / 3.0))
+
+
+@pytest.mark.parametrize("h", [0.5 * H, H])
+def test_drag_that_keeps_a_cut_sum_positive_is_that_of_a_lattice_beyond_the_reach(h: float) -> None:
+    i, j = np.meshgrid(np.arange(-400, 401), np.arange(-400, 401))
+    r = 1.0 / math.sqrt(USUAL * math.sqrt(0.75)) * np.hypot(i + 0.5 * j, math.sqrt(0.75) * j).ravel()
+    u = h * h / (h * h + r[r > reach_of(h)] ** 2)
+    norms = u**2.5 * np.abs(1.0 - 5.0 * (1.0 - u))
+    assert 0.9 * LEFT_OUT < norms.sum() < 1.03 * LEFT_OUT
+
+
+def test_large_bed_is_summed_within_a_reach() -> None:
+    """Against the matrix exponential; the drag exceeds the full sum's by a little, and stays positive."""
+    h, positions = 0.5 * H, loose(12, 12, 2)
+    count = len(positions)
+    random = np.random.default_rng(2)
+    positions = random.permutation(positions)
+    scene = scene_of(positions, 1e-9 * random.normal(size=(count, 2)), **{"effects.eddy.distance": "2 mm"})
+    law = scene_in_natural_units(scene).constants.acting.laws[1]
+    assert law.reach == pytest.approx(reach_of(h), rel=1e-12)
+    full = np.block([[thin(a - b, h) for b in positions] for a in positions])
+    near = np.hypot(*(positions[:, None] - positions).T) < law.reach
+    assert 0.1 < near.mean() < 0.5
+    cut = full * np.kron(near, np.ones((2, 2))) + LEFT_OUT * np.eye(2 * count)
+    assert np.linalg.eigvalsh(cut - full).min() > 0.0
+    assert np.linalg.eigvalsh(cut - full).max() < 2.0 * LEFT_OUT
+    computed, exact = decayed(scene, 1e-6, cut, t_end=1e-4)
+    np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
+
+
+def test_unlike_grains_in_a_periodic_cell_feel_every_image() -> None:
+    """Against the plain sum over images up to a distance, and an even density beyond."""
+    random, sides = np.random.default_rng(5), np.array([9.0, 7.0])
+    grid = np.stack(np.meshgrid(np.arange(4), np.arange(2)), -1).reshape(-1, 2)
+    positions = (grid + random.uniform(0.2, 0.6, (8, 2))) * sides / [4.0, 2.0]
+    cell = {"width": "54 mm", "height": "42 mm", "sides": "periodic"}
+    scene = scene_of(positions, 1e-9 * random.normal(size=(8, 2)), cell=cell)
+    blocks = np.full((8, 2, 8, 2), 0.0)
+    for i, j in np.ndindex(8, 8):
+        blocks[i, :, j] -= math.pi * H**5 / (FARTHEST**3 * sides.prod()) * np.eye(2)
+        for turns in np.ndindex(11, 11):
+            apart = positions[i] - positions[j] + (np.array(turns) - 5) * sides
+            if np.hypot(*apart) < FARTHEST:
+                blocks[i, :, j] += thin(apart)
+    computed, exact = decayed(scene, 1e-5, blocks.reshape(16, 16), t_end=1e-3)
+    np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
 @pytest.mark.long  # quick: resumed and on two threads, the table of pairs in plain Python
-def test_resumed_and_on_two_threads_the_same_bits(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("rows", "distance"), [(5, "4 mm"), (20, "2 mm")], ids=["all pairs", "near pairs"])
+def test_resumed_and_on_two_threads_the_same_bits(rows: int, distance: str, tmp_path: Path) -> None:
     random = np.random.default_rng(6)
     scene = scene_of(
-        loose(6, 5, 6),
-        0.1 * random.normal(size=(30, 2)),
-        **{"effects.eddy.plate": "thick", "effects.dipole": {}},
+        loose(6, rows, 6),
+        0.1 * random.normal(size=(6 * rows, 2)),
+        **{"effects.eddy.plate": "thick", "effects.eddy.distance": distance, "effects.dipole": {}},
     )
+    law = scene_in_natural_units(scene).constants.acting.laws[1]
+    assert math.isfinite(law.reach) == (rows == 20)
     through = simulate(scene, dt=1e-4, progress=False)
     simulate(scene, dt=1e-4, t_end=0.0123, out=tmp_path / "run", progress=False)
     resumed = simulate(scene, dt=1e-4, out=tmp_path / "run", resume=True, progress=False)
