@@ -63,7 +63,8 @@ class Eddy(DissipativeEffect):
     mutual : bool or None
         Count the currents that other grains make. None: where there are other grains, and a
         triangular lattice of spacing 1.375 D that moves as one body feels a drag that differs by
-        more than a tenth from that of lone grains. It is summed over all pairs, four times a step.
+        more than a tenth from that of lone grains. It is summed over all pairs, of large beds over those
+        within a reach, four times a step.
     """
 
     key = "eddy"

@@ -16,12 +16,13 @@ over a thin plate is computed at each of them instead, which is as fast.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.eddy_drag_tensor import Plate, drag_tensor_of_squares, lone_disc_drag_factor
+from granular.effects.eddy_drag_tensor import FARTHEST, Plate, drag_tensor_of_squares, lone_disc_drag_factor
 from granular.effects.effect import EffectContext
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, Bed
@@ -30,7 +31,7 @@ from granular.pairs.disc_law import Disc
 from granular.pairs.grain_arrays import value_or_one
 from granular.pairs.near_law import partner_at, partner_range, refresh_if_listed, shifts_of
 from granular.pairs.near_list import NearList, near_list_workspace, pair_displacement
-from granular.pairs.piecewise import PiecewiseTable, Sampled, find_piece, piece_value, tabulate_values
+from granular.pairs.piecewise import PiecewiseTable, Samples, find_piece, piece_value, tabulate_values
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -40,9 +41,6 @@ LEFT_OUT = 0.01
 
 PAIRS_PER_LISTED = 2.5
 """Pairs of a bed, over those within the reach, from which on a list is faster."""
-
-FARTHEST = 30.0
-"""Reach in a periodic cell [D]: beyond it only unevenness counts, by less than 1e-4."""
 
 CLOSEST, END = 2.0**-10, 2.0**20
 """Squared distances between which the tensor is tabulated [D^2]; beyond, it is below 1e-13."""
@@ -107,20 +105,21 @@ class MutualEddyLaw(NamedTuple):
         """Let the velocities decay by the eddy currents; enter the energy lost; dt [tau]."""
         state, constants, rows = bed.state, bed.constants, workspace.rows
         masses, moments, count, lost = constants.masses, relative_moments(constants), constants.grains, 0.0
-        _refresh_pair_tensors(law, workspace, bed)
+        near, tensors = workspace.near, workspace.tensors
+        _refresh_pair_tensors(law, near, tensors, workspace, bed)
         steps = 1 + int(law.rate * law.stiffest * abs(dt) / LONGEST)
         h = law.rate * dt / steps
         for _ in range(steps):
             for i in range(count):
                 charge = value_or_one(moments, i)
                 rows[INPUT_X, i], rows[INPUT_Y, i] = charge * state.vx[i], charge * state.vy[i]
-            _multiply_by_drag_tensor(law, workspace, count)
+            _multiply_by_drag_tensor(law, near, tensors, rows, count)
             for i in range(count):
                 charge = value_or_one(moments, i)
                 factor = h * charge / value_or_one(masses, i)
                 rows[FIRST_X, i], rows[FIRST_Y, i] = factor * rows[OUTPUT_X, i], factor * rows[OUTPUT_Y, i]
                 rows[INPUT_X, i], rows[INPUT_Y, i] = charge * rows[FIRST_X, i], charge * rows[FIRST_Y, i]
-            _multiply_by_drag_tensor(law, workspace, count)
+            _multiply_by_drag_tensor(law, near, tensors, rows, count)
             for i in range(count):
                 mass = value_or_one(masses, i)
                 half = 0.5 * h * value_or_one(moments, i) / mass
@@ -152,28 +151,19 @@ def _tensor_parts(parts: PiecewiseTable | None, row: int, r2: float, square: flo
 
 
 @compiled
-def _refresh_pair_tensors(law: MutualEddyLaw, workspace: EddyWorkspace, bed: Bed) -> None:
-    """Take the positions, and what is stored of them, unless they are those of before."""
-    state, rows, count = bed.state, workspace.rows, bed.constants.grains
-    moved = int(workspace.stored[0] != count)
-    for i in range(count):
-        moved += not (rows[PX, i] == state.x[i] and rows[PY, i] == state.y[i])
-    if moved > 0:
-        workspace.stored[0] = count
-        for i in range(count):
-            rows[PX, i], rows[PY, i] = state.x[i], state.y[i]
-        _store_pair_tensors(law, workspace.near, workspace.tensors, rows[PX], rows[PY], count)
-
-
-@compiled
-def _store_pair_tensors(
-    law: MutualEddyLaw, near: NearList | None, tensors: Array | None, x: Array, y: Array, count: int
+def _refresh_pair_tensors(
+    law: MutualEddyLaw, near: NearList | None, tensors: Array | None, workspace: EddyWorkspace, bed: Bed
 ) -> None:
-    """Store the tensor of each pair; no numbers if there is no room for their list, which stops the run."""
-    if tensors is None:
+    """Take the positions and store the tensor of each pair, unless they are those of before."""
+    x, y, count, moved = workspace.rows[PX], workspace.rows[PY], bed.constants.grains, 0
+    for i in range(count):
+        moved += not (x[i] == bed.state.x[i] and y[i] == bed.state.y[i])
+        x[i], y[i] = bed.state.x[i], bed.state.y[i]
+    if tensors is None or (moved == 0 and workspace.stored[0] == count):
         return
+    workspace.stored[0] = count
     if not refresh_if_listed(near, x, y, count):
-        tensors[:] = np.nan
+        tensors[:] = np.nan  # stops the run
         return
     at = 0
     for i in range(count):
@@ -195,31 +185,22 @@ def _store_pair_tensors(
 
 
 @compiled
-def _multiply_by_drag_tensor(law: MutualEddyLaw, workspace: EddyWorkspace, count: int) -> None:
-    """Multiply the input by T."""
-    rows, own, sum_x, sum_y = workspace.rows, law.table.own, 0.0, 0.0
-    for i in range(count):
-        sum_x += rows[INPUT_X, i]
-        sum_y += rows[INPUT_Y, i]
-    for i in range(count):
-        kind = _grain_kind(law.kind, i)
-        rows[OUTPUT_X, i] = own[kind, 0] * rows[INPUT_X, i] + law.mean * sum_x
-        rows[OUTPUT_Y, i] = own[kind, 1] * rows[INPUT_Y, i] + law.mean * sum_y
-    _add_drag_of_pairs(workspace.near, workspace.tensors, rows, count, law.square)
-
-
-@compiled
-def _add_drag_of_pairs(
-    near: NearList | None, tensors: Array | None, rows: Array, count: int, square: float
+def _multiply_by_drag_tensor(
+    law: MutualEddyLaw, near: NearList | None, tensors: Array | None, rows: Array, count: int
 ) -> None:
-    """Add what the motion of each grain does to the others."""
+    """Multiply the input by T."""
+    vx, vy, sum_x, sum_y = rows[INPUT_X], rows[INPUT_Y], rows[OUTPUT_X], rows[OUTPUT_Y]
+    total_x, total_y = 0.0, 0.0
+    for i in range(count):
+        total_x += vx[i]
+        total_y += vy[i]
+    for i in range(count):
+        own = law.table.own[_grain_kind(law.kind, i)]
+        sum_x[i], sum_y[i] = own[0] * vx[i] + law.mean * total_x, own[1] * vy[i] + law.mean * total_y
     if tensors is None:
         for j in range(count):
-            _add_drag_of_dipole(
-                rows[PX, :count], rows[PY, :count], rows[OUTPUT_X], rows[OUTPUT_Y], rows[:, j], square
-            )
+            _add_drag_of_dipole(rows[PX, :count], rows[PY, :count], sum_x, sum_y, rows[:, j], law.square)
         return
-    vx, vy, sum_x, sum_y = rows[INPUT_X], rows[INPUT_Y], rows[OUTPUT_X], rows[OUTPUT_Y]
     at = 0
     for i in range(count):
         own_x, own_y, own_vx, own_vy = 0.0, 0.0, vx[i], vy[i]
@@ -269,7 +250,10 @@ def make_mutual_eddy_law(
         if count < PAIRS_PER_LISTED * math.pi * USUAL * reach**2:
             reach, spare = math.inf, 0.0
     thin = plate.thickness == 0.0 and not discs
-    alike: list[tuple[Disc, ...]] = [(disc, disc) for disc in discs] or [()]
+    pairs: list[tuple[Disc, ...]] = [(disc, other) for disc in discs for other in discs] or [()]
+    # Smooth: without a tolerance no piece is halved, which `_tensor_parts` relies on.
+    parts = [partial(_sample_tensor, plate, two, part) for two in pairs for part in (0, 1)]
+    alike = pairs[:: len(discs) + 1]
     own = np.zeros((len(alike), 2))
     if not (thin and math.isinf(reach)):
         for kind, two in enumerate(alike):
@@ -292,20 +276,12 @@ def make_mutual_eddy_law(
         stiffest=heaviest * factor * (1.0 + DENSEST * square),
         kinds=len(alike),
         kind=pad_values(context.species) if discs else None,
-        table=PairDragTable(own, None if thin else _tabulate_tensors(plate, discs)),
+        table=PairDragTable(own, None if thin else tabulate_values(parts, CLOSEST, END, math.inf)),
     )
 
 
-def _tabulate_tensors(plate: Plate, discs: tuple[Disc, ...]) -> PiecewiseTable:
-    """Isotropic and radial part over r^2 in turn, of each pair of kinds."""
-
-    def part_of(two: tuple[Disc, ...], part: int) -> Sampled:
-        def sampled(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            values = drag_tensor_of_squares(plate, squares, two)[part]
-            return values, np.ones_like(values)
-
-        return sampled
-
-    pairs: list[tuple[Disc, ...]] = [(disc, other) for disc in discs for other in discs] or [()]
-    # A smooth function: no piece needs to be halved, which `_tensor_parts` relies on.
-    return tabulate_values([part_of(two, part) for two in pairs for part in (0, 1)], CLOSEST, END, math.inf)
+def _sample_tensor(
+    plate: Plate, discs: tuple[Disc, ...], part: int, squares: Samples
+) -> tuple[Samples, Samples]:
+    values = drag_tensor_of_squares(plate, squares, discs)[part]
+    return values, np.ones_like(values)
