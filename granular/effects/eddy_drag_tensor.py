@@ -97,8 +97,9 @@ def _fit_drag_tensor(plate: Plate, discs: tuple[Disc, ...]) -> tuple[Chebyshev, 
     u = least + (1.0 - least) * 0.5 * (np.polynomial.chebyshev.chebpts1(ORDER) + 1.0)
     r = np.sqrt(square / u - square)
     isotropic, radial = drag_tensor(plate, r, discs)
-    first, second = isotropic / u**2.5, -radial * square / (5.0 * r * r * u**3.5)
-    return tuple(Chebyshev.fit(u, values, ORDER - 1, domain=[least, 1.0]) for values in (first, second))
+    across, along = isotropic / u**2.5, -radial * square / (5.0 * r * r * u**3.5)
+    domain = [least, 1.0]
+    return Chebyshev.fit(u, across, ORDER - 1, domain), Chebyshev.fit(u, along, ORDER - 1, domain)
 
 
 def drag_tensor_of_squares(
@@ -107,7 +108,7 @@ def drag_tensor_of_squares(
     """Isotropic part (n,) of the drag tensor, and the radial one over r^2 [1/D^2]; squares r^2 [D^2]."""
     square = 4.0 * plate.distance**2
     u = square / (square + squares)
-    p, q = 1.0, 1.0
+    p, q = np.ones_like(u), np.ones_like(u)
     if plate.thickness > 0.0 or discs:
         p, q = (series(u) for series in _fit_drag_tensor(plate, discs))
     return u**2.5 * p, -5.0 / square * u**3.5 * q

@@ -177,10 +177,10 @@ def add_near_loads(
     loads = law.tables.loads
     assert loads is not None
     for i in range(grains):
-        begin, end = _partner_range(near, i, grains)
+        begin, end = partner_range(near, i, grains)
         for k in range(begin, end):
-            j = _partner(near, k)
-            dx, dy = pair_displacement(_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            j = partner_at(near, k)
+            dx, dy = pair_displacement(shifts_of(near), k, x[i] - x[j], y[i] - y[j])
             u = dx * dx + dy * dy
             load[i] += weight[j] * tabulated_ratio(loads, _pair_row(law.species, law.kinds, i, j), u)
             load[j] += weight[i] * tabulated_ratio(loads, _pair_row(law.species, law.kinds, j, i), u)
