@@ -61,7 +61,7 @@ the first order of the step."""
 class PairDragTable(NamedTuple):
     """Drag of a grain's own currents, and the tensor of each pair of kinds of grains."""
 
-    own: Float[np.ndarray, "k 2"]  # along x and y, with what images and grains beyond the reach do
+    own: Float[np.ndarray, "k"]  # with the drag for those beyond the reach
     parts: PiecewiseTable | None  # isotropic and radial part in turn by pairs; None: thin plate, dipoles
 
 
@@ -196,7 +196,7 @@ def _multiply_by_drag_tensor(
         total_y += vy[i]
     for i in range(count):
         own = law.table.own[_grain_kind(law.kind, i)]
-        sum_x[i], sum_y[i] = own[0] * vx[i] + law.mean * total_x, own[1] * vy[i] + law.mean * total_y
+        sum_x[i], sum_y[i] = own * vx[i] + law.mean * total_x, own * vy[i] + law.mean * total_y
     if tensors is None:
         for j in range(count):
             _add_drag_of_dipole(rows[PX, :count], rows[PY, :count], sum_x, sum_y, rows[:, j], law.square)
@@ -235,12 +235,10 @@ def make_mutual_eddy_law(
     """Make the law of the drag with mutual currents, for a bed; rate [1/tau]."""
     length, count = context.scales.length, context.grains.count
     square = 4.0 * plate.distance**2
-    mean, spare, periods, far = 0.0, 0.0, None, np.zeros((0, 2))
+    mean, spare, periods = 0.0, 0.0, None
     if context.cell.periods is not None:
         wide, high = periods = (context.cell.periods[0] / length, context.cell.periods[1] / length)
         reach = FARTHEST
-        across, up = (np.arange(-(reach // side), reach // side + 1.0) * side for side in periods)
-        far = np.array([(x, y) for x in across for y in up if 0.0 < math.hypot(x, y) < reach]).reshape(-1, 2)
         # Averaged over directions T ~ -(3/2) H^5/r^5; over all beyond R, pi rho H^5/R^3.
         mean = -math.pi * square**2.5 / (reach**3 * wide * high)
     else:
@@ -254,11 +252,9 @@ def make_mutual_eddy_law(
     # Smooth: without a tolerance no piece is halved, which `_tensor_parts` relies on.
     parts = [partial(_sample_tensor, plate, two, part) for two in pairs for part in (0, 1)]
     alike = pairs[:: len(discs) + 1]
-    own = np.zeros((len(alike), 2))
-    if not (thin and math.isinf(reach)):
-        for kind, two in enumerate(alike):
-            across, along = drag_tensor_of_squares(plate, np.array([0.0, *(far**2).sum(axis=1)]), two)
-            own[kind] = across.sum() + along[1:] @ far**2 + spare
+    alone = [drag_tensor_of_squares(plate, np.zeros(1), two)[0][0] + spare for two in alike]
+    # The products that are computed, not stored, have a dipole's own part with them.
+    own = np.zeros(1) if thin and math.isinf(reach) else np.array(alone)
     factor = max(
         (lone_disc_drag_factor(plate, disc) for disc in discs), default=plate.thickness_drag_factor()
     )
