@@ -1,6 +1,6 @@
-from .effects.own import effect, wall_law
+from .effects.custom import effect, wall_law
 from .methods import Method
-from .protocol.own_stages import stage
+from .protocol.custom_stages import stage
 from .run.evaluation import Evaluation, evaluate
 from .run.piston_record import PistonRecord
 from .run.plan import Plan, plan

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from granular.effects.own import load_user_sections
+from granular.effects.custom import load_user_sections
 from granular.methods.method import Method
 from granular.methods.registry import register_methods
 from granular.methods.tables import METHODS

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
 from granular.shared.cache_files import (
     read_sealed_file,
@@ -114,9 +113,10 @@ def jit(function: Callable[P, T], form: object = None) -> Callable[P, T]:
 def _load_or_compile(label: str, compiled: Any, args: Any, kwargs: Any) -> Any:
     """Read a program for arguments of these types from its file; else compile it, and write the file."""
     # JAX's own cache finds compiled code only after tracing, which takes longer than to load it.
-    if _folder is None or jax.default_backend() != "cpu":
+    processor = _processor()
+    if _folder is None or processor is None or jax.default_backend() != "cpu":
         return compiled
-    label += _digest_of_surroundings()
+    label += processor + _digest_of_surroundings()
     path = _folder / f"{hashlib.sha256(label.encode()).hexdigest()}.program"
     body = read_sealed_file(path, label)
     if body is not None:
@@ -144,9 +144,19 @@ def _without_jax_cache() -> Iterator[None]:
 
 
 @functools.cache
+def _processor() -> str | None:
+    """Name and features of the processor; None without the compiler of the simulations, which knows them."""
+    try:
+        from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
+    except ImportError:
+        return None
+    return f"{get_host_cpu_name()} {get_host_cpu_features().flatten()}"
+
+
+@functools.cache
 def _digest_of_surroundings() -> str:
-    """Digest of all that a program depends on but its form: sources, versions, processor and settings."""
-    digest = hashlib.sha256(f"{get_host_cpu_name()} {get_host_cpu_features().flatten()}".encode())
+    """Digest of all that a program depends on but its form: sources, versions and settings."""
+    digest = hashlib.sha256()
     versions = [version(name) for name in ("jax", "jaxlib", "diffrax", "equinox", "optimistix", "sympy")]
     digest.update(f"{versions} {os.environ.get('XLA_FLAGS')} {jax.config.values}".encode())
     package = Path(__file__).parent

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, get_args, get_type_hints
 
-from granular.run.simulation import custom_code_digests
+from granular.run.summary import custom_code_digests
 from granular.shared.errors import GranularError
 from granular.shared.result_cache import ResultCache, digest
 

@@ -17,7 +17,7 @@ over as ``workspace``; its field ``persistent``, if it has one, is part of the r
 
 Where a grain, a pair or a wall's distance is all that counts, the loops over grains need not be
 written: a class with the functions of one of them, decorated with
-`granular.effects.own.effect` as a user's own, becomes an effect of this form, and so does a
+`granular.effects.custom.effect` as a user's own, becomes an effect of this form, and so does a
 formula. `granular.effects.magnetic_gradient` is written so. The file's own test aside, nothing else has to
 be touched: `granular.effects.registry` finds it.
 """

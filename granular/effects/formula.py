@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
+from granular.effects.custom import OwnPart
+from granular.effects.custom_law import Definition, Functions, OwnEffectLaw, OwnWallLaw
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
-from granular.effects.own import OwnPart
-from granular.effects.own_law import Definition, Functions, OwnEffectLaw, OwnWallLaw
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
 from granular.pairs.direct_sum import pad_values

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from granular.effects.own import effect
-from granular.effects.own_law import Grain
+from granular.effects.custom import effect
+from granular.effects.custom_law import Grain
 from granular.schema.sections import quantity
 
 

@@ -69,7 +69,7 @@ class EddyWorkspace(NamedTuple):
     """Scratch of the sums."""
 
     rows: Float[np.ndarray, "8 m"]  # see `PX` and the others [D, D/tau]
-    stored: Int[np.ndarray, "1"]  # number of grains whose positions these are
+    counted: Int[np.ndarray, "1"]  # number of grains whose positions these are
     near: NearList | None  # None: all pairs count
     tensors: Float[np.ndarray, "3 p"] | None  # xx, xy and yy of each pair; None: computed at each product
 
@@ -93,8 +93,8 @@ class MutualEddyLaw(NamedTuple):
         if math.isfinite(self.reach):
             near = near_list_workspace(count, self.reach, periods=self.periods)
             pairs = near.partners.size
-        stored = near is not None or self.table.parts is not None
-        tensors = np.empty((3, pairs)) if stored else None
+        kept_tensors = near is not None or self.table.parts is not None
+        tensors = np.empty((3, pairs)) if kept_tensors else None
         return EddyWorkspace(np.zeros((8, size)), np.array([-1]), near, tensors)
 
     @staticmethod
@@ -159,9 +159,9 @@ def _refresh_pair_tensors(
     for i in range(count):
         moved += not (x[i] == bed.state.x[i] and y[i] == bed.state.y[i])
         x[i], y[i] = bed.state.x[i], bed.state.y[i]
-    if tensors is None or (moved == 0 and workspace.stored[0] == count):
+    if tensors is None or (moved == 0 and workspace.counted[0] == count):
         return
-    workspace.stored[0] = count
+    workspace.counted[0] = count
     if not refresh_if_listed(near, x, y, count):
         tensors[:] = np.nan  # stops the run
         return
@@ -203,18 +203,18 @@ def _multiply_by_drag_tensor(
         return
     at = 0
     for i in range(count):
-        own_x, own_y, own_vx, own_vy = 0.0, 0.0, vx[i], vy[i]
+        total_x, total_y, vx_i, vy_i = 0.0, 0.0, vx[i], vy[i]
         begin, end = partner_range(near, i, count)
         for k in range(begin, end):
             j = partner_at(near, k)
             xx, xy, yy = tensors[0, at], tensors[1, at], tensors[2, at]
-            own_x += xx * vx[j] + xy * vy[j]
-            own_y += xy * vx[j] + yy * vy[j]
-            sum_x[j] += xx * own_vx + xy * own_vy
-            sum_y[j] += xy * own_vx + yy * own_vy
+            total_x += xx * vx[j] + xy * vy[j]
+            total_y += xy * vx[j] + yy * vy[j]
+            sum_x[j] += xx * vx_i + xy * vy_i
+            sum_y[j] += xy * vx_i + yy * vy_i
             at += 1
-        sum_x[i] += own_x
-        sum_y[i] += own_y
+        sum_x[i] += total_x
+        sum_y[i] += total_y
 
 
 @compiled

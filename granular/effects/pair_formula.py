@@ -13,9 +13,9 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
+from granular.effects.custom_law import OwnEffectLaw
 from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.formula import EnergyFormula, FormulaList
-from granular.effects.own_law import OwnEffectLaw
 from granular.effects.pair_law import PairFunctions, PairLawEffect, Species
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, NONE, Dimension

@@ -151,7 +151,7 @@ class PairLawEffect(ForceEffect):
 def species_of_scene(context: EffectContext) -> list[Species]:
     """Species of a scene, in natural units."""
     grains = context.grains
-    diameters = [one.diameter / context.scales.length for one in grains.species]
+    diameters = [kind.diameter / context.scales.length for kind in grains.species]
     numbers = zip(grains.mass_ratios(), grains.moment_ratios(), diameters, strict=True)
     return [Species(float(mass), float(moment), diameter) for mass, moment, diameter in numbers]
 
@@ -159,13 +159,7 @@ def species_of_scene(context: EffectContext) -> list[Species]:
 def grain_charges(
     tails: Sequence[np.ndarray], context: EffectContext, *, dipoles: bool
 ) -> Float[np.ndarray, "n"] | None:
-    """Charge of each grain in the sum over all pairs; None: its moment.
-
-    Raises
-    ------
-    InputError
-        If the tails are no product of one positive number a species.
-    """
+    """Charge of each grain in the sum over all pairs, a product of which all tails are; None: its moment."""
     if not tails:
         return None
     if dipoles and context.grains.magnets != "dipoles":
@@ -221,7 +215,7 @@ def _tabulate(functions: PairFunctions, species: tuple[Species, ...], dipoles: b
     _check_symmetry(functions, list(pairs.values()))
     tails = {key: 0.0 if functions.tail is None else functions.tail(*pair) for key, pair in pairs.items()}
     energies = {key: _near_energy(functions, *pair, tails[key]) for key, pair in pairs.items()}
-    reach = min(functions.reach, max(_own_reach(energy) for energy in energies.values()))
+    reach = min(functions.reach, max(_decay_distance(energy) for energy in energies.values()))
     end, keys = min(reach, FARTHEST), [(min(i, j), max(i, j)) for i in kinds for j in kinds]
     made = tabulate_energies(
         [_truncate(energy, reach) for energy in energies.values()], NEAREST**2, 1.05 * end**2, _TABLE_ERROR
@@ -230,7 +224,7 @@ def _tabulate(functions: PairFunctions, species: tuple[Species, ...], dipoles: b
         energies=made.rows([list(pairs).index(key) for key in keys]),
         pairs=np.array([[tails[key] / ENERGY, 0.0, 0.0, reach**2] for key in keys]),
         series=SeriesTerms(),
-        collisions=join_collisions([_collisions(functions, one, end, dipoles) for one in species]),
+        collisions=join_collisions([_collisions(functions, kind, end, dipoles) for kind in species]),
     )
 
 
@@ -249,13 +243,13 @@ def _near_energy(functions: PairFunctions, first: Species, second: Species, tail
     """Energy of a pair without its tail, and the magnitudes of both, of distances (n,)."""
 
     def sampled(r: Samples) -> tuple[Samples, Samples]:
-        whole, part = _evaluate(functions, first, second, r), tail / r**3
-        return whole - part, np.abs(whole) + np.abs(part)
+        total, part = _evaluate(functions, first, second, r), tail / r**3
+        return total - part, np.abs(total) + np.abs(part)
 
     return sampled
 
 
-def _own_reach(energy: Sampled) -> float:
+def _decay_distance(energy: Sampled) -> float:
     """Distance at which an energy has ended by itself [D]; infinite if it does not by `FARTHEST`/1000."""
     r = np.geomspace(1.0, 1e-3 * FARTHEST, 400)
     value, magnitude = energy(r)
@@ -279,12 +273,12 @@ def _truncate(energy: Sampled, reach: float) -> Sampled:
 
 
 def _collisions(
-    functions: PairFunctions, one: Species, end: float, dipoles: bool
+    functions: PairFunctions, kind: Species, end: float, dipoles: bool
 ) -> Float[np.ndarray, "2 n"]:
     r = np.geomspace(NEAREST, min(end, 40.0), 400)
-    energy = np.nan_to_num(_evaluate(functions, one, one, r))
+    energy = np.nan_to_num(_evaluate(functions, kind, kind, r))
     # Dipoles turn grains before such a law does.
-    return collision_stiffness(r, energy + dipoles * ENERGY * one.moment**2 / r**3, one.mass)
+    return collision_stiffness(r, energy + dipoles * ENERGY * kind.moment**2 / r**3, kind.mass)
 
 
 _TRIALS = (0.83, 1.21, 1.94)

@@ -72,7 +72,7 @@ class Wall(Section):
         two.
     own : section or None
         Of a law of one's own; in a scene its keys stand next to ``law``. See
-        `granular.effects.own`.
+        `granular.effects.custom`.
     """
 
     law: str = section_field(WallLawName(), default="experimental")

@@ -268,14 +268,14 @@ def _sampled_near_energy(discs: tuple[Disc, Disc], begin: float, c: float) -> Sa
     shift, end = pair_squared_distance_shift(*discs), _WINDOW * begin
 
     def difference(r: Samples) -> tuple[Samples, Samples, Samples]:
-        whole, part = disc_law_continued_below_contact(r, discs), _all_pairs_law(r, shift, c)
-        return ENERGY * (whole[0] - part[0]), ENERGY * (whole[1] - part[1]), ENERGY * (whole[0] + part[0])
+        exact, part = disc_law_continued_below_contact(r, discs), _all_pairs_law(r, shift, c)
+        return ENERGY * (exact[0] - part[0]), ENERGY * (exact[1] - part[1]), ENERGY * (exact[0] + part[0])
 
     def windowed(r: Samples) -> Samples:
         """Energy within the window: the integral of a force that ends there."""
-        places = 0.5 * (end + r) + 0.5 * (end - r) * _GAUSS[:, None]
-        t = np.clip((end - places) / (end - begin), 0.0, 1.0)
-        force = difference(places.ravel())[1].reshape(places.shape) * t**3 * (10.0 - 15.0 * t + 6.0 * t * t)
+        points = 0.5 * (end + r) + 0.5 * (end - r) * _GAUSS[:, None]
+        t = np.clip((end - points) / (end - begin), 0.0, 1.0)
+        force = difference(points.ravel())[1].reshape(points.shape) * t**3 * (10.0 - 15.0 * t + 6.0 * t * t)
         return np.asarray(0.5 * (end - r) * (_WEIGHTS @ force))
 
     constant = float((windowed(np.array([begin])) - difference(np.array([begin]))[0])[0])

@@ -43,7 +43,7 @@ class SeriesTerms(NamedTuple):
 
 
 class NearTables(NamedTuple):
-    """What a near part reads for each pair of species."""
+    """Tables of a near part, for each pair of species."""
 
     energies: PiecewiseTable  # [F* D], over the product of the factors
     pairs: Float[np.ndarray, "p 4"]  # see `TAIL` and the others

@@ -241,14 +241,14 @@ def _list_pairs(near: NearList, grains: int) -> bool:
         begin = last
         near.starts[i] = begin
         column, row = near.cell[i] % grid.columns, near.cell[i] // grid.columns
-        own_x, own_y = _turns(near.periods, 0, near.built[0, i]), _turns(near.periods, 1, near.built[1, i])
+        home_x, home_y = _turns(near.periods, 0, near.built[0, i]), _turns(near.periods, 1, near.built[1, i])
         for up in range(row - grid.up, row + grid.up + 1):
             for across in range(column - grid.across, column + grid.across + 1):
                 inside = 0 <= up < grid.rows and 0 <= across < grid.columns
                 if near.periods is None and not inside:
                     continue
                 cell = up % grid.rows * grid.columns + across % grid.columns
-                turns_x, turns_y = own_x + across // grid.columns, own_y + up // grid.rows
+                turns_x, turns_y = home_x + across // grid.columns, home_y + up // grid.rows
                 last = _list_partners_in_cell(near, i, cell, turns_x, turns_y, begin, last)
                 if last < 0:
                     return False

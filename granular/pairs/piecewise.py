@@ -13,7 +13,7 @@ rounding, and both come from the energy alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,13 +75,15 @@ def tabulate_energies(
 ) -> PiecewiseTable:
     """Tabulate energies (p,) between two squared distances [D^2], to a part of their magnitude."""
     return _join_tables(
-        [_fit_pieces(one, low, high, tolerance, _force_pieces) for one in energies], low, high
+        [_fit_pieces(sampled, low, high, tolerance, _force_pieces) for sampled in energies], low, high
     )
 
 
 def tabulate_values(values: Sequence[Sampled], low: float, high: float, tolerance: float) -> PiecewiseTable:
     """Tabulate functions (p,) themselves, to be read by `tabulated_ratio`."""
-    return _join_tables([_fit_pieces(one, low, high, tolerance, _value_pieces) for one in values], low, high)
+    return _join_tables(
+        [_fit_pieces(sampled, low, high, tolerance, _value_pieces) for sampled in values], low, high
+    )
 
 
 def _leading_digits(square: float) -> int:
@@ -150,8 +152,8 @@ def _fit_polynomials(
     """Coefficients in the part of half a piece (n, count), their errors, and the largest magnitude (n,)."""
     nodes, to_powers = _chebyshev_nodes(count)
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
-    places = middle[:, None] + half[:, None] * np.concatenate([nodes, _CHECKS])
-    values, magnitudes = (part.reshape(places.shape) for part in sampled(places.ravel()))
+    points = middle[:, None] + half[:, None] * np.concatenate([nodes, _CHECKS])
+    values, magnitudes = (part.reshape(points.shape) for part in sampled(points.ravel()))
     powers = values[:, :count] @ to_powers
     differences = powers @ np.vander(_CHECKS, count, increasing=True).T - values[:, count:]
     return powers, np.abs(differences).max(axis=1), np.abs(magnitudes).max(axis=1)
@@ -173,7 +175,7 @@ def _value_pieces(values: Sampled, lower: Samples, upper: Samples) -> tuple[Samp
 @compiled(inline=True)
 def find_piece(table: PiecewiseTable, row: int, square: float) -> np.uint64:
     """Index of the piece that holds a squared distance [D^2]; its end piece beyond the table."""
-    index = (np.float64(square).view(np.int64) >> _SHIFT) - table.start
+    index: Any = (np.float64(square).view(np.int64) >> _SHIFT) - table.start
     # An index without a sign takes no look at whether it counts from the end.
     k = np.uint64(row * table.length + min(max(index, 0), table.last))
     half = table.halves[k]

@@ -106,7 +106,12 @@ class Plan:
         return self.refusals.keys().isdisjoint(("method", "dt"))
 
     def take_system(self) -> SceneInNaturalUnits:
-        """Give the scene in natural units to a run, which changes it: another run makes its own."""
+        """Give the scene in natural units to a run, which changes it: another run makes its own.
+
+        Returns
+        -------
+        SceneInNaturalUnits
+        """
         system = self.system
         del self.__dict__["system"]
         return system

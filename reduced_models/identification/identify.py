@@ -44,7 +44,6 @@ from reduced_models.least_squares.levenberg_marquardt import spent_budget_text, 
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.models.quantities import QuantityWithError
-from reduced_models.records.checked_motions import piston_record_columns
 from reduced_models.records.sensor_artefacts import keep_text, spike_mask, with_note, without_clipped_samples
 from reduced_models.records.sources import (
     METHOD,
@@ -53,6 +52,7 @@ from reduced_models.records.sources import (
     incomplete_run_notes,
     make_directory,
     open_and_check_source,
+    piston_record_columns,
     run_plan,
 )
 

@@ -15,8 +15,8 @@ from reduced_models.identification.measured_swing import MeasuredSwing, quantiti
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.models.quantities import QuantityWithError, add_step_and_start_errors
-from reduced_models.records.checked_motions import FALL, RECORD
 from reduced_models.records.first_guesses import first_guesses
+from reduced_models.records.sources import FALL, RECORD
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory

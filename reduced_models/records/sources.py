@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import warnings
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.readers.read_options import ReadOptions, is_record_description, read_record_description
 from granular.run.piston_record import PistonRecord
-from granular.shared.errors import InputError, RecordWarning, StoreError
+from granular.shared.errors import InputError, RecordError, RecordWarning, StoreError
 from granular.shared.message_text import one_line, quote, sanitize
 from reduced_models.records.free_motion import find_free_motion, find_free_motions
 
@@ -323,3 +324,22 @@ def time_step_text(run: Trajectory) -> str:
     times = run.dataset["time"].values
     mean = float(times[-1] - times[0]) / max(1, settings["steps"])
     return f"{dt}: {mean:.3g} s on average"
+
+
+RECORD, FALL = "record", "fall"
+"""Names of the motions that `piston_record_columns` gives."""
+
+
+def piston_record_columns(run: Trajectory) -> Mapping[str, Any]:
+    """Piston's record of a run, and of its first stage if that is a free motion, as columns [s, m]."""
+    from granular.protocol.free_piston_stages import Free
+
+    motions = {RECORD: run.piston()}
+    first = run.scene.protocol[0]
+    if isinstance(first, Free) and first.name != run.scene.output.record:
+        with contextlib.suppress(RecordError):
+            motions[FALL] = run.piston(first.name)
+    return {
+        name: {column: values.tolist() for column, values in motion.columns.items()}
+        for name, motion in motions.items()
+    }

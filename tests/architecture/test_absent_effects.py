@@ -110,6 +110,6 @@ def test_absent_effects_allocate_nothing() -> None:
         "scratch",
     }
     assert arrays(**{"effects.friction": True}) - bare == {"load"}
-    assert arrays(**{"effects.contact": {"modulus": 1e7}}) - bare == {"ClosePairs"}
+    assert arrays(**{"effects.contact": {"modulus": 1e7}}) - bare == {"NearList"}
     slab = {"law": "slab"}
     assert arrays(**{"effects.walls.bottom": slab}) - bare == {"ndarray"}

@@ -61,7 +61,7 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
         Stage(False, (_FORCES, _SMALL)),
         Stage(True, ("tests/physics/test_walls.py", "tests/granular/scene/test_scene.py")),
     ),
-    "granular/effects/own": _OF_ONES_OWN,
+    "granular/effects/custom": _OF_ONES_OWN,
     "granular/effects/formula": _OF_ONES_OWN,
     "granular/effects/pair_formula": _OF_ONES_OWN,
     "granular/effects/dimensions": _OF_ONES_OWN,

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
-from granular.effects.own_law import Laws
+from granular.effects.custom_law import Laws
 from granular.effects.pair_law import Species
 from granular.effects.registry import effect_names
-from granular.run.simulation import custom_code_digests
+from granular.run.summary import custom_code_digests
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.shared.errors import GranularError, InputError
 from granular.studies.cases import make_cases

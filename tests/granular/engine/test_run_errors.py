@@ -21,12 +21,13 @@ def test_a_contact_that_is_too_deep_is_told_while_a_grain_leaves_through_a_gap(s
         "effects.walls.bottom": GAP,
     }
     run = runner(small_bed.replace(**changes))
-    state, close = run.state, run.state.close
-    assert close is not None
+    state, near = run.state, run.state.near
+    assert near is not None
     state.x[0], state.y[0] = 6.0, -1.5
     state.x[1:3], state.y[1:3] = 3.0, 3.0
     state.x[2] += 0.1
-    close.first[0], close.second[0], close.filled[0] = 1, 2, 1
+    near.starts[2:] = 1
+    near.partners[0] = 2
     error = run.misplaced_grain_error("shorten dt")
     assert "two discs are at 0.1 of the distance at which they touch" in str(error)
 

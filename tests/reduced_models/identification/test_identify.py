@@ -318,7 +318,7 @@ SCRIPT = """
 import sys
 from granular import load_trajectory
 from granular.studies.background_cases import BackgroundCaseRunner
-from reduced_models.records.checked_motions import piston_record_columns
+from reduced_models.records.sources import piston_record_columns
 print("started")
 cases = [{"dt": dt} for dt in (1e-3, "auto")]
 settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}

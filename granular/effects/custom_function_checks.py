@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from granular.effects.custom_law import Definition, Grain
 from granular.effects.effect import EffectContext
-from granular.effects.own_law import Definition, Grain
 from granular.effects.pair_law import Species
 from granular.shared.errors import InputError
 
@@ -91,7 +91,7 @@ class _Trial(NamedTuple):
         """Compare what a function gives with the slope of an energy."""
         slope = _numerical_derivative(energy, at)
         if not (math.isfinite(result) and math.isfinite(slope)):
-            return  # a place where it cannot be evaluated says nothing
+            return  # a position where it cannot be evaluated says nothing
         if abs(result - slope) > CLOSE * max(abs(slope), abs(result), size):
             raise self.refusal(
                 f"{name!r} gives {result:.6g} where its energy asks for {slope:.6g} (natural units); "
@@ -115,7 +115,7 @@ class _Trial(NamedTuple):
             self.compare(
                 "force",
                 component,
-                lambda place, axis=axis: -self.call("energy", grain._replace(**{axis: place}), time),  # type: ignore[misc]
+                lambda position, axis=axis: -self.call("energy", grain._replace(**{axis: position}), time),  # type: ignore[misc]
                 getattr(grain, axis),
                 size + 1e-3 * abs(other),
             )

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from granular.effects.own import OwnSection, make_section_class
+from granular.effects.custom import OwnSection, make_section_class
 from granular.protocol import KINDS
 from granular.protocol.stage import SampledStage
 from granular.shared.errors import InputError

@@ -73,11 +73,15 @@ import types as python_types
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from granular.effects.custom_function_checks import (
+    check_effect_functions,
+    check_pair_functions,
+    check_wall_functions,
+)
+from granular.effects.custom_law import Definition, OwnEffectLaw, OwnLaw, OwnWallLaw
 from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
-from granular.effects.own_checks import check_effect_functions, check_pair_functions, check_wall_functions
-from granular.effects.own_law import Definition, OwnEffectLaw, OwnLaw, OwnWallLaw
 from granular.effects.pair_law import PairFunctions, PairLawEffect, species_of_scene
 from granular.effects.registry import WALL_LAWS, register_effect
 from granular.schema.field_kinds import IntegerKind, QuantityKind, unknown_word_message

@@ -44,27 +44,15 @@ class Grain(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Definition:
-    """Functions of an own part, under a digest.
-
-    Attributes
-    ----------
-    what, key, digest : str
-    parameters : tuple of str
-    names : tuple of str
-        Names of the functions.
-    make_functions : function
-        Makes them when one of them is asked for first.
-    law_base : type or None
-        Base of the law's class; None for what is no law of the loop.
-    """
+    """Functions of an own part, under a digest."""
 
     what: str
     key: str
     digest: str
     parameters: tuple[str, ...]
-    names: tuple[str, ...]
-    make_functions: Callable[[], Functions]
-    law_base: type[OwnLaw] | None
+    names: tuple[str, ...]  # of the functions
+    make_functions: Callable[[], Functions]  # when one of them is asked for first
+    law_base: type[OwnLaw] | None  # None for what is no law of the loop
 
     @property
     def display_name(self) -> str:
@@ -98,8 +86,8 @@ class Definition:
             extra = self.law_base.extra_fields
             names = (*self.parameters, *extra)
             values = collections.namedtuple("Values", names, defaults=extra.values())  # type: ignore[misc]
-            place = {"__module__": __name__, "__qualname__": f"{Laws.__name__}.{self.digest}"}
-            made = _LawClass(self.digest, (values, self.law_base), {"_definition": self, **place})
+            origin = {"__module__": __name__, "__qualname__": f"{Laws.__name__}.{self.digest}"}
+            made = _LawClass(self.digest, (values, self.law_base), {"_definition": self, **origin})
             setattr(Laws, self.digest, made)
         return getattr(Laws, self.digest)
 
@@ -121,15 +109,9 @@ class _LawClass(type):
 
 
 class OwnLaw(metaclass=_LawClass):
-    """Base of the laws.
+    """Base of the laws."""
 
-    Attributes
-    ----------
-    extra_fields : mapping of str
-        Fields besides the parameters, and their values.
-    """
-
-    extra_fields: ClassVar[Mapping[str, Any]] = {}
+    extra_fields: ClassVar[Mapping[str, Any]] = {}  # besides the parameters, with their values
 
     @staticmethod
     def hook_names(names: tuple[str, ...]) -> tuple[str, ...]:
