@@ -111,6 +111,7 @@ class Plan:
         Returns
         -------
         SceneInNaturalUnits
+            For one run.
         """
         system = self.system
         del self.__dict__["system"]
