@@ -14,7 +14,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -54,6 +54,9 @@ _TABLE_ERROR = 2e-14
 
 _NOTHING = 1e-15
 """Part of its energies beyond 1 D below which a law without a reach has ended."""
+
+_NOTHING_BESIDE_TAIL = 1e-12
+"""The same beside a tail: what falls off by a higher power would go on for hundreds of diameters."""
 
 _PROPORTIONAL = 1e-9
 """Relative difference up to which numbers count as equal."""
@@ -203,6 +206,7 @@ def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
         strength=1.0,
         periods=None if periods is None else (periods[0] / length, periods[1] / length),
         tables=tables,
+        smallest=min(kind.diameter for kind in species),
     )
     return PairLaw(factor, index, near)
 
@@ -215,7 +219,8 @@ def _tabulate(functions: PairFunctions, species: tuple[Species, ...], dipoles: b
     _check_symmetry(functions, list(pairs.values()))
     tails = {key: 0.0 if functions.tail is None else functions.tail(*pair) for key, pair in pairs.items()}
     energies = {key: _near_energy(functions, *pair, tails[key]) for key, pair in pairs.items()}
-    reach = min(functions.reach, max(_decay_distance(energy) for energy in energies.values()))
+    reach = min(functions.reach, max(_decay_distance(energy, tails) for energy in energies.values()))
+    _check_finite(functions, list(pairs.values()), reach)
     end, keys = min(reach, FARTHEST), [(min(i, j), max(i, j)) for i in kinds for j in kinds]
     made = tabulate_energies(
         [_truncate(energy, reach) for energy in energies.values()], NEAREST**2, 1.05 * end**2, _TABLE_ERROR
@@ -249,13 +254,14 @@ def _near_energy(functions: PairFunctions, first: Species, second: Species, tail
     return sampled
 
 
-def _decay_distance(energy: Sampled) -> float:
+def _decay_distance(energy: Sampled, tails: Mapping[tuple[int, int], float]) -> float:
     """Distance at which an energy has ended by itself [D]; infinite if it does not by `FARTHEST`/1000."""
     r = np.geomspace(1.0, 1e-3 * FARTHEST, 400)
     value, magnitude = energy(r)
     size = np.abs(value)
     # What rounding leaves of a difference is nothing, too.
-    there = size > np.maximum(_NOTHING * np.nanmax(size), 8.0 * np.finfo(np.float64).eps * magnitude)
+    nothing = _NOTHING_BESIDE_TAIL if any(tails.values()) else _NOTHING
+    there = size > np.maximum(nothing * np.nanmax(size), 8.0 * np.finfo(np.float64).eps * magnitude)
     last = int(np.flatnonzero(there).max(initial=0))
     return math.inf if last == len(r) - 1 else float(r[last + 1])
 
@@ -281,20 +287,33 @@ def _collisions(
     return collision_stiffness(r, energy + dipoles * ENERGY * kind.moment**2 / r**3, kind.mass)
 
 
-_TRIALS = (0.83, 1.21, 1.94)
-"""Distances [D] at which a law is tried; a law that is zero at all of them depends on nothing."""
+_TRIALS = np.geomspace(0.05, 50.0, 120)
+"""Distances [D] at which a law is tried: a law that is nothing at all of them is nothing."""
 
 
 def _check_symmetry(functions: PairFunctions, pairs: Sequence[tuple[Species, Species]]) -> None:
     """Check that both grains of a pair are treated alike."""
-    for r in _TRIALS:
-        for first, second in pairs:
-            here, there = functions.energy(r, first, second), functions.energy(r, second, first)
-            if not np.isclose(here, there, rtol=_PROPORTIONAL, atol=0.0, equal_nan=True):
-                raise InputError(
-                    f"{functions.name}: the energy is {here:.6g} and, with the grains exchanged, "
-                    f"{there:.6g}; a pair must pull and push equally"
-                )
+    for first, second in pairs:
+        here, there = (_evaluate(functions, *pair, _TRIALS) for pair in ((first, second), (second, first)))
+        wrong = ~np.isclose(here, there, rtol=_PROPORTIONAL, atol=0.0, equal_nan=True)
+        if wrong.any():
+            raise InputError(
+                f"{functions.name}: the energy is {here[wrong][0]:.6g} and, with the grains exchanged, "
+                f"{there[wrong][0]:.6g}; a pair must pull and push equally"
+            )
+
+
+def _check_finite(functions: PairFunctions, pairs: Sequence[tuple[Species, Species]], reach: float) -> None:
+    """Check that the energy is a number from half the contact to the reach."""
+    for first, second in pairs:
+        contact = 0.5 * (first.diameter + second.diameter)
+        r = np.geomspace(0.5 * contact, min(max(reach * (1.0 - 1e-12), contact), 100.0), 300)
+        odd = r[~np.isfinite(_evaluate(functions, first, second, r))]
+        if len(odd):
+            raise InputError(
+                f"{functions.name}: the energy is no number at {odd[0]:.4g} diameters; give it a reach below "
+                "that, or correct it"
+            )
 
 
 def _scatter_factors(
@@ -303,13 +322,12 @@ def _scatter_factors(
     """Factor of each grain in the energy where the moments scatter; None: 1."""
     if context.grains.spread == 0.0:
         return None
-    ratios = []
+    ratios = np.zeros(0)
     for first, second in itertools.combinations_with_replacement(species, 2):
         stronger = first._replace(moment=1.25 * first.moment), second._replace(moment=1.5 * second.moment)
-        for r in _TRIALS:
-            before, after = functions.energy(r, first, second), functions.energy(r, *stronger)
-            if before:
-                ratios.append(after / before)
+        before, after = (_evaluate(functions, *pair, _TRIALS) for pair in ((first, second), stronger))
+        there = np.isfinite(before) & np.isfinite(after) & (np.abs(before) > np.finfo(np.float64).tiny)
+        ratios = np.append(ratios, after[there] / before[there])
     if np.allclose(ratios, 1.0, rtol=_PROPORTIONAL):
         return None
     if np.allclose(ratios, 1.25 * 1.5, rtol=_PROPORTIONAL):

@@ -138,6 +138,7 @@ def make_disc_laws(
         strength=strength,
         periods=periods,
         tables=made.tables,
+        smallest=2.0 * min(disc.radius for disc in discs),
     )
     return DiscSeries(coefficients, None if alike else shift), near
 

@@ -62,13 +62,14 @@ class NearLaw(NamedTuple):
     strength: float  # squared factor over mass of the grains that come closest
     periods: tuple[float, float] | None  # sides of a periodic cell [D]
     tables: NearTables
+    smallest: float = 1.0  # diameter [D]
 
 
 def near_law_workspace(law: NearLaw, size: int) -> NearList | None:
     """Allocate the near list of a law; None where all pairs count."""
     if math.isinf(law.reach):
         return None
-    return near_list_workspace(size, law.reach, periods=law.periods)
+    return near_list_workspace(size, law.reach, periods=law.periods, smallest=law.smallest)
 
 
 def collision_stiffness(r: Samples, energy: Samples, mass: float = 1.0) -> Float[np.ndarray, "2 n"]:

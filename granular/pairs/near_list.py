@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -26,8 +27,11 @@ SKIN = 0.15
 """Usual skin [D]: a fifth of the pairs of a reach of 2 D lie in it."""
 
 _PARTNERS_PER_AREA = 4.0
-"""Room for pairs, per grain and square of the reach [D]; touching discs, 2/sqrt(3) per D^2, have
-pi/sqrt(3) = 1.8."""
+"""Room for pairs, per grain and square of the reach over the smallest diameter; touching discs, 2/sqrt(3)
+per squared diameter, have pi/sqrt(3) = 1.8."""
+
+_MOST_PAIRS = 200_000_000
+"""Room for pairs altogether: with their shifts they take 4 GB."""
 
 LEAST_PARTNERS = 24
 """Room for pairs, per grain, at any reach: discs of any sizes that overlap have about three each."""
@@ -62,18 +66,24 @@ def near_list_workspace(
     skin: float = SKIN,
     periods: tuple[float, float] | None = None,
     radius: Float[np.ndarray, "m"] | None = None,
+    smallest: float = 1.0,
 ) -> NearList:
     """Allocate a near list; lengths [D]. With radii it holds pairs that overlap, not all within reach."""
     longest = reach + skin
     per_grain = LEAST_PARTNERS
     if radius is None:
-        per_grain = max(per_grain, math.ceil(_PARTNERS_PER_AREA * longest**2))
-    most = size * (size - 1) // 2
+        per_grain = max(per_grain, math.ceil(_PARTNERS_PER_AREA * (longest / smallest) ** 2))
+    most = size * (size - 1) // 2 if periods is None else size * (size + 1) // 2
     if periods is not None:
         most *= int(
             (2.0 * math.ceil(longest / periods[0]) + 1.0) * (2.0 * math.ceil(longest / periods[1]) + 1.0)
         )
     capacity = max(1, min(most, size * per_grain))
+    if capacity > _MOST_PAIRS:
+        raise InputError(
+            f"pairs up to {reach:.4g} diameters may be {capacity:.3g}, {_MOST_PAIRS:.3g} is the limit; give "
+            "the pair law a shorter reach"
+        )
     return NearList(
         starts=np.zeros(size + 1, dtype=np.int64),
         partners=np.zeros(capacity, dtype=np.uint32),

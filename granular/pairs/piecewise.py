@@ -123,7 +123,7 @@ def _fit_pieces(
     for depth in range(_DEEPEST + 1):
         made, errors, sizes = fit(sampled, lower, upper)
         if depth == 0:
-            around = np.pad(sizes, _AROUND, mode="edge")
+            around = np.pad(np.nan_to_num(sizes), _AROUND, mode="edge")
             bounds = tolerance * np.lib.stride_tricks.sliding_window_view(around, 2 * _AROUND + 1).max(axis=1)
         bad = np.flatnonzero(errors > bounds)
         if depth == _DEEPEST or len(pieces) > _MOST_PIECES:

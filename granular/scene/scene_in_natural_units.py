@@ -140,6 +140,8 @@ def _acting_laws(
     grains, effects, scales = scene.grains, scene.effects.in_loop_order, context.scales
     weights = [result for effect in effects if (result := effect.normal_load_weights(context)) is not None]
     dipole = scene.effects.dipole
+    if dipole is None:  # the tail of an own law tilts no grain
+        weights = [0.0 * weight for weight in weights]
     summed = scene.pair_method if dipole is not None or charges is not None else None
     discs = None if dipole is None else _disc_laws(scene, context, numbers, loads=bool(weights))
     far = _far_field_settings(scene, scales, summed, method)
