@@ -77,7 +77,7 @@ def test_loads_are_sums_of_torques(
     count: int,
     tolerance: float,
 ) -> None:
-    """Of a bed at rest, 1.375 D from grain to grain, with moments that scatter."""
+    """A bed at rest, 1.375 D from grain to grain, with moments that scatter."""
     scene = bed.replace(**DISCS, pairs=pairs).replace(
         **{
             "effects.friction": {},

@@ -78,7 +78,7 @@ def torques_of_tilted_dipoles(places: np.ndarray, tilts: np.ndarray, moments: np
 
 @pytest.mark.parametrize(("tilt", "part"), [("aligned", 1.0 / 2.0), ("independent", 1.0 / 3.0)])
 def test_tilts_other_than_the_bound_add_torques_as_vectors(bed: Scene, tilt: str, part: float) -> None:
-    """Of neighbours all round, in 4000 draws; the mean torque in the direction of a grain's own tilt."""
+    """Neighbours all round, in 4000 draws; the mean torque in the direction of a grain's own tilt."""
     random = np.random.default_rng(5)
     angle, own = np.radians(0.96), np.array([1.0, 0.0])
     means = []

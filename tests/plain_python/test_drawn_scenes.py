@@ -209,7 +209,7 @@ ACTING: dict[str, Callable[[np.random.Generator], Part]] = {
     "bath": nothing({"bath": {"temperature": 2e-6, "rate": 5.0}}),
     "wall friction": nothing({"wall_friction": {"coefficient": 0.3}}),
 }
-"""What can act besides dipoles, discs and walls."""
+"""Effects that can act besides dipoles, discs and walls."""
 RECORDS = {
     "magnets": "pair_energy",
     "gravity": "weight_energy",

@@ -82,7 +82,7 @@ print(_sum(Weighted(np.arange(4.0), 0.5)), "granular.compiled.kernel_linking" in
 
 
 def start(folder: Path, switch: str = "", tampering: str = "") -> tuple[list[str], list[str]]:
-    """What a process with kernels prints, and what it says besides; it tampers with Numba first."""
+    """Return the output of a process with kernels, and its messages; it tampers with Numba first."""
     (folder / "sitecustomize.py").write_text(tampering, encoding="utf-8")
     environment = {
         **os.environ,

@@ -108,7 +108,7 @@ def test_what_cannot_be_promised_is_refused(bed: Scene) -> None:
 
 
 def test_what_the_user_has_measured_is_looked_up_after_the_package_s_table(bed: Scene) -> None:
-    """Of the same scene with any start, to the bound that was measured, and of no other scene."""
+    """The same scene with any start is answered, to the bound that was measured, and no other scene."""
     touching = bed.replace(**{"effects.contact": {"modulus": "1 MPa"}})
     entry = WorkPrecisionEntry(VERLET, "auto*2", 0.2, 0.15, 1.0, {"piston force": 2e-3}, ["piston force"])
     floors = {"piston force": 1e-4}
