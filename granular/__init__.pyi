@@ -1,4 +1,5 @@
 from .effects.custom import effect, wall_law
+from .linear.equilibrium import Equilibrium, equilibrium
 from .methods import Method
 from .protocol.custom_stages import stage
 from .run.evaluation import Evaluation, evaluate
@@ -17,6 +18,7 @@ from .shared.version import __version__
 from .studies.sweep import Study, sweep
 
 __all__ = [
+    "Equilibrium",
     "Evaluation",
     "GranularError",
     "InputError",
@@ -31,6 +33,7 @@ __all__ = [
     "cite",
     "damper",
     "effect",
+    "equilibrium",
     "evaluate",
     "load_scene",
     "load_trajectory",

@@ -152,7 +152,7 @@ class ProtocolRunner(RunState):
 
     def _run_ticks(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> Rows:
         """Status, ticks made and records of one call; the row behind them holds the last tick."""
-        rows = self._call_engine(window, schedule, watch)
+        rows = self.call_engine(window, schedule, watch)
         self.progress.ticks += rows.done
         if rows.status == OUTSIDE:
             self._record_rows(rows.records[:-1])

@@ -231,14 +231,15 @@ class RunState:
         """Compute the forces, and a record of the present moment."""
         # A loop without ticks: no kernel more to compile.
         window = NO_TICKS._replace(start=self.progress.start)
-        status, _, records = self._call_engine(window, UNDIVIDED, UNWATCHED)
+        status, _, records = self.call_engine(window, UNDIVIDED, UNWATCHED)
         self._row = records[0]
         self._row[columns.TURNED] = self.seen[TURNED]
         if status == OUTSIDE:
             raise self.misplaced_grain_error(remedy)
         return self._row
 
-    def _call_engine(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> Rows:
+    def call_engine(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> Rows:
+        """Have the engine advance the state by ticks."""
         ticks = Ticks(window, schedule, self.tables, self.motion, self.measurement, watch)
         return self._advance_by_engine(self.system, self.state, ticks)
 

@@ -1,0 +1,21 @@
+"""Small motions of a settled bed: roots, modes, response and slopes, without a time step.
+
+`granular.equilibrium` gives the state that all of them are about.
+"""
+
+from granular.linear.modes import NormalModes, normal_modes
+from granular.linear.response import dynamic_stiffness, free_motion, transmissibility
+from granular.linear.roots import Root, piston_roots
+from granular.linear.slopes import Slopes, slopes
+
+__all__ = [
+    "NormalModes",
+    "Root",
+    "Slopes",
+    "dynamic_stiffness",
+    "free_motion",
+    "normal_modes",
+    "piston_roots",
+    "slopes",
+    "transmissibility",
+]

@@ -1,0 +1,218 @@
+"""Forces and resistance of a bed as functions of its coordinates, by the loop that simulates it.
+
+The coordinates are q = (x_1 ... x_n, y_1 ... y_n, z, X_1 ... X_b): the grains and the piston in the frame of
+the cell, and the displacements of a machine's bodies. Every derivative is a difference of these forces, so
+every effect, wall and pair law, a user's own among them, has its stiffness without a second formula. At a
+displacement of 5e-4 D the stencil of fourth order has an error of 3e-12 of the largest stiffness (dipoles).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.effects.wall_side import TOP
+from granular.engine.far_field_forces import force_with_far_field
+from granular.engine.run_errors import report_arithmetic_errors_as
+from granular.engine.step_size import StepSchedule
+from granular.kernel_data.state import HEIGHT
+from granular.linear.machine import Machine, machine_of
+from granular.run.engines import NO_TICKS, UNWATCHED
+from granular.run.plan import plan
+from granular.run.run_state import RunState
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+    from scipy.sparse import csc_matrix
+
+DISPLACEMENT = 5e-4
+"""Largest displacement of a coordinate in a difference of forces [D]."""
+
+FLOW = 1e-5
+"""Duration of the flow whose difference is the resistance [tau]: rounding over it, 1e-11, is as large as the
+square of decay rates of 5/tau times it, which is neglected."""
+
+_ONE_STEP = StepSchedule(FLOW, FLOW, 1, 1, 1, 0)
+
+
+class BedForces:
+    """Forces and resistance of a scene's bed, without its drive and dry friction, in SI."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.machine: Machine | None = machine_of(scene)
+        bath: Any = getattr(scene.effects, "bath", None)
+        self.bath_rate = 0.0 if bath is None else bath.rate
+        self.scene = without_drive_and_friction(scene)
+        self._run = RunState(plan(self.scene, threads=1))
+        # A step of one kick and no drift: without forces, the flow of all that resists.
+        self._run.tables = self._run.tables._replace(kicks=np.ones(1), drifts=np.zeros(0))
+        self.scales = self._run.system.scales
+        self.length = self.scales.length
+        self.grains = self._run.constants.grains
+        mass = None if scene.piston is None else scene.piston.mass
+        walls: Any = scene.effects.walls
+        has_piston = mass is not None and walls is not None and walls.top is not None
+        self.piston = 2 * self.grains if has_piston else None
+        self.bodies = 2 * self.grains + has_piston
+        self.size = self.bodies + (0 if self.machine is None else len(self.machine.masses))
+        self.weight = 0.0
+        if has_piston:
+            self.weight = self._run.constants.piston_weight * self.scales.force
+            if self.machine is not None and self.machine.weight_on_piston is not None:
+                self.weight = self.machine.weight_on_piston
+
+    @property
+    def _fall(self) -> slice:
+        return slice(self.grains, 2 * self.grains)
+
+    def coordinates(
+        self, positions: Float[np.ndarray, "n 2"], height: float | None
+    ) -> Float[np.ndarray, "q"]:
+        """Coordinates of grains and piston, with the machine at rest [m]."""
+        result = np.zeros(self.size)
+        result[: self.grains], result[self._fall] = positions[:, 0], positions[:, 1]
+        if self.piston is not None:
+            result[self.piston] = height
+        self._height = 0.0 if height is None else height
+        return result
+
+    def positions(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "n 2"]:
+        """Positions of the grains [m]."""
+        return np.stack([q[: self.grains], q[self._fall]], axis=1)
+
+    def _look(self, q: Float[np.ndarray, "q"]) -> None:
+        """Have the loop compute all forces."""
+        state, length = self._run.state, self.length
+        state.x[: self.grains] = q[: self.grains] / length
+        state.y[: self.grains] = q[self._fall] / length
+        height = self._height if self.piston is None else q[self.piston]
+        state.piston[HEIGHT] = height / length
+        with report_arithmetic_errors_as(_misplaced_grain_error):
+            self._run.present_record("give a state whose grains are apart")
+
+    def forces(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"]:
+        """Conservative forces on all coordinates [N]; q [m]."""
+        self._look(q)
+        state, n = self._run.state, self.grains
+        fx, fy = force_with_far_field(state)
+        result = np.zeros(self.size)
+        result[:n], result[self._fall] = fx[:n] * self.scales.force, fy[:n] * self.scales.force
+        if self.piston is not None:
+            result[self.piston] = state.wall_forces[TOP] * self.scales.force - self.weight
+        if self.machine is not None:
+            result[self.bodies :] = -self.machine.springs @ q[self.bodies :]
+        return result
+
+    def stiffness_times(
+        self, q: Float[np.ndarray, "q"], direction: Float[np.ndarray, "q"]
+    ) -> Float[np.ndarray, "q"]:
+        """Product of the stiffness -dF/dq at q [m] and a direction [N/m times its unit]."""
+        return -difference(self.forces, q, direction, DISPLACEMENT * self.length)
+
+    def resistance_times(
+        self, q: Float[np.ndarray, "q"], velocities: Float[np.ndarray, "q"]
+    ) -> Float[np.ndarray, "q"]:
+        """Product of the damping matrix at q [m] and velocities [m/s]: minus the resisting forces [N]."""
+        self._look(q)
+        run, n, scales = self._run, self.grains, self.scales
+        state = run.state
+        for forces in (state.fx, state.fy, *self._far_forces()):
+            forces[:] = 0.0
+        largest = float(np.abs(velocities).max(initial=0.0)) or 1.0
+        kicked = []
+        for sign in (1.0, -1.0):
+            state.vx[:n], state.vy[:n] = velocities[:n] / largest, velocities[self._fall] / largest
+            schedule = _ONE_STEP._replace(length=sign * FLOW, h=sign * FLOW)
+            run.call_engine(NO_TICKS._replace(ticks=1), schedule, UNWATCHED)
+            kicked.append(np.concatenate([state.vx[:n], state.vy[:n]]))
+        state.vx[:], state.vy[:] = 0.0, 0.0
+        rates = (kicked[1] - kicked[0]) * (largest / (2.0 * FLOW * scales.time))
+        result = np.zeros(self.size)
+        result[: 2 * n] = self.masses()[: 2 * n] * (rates + self.bath_rate * velocities[: 2 * n])
+        if self.piston is not None and self.scene.piston is not None:
+            result[self.piston] = self.scene.piston.drag * velocities[self.piston]
+        if self.machine is not None:
+            result[self.bodies :] = self.machine.dashpots @ velocities[self.bodies :]
+        return result
+
+    def _far_forces(self) -> tuple[np.ndarray, ...]:
+        far = self._run.state.far_forces
+        return () if far is None else (far.fx, far.fy)
+
+    def masses(self) -> Float[np.ndarray, "q"]:
+        """Masses of the grains twice, of the piston, and zeros for a machine's bodies [kg]."""
+        grains = self.scene.grains.masses()
+        result = np.zeros(self.size)
+        result[: 2 * self.grains] = np.tile(grains, 2)
+        if self.piston is not None and self.scene.piston is not None:
+            result[self.piston] = self.scene.piston.mass
+        return result
+
+    def frame_and_uplift(self) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
+        """Displacement of the cell over the base, as a row, and the displacement that lifts all by 1."""
+        frame, uplift = np.zeros(self.size), np.zeros(self.size)
+        if self.machine is None:
+            uplift[self.grains : self.bodies] = 1.0
+        else:
+            frame[:] = self.machine.frame(self.size, self.piston)
+            uplift[self.bodies :] = 1.0
+        return frame, uplift
+
+    def mass_matrix(self) -> csc_matrix:
+        """Mass matrix; a machine that carries the cell couples all that moves up and down [kg]."""
+        from scipy.sparse import csc_matrix
+
+        masses, indices = self.masses(), range(self.size)
+        if self.machine is None:
+            return csc_matrix((masses, (indices, indices)))
+        return self.machine.mass_matrix(masses, self.piston)
+
+
+def difference(
+    function: Callable[[np.ndarray], Any],
+    at: Float[np.ndarray, "q"],
+    direction: Float[np.ndarray, "q"],
+    largest: float,
+) -> Any:
+    """Differentiate along a direction, whose largest entry moves by ``largest``; of fourth order."""
+    size = float(np.abs(direction).max(initial=0.0))
+    if size == 0.0:
+        return 0.0 * function(at)
+    step = largest / size
+    near = function(at + step * direction) - function(at - step * direction)
+    far = function(at + 2.0 * step * direction) - function(at - 2.0 * step * direction)
+    return (8.0 * near - far) / (12.0 * step)
+
+
+def without_drive_and_friction(scene: Scene) -> Scene:
+    """Take away what moves a scene's cell, rubs dry or heats: the bed that is left has one equilibrium."""
+    taken: dict[str, Any] = {
+        f"effects.{effect.key}": None
+        for effect in scene.effects.acting
+        if effect.dry or effect.key in ("shaking", "bath", "host")
+    }
+    if scene.piston is not None and scene.piston.friction:
+        taken["piston.friction"] = 0.0
+    return scene.replace(**taken) if taken else scene
+
+
+def rubs_dry(scene: Scene) -> bool:
+    """Return whether dry friction acts on grains or piston."""
+    friction = 0.0 if scene.piston is None else scene.piston.friction
+    return friction > 0.0 or any(effect.dry for effect in scene.effects.acting)
+
+
+def _misplaced_grain_error() -> InputError:
+    return InputError("a grain is behind a wall or on another grain; give a settled state")
+
+
+def scaled_parameter(scene: Scene, key: str, factor: float) -> Scene:
+    """Multiply the number at a dotted key of a scene."""
+    plain: Any = scene.to_plain()
+    for part in key.split("."):
+        plain = plain[int(part)] if isinstance(plain, list) else plain[part]
+    return scene.replace(**{key: float(plain) * factor})

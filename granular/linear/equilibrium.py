@@ -1,0 +1,204 @@
+"""`equilibrium`: the state in which all conservative forces of a bed vanish, by Newton's method."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.linear.bed_forces import BedForces, rubs_dry
+from granular.linear.pencil import Pencil, make_pencil
+from granular.protocol.stage import TimedStage
+from granular.run.run_directory import is_run_directory
+from granular.run.simulation import simulate
+from granular.run.trajectory import Trajectory, load_trajectory
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+REST, ROUNDING = 1e-13, 1e-9
+"""Largest force at equilibrium, over the piston's weight or the force of a pair at one diameter; and the one
+that rounding, or the mesh of large beds, may leave."""
+
+MOST_HALVINGS = 12
+"""Most halvings of a step that does not lower the largest force."""
+
+MOST_ITERATIONS = 60
+"""Most solutions for Newton's steps; from a settled bed of 368 grains it takes three."""
+
+LONGEST_STEP = 0.1
+"""Longest step of a coordinate [D]: beyond it a neighbour's force is another one."""
+
+EIGENVALUES = 6
+"""Number of lowest eigenvalues of the stiffness that a result holds."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """Equilibrium of a bed.
+
+    Attributes
+    ----------
+    scene : Scene
+        Scene of the bed.
+    positions : float64 (n, 2)
+        Equilibrium positions of the grains [m].
+    piston_height : float or None
+        Equilibrium height of a free piston [m]; None without one.
+    residual : float
+        Largest force that is not balanced [N].
+    lowest_stiffness : float64 (k,)
+        Lowest eigenvalues of the stiffness matrix [N/m].
+    is_stable : bool
+        Whether every small displacement raises the energy.
+    frictionless : bool
+        Whether dry friction acts in the scene: it holds a bed anywhere within its force over the stiffness,
+        and this is the equilibrium without it.
+    pencil : Pencil
+        Stiffness, damping and mass matrices about the equilibrium.
+    """
+
+    scene: Scene
+    positions: Float[np.ndarray, "n 2"]
+    piston_height: float | None
+    residual: float
+    frictionless: bool
+    pencil: Pencil
+
+    @functools.cached_property
+    def lowest_stiffness(self) -> Float[np.ndarray, "k"]:
+        """Lowest eigenvalues of the stiffness matrix [N/m]."""
+        return self.pencil.lowest_stiffness(EIGENVALUES)
+
+    @property
+    def is_stable(self) -> bool:
+        """True where every small displacement raises the energy; shifts of a periodic cell keep it."""
+        shifts = 0 if self.scene.cell.periods is None else 2
+        return bool(self.lowest_stiffness[shifts] > 0.0)
+
+
+def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
+    """Find the equilibrium next to the settled state of a bed.
+
+    All conservative effects act: pairs, walls, weights, contacts, own parts, and the springs of a machine.
+
+    Parameters
+    ----------
+    source : Scene, Trajectory, str or Path
+        A run, or its directory, whose last frame is taken; or a scene, which is run through its protocol up
+        to the end of the first stage that ends at rest.
+
+    Returns
+    -------
+    Equilibrium
+        Positions, height, unbalanced force and the matrices of small motions.
+
+    Raises
+    ------
+    InputError
+        If the scene has no grains, a gap, or no equilibrium near the settled state.
+
+    Examples
+    --------
+    >>> from granular import damper, equilibrium
+    >>> rest = equilibrium(damper(count=24))
+    >>> rest.is_stable, bool(rest.residual < 1e-9)  # [N]
+    (True, True)
+    """
+    run = settled_run(source)
+    positions = run.dataset["position"].values[-1]
+    if not np.isfinite(positions).all():
+        raise InputError(
+            "grains have left the cell; a bed with a gap has no equilibrium: close effects.walls.gap"
+        )
+    height = None if run.scene.piston is None else float(run.dataset["frame_height"].values[-1])
+    return equilibrium_from(run.scene, positions, height)
+
+
+def equilibrium_from(scene: Scene, positions: Float[np.ndarray, "n 2"], height: float | None) -> Equilibrium:
+    """Find the equilibrium next to positions and a height of the piston [m]."""
+    bed = BedForces(scene)
+    pencil = find_equilibrium(bed, bed.coordinates(positions, height))
+    at = pencil.at
+    return Equilibrium(
+        scene=scene,
+        positions=bed.positions(at),
+        piston_height=height if bed.piston is None else float(at[bed.piston]),
+        residual=float(np.abs(bed.forces(at)).max()),
+        frictionless=rubs_dry(scene),
+        pencil=pencil,
+    )
+
+
+def settled_run(source: Scene | Trajectory | str | Path) -> Trajectory:
+    """Return a run of a source: the one that it is, or one up to the first rest of a scene's protocol."""
+    if isinstance(source, Trajectory):
+        return source
+    if not isinstance(source, Scene):
+        if is_run_directory(Path(source)):
+            return load_trajectory(source)
+        source = load_scene(source)
+    if not source.grains.count:
+        raise InputError("a scene without grains has no bed; give grains.count")
+    stages = source.protocol
+    rests = [isinstance(stage, TimedStage) and stage.until == "rest" for stage in stages]
+    if not any(rests):
+        raise InputError(
+            "no stage of the protocol ends at rest; give one until = 'rest', or a run's directory"
+        )
+    plain = source.to_plain()
+    plain["protocol"] = plain["protocol"][: rests.index(True) + 1]
+    plain.get("output", {}).pop("record", None)
+    return simulate(Scene.from_plain(plain), progress=False)
+
+
+def find_equilibrium(bed: BedForces, start: Float[np.ndarray, "q"], held: tuple[int, ...] = ()) -> Pencil:
+    """Return the matrices about the equilibrium next to a start, with some coordinates held [m].
+
+    The first steps have the same matrix until one of them gains less than a factor of ten (chord method).
+    """
+    at, pencil = start, make_pencil(bed, start)
+    held = (*held, *held_shifts(bed))
+    free = np.delete(np.arange(bed.size), list(held))
+    force = bed.forces(at)
+    scale = max(bed.scales.force, bed.weight)
+    fresh = True
+    for _ in range(MOST_ITERATIONS):
+        size = _norm(force[free])
+        if size <= REST * scale:
+            return pencil if fresh else make_pencil(bed, at)
+        step = pencil.solve(0.0, force[:, None], held)[:, 0]
+        step *= min(1.0, LONGEST_STEP * bed.length / float(np.abs(step).max()))
+        for halving in range(MOST_HALVINGS):
+            trial = at + 0.5**halving * step
+            moved = bed.forces(trial)
+            if _norm(moved[free]) < size:
+                break
+        else:
+            if size <= ROUNDING * scale:
+                return pencil if fresh else make_pencil(bed, at)
+            if fresh:
+                raise InputError(
+                    f"no equilibrium is near: forces of {size:.3g} N stay; give a run that has come to rest"
+                )
+            pencil, fresh = make_pencil(bed, at), True
+            continue
+        at, force, fresh = trial, moved, False
+        if _norm(force[free]) > 0.1 * size:
+            pencil, fresh = make_pencil(bed, at), True
+    raise InputError(f"no equilibrium was found in {MOST_ITERATIONS} steps; give a run that has come to rest")
+
+
+def _norm(forces: np.ndarray) -> float:
+    return float(np.abs(forces).max(initial=0.0))
+
+
+def held_shifts(bed: BedForces) -> tuple[int, ...]:
+    """Coordinates of a grain that holds a periodic cell: all grains may shift together."""
+    return () if bed.scene.cell.periods is None else (0, bed.grains)

@@ -1,0 +1,217 @@
+"""The matrices of small motions about a state, and solutions of (K + s C + s^2 M) u = f.
+
+Beds of up to `DENSE` coordinates have full matrices, column by column. Of larger ones the products with a
+vector are differences of the forces, and the equations are solved by GMRES (Saad and Schultz 1986,
+doi:10.1137/0907058); its preconditioner is the factorised matrix of near pairs, found from few
+differences at once for grains that are far apart (Curtis, Powell and Reid 1974, doi:10.1093/imamat/13.1.117).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.linear.bed_forces import BedForces
+from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Shaped
+    from scipy.sparse import csc_matrix
+
+DENSE = 4000
+"""Most coordinates of full matrices: three of them take 400 MB, and a complex solution 4 s."""
+
+NEIGHBOURS = 18
+"""Neighbours in the matrix of near pairs: three shells of a triangular lattice."""
+
+PRECISION = 1e-10
+"""Residual over the right side at which GMRES ends; the noise of a product is 1e-11."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Pencil:
+    """Stiffness K, damping C and mass M of small motions about a state."""
+
+    bed: BedForces
+    at: Float[np.ndarray, "q"]  # [m]
+    stiffness: Any  # (q, q), dense; sparse with near pairs only where not exact [N/m]
+    damping: Any  # likewise [N s/m]
+    mass: csc_matrix  # (q, q) [kg]
+    exact: bool  # the matrices are full
+    damping_is_full: bool
+
+    def matrix(self, s: complex) -> Any:
+        """K + s C + s^2 M, of near pairs only if the pencil is not exact."""
+        result = self.stiffness + s * self.damping + s * s * self.mass
+        return np.asarray(result) if self.exact else result
+
+    def times(self, s: complex, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
+        """(K + s C + s^2 M) u."""
+        result = self.stiffness_times(u) + s * s * (self.mass @ u)
+        return np.asarray(result if s == 0.0 else result + s * self.damping_times(u))
+
+    def stiffness_times(self, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
+        """K u."""
+        if self.exact:
+            return np.asarray(self.stiffness @ u)
+        return of_parts(functools.partial(self.bed.stiffness_times, self.at), u)
+
+    def damping_times(self, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
+        """C u."""
+        if self.damping_is_full:
+            return np.asarray(self.damping @ u)
+        return of_parts(functools.partial(self.bed.resistance_times, self.at), u)
+
+    def solve(
+        self, s: complex, right: Shaped[np.ndarray, "q k"], held: tuple[int, ...] = ()
+    ) -> Shaped[np.ndarray, "q k"]:
+        """Solve (K + s C + s^2 M) u = right with u = 0 at the held coordinates."""
+        free = np.delete(np.arange(self.bed.size), list(held))
+        result = np.zeros(right.shape, np.result_type(right, s))
+        matrix = self.matrix(s)[free][:, free]
+        if self.exact:
+            result[free] = np.linalg.solve(matrix, right[free])
+            return result
+        from scipy.sparse import csc_matrix
+        from scipy.sparse.linalg import LinearOperator, gmres, splu
+
+        near = splu(csc_matrix(matrix))
+
+        def product(u: np.ndarray) -> np.ndarray:
+            extended = np.zeros(self.bed.size, u.dtype)
+            extended[free] = u
+            return self.times(s, extended)[free]
+
+        shape, kind = (len(free), len(free)), result.dtype
+        operator = LinearOperator(shape, product, dtype=kind)
+        conditioner = LinearOperator(shape, near.solve, dtype=kind)
+        for k in range(right.shape[1]):
+            column = right[free, k].astype(kind)
+            result[free, k], failed = gmres(
+                operator, column, rtol=PRECISION, atol=0.0, restart=100, maxiter=3, M=conditioner
+            )
+            if failed:
+                raise InputError("the bed's small motions have no solution here; give a bed that has settled")
+        return result
+
+    def lowest_stiffness(self, count: int) -> Float[np.ndarray, "k"]:
+        """Lowest eigenvalues of the stiffness [N/m]."""
+        count = min(count, self.bed.size)
+        if self.exact:
+            from scipy.linalg import eigh
+
+            return np.asarray(eigh(self.stiffness, eigvals_only=True, subset_by_index=[0, count - 1]))
+        from scipy.sparse.linalg import LinearOperator, eigsh
+
+        shape = (self.bed.size, self.bed.size)
+        inverse = LinearOperator(shape, lambda u: self.solve(0.0, u.reshape(-1, 1))[:, 0])
+        product = LinearOperator(shape, lambda u: self.times(0.0, u.ravel()))
+        values = eigsh(product, count, sigma=0.0, OPinv=inverse, return_eigenvectors=False, tol=1e-6)
+        return np.sort(values)
+
+
+def make_pencil(bed: BedForces, at: Float[np.ndarray, "q"]) -> Pencil:
+    """Differentiate the forces at a state; coordinates [m]."""
+    exact = bed.size <= DENSE
+    assemble = _full_matrix if exact else functools.partial(_near_matrix, *_near_columns(bed, at))
+    diagonal = _diagonal_damping(bed, at)
+    damping = diagonal
+    if damping is None:
+        damping = assemble(functools.partial(bed.resistance_times, at), bed.size)
+    return Pencil(
+        bed,
+        at,
+        assemble(functools.partial(bed.stiffness_times, at), bed.size),
+        damping,
+        bed.mass_matrix(),
+        exact,
+        exact or diagonal is not None,
+    )
+
+
+def of_parts(product: Callable[[np.ndarray], np.ndarray], u: Shaped[np.ndarray, "q"]) -> np.ndarray:
+    """Product of a real matrix and a vector that may be complex."""
+    return product(u.real) + 1j * product(u.imag) if np.iscomplexobj(u) else product(u)
+
+
+def _diagonal_damping(bed: BedForces, at: Float[np.ndarray, "q"]) -> csc_matrix | None:
+    """Return the damping matrix if it is diagonal but for the machine's bodies; None otherwise."""
+    from scipy.sparse import block_diag, diags
+
+    trial = np.random.default_rng(0).uniform(0.5, 1.0, bed.size)
+    trial[bed.bodies :] = 0.0
+    unit_velocities = np.where(trial > 0.0, 1.0, 0.0)
+    diagonal = bed.resistance_times(at, unit_velocities)
+    error = np.abs(bed.resistance_times(at, trial) - trial * diagonal).max()
+    if error > 1e-9 * np.abs(diagonal).max(initial=0.0):
+        return None
+    blocks = [diags(diagonal[: bed.bodies])]
+    if bed.machine is not None:
+        blocks.append(bed.machine.dashpots)
+    return block_diag(blocks, format="csc")
+
+
+def _full_matrix(product: Callable[[np.ndarray], np.ndarray], size: int) -> Float[np.ndarray, "q q"]:
+    result = np.empty((size, size))
+    for column, direction in enumerate(np.eye(size)):
+        result[column] = product(direction)
+    return 0.5 * (result + result.T)
+
+
+def _near_matrix(
+    groups: list[np.ndarray], near: csc_matrix, product: Callable[[np.ndarray], np.ndarray], size: int
+) -> csc_matrix:
+    """Matrix of the entries in ``near``, from one product for each group of columns that share no row."""
+    from scipy.sparse import csc_matrix
+
+    values = np.zeros(near.nnz)
+    for columns in groups:
+        direction = np.zeros(size)
+        direction[columns] = 1.0
+        response = product(direction)
+        for column in columns:
+            entries = slice(near.indptr[column], near.indptr[column + 1])
+            values[entries] = response[near.indices[entries]]
+    result = csc_matrix((values, near.indices, near.indptr), near.shape)
+    return csc_matrix(0.5 * (result + result.T))
+
+
+def _near_columns(bed: BedForces, at: Float[np.ndarray, "q"]) -> tuple[list[np.ndarray], csc_matrix]:
+    """Group columns that share no row of near pairs; also the pattern of near pairs."""
+    from scipy.sparse import bmat, csc_matrix
+    from scipy.spatial import cKDTree
+
+    n, rest = bed.grains, bed.size - 2 * bed.grains
+    periods = bed.scene.cell.periods
+    points = bed.positions(at)
+    tree = cKDTree(points if periods is None else points % periods, boxsize=periods)
+    shells = tree.query(tree.data, NEIGHBOURS + 1)[0][:, -1]
+    reach = float(np.quantile(shells, 0.9))
+    pairs = tree.sparse_distance_matrix(tree, reach, output_type="coo_matrix")
+    grains = csc_matrix((np.ones(pairs.nnz), (pairs.row, pairs.col)), (n, n))
+    grains = grains + csc_matrix((np.ones(n), (range(n), range(n))), (n, n))
+    full = None if rest == 0 else np.ones((n, rest))
+    corner = None if rest == 0 else np.ones((rest, rest))
+    rows = [[grains, grains, full], [grains, grains, full], [_turned(full), _turned(full), corner]]
+    colours = _colour_apart(tree, 2.0 * reach)
+    groups = [np.flatnonzero(colours == k) + axis * n for axis in (0, 1) for k in range(colours.max() + 1)]
+    groups += [np.array([column]) for column in range(2 * n, bed.size)]
+    return groups, csc_matrix(bmat(rows if rest else [row[:2] for row in rows[:2]]))
+
+
+def _turned(block: np.ndarray | None) -> np.ndarray | None:
+    return None if block is None else block.T
+
+
+def _colour_apart(tree: Any, reach: float) -> np.ndarray:
+    """Give each grain the smallest number that no grain within reach has."""
+    near = tree.query_ball_point(tree.data, reach)
+    colours = np.full(tree.n, -1)
+    for grain, others in enumerate(near):
+        taken = set(colours[others].tolist())
+        colours[grain] = next(k for k in range(len(others) + 1) if k not in taken)
+    return colours

@@ -1,0 +1,164 @@
+"""Complex roots of a bed's small motions, and the motion that they make.
+
+A motion u exp(s t) is free if (K + s C + s^2 M) u = 0. With symmetric matrices, the piston's receptance is
+
+    h(s) = sum over roots of u_z^2 / (u^T (2 s_k M + C) u) / (s - s_k),
+
+so each root has a residue, and 1/h is the dynamic stiffness at the piston.
+"""
+
+from __future__ import annotations
+
+import cmath
+import dataclasses
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.linear.equilibrium import Equilibrium
+from granular.linear.modes import normal_modes
+from granular.linear.pencil import Pencil
+from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Complex
+
+MASS_FRACTION = 0.05
+"""Residue over the largest one from which a root counts as one of the piston's."""
+
+MOST_ROOTS = 8
+"""Number of undamped modes that a search of roots begins with."""
+
+MOST_STEPS = 30
+"""Most of Newton's steps to a root; from the oscillator of the static shape it takes five."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Root:
+    """A damped mode of small motions.
+
+    Attributes
+    ----------
+    s : complex
+        Root [1/s]; the motion is u exp(s t).
+    shape : complex (q,)
+        u, the displacements of all coordinates over that of the piston; see `granular.linear.bed_forces`.
+    residue : complex
+        Residue of the piston's receptance [s/kg].
+    mass_fraction : float
+        Twice |s| |residue| times the piston's mass: 1 if the piston moves by this root alone.
+    frequency : float
+        Natural frequency |s|/(2 pi) [Hz].
+    damping_ratio : float
+        -Re s/|s|.
+    """
+
+    s: complex
+    shape: Complex[np.ndarray, "q"]
+    residue: complex
+    mass_fraction: float
+
+    @property
+    def frequency(self) -> float:
+        """Natural frequency, without damping [Hz]."""
+        return abs(self.s) / (2.0 * math.pi)
+
+    @property
+    def damping_ratio(self) -> float:
+        """Damping over the critical one."""
+        return -self.s.real / abs(self.s)
+
+
+def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
+    """Find the roots that the piston moves by, the one of the largest residue first.
+
+    Parameters
+    ----------
+    rest : Equilibrium
+        Equilibrium of a bed with a free piston.
+
+    Returns
+    -------
+    tuple of Root
+        All whose residue is a twentieth of the largest one or more, of those next to the undamped modes in
+        which the piston takes part.
+
+    Raises
+    ------
+    InputError
+        If the bed has no free piston, or is not stable.
+    """
+    pencil, piston = rest.pencil, require_free_piston(rest)
+    first = refine_root(pencil, piston, _static_start(pencil, piston))
+    roots = [] if first is None else [first]
+    # The fractions of all roots add up to one: a root with 0.95 of it leaves no other a twentieth.
+    if pencil.exact and (first is None or first.mass_fraction < 1.0 - MASS_FRACTION):
+        for start in _mode_starts(rest, piston):
+            root = refine_root(pencil, piston, start)
+            if root is not None and not any(abs(root.s - other.s) < 1e-6 * abs(root.s) for other in roots):
+                roots.append(root)
+    if not roots:
+        raise InputError("the piston has no oscillation about its equilibrium; lower the drag")
+    roots.sort(key=lambda root: -abs(root.residue))
+    return tuple(root for root in roots if abs(root.residue) >= MASS_FRACTION * abs(roots[0].residue))
+
+
+def require_free_piston(rest: Equilibrium) -> int:
+    """Return the index of the free piston's coordinate."""
+    if rest.pencil.bed.piston is None:
+        raise InputError("the scene has no free piston; give piston.mass and effects.walls.top")
+    return rest.pencil.bed.piston
+
+
+def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
+    """Refine a root by Newton's method on the dynamic stiffness at the piston; None if it is none [1/s]."""
+    size = pencil.bed.size
+    unit = np.zeros(size)
+    unit[piston] = 1.0
+    for _ in range(MOST_STEPS):
+        column = -pencil.times(s, unit.astype(complex))
+        column[piston] = 0.0
+        shape = pencil.solve(s, column[:, None], (piston,))[:, 0] + unit
+        value = complex(pencil.times(s, shape)[piston])
+        slope = complex(shape @ _slope_times(pencil, s, shape))
+        change = value / slope
+        s -= change
+        if abs(change) < 1e-11 * abs(s):
+            mass_fraction = 2.0 * abs(s) * float(pencil.mass[piston, piston]) / abs(slope)
+            return Root(s, shape, 1.0 / slope, mass_fraction) if s.imag > 0.0 else None
+    return None
+
+
+def _slope_times(pencil: Pencil, s: complex, shape: Complex[np.ndarray, "q"]) -> Complex[np.ndarray, "q"]:
+    """(C + 2 s M) u, the derivative of the dynamic stiffness."""
+    return pencil.damping_times(shape) + 2.0 * s * (pencil.mass @ shape)
+
+
+def _static_start(pencil: Pencil, piston: int) -> complex:
+    """Root of the piston with all grains that follow its height at once [1/s]."""
+    unit = np.zeros(pencil.bed.size)
+    unit[piston] = 1.0
+    column = -pencil.times(0.0, unit)
+    column[piston] = 0.0
+    shape = pencil.solve(0.0, column[:, None], (piston,))[:, 0] + unit
+    stiffness = float(shape @ pencil.times(0.0, shape))
+    damping = float(shape @ pencil.damping_times(shape))
+    return _root_of_oscillator(float(shape @ (pencil.mass @ shape)), damping, stiffness)
+
+
+def _root_of_oscillator(mass: float, damping: float, stiffness: float) -> complex:
+    return (-damping + cmath.sqrt(damping * damping - 4.0 * mass * stiffness)) / (2.0 * mass)
+
+
+def _mode_starts(rest: Equilibrium, piston: int) -> list[complex]:
+    """Roots of the undamped modes that the piston takes part in most, each by its own damping [1/s]."""
+    pencil, modes = rest.pencil, normal_modes(rest)
+    fractions = modes.shapes[piston] ** 2
+    chosen = np.argsort(-fractions)[:MOST_ROOTS]
+    starts = []
+    for k in chosen[fractions[chosen] >= 0.5 * MASS_FRACTION * fractions.max()]:
+        shape = modes.shapes[:, k]
+        damping = float(shape @ pencil.damping_times(shape))
+        starts.append(_root_of_oscillator(1.0, damping, float(modes.squared_angular_frequencies[k])))
+    return starts
