@@ -71,10 +71,9 @@ class ProtocolRunner(RunState):
     def begin_stage(self) -> None:
         """Set up the present stage: its motion, its step schedule, and its first record."""
         stage, progress, scales = self.stage, self.progress, self.system.scales
-        progress.ticks = 0
-        progress.schedule = None
-        self.state.clock[TIME] = 0.0
-        self._open_energy_ledger()
+        if self.ledger is None:
+            first = self.present_record(ARRANGE)[: self._entered]
+            self.ledger = EnergyLedger.from_first_record(first, coarse=has_coarse_friction(self.scene))
         by = stage.initial_jump(float(self.state.piston[HEIGHT]) * scales.length)
         if by:
             self._jump_piston(by / scales.length)
@@ -93,13 +92,6 @@ class ProtocolRunner(RunState):
         if by or not progress.results:
             self._record_rows(row[None])
             self._record_frame()
-
-    def _open_energy_ledger(self) -> None:
-        if self.ledger is None:
-            row = self.present_record(ARRANGE)
-            self.ledger = EnergyLedger.from_first_record(
-                row[: self._entered], coarse=has_coarse_friction(self.scene)
-            )
 
     def _jump_piston(self, by: float) -> None:
         before = self.total_energy(ARRANGE)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.effects.effect import Effect
-from granular.engine.columns import ledger_column_count
 from granular.engine.far_field_forces import force_with_far_field
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
@@ -77,28 +76,13 @@ class RecordBuffer:
 
     def variables_in_si(self, scene: Scene, scales: Scales) -> Iterator[tuple[DatasetVariable, np.ndarray]]:
         """Iterate over the scene's variables, with all values that are held converted to SI."""
-        rows, stages = self.all_records()
         columns = record_column_names(scene)
+        rows = np.concatenate([np.empty((0, len(columns))), *self.rows])
         for variable in (TIME, *scalar_variables(scene)):
             yield variable, column_in_si(variable, rows, columns, scales)
-        yield STAGE, stages
+        yield STAGE, np.concatenate([np.empty(0, dtype=np.int64), *self.stages])
+        sizes = {"frame": len(self.frames), "grain": self.count, "axis": 2}
         for variable in (FRAME_TIME, FRAME_HEIGHT, *grain_field_variables(scene)):
-            yield (
-                variable,
-                self.stack_frames(variable.name, variable.dims) * getattr(scales, variable.scale),
-            )
-
-    def all_records(self) -> tuple[np.ndarray, np.ndarray]:
-        """Join all records, float64 (r, columns) in natural units, and the stage of each, int64 (r,)."""
-        own = sum(len(effect.extra_records) for effect in self.effects)
-        empty = np.empty((0, ledger_column_count(len(self.effects)) + own))
-        return (
-            np.concatenate([empty, *self.rows]),
-            np.concatenate([np.empty(0, dtype=np.int64), *self.stages]),
-        )
-
-    def stack_frames(self, name: str, dims: tuple[str, ...]) -> Float[np.ndarray, "f ..."]:
-        """Join one field of all frames."""
-        shape = {"grain": self.count, "axis": 2}
-        rest = tuple(shape[dim] for dim in dims[1:])
-        return np.array([frame[name] for frame in self.frames]).reshape(len(self.frames), *rest)
+            values = np.array([frame[variable.name] for frame in self.frames])
+            shape = [sizes[dim] for dim in variable.dims]
+            yield variable, values.reshape(shape) * getattr(scales, variable.scale)

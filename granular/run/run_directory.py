@@ -96,10 +96,8 @@ def _remove_abandoned_parts(target: Path) -> None:
         if not name.fullmatch(part.name):
             continue
         with contextlib.suppress(StoreError, OSError):  # one begins there, or removes it, just now
-            lock_descriptor = (
-                lock_directory(part) if {path.name for path in part.iterdir()} <= KNOWN else None
-            )
-            if lock_descriptor is not None:
+            ours = {path.name for path in part.iterdir()} <= KNOWN
+            if ours and (lock_descriptor := lock_directory(part)) is not None:
                 shutil.rmtree(part, ignore_errors=True)
                 unlock_directory(lock_descriptor)
 
@@ -113,7 +111,5 @@ def replace_run_file(file: Path, content: bytes) -> None:
 
 def is_run_directory(path: Path) -> bool:
     """Test whether a directory holds a run, whole or damaged."""
-    try:
-        return (path / CHECKPOINT).is_file() or (path / TRAJECTORY).is_dir()
-    except OSError:
-        return False
+    # A path that cannot be looked at holds none.
+    return os.path.isfile(path / CHECKPOINT) or os.path.isdir(path / TRAJECTORY)

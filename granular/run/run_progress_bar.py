@@ -72,11 +72,9 @@ class RunProgressBar:
         if self._stage != progress.stage:
             if self._bar is not None:
                 self._bar.close()
-                self._bar = None
-            self._stage = progress.stage
-            if run.is_protocol_finished:
-                return
-            self._bar, self._settling = self._new_stage_bar(run)
+            self._stage, self._bar = progress.stage, None
+            if not run.is_protocol_finished:
+                self._bar, self._settling = self._new_stage_bar(run)
         if self._bar is None:
             return
         words = ""
@@ -98,7 +96,9 @@ class RunProgressBar:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
             return progress_bar(desc=name, total=1.0, bar_format=form), RestApproach(run)
         form = "{desc} {bar:20} {n:.2f} s{postfix} [{elapsed}<{remaining}]"
-        return progress_bar(desc=name, total=stage_duration(run), bar_format=form), None
+        seconds = min(run.stage_length, run.t_end - run.progress.start) * run.system.scales.time
+        total = seconds if math.isfinite(seconds) else None
+        return progress_bar(desc=name, total=total, bar_format=form), None
 
     def _announce_remaining_steps(self, run: ProtocolRunner) -> None:
         """Say once how many steps are ahead, and how long they take, if that is long."""
@@ -145,15 +145,6 @@ class RestApproach:
 
     def __str__(self) -> str:
         return f"moves {self.amplitude:.1e} D, at rest below {self.limit:.0e} D"
-
-
-def stage_duration(run: ProtocolRunner) -> float | None:
-    """Duration of the present stage, as far as it is known [s]."""
-    stage = run.scene.protocol[run.progress.stage]
-    if isinstance(stage, TimedStage) and stage.until == "rest":
-        return None
-    end = min(run.stage_length, run.t_end - run.progress.start)
-    return end * run.system.scales.time if math.isfinite(end) else None
 
 
 def remaining_steps(run: ProtocolRunner) -> float:

@@ -186,10 +186,8 @@ class RunState:
         ticks, schedule = self.progress.ticks, self.schedule
         to_frame = schedule.frames_every - ticks % schedule.frames_every
         to_review = REVIEW - ticks % REVIEW
-        left = min(
-            self.whole_ticks_until(self.stage_length), self.whole_ticks_until_end(), to_frame, to_review
-        )
-        return int(left)
+        to_end = min(self.whole_ticks_until(self.stage_length), self.whole_ticks_until_end())
+        return int(min(to_end, to_frame, to_review))
 
     @property
     def remedy_for_long_steps(self) -> str:
@@ -202,11 +200,7 @@ class RunState:
     def remedy_for_non_finite(self) -> str:
         """Advice in words against numbers that are not finite any more."""
         acting = self.scene.effects.acting
-        own = [
-            effect.key
-            for effect in acting
-            if any(part.user_code_digests for part in effect.component_effects)
-        ]
+        own = [item.key for item in acting if any(part.user_code_digests for part in item.component_effects)]
         if not own or self.progress.schedule is None:
             return self.remedy_for_long_steps
         # No step cures a formula that is NaN somewhere, and one that resolves all oscillations has not led
@@ -252,13 +246,7 @@ class RunState:
         moment = self.steps_made, self.present_time * self.system.scales.time
         error = misplaced_grain_error(self.state, self.constants, self.system.scales, *moment, remedy)
         if isinstance(error, NotFiniteError) and remedy == self.remedy_for_long_steps:
-            error = NotFiniteError(
-                error.cause,
-                step=error.step,
-                time=error.time,
-                grain=error.grain,
-                remedy=self.remedy_for_non_finite,
-            )
+            return error.with_context(self.too_long_step_text, self.remedy_for_non_finite)
         return error.with_context(self.too_long_step_text)
 
     # The step schedule ---------------------------------------------------------------------------
@@ -302,17 +290,12 @@ class RunState:
     def _frequency_to_resolve(self, frequency: float) -> float:
         """Frequency that an automatic step is to resolve, with the drive and the drag."""
         scales, effects = self.system.scales, self.system.effects
-        rate = max(
-            (effect.decay_rate(scales) for effect in effects if isinstance(effect, DissipativeEffect)),
-            default=0.0,
-        )
+        rates = [effect.decay_rate(scales) for effect in effects if isinstance(effect, DissipativeEffect)]
         record = self.scene.output.scalars / scales.time
         slowest = max(frequency, self.step.step_times_frequency / record)
-        drives = [
-            drive_angular_frequency(self.motion),
-            *(effect.drive_angular_frequency(scales) for effect in effects),
-        ]
-        resolved = max(frequency, *drives, min(rate, DECAY_LIMIT * slowest))
+        drives = [effect.drive_angular_frequency(scales) for effect in effects]
+        decay = min(max(rates, default=0.0), DECAY_LIMIT * slowest)
+        resolved = max(frequency, drive_angular_frequency(self.motion), *drives, decay)
         if self.step.automatic:
             steps = record * resolved / self.step.step_times_frequency
             self._refuse_too_many_steps("the time from record to record", steps, MOST_STEPS)

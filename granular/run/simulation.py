@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from granular.run.dataset_variables import check_variable_names
 from granular.run.engines import NUMBA
 from granular.run.plan import METHOD, Plan, plan
 from granular.run.protocol_runner import ProtocolRunner
-from granular.run.record_buffer import RecordBuffer
 from granular.run.run_directory import SETTINGS, is_run_directory
 from granular.run.run_directory_writer import RunDirectoryWriter
 from granular.run.run_progress_bar import RunProgressBar
@@ -33,14 +32,10 @@ from granular.run.thread_count import set_thread_count
 from granular.run.trajectory import Trajectory, load_trajectory, make_trajectory
 from granular.scene.dry_friction import degraded_residual_limit
 from granular.scene.scene import Scene
-from granular.scene.scene_in_natural_units import SceneInNaturalUnits
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
 from granular.shared.version import versions
-
-if TYPE_CHECKING:
-    import xarray
 
 CADENCE = 0.01
 """Relative change of the records' distance, by a given step, that is reported to the user."""
@@ -232,21 +227,14 @@ class _SimulationJob:
         if self.store is not None:
             self._write_and_commit(complete, until)
             return load_trajectory(self.store.path)
+        import xarray
+
         run = self.run
-        data = _recorded_dataset(run.scene, run.system, run.recorder)
+        recorded = run.recorder.variables_in_si(run.scene, run.system.scales)
+        data = xarray.Dataset(
+            {variable.name: (variable.dims, values, variable.attributes()) for variable, values in recorded}
+        )
         return make_trajectory(run.scene, data, self.settings, self._outcome_fields(complete, until), None)
-
-
-def _recorded_dataset(scene: Scene, system: SceneInNaturalUnits, recorder: RecordBuffer) -> xarray.Dataset:
-    """Return the recorded data in SI, from memory."""
-    import xarray
-
-    return xarray.Dataset(
-        {
-            variable.name: (variable.dims, values, variable.attributes())
-            for variable, values in recorder.variables_in_si(scene, system.scales)
-        }
-    )
 
 
 def _warn_of_changed_record_spacing(plan: Plan) -> None:

@@ -12,8 +12,7 @@ import numpy as np
 from granular.engine.energy_ledger import EnergyLedger
 from granular.engine.outflow import constants_per_grain
 from granular.kernel_data.state import PERSISTENT, State
-from granular.pairs.near_list import NearList
-from granular.pairs.stripes import LISTED, Stripes
+from granular.pairs.stripes import LISTED
 from granular.protocol.stage import TimedStage, stage_motion
 from granular.run.run_state import ARRANGE, RunProgress, RunState
 from granular.shared.errors import StoreError
@@ -33,7 +32,7 @@ def take_snapshot(run: RunState) -> dict[str, Any]:
 def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     """Set a run back to a snapshot."""
     state = run.state
-    missing = set(copy_persistent_arrays(state)) - set(saved)
+    missing = set(_persistent_arrays_by_name(state)) - set(saved)
     if missing:
         raise StoreError(
             f"the run's checkpoint holds no {min(missing)!r}: another version made it; give a new directory"
@@ -91,31 +90,21 @@ def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
         saved["far_held"] = far.held_forces
     if far is not None and far.evaluated_at is not None:
         saved["far_moment"] = far.timing
+    lists = state.stripes or state.verlet_list
+    if lists is not None:
+        saved |= {"near_built": lists.built, "near_memory": lists.memory}
     return saved
 
 
 def copy_persistent_arrays(state: State) -> dict[str, Any]:
     """Copy the arrays that a state cannot be made again from."""
-    saved = {name: array.copy() for name, array in _persistent_arrays_by_name(state).items()}
-    return saved | copy_neighbour_list_arrays(state.stripes or state.verlet_list)
+    return {name: array.copy() for name, array in _persistent_arrays_by_name(state).items()}
 
 
 def restore_persistent_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
-    """Put kept arrays back into a state."""
+    """Put kept arrays back into a state, whose neighbour lists are made again at their former positions."""
     for name, array in _persistent_arrays_by_name(state).items():
         array[:] = saved[name]
-    restore_neighbour_lists(state.stripes or state.verlet_list, saved)
-
-
-def copy_neighbour_list_arrays(lists: Stripes | NearList | None) -> dict[str, np.ndarray]:
-    """Copy the positions that the neighbour lists were made at, and the lists' memory [D]."""
-    if lists is None:
-        return {}
-    return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}
-
-
-def restore_neighbour_lists(lists: Stripes | NearList | None, saved: dict[str, np.ndarray]) -> None:
-    """Make the neighbour lists be listed again at the positions of a checkpoint."""
-    if lists is not None and "near_built" in saved:
-        lists.built[:], lists.memory[:] = saved["near_built"], saved["near_memory"]
+    lists = state.stripes or state.verlet_list
+    if lists is not None:
         lists.memory[LISTED] = 0.0

@@ -6,6 +6,7 @@ for each other can take hundreds of times as long as one.
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import time
@@ -38,18 +39,13 @@ class ThreadCountTuner:
         self._took[self.count] = seconds / steps
         now = time.perf_counter()
         other = 1 if self.count == self.most else self.most
-        if other not in self._took:
-            self.trying, chosen = True, other
-        elif not self.trying and now < self._until:
-            return
-        elif self.trying:
+        if self.trying and other in self._took:
             self.trying, self._until = False, now + self._wait
             self._wait = min(2.0 * self._wait, LONGEST)
-            chosen = min(self._took, key=lambda count: self._took[count])
-        else:
-            self.trying, chosen = True, other
-        self.count = chosen
-        set_thread_count(chosen)
+            self.count = min(self._took, key=lambda count: self._took[count])
+        elif now >= self._until:
+            self.trying, self.count = True, other
+        set_thread_count(self.count)
 
 
 def choose_thread_count(scene: Scene, requested: int | None) -> int:
@@ -71,15 +67,11 @@ def _threads_start_quickly(scene: Scene) -> bool:
     # OpenMP and TBB one or two.
     if numba.config.THREADING_LAYER == "workqueue":
         return False
-    return any(map(_has_module, ("numba.np.ufunc.omppool", "numba.np.ufunc.tbbpool")))
-
-
-def _has_module(name: str) -> bool:
-    try:
-        importlib.import_module(name)
-    except ImportError:
-        return False
-    return True
+    for pool in ("omppool", "tbbpool"):
+        with contextlib.suppress(ImportError):
+            importlib.import_module(f"numba.np.ufunc.{pool}")
+            return True
+    return False
 
 
 def set_thread_count(count: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -101,31 +102,29 @@ class RunError(GranularError, RuntimeError):
         where = f"step {step}, t = {time:.9g} s" + ("" if grain is None else f", grain {grain}")
         super().__init__(f"{where}: {cause}; {remedy}")
 
-    def with_context(self, words: str) -> Self:
+    def with_context(self, words: str, remedy: str = "") -> Self:
         """Make the same error with words before its cause that say what is to blame.
 
         Parameters
         ----------
         words : str
             What is to blame, such as a law of the user's own.
+        remedy : str
+            Change that avoids the error; the one that it has where this is empty.
 
         Returns
         -------
         RunError
             Error of the same type.
         """
-        return type(self)(words + self.cause, **self._context_values())
+        return type(self)(words + self.cause, **self._context_values() | {"remedy": remedy or self.remedy})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild_error, (type(self), self.cause, self._context_values())
+        return functools.partial(type(self), self.cause, **self._context_values()), ()
 
     def _context_values(self) -> dict[str, Any]:
         names = ("step", "time", "grain", "value", "remedy")
         return {name: getattr(self, name) for name in names}
-
-
-def _rebuild_error(kind: type[RunError], cause: str, facts: dict[str, Any]) -> RunError:
-    return kind(cause, **facts)
 
 
 class NotFiniteError(RunError):
@@ -169,26 +168,9 @@ class Interrupted(KeyboardInterrupt):
         self.terminated = terminated
 
 
-NEEDED_BY = {
-    "diffrax": "fits",
-    "equinox": "fits",
-    "jax": "fits",
-    "jaxlib": "fits",
-    "lineax": "fits",
-    "mpmath": "fits",
-    "optimistix": "fits",
-    "sympy": "fits",
-    "PIL": "simulation",
-    "google_crc32c": "simulation",
-    "llvmlite": "simulation",
-    "loky": "simulation",
-    "numba": "simulation",
-    "numcodecs": "simulation",
-    "pandas": "simulation",
-    "tomli_w": "simulation",
-    "xarray": "simulation",
-    "zarr": "simulation",
-}
+_FITS = "diffrax equinox jax jaxlib lineax mpmath optimistix sympy"
+_SIMULATION = "PIL google_crc32c llvmlite loky numba numcodecs pandas tomli_w xarray zarr"
+NEEDED_BY = dict.fromkeys(_FITS.split(), "fits") | dict.fromkeys(_SIMULATION.split(), "simulation")
 """Modules that an installation of one half lacks, with the group of `pyproject.toml` for each."""
 
 

@@ -161,9 +161,8 @@ def _run_case(case: Case, measure: Measure, out: Path | None) -> Outcome:
     except GranularError as error:
         return {"figures": {}, "error": f"{type(error).__name__}: {error}"}
     doubts = [str(warning.message) for warning in raised if issubclass(warning.category, UserWarning)]
-    if doubts:
-        return {"figures": figures, "error": None, "warning": "; ".join(dict.fromkeys(doubts))}
-    return {"figures": figures, "error": None}
+    warning = {"warning": "; ".join(dict.fromkeys(doubts))} if doubts else {}
+    return {"figures": figures, "error": None} | warning
 
 
 def _to_python_number(value: Any) -> Any:
@@ -175,19 +174,13 @@ RETRIES = 2
 """Workers that Dask lets a case lose before it calls it lost."""
 
 
-@contextlib.contextmanager
-def cluster_executor(dask: str | None, mpi: bool) -> Iterator[Executor | None]:
+def cluster_executor(dask: str | None, mpi: bool) -> contextlib.AbstractContextManager[Executor | None]:
     """Connect to a Dask cluster, or to the processes of MPI."""
-    if dask is not None and mpi:
+    if dask is None:
+        return _connect_to_mpi() if mpi else contextlib.nullcontext()
+    if mpi:
         raise InputError("--dask and --mpi name two executors; give one of them")
-    if dask is not None:
-        with _connect_to_dask(dask) as pool:
-            yield pool
-    elif mpi:
-        with _connect_to_mpi() as pool:
-            yield pool
-    else:
-        yield None
+    return _connect_to_dask(dask)
 
 
 class DaskClusterExecutor(Executor):
@@ -236,12 +229,8 @@ def _connect_to_dask(address: str) -> Iterator[Executor]:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise InputError("--dask needs Dask; install it with: pip install 'granular-damper[dask]'") from None
-    for name in (
-        "distributed",
-        "distributed.client",
-        "tornado",
-        "asyncio",
-    ):  # the command says itself what is lost
+    # The command says itself what is lost.
+    for name in ("distributed", "distributed.client", "tornado", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = distributed.Client(address, timeout="10s")

@@ -85,13 +85,6 @@ def custom_measures(file: UserFile) -> dict[str, CustomMeasure]:
     """Make measures of the functions and observables that a user's file defines."""
     return {
         name: CustomMeasure(file, name, measure_identity(function))
-        for name, function in _functions_in_file(file).items()
-    }
-
-
-def _functions_in_file(file: UserFile) -> dict[str, FunctionType]:
-    return {
-        name: content
-        for name, content in user_definitions(file).items()
-        if isinstance(content, FunctionType) and content.__module__ == file.module_name
+        for name, function in user_definitions(file).items()
+        if isinstance(function, FunctionType) and function.__module__ == file.module_name
     }

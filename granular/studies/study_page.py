@@ -31,7 +31,8 @@ def study_page(study: Study) -> HtmlPage:
         f"Study of {study.cases[0].scene.name}",
         f"{len(table)} cases, varied in {', '.join(varied) or 'nothing'}. All values are in SI.",
     )
-    axis = _horizontal_axis(varied, table)
+    numbers = [name for name in varied if name != _SEED and _is_number(table[name])]
+    axis = max(numbers, key=lambda name: table[name].nunique(), default=None)
     if axis and figures:
         others = [name for name in varied if name not in (axis, _SEED)]
         shown = figures[:MOST_PANELS]
@@ -75,12 +76,6 @@ def _figures_that_vary(table: pandas.DataFrame, varied: Sequence[str]) -> list[s
 
 def _is_number(column: pandas.Series[Any]) -> bool:
     return column.dtype.kind in "iuf"
-
-
-def _horizontal_axis(varied: Sequence[str], table: pandas.DataFrame) -> str | None:
-    """Varied number with most values."""
-    numbers = [name for name in varied if name != _SEED and _is_number(table[name])]
-    return max(numbers, key=lambda name: table[name].nunique(), default=None)
 
 
 def _draw_figures(

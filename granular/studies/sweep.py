@@ -37,6 +37,7 @@ from granular.schema.sections import find_field
 from granular.shared.errors import InputError, StoreError
 from granular.shared.files import make_directory, read_toml
 from granular.shared.message_text import sanitize
+from granular.shared.progress_bars import progress_bar
 from granular.studies.cases import Case, Measure, make_cases
 from granular.studies.executors import (
     ELSEWHERE,
@@ -89,12 +90,10 @@ class Study:
         import pandas
 
         rows = [
-            {
-                **_si_changes(case, self.varied),
-                **outcome["figures"],
-                **_warning_and_error(outcome),
-                "key": case.key,
-            }
+            _si_changes(case, self.varied)
+            | outcome["figures"]
+            | {name: outcome[name] for name in ("warning", "error") if name in outcome}
+            | {"key": case.key}
             for case, outcome in zip(self.cases, self.outcomes, strict=True)
         ]
         table = pandas.DataFrame(rows)
@@ -162,10 +161,6 @@ def _si_changes(case: Case, keys: Sequence[str]) -> dict[str, Any]:
         else:
             result[key] = case.changes.get(key, case.settings.get(key))
     return result
-
-
-def _warning_and_error(outcome: Outcome) -> dict[str, Any]:
-    return {name: outcome[name] for name in ("warning", "error") if name in outcome}
 
 
 def sweep(
@@ -248,17 +243,25 @@ def sweep(
         raise InputError(f"workers = {workers}; give a number of processes from 1")
     settings = {"dt": dt, "t_end": t_end, "method": method}
     every = make_cases(scene, grid or {}, cases, settings, measure)
-    directory = None if out is None else _make_study_directory(Path(out))
+    directory = None if out is None else Path(out).absolute()
+    if directory is not None:
+        make_directory(outcome_cache(directory).directory)
     done = _stored_outcomes(every, directory)
     reused = len(done)
     waiting = [case for case in every if case.key not in done]
     with (
         case_executor(executor, min(len(waiting), workers or os.cpu_count() or 1)) as pool,
-        _SweepProgressBar(title, len(every), reused, progress) as bar,
+        progress_bar(
+            wanted=progress, total=len(every), initial=reused, desc=title, unit="case", smoothing=0.1
+        ) as bar,
     ):
+        failed = 0
         for case, outcome in compute_outcomes_with_retries(waiting, measure, directory, keep_runs, pool):
             done[case.key] = outcome
-            bar.advance(outcome["error"] is not None)
+            failed += outcome["error"] is not None
+            if failed:
+                bar.set_postfix_str(f"{failed} failed", refresh=False)
+            bar.update()
     study = Study(tuple(every), tuple(done[case.key] for case in every), reused)
     _warn_of_doubtful_cases(study)
     return study
@@ -278,11 +281,6 @@ def _warn_of_doubtful_cases(study: Study) -> None:
             f"({sanitize(changes)}): {words}",
             stacklevel=3,
         )
-
-
-def _make_study_directory(path: Path) -> Path:
-    make_directory(path / "cases")
-    return path.absolute()
 
 
 def _stored_outcomes(cases: Sequence[Case], directory: Path | None) -> dict[str, Outcome]:
@@ -382,31 +380,6 @@ def future_outcome(future: Future[Outcome]) -> Outcome | None:
         if type(error).__name__ == "KilledWorker":  # of Dask, which is imported only by its users
             return None
         return failed_outcome(f"{type(error).__name__}: {error}", PROGRAM)
-
-
-class _SweepProgressBar:
-    """One line that shows how many cases are done and failed, and the time left."""
-
-    def __init__(self, title: str, total: int, reused: int, wanted: bool) -> None:
-        self._failed, self._bar = 0, None
-        if wanted:
-            from granular.shared.progress_bars import progress_bar
-
-            self._bar = progress_bar(total=total, initial=reused, desc=title, unit="case", smoothing=0.1)
-
-    def __enter__(self) -> _SweepProgressBar:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
-
-    def advance(self, failed: bool) -> None:
-        self._failed += failed
-        if self._bar is not None:
-            if self._failed:
-                self._bar.set_postfix_str(f"{self._failed} failed", refresh=False)
-            self._bar.update()
 
 
 KEYS = ("scene", "measure", "dt", "t_end", "method", "changes", "grid", "cases")
