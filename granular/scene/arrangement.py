@@ -65,20 +65,6 @@ class Arrangement(Section):
                 raise FieldError(f"is of the grid, and positions are given; {instead}", name)
 
 
-def grid_shape(count: int, width: float, height: float) -> tuple[int, int]:
-    """Columns and rows of a grid of nearly square meshes that holds all grains."""
-    # The outermost grains stand one mesh from the walls, which repel about as strongly as grains.
-    columns = max(1, round(math.sqrt(count * width / height)))
-    return columns, -(-count // columns)
-
-
-def periodic_grid_shape(count: int, width: float, height: float) -> tuple[int, int]:
-    """Columns and rows of a grid that is nearly a triangular lattice of all grains."""
-    # Rows of a triangular lattice are sqrt(3)/2 of a spacing apart.
-    columns = max(1, round(math.sqrt(count * width / height * math.sqrt(0.75))))
-    return columns, -(-count // columns)
-
-
 def initial_positions_and_velocities(
     plan: Arrangement, grains: Grains, cell: Cell, piston: Piston | None, *, overlapping: bool
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
@@ -109,8 +95,11 @@ def _grid_positions(
         height = piston.height
     if count == 0:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    shape = periodic_grid_shape if periodic else grid_shape
-    columns, rows = shape(count, width, height)
+    # Rows of a triangular lattice are sqrt(3)/2 of a spacing apart; a closed cell has nearly square meshes.
+    flat = math.sqrt(0.75) if periodic else 1.0
+    columns = max(1, round(math.sqrt(count * width / height * flat)))
+    rows = -(-count // columns)
+    # The outermost grains stand one mesh from the walls, which repel about as strongly as grains.
     edge = 0 if periodic else 1
     mesh = np.array([width / (columns + edge), height / (rows + edge)])
     widest = max(specy.diameter for specy in grains.species)

@@ -7,7 +7,6 @@ when a scene is read.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import re
 from typing import Any
 
@@ -17,18 +16,8 @@ from granular.effects.walls import Wall
 from granular.methods.tables import METHODS
 from granular.scene.loading import scene_names
 from granular.scene.scene import Effects, Scene
-from granular.schema.field_kinds import (
-    ChoiceKind,
-    FieldKind,
-    FlagKind,
-    IntegerKind,
-    NestedSectionKind,
-    PointListKind,
-    QuantityKind,
-    QuantityListKind,
-    SectionListKind,
-    TextKind,
-)
+from granular.schema import field_kinds as kinds
+from granular.schema.field_kinds import FieldKind
 from granular.schema.formula_parameters import ParameterValuesKind, SectionWithFormula
 from granular.schema.sections import Section
 
@@ -135,69 +124,44 @@ def _object_schema(properties: Schema, required: list[str], section: type[Sectio
     return result | ({"description": " ".join(first.split())} if first else {})
 
 
-@functools.singledispatch
 def _kind_schema(kind: FieldKind) -> Schema:
     """Return the schema of a field; empty where its kind has none."""
+    match kind:
+        case kinds.QuantityKind():
+            bounds = {word: getattr(kind, name) for name, word in _LIMITS.items()}
+            limits = {word: bound for word, bound in bounds.items() if bound is not None}
+            unit = "" if kind.unit == "1" else f", such as '1 {kind.unit}'"
+            with_unit = _TEXT | {"description": f"a number with a unit{unit}"}
+            return {"anyOf": [{"type": "number", **limits}, with_unit]}
+        case kinds.IntegerKind():
+            return {"type": "integer", "minimum": kind.least, "maximum": kind.most}
+        case kinds.FlagKind():
+            return {"type": "boolean"}
+        case kinds.ChoiceKind():
+            return {"enum": list(kind.names)}
+        case kinds.TextKind():
+            return dict(_TEXT)
+        case kinds.PointListKind():
+            number = _kind_schema(kinds.QuantityKind(unit=kind.unit))
+            point = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+            return {"type": "array", "items": point}
+        case kinds.QuantityListKind():
+            return {"type": "array", "items": _kind_schema(kind.element)}
+        case kinds.NestedSectionKind(section=section) if section is not None:
+            return _section_schema(section)
+        case kinds.SectionListKind(section=section) if section is not None:
+            return {"type": "array", "items": _section_schema(section), "minItems": kind.least}
+        case kinds.SectionListKind(kinds=choices) if choices is not None:
+            items = [_choice_schema(name, section) for name, section in choices.items()]
+            return {"type": "array", "items": {"oneOf": items}, "minItems": kind.least}
     return {}
 
 
-@_kind_schema.register
-def _(kind: QuantityKind) -> Schema:
-    limits = {word: getattr(kind, name) for name, word in _LIMITS.items() if getattr(kind, name) is not None}
-    unit = "" if kind.unit == "1" else f", such as '1 {kind.unit}'"
-    with_unit = _TEXT | {"description": f"a number with a unit{unit}"}
-    return {"anyOf": [{"type": "number", **limits}, with_unit]}
-
-
-@_kind_schema.register
-def _(kind: IntegerKind) -> Schema:
-    return {"type": "integer", "minimum": kind.least, "maximum": kind.most}
-
-
-@_kind_schema.register
-def _(kind: FlagKind) -> Schema:
-    return {"type": "boolean"}
-
-
-@_kind_schema.register
-def _(kind: ChoiceKind) -> Schema:
-    return {"enum": list(kind.names)}
-
-
-@_kind_schema.register
-def _(kind: TextKind) -> Schema:
-    return dict(_TEXT)
-
-
-@_kind_schema.register
-def _(kind: PointListKind) -> Schema:
-    item_schema = _kind_schema(QuantityKind(unit=kind.unit))
-    return {"type": "array", "items": {"type": "array", "items": item_schema, "minItems": 2, "maxItems": 2}}
-
-
-@_kind_schema.register
-def _(kind: QuantityListKind) -> Schema:
-    return {"type": "array", "items": _kind_schema(kind.element)}
-
-
-@_kind_schema.register
-def _(kind: NestedSectionKind) -> Schema:
-    assert kind.section is not None
-    return _section_schema(kind.section)
-
-
-@_kind_schema.register
-def _(kind: SectionListKind) -> Schema:
-    if kind.kinds is None:
-        assert kind.section is not None
-        return {"type": "array", "items": _section_schema(kind.section), "minItems": kind.least}
-    choices = []
-    for name, section in kind.kinds.items():
-        point_schema = _section_schema(section)
-        point_schema["properties"] = {"kind": {"const": name}, **point_schema["properties"]}
-        point_schema["required"] = ["kind", *point_schema["required"]]
-        choices.append(point_schema)
-    return {"type": "array", "items": {"oneOf": choices}, "minItems": kind.least}
+def _choice_schema(name: str, section: type[Section]) -> Schema:
+    """Section of a list of several kinds, with the name of its own."""
+    schema = _section_schema(section)
+    properties = {"kind": {"const": name}, **schema["properties"]}
+    return schema | {"properties": properties, "required": ["kind", *schema["required"]]}
 
 
 def _key_descriptions(section: type[Section]) -> dict[str, str]:

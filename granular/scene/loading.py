@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from granular.scene.scene import Scene
@@ -11,13 +12,6 @@ from granular.shared.files import read_toml
 from granular.shared.message_text import quote
 
 SCENES = Path(__file__).parents[1] / "scenes"
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:  # a name that no file can have
-        return False
 
 
 def scene_names() -> tuple[str, ...]:
@@ -65,7 +59,7 @@ def load_scene(source: str | Path) -> Scene:
     path = Path(source)
     if str(source) in scene_names():
         path = SCENES / f"{source}.toml"
-    elif not _is_file(path):
+    elif not os.path.isfile(path):  # also of a name that no file can have
         if path.suffix:
             raise SceneError(f"there is no scene file {quote(str(source))}; check the path")
         raise SceneError(unknown_word_message(str(source), scene_names(), "scene"))

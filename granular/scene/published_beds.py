@@ -41,24 +41,6 @@ def piston_height_of_mixture(reference: float, species: Sequence[Species]) -> fl
     return reference * math.fsum(specy.share * (specy.diameter / first) ** 2 for specy in species)
 
 
-def _compression_stages(start: float, end: float, speed: float, relaxation: float) -> list[dict[str, object]]:
-    """Relaxation, compression, expansion, relaxation; ``relaxation`` in units of T [D, 2.3]."""
-    _check_parameter("speed", speed, "m/s")
-    _check_parameter("relaxation", relaxation, "T")
-    if not start > end:
-        raise InputError(
-            f"the compression would end at {end:g} m, above its start at {start:g} m; take smaller grains"
-        )
-    period = (start - end) / speed
-    descend = {"name": "relax", "kind": "descend", "to": start, "duration": relaxation * period}
-    return [
-        descend,
-        {"name": "compress", "kind": "move", "to": end, "speed": speed},
-        {"name": "expand", "kind": "move", "to": start, "speed": speed},
-        {"name": "settle", "kind": "hold", "duration": period},
-    ]
-
-
 def _check_parameter(name: str, value: float, unit: str, most: float = math.inf) -> None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not 0.0 < value <= most or math.isinf(value):
@@ -67,23 +49,25 @@ def _check_parameter(name: str, value: float, unit: str, most: float = math.inf)
 
 
 def _compressed_bed(
-    name: str,
-    count: int,
-    width: float,
-    heights: tuple[float, float],
-    speed: float,
-    relaxation: float,
-    seed: int,
-    **more: object,
+    changes: dict[str, object], heights: tuple[float, float], speed: float, relaxation: float, seed: int
 ) -> Scene:
-    """Return packaged bed, compressed from one height to another [m]; ``more`` of it is changed."""
+    """Return the packaged bed, changed and compressed from one height to another [m] [D, 2.3]."""
     start, end = heights
-    protocol = _compression_stages(start, end, speed, relaxation)
-    scalars = (start - end) / speed / 2000.0
-    changes = {
-        "name": name,
-        "grains.count": count,
-        "cell.width": width,
+    _check_parameter("speed", speed, "m/s")
+    _check_parameter("relaxation", relaxation, "T")
+    if not start > end:
+        raise InputError(
+            f"the compression would end at {end:g} m, above its start at {start:g} m; take smaller grains"
+        )
+    period = (start - end) / speed
+    scalars = period / 2000.0
+    protocol = [
+        {"name": "relax", "kind": "descend", "to": start, "duration": relaxation * period},
+        {"name": "compress", "kind": "move", "to": end, "speed": speed},
+        {"name": "expand", "kind": "move", "to": start, "speed": speed},
+        {"name": "settle", "kind": "hold", "duration": period},
+    ]
+    changes |= {
         "piston.height": HEADROOM * start,
         "effects.drag": None,
         "effects.friction": True,
@@ -92,7 +76,7 @@ def _compressed_bed(
         "protocol": protocol,
         "output": {"scalars": scalars, "frames": 20.0 * scalars},
     }
-    return load_scene("bed").replace(**changes, **more)
+    return load_scene("bed").replace(**changes)
 
 
 def mono_bed(
@@ -133,7 +117,8 @@ def mono_bed(
     _check_parameter("count", count, "grains")
     size = math.sqrt(count / REFERENCE_COUNT) * diameter
     heights = max(START * size, LOWEST_START * diameter), END * size
-    return _compressed_bed(f"mono-{count}", count, WIDTH * size, heights, speed, relaxation, seed)
+    changes = {"name": f"mono-{count}", "grains.count": count, "cell.width": WIDTH * size}
+    return _compressed_bed(changes, heights, speed, relaxation, seed)
 
 
 def bidisperse(
@@ -192,23 +177,16 @@ def bidisperse(
         Species(name="big", diameter=big, share=1.0 - ratio),
         Species(name="small", diameter=aspect * big, share=ratio),
     ]
-    heights = BIDISPERSE_START, piston_height_of_mixture(_final_height_without_small_grains(big), species)
-    mixture = {"grains.species": [specy.to_plain() for specy in species], "grains.mixing": mixing}
-    return _compressed_bed(
-        f"bidisperse-{aspect:g}-{ratio:g}",
-        BIDISPERSE_COUNT,
-        BIDISPERSE_WIDTH,
-        heights,
-        speed,
-        relaxation,
-        seed,
-        **mixture,
-    )
-
-
-def _final_height_without_small_grains(big: float) -> float:
-    """Return the final height without small grains [m], at the packing fraction of de Paula."""
-    return BIDISPERSE_END * (big / 0.005) ** 2
+    end = BIDISPERSE_END * (big / 0.005) ** 2  # at the packing fraction of de Paula
+    changes = {
+        "name": f"bidisperse-{aspect:g}-{ratio:g}",
+        "grains.count": BIDISPERSE_COUNT,
+        "grains.species": [specy.to_plain() for specy in species],
+        "grains.mixing": mixing,
+        "cell.width": BIDISPERSE_WIDTH,
+    }
+    heights = BIDISPERSE_START, piston_height_of_mixture(end, species)
+    return _compressed_bed(changes, heights, speed, relaxation, seed)
 
 
 def damper(
@@ -262,13 +240,10 @@ def damper(
     if magnets not in ("dipoles", "cylinders"):
         raise InputError(f"magnets = {quote(magnets)}; give 'dipoles' or 'cylinders'")
     base = load_scene("damper" if magnets == "dipoles" else "magnets")
-    for name, value, unit in (
-        ("mass", mass, "kg"),
-        ("count", count, "grains"),
-        ("drag", drag, "kg/s"),
-        ("drop", drop, "D"),
-    ):
-        _check_parameter(name, value, unit)
+    _check_parameter("mass", mass, "kg")
+    _check_parameter("count", count, "grains")
+    _check_parameter("drag", drag, "kg/s")
+    _check_parameter("drop", drop, "D")
     if isinstance(lift, bool) or not isinstance(lift, int | float) or not math.isfinite(lift):
         raise InputError(f"lift = {quote(lift)}; give a height in D")
     scale = math.sqrt(count / REFERENCE_COUNT)

@@ -20,7 +20,6 @@ from granular.schema.field_kinds import FieldError, NestedSectionKind, SectionLi
 from granular.schema.sections import Section, nested_section_field, section_field, text_field
 from granular.schema.units import si_value
 from granular.shared.citations import module_docstring_of
-from granular.shared.errors import SceneError
 from granular.shared.files import write_text
 from granular.shared.message_text import quote
 
@@ -99,16 +98,13 @@ IMPORT = "(import the file of your own ones first: --import FILE, or an installe
 
 
 def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str, Effect]:
-    known: dict[str, type[Effect]] = {}
-    for name in plain:
+    result = {}
+    for name in sorted(plain):
         effect = find_effect(name)
         if effect is None:
             raise FieldError(f"{unknown_word_message(name, effect_names(), 'effect')} {IMPORT}")
-        known[name] = effect
-    result = {}
-    for name in sorted(plain):
         try:
-            section = NestedSectionKind(True, section=known[name]).read_value(plain[name], diameter)
+            section = NestedSectionKind(True, section=effect).read_value(plain[name], diameter)
         except FieldError as error:
             raise error.with_outer_path(name) from None
         if section is not None:
@@ -173,7 +169,6 @@ class Scene(Section):
             If grains overlap each other or a wall at the start, or have no room.
         """
         self._check_piston()
-        self._check_top_wall()
         acting = {effect.key: effect for effect in self.effects.acting}
         for effect in acting.values():
             effect.check_compatibility(self.grains, self.cell, self.piston, acting)
@@ -297,36 +292,31 @@ class Scene(Section):
         highest = [height, float(self.initial_positions_and_velocities()[0][:, 1].max(initial=0.0))]
         for stage in self.protocol:
             height += stage.initial_jump(height)
-            final = stage.prescribed_final_height()
             highest.append(height)
-            if final is not None:
+            if (final := stage.prescribed_final_height()) is not None:
                 height = final
-                highest.append(height)
+            highest.append(height)
         return max(highest)
-
-    def _check_top_wall(self) -> None:
-        walls = self.effects.walls
-        top = walls is not None and walls.top is not None
-        for position, stage in enumerate(self.protocol):
-            if not top and self.grains.count and (stage.needs_piston_mass or stage.ends_at_force):
-                raise FieldError(
-                    "the piston must be a wall that grains push (effects.walls.top)",
-                    "protocol",
-                    stage.name or str(position),
-                )
 
     def _check_piston(self) -> None:
         walls = self.effects.walls
-        if self.piston is None and walls is not None and walls.top is not None:
+        top = walls is not None and walls.top is not None
+        if self.piston is None and top:
             raise FieldError(
                 "there is no piston; give [piston] a height or set it to 'none'", "effects", "walls", "top"
             )
-        for stage in self.protocol:
+        for position, stage in enumerate(self.protocol):
             if stage.needs_piston and self.piston is None:
                 raise FieldError(f"must be given: stage {stage.name!r} moves the piston", "piston")
             if stage.needs_piston_mass and (self.piston is None or self.piston.mass is None):
                 raise FieldError(
                     f"must be given: stage {stage.name!r} lets the piston move freely", "piston", "mass"
+                )
+            if not top and self.grains.count and (stage.needs_piston_mass or stage.ends_at_force):
+                raise FieldError(
+                    "the piston must be a wall that grains push (effects.walls.top)",
+                    "protocol",
+                    stage.name or str(position),
                 )
 
     def replace(self, **changes: Any) -> Scene:
@@ -471,11 +461,8 @@ class Scene(Section):
 def _first_species_diameter(plain: Mapping[str, Any]) -> float | None:
     try:
         diameter = plain["grains"]["species"][0]["diameter"]
-    except (KeyError, IndexError, TypeError):
-        return None
-    try:
         return si_value(diameter, "m") if isinstance(diameter, str) else float(diameter)
-    except (SceneError, TypeError, ValueError):
+    except (KeyError, IndexError, TypeError, ValueError):
         return None  # the field's own check names what is wrong
 
 

@@ -49,15 +49,7 @@ class SceneInNaturalUnits:
     constants: Constants
     species: Int[np.ndarray, "n"]
     effects: tuple[Effect, ...]
-
-    @property
-    def downward_acceleration(self) -> float:
-        """Downward acceleration that never changes [F*/m]."""
-        return sum(
-            effect.downward_acceleration(self.scales)
-            for effect in self.effects
-            if isinstance(effect, ForceEffect)
-        )
+    downward_acceleration: float  # that never changes [F*/m]
 
 
 def scene_in_natural_units(
@@ -71,11 +63,9 @@ def scene_in_natural_units(
     numbers = _grain_numbers(scene, species, charges)
     effects = scene.effects.in_loop_order
     acting = _acting_laws(scene, context, numbers, charges, method)
-    piston_mass, piston_weight = _piston_mass_and_weight(
-        scene,
-        scales,
-        sum(effect.downward_acceleration(scales) for effect in effects if isinstance(effect, ForceEffect)),
-    )
+    pulls = (effect.downward_acceleration(scales) for effect in effects if isinstance(effect, ForceEffect))
+    gravity = sum(pulls)
+    piston_mass, piston_weight = _piston_mass_and_weight(scene, scales, gravity)
     walls = scene.effects.walls
     constants = Constants(
         grains=len(species),
@@ -88,7 +78,7 @@ def scene_in_natural_units(
         acting=acting,
         threaded=None if threads == 1 else True,
     )
-    return SceneInNaturalUnits(scales, constants, species, effects)
+    return SceneInNaturalUnits(scales, constants, species, effects, gravity)
 
 
 class _GrainNumbers(NamedTuple):
