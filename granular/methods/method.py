@@ -117,9 +117,8 @@ class Method:
         return self.tableau is None and not self.has_backward_parts and not self.variable
 
     def __str__(self) -> str:
-        calls = (
-            f"{self.force_evaluations_per_step} force{'s' * (self.force_evaluations_per_step != 1)} a step"
-        )
+        count = self.force_evaluations_per_step
+        calls = f"{count} force{'s' * (count != 1)} a step"
         return ", ".join([f"order {self.order}", calls, *(["variable steps"] * self.variable), self.source])
 
     def to_plain(self) -> dict[str, Any]:

@@ -61,7 +61,7 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
 
 def method_as_run_setting(method: Method) -> str | dict[str, Any]:
     """Entry of a method in a run's settings: the name of a built-in one, else its table."""
-    return method.name if _is_built_in(method) else method.to_plain()
+    return method.name if method.name.removesuffix(COMPENSATED) in METHODS else method.to_plain()
 
 
 def method_named(name: str) -> Method:
@@ -99,23 +99,17 @@ def method_named(name: str) -> Method:
             f"{unknown_word_message(word, known, 'method')}; a method of your own comes by --import FILE, or "
             f"by an installed entry point of the group {GROUP!r}"
         )
-    return method if plain == word else with_compensated_sums(method)
+    if plain == word:
+        return method
+    if method.tableau is not None:
+        raise InputError(f"method = {quote(word)}: a Runge-Kutta method is never compensated; take {plain!r}")
+    return dataclasses.replace(method, name=word, compensated=True)
 
 
 def all_methods() -> Registry[Method]:
     """All methods by their names: built in, of the user's own, and of installed distributions."""
     names = (*METHODS, *_own, *entry_point_names(GROUP))
     return Registry(((name, method_named(name)) for name in dict.fromkeys(names)), str)
-
-
-def with_compensated_sums(method: Method) -> Method:
-    """Return the method with compensated sums."""
-    if method.tableau is not None:
-        raise InputError(
-            f"method = {quote(method.name + COMPENSATED)}: a Runge-Kutta method has no "
-            f"compensated form; take {method.name!r}"
-        )
-    return dataclasses.replace(method, name=method.name + COMPENSATED, compensated=True)
 
 
 def register_methods(methods: Iterable[Method]) -> None:
@@ -125,10 +119,6 @@ def register_methods(methods: Iterable[Method]) -> None:
         if former != method:
             raise InputError(f"two methods are called {quote(method.name)}; give each a name of its own")
         _own[method.name] = method
-
-
-def _is_built_in(method: Method) -> bool:
-    return method.name.removesuffix(COMPENSATED) in METHODS
 
 
 def _load_from_entry_point(name: str) -> Method | None:

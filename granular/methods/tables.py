@@ -18,12 +18,6 @@ from granular.methods.method import Method
 from granular.shared.registry import Registry
 
 
-def _symmetric_kick_first_method(name: str, order: int, source: str, *fractions: float) -> Method:
-    """Symmetric method from the first half of its fractions: kick, drift, kick, ..."""
-    total = _append_mirror_image(fractions)
-    return Method(name, order, source, kicks=total[::2], drifts=total[1::2])
-
-
 def _symmetric_drift_first_method(name: str, order: int, source: str, *fractions: float) -> Method:
     """Symmetric method from the first half of its fractions: drift, kick, drift, ..."""
     total = _append_mirror_image(fractions)
@@ -63,8 +57,12 @@ _TABLES = (
         kicks=(1.0, 0.0),
         drifts=(1.0,),
     ),
-    _symmetric_kick_first_method(
-        "stormer-verlet", 2, "Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144", 0.5, 1.0
+    Method(
+        "stormer-verlet",
+        2,
+        "Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144",
+        kicks=(0.5, 0.5),
+        drifts=(1.0,),
     ),
     _symmetric_drift_first_method(
         "position-verlet", 2, "Tuckerman, Berne and Martyna 1992, doi:10.1063/1.463137", 0.5, 1.0

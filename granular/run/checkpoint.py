@@ -117,9 +117,7 @@ def read_run_file(file: Path, most_bytes: int = MOST_TOML_BYTES) -> bytes:
         content = opened.read(most_bytes + 1)
     if len(content) > most_bytes:
         size = file.stat().st_size
-        raise StoreError(
-            f"{file} has {size} bytes, more than the {most_bytes} that a run writes there; {REMEDY}"
-        )
+        raise StoreError(f"{file} has {size} bytes, more than the {most_bytes} that runs write; {REMEDY}")
     return content
 
 

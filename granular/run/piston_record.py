@@ -96,9 +96,8 @@ class PistonRecord:
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, self._validated_column(name, values))
-        object.__setattr__(
-            self, "extra", {key: self._validated_column(key, values) for key, values in self.extra.items()}
-        )
+        extra = {key: self._validated_column(key, values) for key, values in self.extra.items()}
+        object.__setattr__(self, "extra", extra)
         later = np.diff(self.time) > 0.0
         if not later.all():
             sample = int(np.argmin(later)) + 1
@@ -110,16 +109,13 @@ class PistonRecord:
             )
 
     def _validated_column(self, name: str, values: np.ndarray) -> np.ndarray:
-        array = numbers_in_si(name, values)
-        if array.ndim != 1 or len(array) != len(np.atleast_1d(self.time)):
+        array, samples = numbers_in_si(name, values), len(np.atleast_1d(self.time))
+        if array.shape != (samples,):
             raise RecordError(
-                f"{sanitize(name)}: has the shape {array.shape}; one value a sample of time, "
-                f"{len(np.atleast_1d(self.time))}, is wanted"
+                f"{sanitize(name)}: has the shape {array.shape}; give {samples} values, as times"
             )
-        if len(array) < _LEAST_SAMPLES:
-            raise RecordError(
-                f"{sanitize(name)}: {len(array)} samples; at least {_LEAST_SAMPLES} make a record"
-            )
+        if samples < _LEAST_SAMPLES:
+            raise RecordError(f"{sanitize(name)}: {samples} samples; at least {_LEAST_SAMPLES} make a record")
         if not np.isfinite(array).all():
             sample = int(np.argmin(np.isfinite(array)))
             raise RecordError(
@@ -135,13 +131,10 @@ class PistonRecord:
     def __repr__(self) -> str:
         unit = self.units["height"]
         others = ", ".join(name for name in self.columns if name not in ("time", "height"))
-        start, end, least, greatest = (
-            f"{value:.6g}" for value in (self.time[0], self.time[-1], self.height.min(), self.height.max())
-        )
         return (
-            f"PistonRecord of {len(self)} samples from {start} to {end} s, "
-            f"{'angle' if self.angle else 'height'} from {least} to {greatest} {unit}"
-            + (f"; also {others}" if others else "")
+            f"PistonRecord of {len(self)} samples from {self.time[0]:.6g} to {self.time[-1]:.6g} s, "
+            f"{'angle' if self.angle else 'height'} from {self.height.min():.6g} to {self.height.max():.6g} "
+            + (f"{unit}; also {others}" if others else unit)
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
@@ -359,11 +352,9 @@ class PistonRecord:
             If they make none, or a stroke has no force with it.
         """
         record = cls.from_columns(meaning.columns)
-        measured = record.measured
-        if meaning.prescribed:
-            if record.force is None:
-                raise RecordError("a stroke is of a record with a measured force; name its column, force=...")
-            measured = "force"
+        if meaning.prescribed and record.force is None:
+            raise RecordError("a stroke is of a record with a measured force; name its column, force=...")
+        measured = "force" if meaning.prescribed else record.measured
         return dataclasses.replace(
             record, angle=meaning.angle, deviations=meaning.deviations, measured=measured
         )
@@ -521,15 +512,10 @@ class PistonRecord:
         IndexError
             If the record has no such samples.
         """
-        return dataclasses.replace(
-            self,
-            time=self.time[samples],
-            height=self.height[samples],
-            velocity=None if self.velocity is None else self.velocity[samples],
-            force=None if self.force is None else self.force[samples],
-            extra={key: values[samples] for key, values in self.extra.items()},
-            deviations={key: values[:, samples] for key, values in self.deviations.items()},
-        )
+        own = {name: getattr(self, name)[samples] for name in UNITS if getattr(self, name) is not None}
+        extra = {key: values[samples] for key, values in self.extra.items()}
+        deviations = {key: values[:, samples] for key, values in self.deviations.items()}
+        return dataclasses.replace(self, **own, extra=extra, deviations=deviations)
 
     def first(self, count: int) -> PistonRecord:
         """First ``count`` samples.

@@ -337,9 +337,7 @@ def _accurate_pair_sum(scene: Scene, quantity: str, tolerance: float, asked: str
     """Scene with a sum over pairs that keeps the tolerance, and its name."""
     method = scene.pair_method
     if method in ("cut-off", "verlet-list"):
-        raise InputError(
-            f"{asked}pairs.method = {method!r} leaves pairs out, which no step corrects; take 'auto'"
-        )
+        raise InputError(f"{asked}pairs.method = {method!r} leaves pairs out at any step; take 'auto'")
     if method == "mesh" and quantity != "energy" and tolerance < 2.0 * MESH_ERROR:
         return scene.replace(**{"pairs.method": "direct"}), "direct sum"
     return scene, "sum by the mesh" if method == "mesh" else "direct sum"
@@ -394,11 +392,7 @@ def _refusals(
     for words in _method_refusals(scene, method):
         yield "method", f"method = {method.name!r} {words}"
     if method.variable and not step.automatic:
-        yield (
-            "dt",
-            f"dt = {step.seconds!r}: {method.name!r} chooses its own steps; give 'auto', or a "
-            "multiple such as 'auto/2'",
-        )
+        yield "dt", f"dt = {step.seconds!r}: {method.name!r} chooses its own steps; give 'auto' or 'auto/2'"
     for words in _end_refusals(scene, t_end):
         yield "t_end", words
     if step.seconds is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,12 +44,10 @@ def source_of_scene(scene: Scene, stage: str | None) -> RecordSource:
     """Source of a record that was simulated: the bed, its piston and what the record is of."""
     from granular.protocol.driven_piston_stages import Lift
 
-    stages = list(scene.protocol)
-    index = next((k for k, item in enumerate(stages) if item.name == stage), 0)
-    before = stages[index - 1] if index else None
     what = "the whole run" if stage is None else f"stage {stage!r}"
-    if isinstance(before, Lift):
-        what = f"free decay after a {1e3 * before.by:.3g} mm lift"
+    for before, item in itertools.pairwise(scene.protocol):
+        if item.name == stage and isinstance(before, Lift):
+            what = f"free decay after a {1e3 * before.by:.3g} mm lift"
     mass = None if scene.piston is None else scene.piston.mass  # a driven piston may have none
     piston = "" if mass is None else f"piston {mass:.4g} kg, "
     return RecordSource(scene.name, scene=f"{scene.grains.count} magnets, {piston}{what}")

@@ -130,9 +130,7 @@ def simulate(
     elif (dt, t_end, method, threads, accuracy, engine) == ("auto", None, METHOD, None, None, NUMBA):
         chosen = scene
     else:
-        raise InputError(
-            "scene is a plan, which holds dt, t_end, method, threads and engine; give them to plan"
-        )
+        raise InputError("a plan holds dt, t_end, method, threads and engine; give them to plan")
     scene = chosen.scene
     check_variable_names(scene)
     chosen.check_arguments()

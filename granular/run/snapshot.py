@@ -35,7 +35,7 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     missing = set(_persistent_arrays_by_name(state)) - set(saved)
     if missing:
         raise StoreError(
-            f"the run's checkpoint holds no {min(missing)!r}: another version made it; give a new directory"
+            f"the checkpoint lacks {min(missing)!r}: another version made it; give a new directory"
         )
     restore_persistent_arrays(state, saved)
     run.band[:], run.seen[:] = saved["band"], saved["seen"]

@@ -81,6 +81,4 @@ def set_thread_count(count: int) -> None:
     except ValueError as error:
         layer = os.environ.get("NUMBA_THREADING_LAYER")
         reason = " ".join(str(error).split())
-        raise InputError(
-            f"NUMBA_THREADING_LAYER = {layer!r} cannot be used ({reason}); leave it out"
-        ) from None
+        raise InputError(f"NUMBA_THREADING_LAYER = {layer!r} cannot be used ({reason}); unset it") from None

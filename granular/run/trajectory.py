@@ -206,7 +206,7 @@ class Trajectory:
             If the scene has no piston, the run has not reached the stage, or holds fewer than two records
             of it.
         """
-        data = self.dataset
+        data, effects = self.dataset, self.scene.effects
         if "piston_height" not in data:
             raise RecordError(f"scene {self.scene.name!r} has no piston, so there is no record")
         name = stage or self.scene.output.record
@@ -222,21 +222,16 @@ class Trajectory:
         indices = np.asarray(data["stage"].values[chosen][last])
         if name is not None:  # the first of its records ends the stage before
             indices = np.full_like(indices, self._stage_index(name))
-        drive = self._drive_at_times(time[last], indices)
-        host = self.scene.effects.host
+        time, protocol = time[last], self.scene.protocol
+        shaking, host = effects.shaking, effects.host
+        drive = {} if shaking is None else shaken_base_motion(shaking, time)
+        if any(protocol[index].has_outer_force for index in np.unique(indices).astype(int)):
+            starts = [stage.start for stage in self.stages]
+            drive["outer_force"] = outer_force(protocol, starts, indices, time)
         if host is not None and host.mount == "base" and "base_acceleration" in data:
             drive["base_acceleration"] = data["base_acceleration"].values[chosen][last]
         source = source_of_scene(self.scene, name)
-        return PistonRecord(time=time[last], **columns, extra=drive, source=source)
-
-    def _drive_at_times(self, time: np.ndarray, indices: np.ndarray) -> dict[str, np.ndarray]:
-        """Drive of the run at some times [s], in stages by their indices in the protocol."""
-        shaking, protocol = self.scene.effects.shaking, self.scene.protocol
-        columns = {} if shaking is None else shaken_base_motion(shaking, time)
-        if any(protocol[index].has_outer_force for index in np.unique(indices).astype(int)):
-            starts = [stage.start for stage in self.stages]
-            columns["outer_force"] = outer_force(protocol, starts, indices, time)
-        return columns
+        return PistonRecord(time=time, **columns, extra=drive, source=source)
 
     def _stage_index(self, name: str) -> int:
         return [stage.name for stage in self.scene.protocol].index(name)

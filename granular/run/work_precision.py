@@ -188,12 +188,10 @@ def keep_measured_scene(
     scene: Scene, quantity: str, t_end: float | None, measured: SceneWorkPrecision
 ) -> None:
     """Keep what was measured of a quantity of a scene until a time [s] in the table of the user's own."""
-    table = user_table()
-    if table is None:
-        return
-    entries = [entry._asdict() for entry in measured.entries]
+    plain = measured._asdict() | {"entries": [entry._asdict() for entry in measured.entries]}
     try:
-        table.keep(_measurement_key(scene, quantity, t_end), measured._asdict() | {"entries": entries})
+        if (table := user_table()) is not None:
+            table.keep(_measurement_key(scene, quantity, t_end), plain)
     except StoreError as error:
         warnings.warn(f"what was measured is not kept: {error}", stacklevel=2)
 
@@ -210,22 +208,13 @@ def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecisi
     """Find the scene of the packaged table that is most like another one."""
     if not KNOWN.issuperset(active_effect_names(scene)) or not scene.has_closed_walls:
         return None
-
-    kind = damping_kind(scene)
     rests = any(getattr(stage, "until", None) == "rest" for stage in scene.protocol)
-
-    def apart(item: SceneWorkPrecision) -> float:
-        return abs(math.log(item.grains / max(scene.grains.count, 1)))
-
-    def unlike(item: SceneWorkPrecision) -> tuple[bool, float]:
-        return ("rest height" in item.floors) is not rests, apart(item)
-
-    near = [
-        entry
-        for entry in load_work_precision_scenes()
-        if entry.kind == kind and quantity in entry.floors and apart(entry) <= math.log(ALIKE)
-    ]
-    return min(near, key=unlike, default=None)
+    near = []
+    for entry in load_work_precision_scenes():
+        apart = abs(math.log(entry.grains / max(scene.grains.count, 1)))
+        if entry.kind == damping_kind(scene) and quantity in entry.floors and apart <= math.log(ALIKE):
+            near.append((("rest height" in entry.floors) is not rests, apart, entry))
+    return min(near, key=lambda item: item[:2])[2] if near else None
 
 
 def work_precision_text(run: Trajectory) -> str:

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.schema.apparatus import Cell, Grains, Piston
-from granular.schema.field_kinds import FieldError
-from granular.schema.sections import Section, integer_field, points_field, quantity
+from granular.schema.field_kinds import FieldError, PointListKind
+from granular.schema.sections import Section, integer_field, quantity, section_field
 from granular.shared.errors import SceneError
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+Points = tuple[tuple[float, float], ...]
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
 """Keys of the grid, without meaning if positions are given, with their usual values."""
 FEW = 1000
@@ -47,8 +48,8 @@ class Arrangement(Section):
     jitter: float = quantity("1", default=0.1, least=0.0, below=0.5)
     speed: float = quantity("m/s", default=0.0, least=0.0)
     seed: int = integer_field(default=1)
-    positions: tuple[tuple[float, float], ...] | None = points_field("m", default=None)
-    velocities: tuple[tuple[float, float], ...] | None = points_field("m/s", default=None)
+    positions: Points | None = section_field(PointListKind(True, unit="m"), default=None)
+    velocities: Points | None = section_field(PointListKind(True, unit="m/s"), default=None)
 
     def validate(self) -> None:
         """Check that velocities go with positions, and positions without keys of the grid."""

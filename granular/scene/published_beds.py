@@ -56,9 +56,7 @@ def _compressed_bed(
     _check_parameter("speed", speed, "m/s")
     _check_parameter("relaxation", relaxation, "T")
     if not start > end:
-        raise InputError(
-            f"the compression would end at {end:g} m, above its start at {start:g} m; take smaller grains"
-        )
+        raise InputError(f"the bed would be compressed up, from {start:g} to {end:g} m; take smaller grains")
     period = (start - end) / speed
     scalars = period / 2000.0
     protocol = [

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -22,6 +20,7 @@ from granular.schema.units import si_value
 from granular.shared.citations import module_docstring_of
 from granular.shared.files import write_text
 from granular.shared.message_text import quote
+from granular.shared.result_cache import digest
 
 if TYPE_CHECKING:
     from granular.effects.dipole import Dipole
@@ -68,9 +67,7 @@ class Effects(Section):
     @property
     def in_loop_order(self) -> tuple[Effect, ...]:
         """Effects that act but for the dipole, in the order in which the loop takes them."""
-        parts = [
-            part for effect in self.acting if effect.key != "dipole" for part in effect.component_effects
-        ]
+        parts = [part for item in self.acting if item.key != "dipole" for part in item.component_effects]
         return tuple(sorted(parts, key=lambda effect: (effect.rank, effect.key)))
 
     @classmethod
@@ -194,7 +191,7 @@ class Scene(Section):
         for other in kicks[:-1]:
             if other.key not in (kicks[-1].takes_along or ()):
                 raise FieldError(
-                    f"cannot act together with {other.key!r}; take one of them away", "effects", kicks[-1].key
+                    f"cannot act together with {other.key!r}; take one away", "effects", kicks[-1].key
                 )
 
     def initial_positions_and_velocities(self) -> tuple[np.ndarray, np.ndarray]:
@@ -309,9 +306,7 @@ class Scene(Section):
             if stage.needs_piston and self.piston is None:
                 raise FieldError(f"must be given: stage {stage.name!r} moves the piston", "piston")
             if stage.needs_piston_mass and (self.piston is None or self.piston.mass is None):
-                raise FieldError(
-                    f"must be given: stage {stage.name!r} lets the piston move freely", "piston", "mass"
-                )
+                raise FieldError(f"must be given: stage {stage.name!r} frees the piston", "piston", "mass")
             if not top and self.grains.count and (stage.needs_piston_mass or stage.ends_at_force):
                 raise FieldError(
                     "the piston must be a wall that grains push (effects.walls.top)",
@@ -453,9 +448,7 @@ class Scene(Section):
         str
             First 16 hexadecimal digits of the SHA-256 of its plain data.
         """
-        text = json.dumps(self.to_plain(), sort_keys=True)
-        # 64 bits: of a million scenes two clash with a chance of 3e-8.
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return digest(self.to_plain(), 16)  # 64 bits: of a million scenes two clash with a chance of 3e-8
 
 
 def _first_species_diameter(plain: Mapping[str, Any]) -> float | None:

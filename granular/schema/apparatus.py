@@ -240,9 +240,7 @@ class Cell(Section):
         if self.sides == "periodic" and self.height is None:
             raise FieldError("must be given where the sides are periodic", "height")
         if self.sides == "closed" and self.height is not None:
-            raise FieldError(
-                "only a periodic cell has a height; a closed one ends at the piston (piston.height)", "height"
-            )
+            raise FieldError("only a periodic cell has a height; a closed one has piston.height", "height")
 
     def to_plain(self) -> dict[str, Any]:
         """Plain data as of `Section.to_plain`; periodic sides are written where there are any."""

@@ -7,7 +7,7 @@ import difflib
 import math
 import operator
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -254,6 +254,18 @@ class PointListKind(FieldKind):
         return [list(row) for row in value]
 
 
+def _read_items(
+    items: Iterable[Any], read: Callable[[Any, float | None], Any], diameter: float | None
+) -> tuple[Any, ...]:
+    result = []
+    for index, item in enumerate(items):
+        try:
+            result.append(read(item, diameter))
+        except FieldError as error:
+            raise error.with_outer_path(str(index)) from None
+    return tuple(result)
+
+
 @dataclasses.dataclass(frozen=True)
 class QuantityListKind(FieldKind):
     """A list of quantities."""
@@ -264,13 +276,7 @@ class QuantityListKind(FieldKind):
         """Read a list of quantities; diameter [m]."""
         if isinstance(value, str) or not isinstance(value, Sequence):
             raise FieldError("must be a list of numbers")
-        result = []
-        for index, item in enumerate(value):
-            try:
-                result.append(self.element.parse(item, diameter))
-            except FieldError as error:
-                raise error.with_outer_path(str(index)) from None
-        return tuple(result)
+        return _read_items(value, self.element.parse, diameter)
 
     def to_plain(self, value: Any) -> Any:
         """Numbers as a list."""
@@ -307,17 +313,12 @@ class SectionListKind(FieldKind):
             raise FieldError("must be a list of tables")
         if len(value) < self.least:
             raise FieldError(f"must hold at least {self.least} table")
-        built = []
-        for index, item in enumerate(value):
-            try:
-                built.append(self._item(item, diameter))
-            except FieldError as error:
-                raise error.with_outer_path(str(index)) from None
+        built = _read_items(value, self._item, diameter)
         names = [getattr(item, "name", "") for item in built]
         for name in names:
             if name and names.count(name) > 1:
                 raise FieldError(f"the name {quote(name)} is given twice; names must differ")
-        return tuple(built)
+        return built
 
     def _item(self, item: Any, diameter: float | None) -> Any:
         if self.kinds is None:

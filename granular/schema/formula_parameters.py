@@ -120,8 +120,7 @@ class SectionWithFormula(Section):
 
     def check_unit(self, tree: Node, unit: str) -> None:
         """Check the unit of a formula of the variables and parameters."""
-        names = (name for name, _ in self.values)
-        units = {name: unit for name, (_, unit) in zip(names, self.parameters, strict=True)}
+        units = {name: given.split(" ", 1)[1] for name, given in self.values}
         known = dict(self.variables) | {name: _dimension_of_unit(unit) for name, unit in units.items()}
         dimension = infer_dimension(tree, known)
         if dimension != _dimension_of_unit(unit):

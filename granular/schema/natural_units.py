@@ -57,9 +57,8 @@ class Scales:
             Sizes of the natural units in SI.
         """
         diameter = grains.species[0].diameter
-        thickness, density, remanence = (
-            float(grains.species_values(name)[0]) for name in ("thickness", "density", "remanence")
-        )
+        names = ("thickness", "density", "remanence")
+        thickness, density, remanence = (float(grains.species_values(name)[0]) for name in names)
         volume = math.pi * thickness * diameter**2 / 4.0
         moment = remanence * volume / MAGNETIC_CONSTANT
         force = MAGNETIC_CONSTANT * moment**2 / (math.pi * diameter**4)

@@ -17,7 +17,6 @@ from granular.schema.field_kinds import (
     FlagKind,
     IntegerKind,
     NestedSectionKind,
-    PointListKind,
     QuantityKind,
     QuantityListKind,
     SectionListKind,
@@ -103,11 +102,6 @@ def text_field(*, default: Any = dataclasses.MISSING, optional: bool = False) ->
     return section_field(TextKind(optional), default)
 
 
-def points_field(unit: str = "m", *, default: Any = dataclasses.MISSING) -> Any:
-    """Declare a list of pairs of quantities of a section."""
-    return section_field(PointListKind(True, unit=unit), default)
-
-
 def quantity_list_field(
     unit: str, *, default: Any = dataclasses.MISSING, above: float | None = None, least: float | None = None
 ) -> Any:
@@ -136,7 +130,6 @@ def section_list_field(section: type[Section], *, least: int = 0) -> Any:
         integer_field,
         choice_field,
         text_field,
-        points_field,
         quantity_list_field,
         nested_section_field,
         section_list_field,

@@ -66,9 +66,7 @@ def _unit_symbol_size(name: str, diameter: float | None) -> tuple[float, Dimensi
     if len(name) > 1 and name[0] in _PREFIX and name[1:] in _BASE:
         size, dimension = _BASE[name[1:]]
         return _PREFIX[name[0]] * size, dimension
-    raise SceneError(
-        f"unknown unit {quote(name)}; use m, mm, kg, g, s, ms, N, T, Pa, Hz, deg, D and their products"
-    )
+    raise SceneError(f"unknown unit {quote(name)}; use m, mm, kg, s, N, T, Pa, Hz, deg, D and their products")
 
 
 def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimension]:

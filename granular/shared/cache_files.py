@@ -82,9 +82,7 @@ def write_sealed_file(path: Path, label: str, body: bytes) -> None:
 
 def _seal_digest(label: str, body: bytes) -> bytes:
     """Digest of a label and a content."""
-    digest = hashlib.sha256(label.encode())
-    digest.update(b"\0" + body)
-    return digest.digest()
+    return hashlib.sha256(label.encode() + b"\0" + body).digest()
 
 
 _SEAL = hashlib.sha256().digest_size

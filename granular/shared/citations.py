@@ -51,13 +51,12 @@ def cite(*things: Any) -> str:
     3
     """
     keys: set[str] = set()
+    known, entries = citation_keys_by_doi(), bibtex_entries()
     for thing in things:
         texts = getattr(thing, "literature", None)
         if texts is None:
             raise InputError(f"{quote(thing)} names no papers; give a scene, run, method, law or model")
-        known = citation_keys_by_doi()
         keys |= {known[doi] for text in texts for doi in find_dois(text) if doi in known}
-    entries = bibtex_entries()
     return "\n".join(entries[key] for key in (OURS, THESIS, *sorted(keys)))
 
 
@@ -84,11 +83,8 @@ def bibtex_entries() -> dict[str, str]:
 @functools.cache
 def citation_keys_by_doi() -> dict[str, str]:
     """Keys of the BibTeX entries, a dict by their DOIs."""
-    result = {}
-    for key, entry in bibtex_entries().items():
-        if match := re.search(r"doi = \{(.+)\},\n", entry):
-            result[match[1]] = key
-    return result
+    found = {key: re.search(r"doi = \{(.+)\},\n", entry) for key, entry in bibtex_entries().items()}
+    return {match[1]: key for key, match in found.items() if match}
 
 
 def module_docstring_of(cls: type) -> str:

@@ -113,9 +113,7 @@ def report_read_errors(
 
 
 def _too_long_error(path: Path, most_bytes: int, error_type: type[InputError]) -> InputError:
-    return error_type(
-        f"{sanitize(path)}: is too long; at most {most_bytes // 2**20} MB are read: make it shorter"
-    )
+    return error_type(f"{sanitize(path)}: is too long; at most {most_bytes // 2**20} MB are read: shorten it")
 
 
 def parse_toml(text: str) -> dict[str, Any]:

@@ -83,10 +83,8 @@ def figure(
 
 def axes_or_new(ax: Axes | None, width: float = 7.2, height: float = 3.4) -> Axes:
     """Return the axes, or those of a new figure; width, height [inches]."""
-    if ax is not None:
-        return ax
-    new: Axes = new_axes(width=width, height=height)
-    return new
+    chosen: Axes = ax or new_axes(width=width, height=height)
+    return chosen
 
 
 def new_axes(rows: int = 1, **options: Any) -> Any:

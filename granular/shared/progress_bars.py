@@ -16,7 +16,7 @@ LINES_EVERY = 60.0
 def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
     """Make a progress bar of tqdm: a widget in a notebook, else a line of a terminal."""
     tqdm = _import_tqdm()
-    if not wanted or _is_terminal():
+    if not wanted or sys.stderr.isatty() or "ipykernel" in sys.modules:
         return tqdm(disable=not wanted, **options)
     form = options.get("bar_format", "{desc}: {n_fmt} of {total_fmt}{postfix} [{elapsed}]")
     options["bar_format"] = form.replace(" {bar:20}", "")
@@ -56,10 +56,6 @@ def _import_tqdm() -> Any:
         warnings.filterwarnings("ignore", message="IProgress not found")  # no widgets: a plain line
         from tqdm.auto import tqdm
     return tqdm
-
-
-def _is_terminal() -> bool:
-    return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
 class _ProgressLinesInLog:

@@ -10,13 +10,9 @@ __version__ = "0.1.0"
 def versions(more: Sequence[str] = ()) -> dict[str, str]:
     """Versions of the toolkit and of what it computes with, and the kind of machine."""
     import importlib.metadata
-    import platform
+    from platform import machine, python_version
 
-    result = {
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        "granular-damper": __version__,
-    }
+    result = {"python": python_version(), "machine": machine(), "granular-damper": __version__}
     for name in ("numpy", "numba", *more):  # numba may be missing where nothing is simulated
         try:
             result[name] = importlib.metadata.version(name)

@@ -74,9 +74,7 @@ class CustomMeasure:
             if "label" not in last.dims:
                 return {marked.name: last.values.tolist()}
             labels = map(str, last["label"].values)
-            return {
-                f"{marked.name}.{k}": column.values.tolist() for k, column in zip(labels, last, strict=True)
-            }
+            return {f"{marked.name}.{k}": part.values.tolist() for k, part in zip(labels, last, strict=True)}
         figures: Mapping[str, Any] = result(run)
         return figures
 

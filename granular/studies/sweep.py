@@ -268,11 +268,8 @@ def sweep(
 
 
 def _warn_of_doubtful_cases(study: Study) -> None:
-    doubtful = [
-        (case, outcome["warning"])
-        for case, outcome in zip(study.cases, study.outcomes, strict=True)
-        if "warning" in outcome
-    ]
+    pairs = zip(study.cases, study.outcomes, strict=True)
+    doubtful = [(case, outcome["warning"]) for case, outcome in pairs if "warning" in outcome]
     if doubtful:
         case, words = doubtful[0]
         changes = ", ".join(f"{key} = {value}" for key, value in case.changes.items())
