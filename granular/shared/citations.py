@@ -83,8 +83,8 @@ def bibtex_entries() -> dict[str, str]:
 @functools.cache
 def citation_keys_by_doi() -> dict[str, str]:
     """Keys of the BibTeX entries, a dict by their DOIs."""
-    found = {key: re.search(r"doi = \{(.+)\},\n", entry) for key, entry in bibtex_entries().items()}
-    return {match[1]: key for key, match in found.items() if match}
+    matches = {key: re.search(r"doi = \{(.+)\},\n", entry) for key, entry in bibtex_entries().items()}
+    return {match[1]: key for key, match in matches.items() if match}
 
 
 def module_docstring_of(cls: type) -> str:
