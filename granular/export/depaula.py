@@ -33,13 +33,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.export.frames import BedFrame, iterate_frames, open_run
-from granular.observables import compressive_forces, depaula_pair_distance
+from granular.export.frames import iterate_frames, open_run
+from granular.observables import depaula_pair_distance
+from granular.observables.catalogue import grain_compressive_force
+from granular.observables.frame import Frame, is_present
 from granular.observables.interactions import effects_of_unknown_pair_force
 from granular.protocol import Move
 from granular.run.trajectory import Trajectory
 from granular.schema.natural_units import Scales
-from granular.shared.files import write_files_atomically
+from granular.shared.files import write_line_files
 
 STEPS_PER_TIME = 10**6
 """Steps of de Paula in its unit of time T [D, 2.3.2]."""
@@ -106,12 +108,9 @@ def to_depaula_files(
         **_constant_files(run, depaula_time),
     }
     files = {f"{name}.dat": lines for name, lines in contents.items()}
-    with write_files_atomically(directory, list(files), overwrite) as place_of:
-        _warn_of_coarse_frames(run, depaula_time)
-        for name, lines in files.items():
-            with place_of(name).open("w", encoding="utf-8") as file:
-                file.writelines(lines)
-    return tuple(directory / name for name in files)
+    written = write_line_files(directory, files, overwrite)
+    _warn_of_coarse_frames(run, depaula_time)
+    return written
 
 
 def _warn_of_coarse_frames(run: Trajectory, depaula_time: DepaulaTimeUnits) -> None:
@@ -147,22 +146,20 @@ def _particle_files(
 ) -> dict[str, Iterator[str]]:
     units, unit = Scales.from_grains(run.scene.grains), depaula_time.time_unit
     speed, force = units.length / unit, units.mass * units.length / unit**2
-    tables: dict[str, tuple[str, Callable[[BedFrame], np.ndarray]]] = {
-        "posPart": ("x y [D]", lambda frame: frame.position / units.length),
-        "velPart": ("x y [D/T]", lambda frame: frame.velocity / speed),
-        "forPart": ("x y [m D/T^2]", lambda frame: frame.force / force),
+    tables: dict[str, tuple[str, Callable[[Frame], np.ndarray]]] = {
+        "posPart": ("x y [D]", lambda frame: frame.positions / units.length),
+        "velPart": ("x y [D/T]", lambda frame: frame.velocities / speed),
+        "forPart": ("x y [m D/T^2]", lambda frame: frame.forces / force),
     }
     apart = not effects_of_unknown_pair_force(run.scene)
     if apart:
-        tables["comPart"] = (
-            "compression [m D/T^2]",
-            lambda frame: _compressive_forces_of_frame(run, frame) / force,
-        )
+        compression = "compression [m D/T^2]"
+        tables["comPart"] = compression, lambda frame: grain_compressive_force(frame)[:, None] / force
     times = run.dataset["frame_time"].values
     chosen = {every: _nearest_record_indices(times, depaula_time, every) for every in (FINE, USUAL, COARSE)}
     files: dict[str, Iterator[str]] = {}
 
-    def add(name: str, every: int, table: tuple[str, Callable[[BedFrame], np.ndarray]]) -> None:
+    def add(name: str, every: int, table: tuple[str, Callable[[Frame], np.ndarray]]) -> None:
         bar = f"{name}.dat" if progress else None
         files[name] = _particle_file_lines(run, depaula_time, every, chosen[every], *table, bar)
 
@@ -172,26 +169,12 @@ def _particle_files(
             add(f"{name}_0", FINE, table)
     if apart:
         coarse = iterate_frames(run, chosen[COARSE])
-        sizes = (
-            float(np.fmax.reduce(_compressive_forces_of_frame(run, frame)[:, 0], initial=0.0))
-            for frame in coarse
-        )
+        sizes = (float(np.fmax.reduce(grain_compressive_force(frame), initial=0.0)) for frame in coarse)
         greatest = max(sizes, default=0.0) or 1.0
-        fraction = "compression/(its greatest)"
-        add(
-            "comPart_norm",
-            COARSE,
-            (fraction, lambda frame: _compressive_forces_of_frame(run, frame) / greatest),
-        )
+        norm = "compression/(its greatest)", lambda frame: grain_compressive_force(frame)[:, None] / greatest
+        add("comPart_norm", COARSE, norm)
     add("posPart_norm", COARSE, tables["posPart"])
     return files
-
-
-def _compressive_forces_of_frame(run: Trajectory, frame: BedFrame) -> np.ndarray:
-    """Compressive force on each grain that is there (k, 1) [N]."""
-    positions = np.full((run.scene.grains.count, 2), np.nan)
-    positions[frame.grains] = frame.position
-    return compressive_forces(run.scene, positions, frame.height)[frame.grains][:, None]
 
 
 def _particle_file_lines(
@@ -200,16 +183,16 @@ def _particle_file_lines(
     every: int,
     chosen: Sequence[int],
     columns: str,
-    table: Callable[[BedFrame], np.ndarray],
+    table: Callable[[Frame], np.ndarray],
     bar: str | None,
 ) -> Iterator[str]:
     yield f"# {columns}, every {every} steps\n"
-    everyone = np.arange(run.scene.grains.count)
-    for frame in iterate_frames(run, chosen, bar):
-        absent = np.setdiff1d(everyone, frame.grains)
+    for number, frame in zip(chosen, iterate_frames(run, chosen, bar), strict=True):
+        present = is_present(frame.positions)
+        absent = np.flatnonzero(~present)
         note = f", without grains {' '.join(map(str, absent))}" if len(absent) else ""
-        yield f"# frame {frame.number}, t = {frame.time / depaula_time.time_unit:.17g} T{note}\n"
-        yield _table_lines(table(frame)) + "\n"
+        yield f"# frame {number}, t = {frame.time / depaula_time.time_unit:.17g} T{note}\n"
+        yield _table_lines(table(frame)[present]) + "\n"
 
 
 def _piston_files(run: Trajectory, depaula_time: DepaulaTimeUnits) -> dict[str, Iterator[str]]:
@@ -235,7 +218,7 @@ def _mean_distance_lines(run: Trajectory, depaula_time: DepaulaTimeUnits, progre
     chosen = _nearest_record_indices(run.dataset["frame_time"].values, depaula_time, COARSE)
     yield f"# t [T], half of the mean distance of the pairs [D], every {COARSE} steps\n"
     for frame in iterate_frames(run, chosen, "avgDis.dat" if progress else None):
-        distance = depaula_pair_distance(frame.position) / diameter
+        distance = depaula_pair_distance(frame.positions) / diameter
         yield _table_lines(np.array([[frame.time / depaula_time.time_unit, distance]]))
 
 

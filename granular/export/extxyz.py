@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from granular.export.frames import BedFrame, iterate_frames, open_run
+from granular.export.frames import iterate_frames, open_run, present_grains
+from granular.observables.frame import Frame
 from granular.run.trajectory import Trajectory
 from granular.shared.files import write_atomically
 
@@ -57,44 +57,35 @@ def to_extxyz(
     """
     run, path = open_run(run), Path(path)
     with write_atomically(path, overwrite) as part, part.open("w", encoding="utf-8") as file:
-        grain_lines = _grain_line_writer(run)
         for frame in iterate_frames(run, bar=path.name if progress else None):
-            file.write(f"{len(frame.grains)}\n{_comment_line(run, frame)}\n{grain_lines(frame)}")
+            grains, present = present_grains(frame)
+            file.write(f"{len(grains)}\n{_comment_line(present)}\n{_grain_lines(present, grains)}")
     return path
 
 
-def _grain_line_writer(run: Trajectory) -> Callable[[BedFrame], str]:
-    """Return a function that writes the lines of a frame's grains."""
-    grains = run.scene.grains
-    names = ["_".join(specy.name.split()) or "grain" for specy in grains.species]
+def _grain_lines(frame: Frame, grains: np.ndarray) -> str:
     numbers = " ".join(["%.17g"] * 11)
-    forms = [
-        f"{names[k].replace('%', '%%')} {numbers} %d {k} {NO_ELEMENT}\n" for k in grains.species_indices()
-    ]
-    radius, mass = grains.diameters() / 2.0, grains.masses()
-
-    def lines(frame: BedFrame) -> str:
-        table = np.zeros((len(frame.grains), 12))
-        for start, field in enumerate((frame.position, frame.velocity, frame.force)):
-            table[:, 3 * start : 3 * start + 2] = field
-        table[:, 9], table[:, 10] = radius[frame.grains], mass[frame.grains]
-        table[:, 11] = frame.grains
-        return "".join(forms[i] for i in frame.grains) % tuple(table.ravel().tolist())
-
-    return lines
+    names = ["_".join(specy.name.split()) or "grain" for specy in frame.scene.grains.species]
+    forms = [f"{name.replace('%', '%%')} {numbers} %d {k} {NO_ELEMENT}\n" for k, name in enumerate(names)]
+    table = np.zeros((len(grains), 12))
+    for start, field in enumerate((frame.positions, frame.velocities, frame.forces)):
+        table[:, 3 * start : 3 * start + 2] = field
+    table[:, 9], table[:, 10], table[:, 11] = frame.diameters / 2.0, frame.masses, grains
+    return "".join(forms[k] for k in frame.species) % tuple(table.ravel().tolist())
 
 
-def _comment_line(run: Trajectory, frame: BedFrame) -> str:
-    cell = run.scene.cell
-    periodic = cell.periods is not None
-    height = cell.height if periodic else frame.height
-    if height is None:
-        radius = run.scene.grains.diameters()[frame.grains] / 2.0
-        height = float((frame.position[:, 1] + radius).max(initial=radius.max(initial=0.0)))
-    depth = cell.separation
-    piston = "" if frame.height is None else f" Piston_height={frame.height:.17g}"
+def _comment_line(frame: Frame) -> str:
+    cell = frame.scene.cell
+    height, depth, piston = frame.piston_height, cell.separation, ""
+    if frame.scene.piston is not None:
+        piston = f" Piston_height={height:.17g}"
+    elif cell.height is not None:
+        height = cell.height
+    else:
+        radius = frame.diameters / 2.0
+        height = float((frame.positions[:, 1] + radius).max(initial=radius.max(initial=0.0)))
     return (
         f'Lattice="{cell.width:.17g} 0 0 0 {height:.17g} 0 0 0 {depth:.17g}" '
         f'Origin="0 0 {-depth / 2.0:.17g}" Properties={PROPERTIES} Time={frame.time:.17g}'
-        f'{piston} pbc="{"T T F" if periodic else "F F F"}"'
+        f'{piston} pbc="{"T T F" if cell.periods else "F F F"}"'
     )

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from granular.export.frames import BedFrame, iterate_frames, open_run, planar_to_spatial
+from granular.export.frames import iterate_frames, open_run, planar_to_spatial, present_grains
+from granular.observables.frame import Frame
 from granular.run.trajectory import Trajectory
-from granular.shared.errors import InputError
+from granular.shared.errors import import_extra
 from granular.shared.files import write_atomically
 
 
@@ -55,18 +56,12 @@ def to_gsd(
     ----------
     The schema: https://gsd.readthedocs.io/en/stable/schema-hoomd.html.
     """
-    try:
-        import gsd.hoomd
-    except ImportError:
-        raise InputError(
-            "GSD needs the library gsd; install it with: pip install 'granular-damper[export]'"
-        ) from None
+    hoomd = import_extra("gsd.hoomd", "GSD", "export")
     run, path = open_run(run), Path(path)
     low, size = _bounding_box_of_run(run)
-    with write_atomically(path, overwrite) as part, gsd.hoomd.open(name=str(part), mode="w") as file:
-        constant_fields = _constant_fields(run)
-        for frame in iterate_frames(run, bar=path.name if progress else None):
-            file.append(_fill_gsd_frame(gsd.hoomd.Frame(), frame, constant_fields, low, size))
+    with write_atomically(path, overwrite) as part, hoomd.open(name=str(part), mode="w") as file:
+        for number, frame in enumerate(iterate_frames(run, bar=path.name if progress else None)):
+            file.append(_fill_gsd_frame(hoomd.Frame(), number, frame, low, size))
     return path
 
 
@@ -77,44 +72,32 @@ def _bounding_box_of_run(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     heights = [0.0] if run.scene.piston is None else run.dataset["frame_height"].values
     low, high = np.zeros(2), np.array([run.scene.cell.width, np.nanmax(heights)])
     for frame in iterate_frames(run):
-        low = np.minimum(low, frame.position.min(axis=0, initial=np.inf))
-        high = np.maximum(high, frame.position.max(axis=0, initial=-np.inf))
+        low = np.minimum(low, np.fmin.reduce(frame.positions, initial=np.inf))
+        high = np.maximum(high, np.fmax.reduce(frame.positions, initial=-np.inf))
     return low, high - low
 
 
-def _constant_fields(run: Trajectory) -> dict[str, Any]:
-    """Fields that are the same in all frames, by name, for all grains of the scene."""
-    grains = run.scene.grains
-    return {
-        "types": [specy.name for specy in grains.species],
-        "typeid": grains.species_indices().astype(np.uint32),
-        "diameter": grains.diameters(),
-        "mass": grains.masses(),
-        # About a closed cell as much again, so that no image of a grain is near.
-        "box": 2.0 if run.scene.cell.periods is None else 1.0,
-    }
-
-
-def _fill_gsd_frame(
-    new: Any, frame: BedFrame, constant_fields: dict[str, Any], low: np.ndarray, size: np.ndarray
-) -> Any:
-    new.configuration.step = frame.number
+def _fill_gsd_frame(new: Any, number: int, frame: Frame, low: np.ndarray, size: np.ndarray) -> Any:
+    grains, present = present_grains(frame)
+    # About a closed cell as much again, so that no image of a grain is near.
+    box = size if frame.scene.cell.periods else 2.0 * size
+    new.configuration.step = number
     new.configuration.dimensions = 2
-    new.configuration.box = [*(constant_fields["box"] * size).tolist(), 0.0, 0.0, 0.0, 0.0]
+    new.configuration.box = [*box.tolist(), 0.0, 0.0, 0.0, 0.0]
     particles = new.particles
-    particles.N = len(frame.grains)
-    particles.types = constant_fields["types"]
-    for name in ("typeid", "diameter", "mass"):
-        setattr(particles, name, constant_fields[name][frame.grains])
-    particles.position = planar_to_spatial(frame.position - low - size / 2.0)
-    particles.velocity = planar_to_spatial(frame.velocity)
+    particles.N = len(grains)
+    particles.types = [specy.name for specy in frame.scene.grains.species]
+    particles.typeid = present.species.astype(np.uint32)
+    particles.diameter, particles.mass = present.diameters, present.masses
+    particles.position = planar_to_spatial(present.positions - low - size / 2.0)
+    particles.velocity = planar_to_spatial(present.velocities)
     new.log = {
         "time": np.array([frame.time]),
-        "particles/position": planar_to_spatial(frame.position),
-        "particles/velocity": planar_to_spatial(frame.velocity),
-        "particles/force": planar_to_spatial(frame.force),
-        "particles/grain": frame.grains.astype(np.int32),
+        "particles/position": planar_to_spatial(present.positions),
+        "particles/velocity": planar_to_spatial(present.velocities),
+        "particles/force": planar_to_spatial(present.forces),
+        "particles/grain": grains.astype(np.int32),
     }
-    if frame.height is not None:
-        new.log["piston_height"] = np.array([frame.height])
+    if frame.scene.piston is not None:
+        new.log["piston_height"] = np.array([frame.piston_height])
     return new

@@ -11,9 +11,8 @@ drag included.
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -21,7 +20,7 @@ import numpy as np
 
 from granular.effects import wall_experimental, wall_infinite
 from granular.effects.dipole import discs_unless_dipoles
-from granular.export.frames import iterate_frames, open_run
+from granular.export.frames import open_run, present_grains
 from granular.export.lammps_script import (
     NEAREST_PAIR,
     NEAREST_WALL,
@@ -34,6 +33,7 @@ from granular.export.lammps_script import (
     wall_table_name,
 )
 from granular.export.lammps_stages import RemainingStage, remaining_stage
+from granular.observables.frame import frame_at
 from granular.pairs import dipole_law
 from granular.pairs.disc_law import Disc
 from granular.pairs.disc_near_law import disc_over_dipole_stiffness, make_disc_laws
@@ -43,7 +43,7 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
-from granular.shared.files import check_output_file, make_directory, write_atomically
+from granular.shared.files import write_line_files
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -103,14 +103,13 @@ def to_lammps(
     check_exportable_scene(scene)
     start = _start_of_scene(scene) if run is None else _start_after_run(run)
     deck = _make_deck(scene, start, dt)
-    directory = Path(directory)
     contents = {
         "in.granular": (f"{line}\n" for line in input_script_lines(deck)),
         "bed.data": _data_file_lines(deck, start),
         "pairs.table": _pair_table_lines(deck),
         "walls.table": _wall_table_lines(deck),
     }
-    return _write_deck_files(directory, contents, overwrite)
+    return write_line_files(Path(directory), contents, overwrite)
 
 
 def _open_source(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajectory | None]:
@@ -137,16 +136,17 @@ def _start_of_scene(scene: Scene) -> _DeckStart:
 
 def _start_after_run(run: Trajectory) -> _DeckStart:
     """Last frame, and the stages that it leaves."""
-    (frame,) = iterate_frames(run, [run.dataset.sizes["frame"] - 1])
+    grains, frame = present_grains(frame_at(run))
     behind = [stage for stage in run.stages if stage.reason != "cut" and stage.end <= frame.time]
-    height, started, point = frame.height, frame.time, len(behind)
+    present = None if run.scene.piston is None else frame.piston_height
+    height, started, point = present, frame.time, len(behind)
     if point < len(run.stages):
         now = run.stages[point]
         started = now.start
         if height is not None:
             height = float(run.piston(now.name).height[0])
     stages = tuple(_remaining_stages(run.scene, point, height, frame.time - started))
-    return _DeckStart(frame.time, frame.height, frame.grains, frame.position, frame.velocity, stages)
+    return _DeckStart(frame.time, present, grains, frame.positions, frame.velocities, stages)
 
 
 def _remaining_stages(
@@ -286,22 +286,6 @@ def _wall_table_lines(deck: LammpsDeck) -> Iterator[str]:
             yield from wall_force_table(
                 name, law, moment_ratio, nearest, farthest, deck.scales
             ).section_lines("FP")
-
-
-def _write_deck_files(
-    directory: Path, contents: Mapping[str, Iterable[str]], overwrite: bool
-) -> tuple[Path, ...]:
-    """All files appear together when the last one is complete."""
-    paths = {name: directory / name for name in contents}
-    make_directory(directory)
-    for path in paths.values():
-        check_output_file(path, overwrite)
-    with contextlib.ExitStack() as stack:
-        for name, lines in contents.items():
-            part = stack.enter_context(write_atomically(paths[name], overwrite))
-            with part.open("w", encoding="utf-8") as file:
-                file.writelines(lines)
-    return tuple(paths.values())
 
 
 REACH = 6.0

@@ -7,11 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
-from granular.export.frames import BedFrame, iterate_frames, open_run
+from granular.export.frames import iterate_frames, open_run, present_grains
 from granular.run.trajectory import Trajectory
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, import_extra
 from granular.shared.files import write_files_atomically
 
 if TYPE_CHECKING:
@@ -82,24 +80,21 @@ def _header_with_unit(name: str, unit: str) -> str:
 
 
 def _grain_tables(run: Trajectory, directory: Path, progress: bool) -> Iterator[pandas.DataFrame]:
-    species = run.scene.grains.species_indices()
-    for frame in iterate_frames(run, bar=directory.name if progress else None):
-        yield _grain_table_of_frame(frame, species)
-
-
-def _grain_table_of_frame(frame: BedFrame, species: np.ndarray) -> pandas.DataFrame:
     import pandas
 
-    columns: dict[str, Any] = {
-        "frame": frame.number,
-        "time [s]": frame.time,
-        "grain": frame.grains,
-        "species": species[frame.grains],
-    }
-    for name, unit in (("position", "m"), ("velocity", "m/s"), ("force", "N")):
-        for k, axis in enumerate("xy"):
-            columns[_header_with_unit(f"{name}_{axis}", unit)] = getattr(frame, name)[:, k]
-    return pandas.DataFrame(columns)
+    frames = iterate_frames(run, bar=directory.name if progress else None)
+    for number, (grains, frame) in enumerate(map(present_grains, frames)):
+        columns: dict[str, Any] = {
+            "frame": number,
+            "time [s]": frame.time,
+            "grain": grains,
+            "species": frame.species,
+        }
+        fields = {"position": "m", "velocity": "m/s", "force": "N"}
+        for (name, unit), values in zip(fields.items(), frame[2:5], strict=True):
+            for k, axis in enumerate("xy"):
+                columns[_header_with_unit(f"{name}_{axis}", unit)] = values[:, k]
+        yield pandas.DataFrame(columns)
 
 
 def _write_csv(path: Path, parts: Iterator[pandas.DataFrame]) -> None:
@@ -109,13 +104,8 @@ def _write_csv(path: Path, parts: Iterator[pandas.DataFrame]) -> None:
 
 
 def _write_parquet(path: Path, parts: Iterator[pandas.DataFrame]) -> None:
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        raise InputError(
-            "Parquet needs the library pyarrow; install it with: pip install 'granular-damper[parquet]'"
-        ) from None
+    pyarrow = import_extra("pyarrow", "Parquet", "parquet")
+    parquet = import_extra("pyarrow.parquet", "Parquet", "parquet")
     with contextlib.ExitStack() as stack:
         writer = None
         for table in parts:

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from granular.export.frames import BedFrame, iterate_frames, open_run, planar_to_spatial
+from granular.export.frames import iterate_frames, open_run, planar_to_spatial, present_grains
+from granular.observables.frame import Frame
 from granular.run.trajectory import Trajectory
-from granular.shared.errors import InputError
+from granular.shared.errors import import_extra
 from granular.shared.files import write_files_atomically
 
 LIST = "bed.pvd"
@@ -52,39 +53,30 @@ def to_vtk(
     ----------
     https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html
     """
-    try:
-        import meshio
-    except ImportError:
-        raise InputError(
-            "VTK needs the library meshio; install it with: pip install 'granular-damper[export]'"
-        ) from None
+    meshio = import_extra("meshio", "VTK", "export")
     run, directory = open_run(run), Path(directory)
     times = run.dataset["frame_time"].values
     names = [f"bed_{k:05d}.vtu" for k in range(len(times))]
     with write_files_atomically(directory, [LIST, *names], overwrite) as place_of:
-        constant_fields = _constant_fields(run)
         place_of(LIST).write_text(_paraview_series(names, times), encoding="utf-8")
         frames = iterate_frames(run, bar=directory.name if progress else None)
         for name, frame in zip(names, frames, strict=True):
-            meshio.write(place_of(name), _mesh_of_frame(meshio, frame, constant_fields), file_format="vtu")
+            meshio.write(place_of(name), _mesh_of_frame(meshio, frame), file_format="vtu")
     return (directory / LIST, *(directory / name for name in names))
 
 
-def _constant_fields(run: Trajectory) -> dict[str, np.ndarray]:
-    grains = run.scene.grains
-    return {
-        "radius": grains.diameters() / 2.0,
-        "mass": grains.masses(),
-        "species": np.asarray(grains.species_indices(), dtype=np.int64),
+def _mesh_of_frame(meshio: Any, frame: Frame) -> Any:
+    grains, present = present_grains(frame)
+    data = {
+        "radius": present.diameters / 2.0,
+        "mass": present.masses,
+        "species": present.species.astype(np.int64),
+        "grain": grains.astype(np.int64),
+        "velocity": planar_to_spatial(present.velocities),
+        "force": planar_to_spatial(present.forces),
     }
-
-
-def _mesh_of_frame(meshio: Any, frame: BedFrame, constant_fields: dict[str, np.ndarray]) -> Any:
-    data = {name: values[frame.grains] for name, values in constant_fields.items()}
-    data |= {"grain": np.asarray(frame.grains, dtype=np.int64)}
-    data |= {"velocity": planar_to_spatial(frame.velocity), "force": planar_to_spatial(frame.force)}
-    points = np.arange(len(frame.grains))[:, None]
-    return meshio.Mesh(planar_to_spatial(frame.position), [("vertex", points)], point_data=data)
+    points = np.arange(len(grains))[:, None]
+    return meshio.Mesh(planar_to_spatial(present.positions), [("vertex", points)], point_data=data)
 
 
 def _paraview_series(names: list[str], times: np.ndarray) -> str:

@@ -14,6 +14,7 @@ from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
+    from jaxtyping import Float
 
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
@@ -80,7 +81,12 @@ def interaction_forces(frame: Frame) -> np.ndarray:
     float64 (n, 2)
         Force on each grain [N]; NaN for absent grains.
     """
-    acceleration, effects = np.zeros(2), frame.scene.effects
+    return frame.forces - frame.masses[:, None] * outer_acceleration(frame.scene, frame.time)
+
+
+def outer_acceleration(scene: Scene, time: float) -> Float[np.ndarray, "2"]:
+    """Acceleration by weight, and by inertia in a shaken cell [m/s^2]; time [s]."""
+    acceleration, effects = np.zeros(2), scene.effects
     gravity, shaking, host = effects.gravity, effects.shaking, effects.host
     if gravity is not None:
         # A host that carries the piston has the cell upside down.
@@ -88,9 +94,9 @@ def interaction_forces(frame: Frame) -> np.ndarray:
         acceleration[1] += gravity.acceleration if upwards else -gravity.acceleration
     if shaking is not None:
         omega = 2.0 * np.pi * shaking.frequency
-        swing = shaking.amplitude * omega**2 * np.sin(omega * frame.time)
+        swing = shaking.amplitude * omega**2 * np.sin(omega * time)
         acceleration += swing * np.array([np.cos(shaking.angle), np.sin(shaking.angle)])
-    return frame.forces - frame.masses[:, None] * acceleration
+    return acceleration
 
 
 def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> np.ndarray:

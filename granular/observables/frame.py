@@ -170,7 +170,10 @@ def frame_at(run: Trajectory, index: int = -1) -> Frame:
     """
     total = run.dataset.sizes["frame"]
     if not -total <= index < total:
-        raise InputError(f"frame = {index}; the run has the frames 0 to {total - 1}")
+        raise InputError(
+            f"there is no frame {index}; the run has {total}: give 0 to {total - 1}, or -{total} to -1 "
+            "to count from the end"
+        )
     return next(frames(run, [index]))
 
 

@@ -8,93 +8,53 @@ numbers of sides between orange and purple.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from granular.export.frames import BedFrame
-from granular.observables.forces import compressive_forces, grain_pressures, relative_force_fluctuation
-from granular.observables.voronoi import VoronoiCells, hexagon_regularity
+from granular.observables.catalogue import grain_compressive_force, grain_pressure, interior_force_fluctuation
+from granular.observables.forces import interaction_forces
+from granular.observables.frame import Frame
+from granular.observables.voronoi import hexagon_regularity, voronoi_cells
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.plotting import SIDES
 
-if TYPE_CHECKING:
-    from jaxtyping import Int
-
 SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
-
-
-class ColouringInput(NamedTuple):
-    """State of the bed from which a colouring computes its values."""
-
-    frame: BedFrame
-    scene: Scene
-    species: Int[np.ndarray, "k"]
-    cells: VoronoiCells | None
 
 
 class Colouring(NamedTuple):
     """Quantity that the colours show."""
 
     label: str  # title of bar or legend, with the unit
-    values: Callable[[ColouringInput], np.ndarray]  # (k,), in that unit; NaN: none; of classes the index
+    values: Callable[[Frame], np.ndarray]  # (n,), in that unit; NaN: none; of classes the index
     map: str = ""  # of matplotlib; empty: classes
-    needs_cells: bool = False  # values follow from the Voronoi cells
+    needs_cells: bool = False  # values follow from the Voronoi cells, which are drawn
     on_cells: bool = False  # cells are coloured, grains are dark discs
     lower: float | None = 0.0  # end of the colours; None: 1st percentile
     upper: float | None = None  # None: 99th percentile
 
 
-def _required_voronoi_cells(view: ColouringInput) -> VoronoiCells:
-    assert view.cells is not None
-    return view.cells
-
-
-def _voronoi_side_counts(view: ColouringInput) -> np.ndarray:
-    cells = _required_voronoi_cells(view)
+def _voronoi_side_counts(frame: Frame) -> np.ndarray:
+    cells = voronoi_cells(frame.positions)
     return np.where(cells.interior, np.clip(cells.sides, 4, 8) - 4.0, np.nan)
 
 
-def _fluctuation_values(view: ColouringInput) -> np.ndarray:
-    sizes = np.linalg.norm(view.frame.interaction, axis=1)
-    return relative_force_fluctuation(
-        np.where(_required_voronoi_cells(view).interior, sizes, np.nan), view.species
-    )
-
-
-def _positions_with_absent(view: ColouringInput) -> np.ndarray:
-    """Positions of all grains of the scene (n, 2) [m]; NaN for absent ones."""
-    positions = np.full((view.scene.grains.count, 2), np.nan)
-    positions[view.frame.grains] = view.frame.position
-    return positions
-
-
-def _compression_values(view: ColouringInput) -> np.ndarray:
-    result = compressive_forces(view.scene, _positions_with_absent(view), view.frame.height)
-    return result[view.frame.grains]
-
-
-def _pressure_values(view: ColouringInput) -> np.ndarray:
-    result = grain_pressures(view.scene, _positions_with_absent(view), view.frame.height)
-    return result[view.frame.grains]
-
-
 COLOURINGS: Mapping[str, Colouring] = {
-    "species": Colouring("species", lambda view: view.species.astype(float)),
+    "species": Colouring("species", lambda frame: frame.species.astype(float)),
     "speed": Colouring(
-        "speed [mm/s]", lambda view: 1e3 * np.linalg.norm(view.frame.velocity, axis=1), "viridis"
+        "speed [mm/s]", lambda frame: 1e3 * np.linalg.norm(frame.velocities, axis=1), "viridis"
     ),
     "force": Colouring(
         "force of grains and walls [N]",
-        lambda view: np.linalg.norm(view.frame.interaction, axis=1),
+        lambda frame: np.linalg.norm(interaction_forces(frame), axis=1),
         "inferno",
     ),
-    "compression": Colouring("compressive force [N]", _compression_values, "inferno", lower=None),
+    "compression": Colouring("compressive force [N]", grain_compressive_force, "inferno", lower=None),
     "pressure": Colouring(
         "pressure of the grain [N/m] (white: rim)",
-        _pressure_values,
+        grain_pressure,
         "inferno",
         needs_cells=True,
         on_cells=True,
@@ -103,7 +63,7 @@ COLOURINGS: Mapping[str, Colouring] = {
     "sides": Colouring("sides of the Voronoi cell", _voronoi_side_counts, needs_cells=True, on_cells=True),
     "regularity": Colouring(
         "regularity of the hexagons (white: others)",
-        lambda view: hexagon_regularity(_required_voronoi_cells(view)),
+        lambda frame: hexagon_regularity(voronoi_cells(frame.positions)),
         "viridis",
         needs_cells=True,
         on_cells=True,
@@ -111,7 +71,10 @@ COLOURINGS: Mapping[str, Colouring] = {
         upper=1.0,
     ),
     "fluctuation": Colouring(
-        "relative fluctuation of the force (white: rim)", _fluctuation_values, "cividis", needs_cells=True
+        "relative fluctuation of the force (white: rim)",
+        interior_force_fluctuation,
+        "cividis",
+        needs_cells=True,
     ),
 }
 """The colourings by name.

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.export.frames import BedFrame, iterate_frames, open_run
+from granular.export.frames import iterate_frames, open_run
+from granular.observables.forces import interaction_forces, outer_acceleration
+from granular.observables.frame import Frame
 from granular.render.colourings import colouring_by_name
 from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits, highest_point_of_bed
 from granular.run.trajectory import Trajectory
-from granular.schema.apparatus import Cell
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, import_extra
 from granular.shared.files import check_output_file, write_atomically
 from granular.shared.message_text import quote
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
@@ -108,7 +109,7 @@ def movie(
     if speed is not None:
         times = movie_picture_times(times, speed, fps)
     top = highest_point_of_bed(run, iterate_frames(run, numbers))
-    limits = colour_limits(run, colour, iterate_frames(run, numbers))
+    limits = colour_limits(colour, iterate_frames(run, numbers))
     duration = float(times[0]), float(times[-1])
     picture = BedPicture(run, colour, limits, top, duration, width / DPI - LEFT - RIGHT)
     bar = path.name if progress else None
@@ -136,7 +137,7 @@ def stage_frame_indices(run: Trajectory, stage: str | None) -> list[int]:
     return [int(effect) for effect in inside]
 
 
-def _render_images(picture: BedPicture, beds: Iterator[BedFrame], stop: StopRequest) -> Iterator[np.ndarray]:
+def _render_images(picture: BedPicture, beds: Iterator[Frame], stop: StopRequest) -> Iterator[np.ndarray]:
     """Pictures as bytes (height, width, 3), up to the last or to Ctrl-C."""
     for frame in beds:
         picture.show_frame(frame)
@@ -158,13 +159,7 @@ def _movie_writer(path: Path, fps: float) -> Callable[[Path, Iterator[np.ndarray
 
 def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
     """Write the pictures with the program ffmpeg; how many there were."""
-    try:
-        import imageio_ffmpeg
-    except ImportError:
-        raise InputError(
-            "an MP4 needs the library imageio-ffmpeg; install it with: "
-            "pip install 'granular-damper[movies]', or write a .gif"
-        ) from None
+    imageio_ffmpeg = import_extra("imageio_ffmpeg", "an MP4", "movies")
     first = next(images)
     size = (first.shape[1], first.shape[0])
     # H.264 wants even sizes; by default imageio-ffmpeg would stretch pictures to multiples of 16.
@@ -217,20 +212,23 @@ def movie_picture_times(times: Float[np.ndarray, "m"], speed: float, fps: float)
 
 def interpolate_bed(
     run: Trajectory, numbers: Sequence[int], times: Float[np.ndarray, "n"], bar: str | None = None
-) -> Iterator[BedFrame]:
+) -> Iterator[Frame]:
     """Yield the bed at given times between the frames of a run; times [s]."""
     frames = iterate_frames(run, numbers, bar)
     before = after = next(frames)
-    heights = _RecordedPistonHeight(run)
+    data, heights = run.dataset, None
+    if "piston_height" in data:
+        heights = np.interp(times, data["time"].values, data["piston_height"].values)
     bent = 0.0
-    for time in times:
+    for k, time in enumerate(times):
         while after.time < time:
             following = next(frames, None)
             if following is None:
                 break
             before, after = after, following
             bent = max(bent, _largest_path_deviation(before, after))
-        yield _interpolate_between(before, after, float(time), heights, run.scene.cell)
+        frame = _interpolate_between(before, after, float(time))
+        yield frame if heights is None else frame._replace(piston_height=float(heights[k]))
     if bent > FARTHEST * run.scene.grains.diameters().max(initial=0.0):
         warnings.warn(
             f"between two frames a grain leaves the straight line by {1e3 * bent:.2g} mm, so the "
@@ -239,74 +237,34 @@ def interpolate_bed(
         )
 
 
-class _RecordedPistonHeight:
-    """The recorded height of the piston at any time."""
-
-    def __init__(self, run: Trajectory) -> None:
-        data = run.dataset
-        self.known = "piston_height" in data and data.sizes["time"] > 0
-        if self.known:
-            self._times = data["time"].values
-            self._heights = data["piston_height"].values
-
-    def height_at(self, time: float) -> float:
-        return float(np.interp(time, self._times, self._heights))
-
-
-def _common_grains(before: BedFrame, after: BedFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Grains that are in both frames, and their indices in each."""
-    return np.intersect1d(before.grains, after.grains, return_indices=True)
-
-
-def _largest_path_deviation(before: BedFrame, after: BedFrame) -> float:
+def _largest_path_deviation(before: Frame, after: Frame) -> float:
     """Most by which a cubic path is off the straight line midway [m]."""
-    _, first, second = _common_grains(before, after)
-    change = before.velocity[first] - after.velocity[second]
+    change = before.velocities - after.velocities
     # Halfway, a cubic path is off the straight line by T (v_1 - v_2)/8.
     off = (after.time - before.time) / 8.0 * np.hypot(*change.T)
-    return float(off.max(initial=0.0))
+    return float(np.fmax.reduce(off, initial=0.0))
 
 
-def _interpolate_between(
-    before: BedFrame, after: BedFrame, time: float, heights: _RecordedPistonHeight, cell: Cell
-) -> BedFrame:
+def _interpolate_between(before: Frame, after: Frame, time: float) -> Frame:
+    """Bed at a time between two frames, with the grains that are in both; time [s]."""
     duration = after.time - before.time
     fraction = min(max((time - before.time) / duration, 0.0), 1.0) if duration > 0.0 else 0.0
     if fraction in (0.0, 1.0):
-        frame = after if fraction else before
-        return (
-            frame._replace(time=time)
-            if not heights.known
-            else _set_recorded_piston_height(frame, time, heights)
-        )
-    grains, first, second = _common_grains(before, after)
-
-    def evenly(name: str) -> np.ndarray:
-        ends = getattr(before, name)[first], getattr(after, name)[second]
-        return (1.0 - fraction) * ends[0] + fraction * ends[1]
-
-    start = before.position[first]
-    end = start + cell.nearest_image_displacements(after.position[second] - start)
-    leaving, arriving = duration * before.velocity[first], duration * after.velocity[second]
-    rest = 1.0 - fraction
+        return (after if fraction else before)._replace(time=time)
+    rest, cell, start = 1.0 - fraction, before.scene.cell, before.positions
+    end = start + cell.nearest_image_displacements(after.positions - start)
+    leaving, arriving = duration * before.velocities, duration * after.velocities
     position = (
         # Cubic (Hermite) path with the positions and velocities of both frames.
         rest * rest * (1.0 + 2.0 * fraction) * start
         + fraction * fraction * (3.0 - 2.0 * fraction) * end
         + fraction * rest * (rest * leaving - fraction * arriving)
     )
-    frame = BedFrame(
-        before.number,
-        time,
-        before.height,
-        grains,
-        cell.wrap_positions(position),
-        evenly("velocity"),
-        evenly("force"),
-        evenly("interaction"),
+    # Inertia in a shaken cell turns faster than frames follow each other.
+    inertia = before.masses[:, None] * outer_acceleration(before.scene, time)
+    return before._replace(
+        time=time,
+        positions=cell.wrap_positions(position),
+        velocities=rest * before.velocities + fraction * after.velocities,
+        forces=rest * interaction_forces(before) + fraction * interaction_forces(after) + inertia,
     )
-    return _set_recorded_piston_height(frame, time, heights) if heights.known else frame
-
-
-def _set_recorded_piston_height(frame: BedFrame, time: float, heights: _RecordedPistonHeight) -> BedFrame:
-    return frame._replace(time=time, height=heights.height_at(time))

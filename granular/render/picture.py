@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.walls import Wall
-from granular.export.frames import BedFrame
+from granular.observables.frame import Frame, is_present
 from granular.observables.voronoi import cell_polygons, voronoi_cells
-from granular.render.colourings import ColouringInput, colour_classes, colouring_by_name
+from granular.render.colourings import colour_classes, colouring_by_name
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.plotting import COLOURS, GREY, figure_label
@@ -160,8 +160,6 @@ class BedPicture:
         import matplotlib as mpl
 
         self.run, self.colour = run, colouring_by_name(colour)
-        self._species = run.scene.grains.species_indices()
-        self._diameters = 1e3 * run.scene.grains.diameters()
         self._classes = colour_classes(colour, run.scene)
         self._times = run.dataset["time"].values
         self._forces = run.dataset["piston_force"].values if "piston_force" in run.dataset else None
@@ -252,31 +250,31 @@ class BedPicture:
         bar.set_label(self.colour.label)
         bar.outline.set_linewidth(0.6)
 
-    def show_frame(self, frame: BedFrame) -> None:
+    def show_frame(self, frame: Frame) -> None:
         """Bring the picture up to date with a frame: grains, cells, piston and title."""
         from matplotlib.colors import to_rgba
 
-        self._grains.set_offsets(1e3 * frame.position)
-        diameters = self._diameters[frame.grains]
+        here = is_present(frame.positions)
+        diameters = 1e3 * frame.diameters[here]
+        self._grains.set_offsets(1e3 * frame.positions[here])
         self._grains.set_widths(diameters)
         self._grains.set_heights(diameters)
         self._grains.set_angles(np.zeros(len(diameters)))
-        view = colouring_input(self.run, self.colour.needs_cells, frame)
-        colours = self._map_to_colours(self.colour.values(view))
-        if view.cells is not None:
-            polygons = cell_polygons(view.cells)
+        colours = self._map_to_colours(self.colour.values(frame))
+        if self.colour.needs_cells:
+            cells = voronoi_cells(frame.positions)
+            polygons = cell_polygons(cells)
             self._cells.set_verts([1e3 * corners for corners in polygons.values()])
             inner = list(polygons)
             on_cells = self.colour.on_cells
             self._cells.set_facecolor(colours[inner] if on_cells and inner else "none")
             self._cells.set_edgecolor("#ffffff" if on_cells else "#c3c9ce")
             if on_cells:
-                colours = np.where(view.cells.interior[:, None], to_rgba(DISC), to_rgba(ABSENT))
-        self._grains.set_facecolor(colours)
+                colours = np.where(cells.interior[:, None], to_rgba(DISC), to_rgba(ABSENT))
+        self._grains.set_facecolor(colours[here])
         self._when.set_text(f"t = {frame.time:.3f} s" + figure_label(self._stage_label_at(frame.time)))
         self._where.set_text(self._piston_text(frame))
-        if frame.height is not None:
-            self._piston.set_y(1e3 * frame.height)
+        self._piston.set_y(1e3 * frame.piston_height)
         if self._curve is not None:
             self._curve.show_until(frame.time)
 
@@ -307,28 +305,22 @@ class BedPicture:
                 return f"   {stage.name}"
         return ""
 
-    def _piston_text(self, frame: BedFrame) -> str:
-        if frame.height is None:
+    def _piston_text(self, frame: Frame) -> str:
+        if frame.scene.piston is None:
             return ""
-        words = f"piston at {1e3 * frame.height:.1f} mm"
+        words = f"piston at {1e3 * frame.piston_height:.1f} mm"
         if self._forces is not None:
             record = min(int(np.searchsorted(self._times, frame.time)), len(self._times) - 1)
             words += f"   force {self._forces[record]:.2f} N"
         return words
 
 
-def colouring_input(run: Trajectory, with_cells: bool, frame: BedFrame) -> ColouringInput:
-    """Collect what colourings compute their values from."""
-    cells = voronoi_cells(frame.position) if with_cells else None
-    return ColouringInput(frame, run.scene, run.scene.grains.species_indices()[frame.grains], cells)
-
-
-def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> tuple[float, float]:
+def colour_limits(colour: str, frames: Iterable[Frame]) -> tuple[float, float]:
     """Choose the ends of a continuous colour scale: fixed ones, or percentiles of the values in frames."""
     used = colouring_by_name(colour)
     if not used.map:
         return 0.0, 1.0
-    result = [used.values(colouring_input(run, used.needs_cells, frame)) for frame in frames]
+    result = [used.values(frame) for frame in frames]
     values = np.concatenate(result) if result else np.empty(0)
     values = values[np.isfinite(values)]
     low, high = np.percentile(values, ENDS) if len(values) else (0.0, 1.0)
@@ -337,12 +329,13 @@ def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> t
     return (float(low), float(high)) if high > low else (float(low), float(low) + 1.0)
 
 
-def highest_point_of_bed(run: Trajectory, frames: Iterable[BedFrame]) -> float:
+def highest_point_of_bed(run: Trajectory, frames: Iterable[Frame]) -> float:
     """Height that holds the piston and the grains in all frames; that of a periodic cell [m]."""
     if run.scene.cell.height is not None:
         return run.scene.cell.height
     radius = run.scene.grains.diameters().max(initial=0.0) / 2.0
     top = 0.0
     for frame in frames:
-        top = max(top, frame.height or 0.0, frame.position[:, 1].max(initial=0.0) + radius)
+        reach = np.fmax.reduce(frame.positions[:, 1], initial=0.0) + radius
+        top = max(top, reach, float(np.fmax(frame.piston_height, 0.0)))
     return top or run.scene.cell.width

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.export.frames import iterate_frames, open_run
+from granular.export.frames import open_run
+from granular.observables.frame import frame_at
 from granular.render.colourings import colouring_by_name
 from granular.render.picture import BedPicture, colour_limits, highest_point_of_bed
 from granular.run.trajectory import Trajectory
@@ -54,29 +55,19 @@ def still(
     """
     colouring_by_name(colour)
     run = open_run(run)
-    (chosen,) = iterate_frames(run, [frame_index(run, frame, time)])
-    picture = BedPicture(
-        run, colour, colour_limits(run, colour, [chosen]), highest_point_of_bed(run, [chosen])
-    )
+    chosen = frame_at(run, frame if time is None else _nearest_frame_index(run, time))
+    picture = BedPicture(run, colour, colour_limits(colour, [chosen]), highest_point_of_bed(run, [chosen]))
     picture.show_frame(chosen)
     return picture.figure
 
 
-def frame_index(run: Trajectory, frame: int = -1, time: float | None = None) -> int:
-    """Find the index of a frame by its number, or by the time next to it; time [s]."""
+def _nearest_frame_index(run: Trajectory, time: float) -> int:
     times = run.dataset["frame_time"].values
-    if time is not None:
-        if not (math.isfinite(time) and times[0] <= time <= times[-1]):
-            raise InputError(
-                f"time {time:g} s is not in the run; it has frames from {times[0]:g} to {times[-1]:g} s"
-            )
-        return int(np.abs(times - time).argmin())
-    if not -len(times) <= frame < len(times):
+    if not (math.isfinite(time) and times[0] <= time <= times[-1]):
         raise InputError(
-            f"there is no frame {frame}; the run has {len(times)}: give 0 to {len(times) - 1}, or "
-            f"-{len(times)} to -1 to count from the end"
+            f"time {time:g} s is not in the run; it has frames from {times[0]:g} to {times[-1]:g} s"
         )
-    return frame % len(times)
+    return int(np.abs(times - time).argmin())
 
 
 def save_picture(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:

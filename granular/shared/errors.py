@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -183,6 +184,17 @@ def missing_package_error(error: ModuleNotFoundError) -> MissingPackageError | N
         f"{module} is not installed; it belongs to the group {NEEDED_BY[module]!r} of what the "
         "toolkit needs: pip install granular-damper brings all of it"
     )
+
+
+def import_extra(module: str, what: str, extra: str) -> Any:
+    """Import a module for what needs it, or say how to install it with an extra of the toolkit."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise MissingPackageError(
+            f"{what} needs the library {module.partition('.')[0].replace('_', '-')}; install it with: "
+            f"pip install 'granular-damper[{extra}]'"
+        ) from None
 
 
 def with_missing_package_advice(attribute: Callable[[str], Any]) -> Callable[[str], Any]:

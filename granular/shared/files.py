@@ -10,7 +10,7 @@ import re
 import secrets
 import stat
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +67,17 @@ def write_files_atomically(
         check_output_file(directory / name, overwrite)
     with contextlib.ExitStack() as stack:
         yield lambda name: stack.enter_context(write_atomically(directory / name, overwrite))
+
+
+def write_line_files(
+    directory: Path, files: Mapping[str, Iterable[str]], overwrite: bool
+) -> tuple[Path, ...]:
+    """Write text files of a directory by their names and lines, which take these names together."""
+    with write_files_atomically(directory, list(files), overwrite) as place_of:
+        for name, lines in files.items():
+            with place_of(name).open("w", encoding="utf-8") as file:
+                file.writelines(lines)
+    return tuple(directory / name for name in files)
 
 
 def read_text(path: Path, most_bytes: int, error_type: type[InputError] = InputError) -> str:

@@ -42,14 +42,14 @@ def test_failure_half_way_leaves_no_file(
 ) -> None:
     from granular.export import frames
 
-    original = frames._read_frame_block
+    original = frames.frames
 
     def failing(of: Trajectory, numbers: list[int]) -> object:
         if numbers[-1] > 80 and list(tmp_path.rglob("*.part*")):
             raise MemoryError
         return original(of, numbers)
 
-    monkeypatch.setattr(frames, "_read_frame_block", failing)
+    monkeypatch.setattr(frames, "frames", failing)
     with pytest.raises(MemoryError):
         write(run, tmp_path / name)
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]

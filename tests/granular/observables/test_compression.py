@@ -218,7 +218,7 @@ def test_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
     assert pooled.counts.sum() == inside.sum()
     assert pooled.edges[-1] == 1.0
     assert 0.0 < force_dip_test(frame_at(run)).p <= 1.0
-    with pytest.raises(InputError, match="frame = 2"):
+    with pytest.raises(InputError, match="there is no frame 2; the run has 2: give 0 to 1"):
         frame_at(run, 2)
 
 

@@ -103,7 +103,7 @@ def test_a_movie_takes_grains_across_a_side_by_the_short_way(make_run: MakeRun) 
     frames = np.array([[[0.99 * WIDTH, 0.5 * HEIGHT]], [[1.01 * WIDTH, 0.5 * HEIGHT]]])
     speed = np.broadcast_to([0.02 * WIDTH, 0.0], frames.shape)
     run = in_the_cell(make_run, frames, speed)
-    place = [one.position[0, 0] / WIDTH for one in interpolate_bed(run, [0, 1], np.array([0.25, 0.75]))]
+    place = [one.positions[0, 0] / WIDTH for one in interpolate_bed(run, [0, 1], np.array([0.25, 0.75]))]
     np.testing.assert_allclose(place, [0.995, 0.005], atol=1e-12)
 
 

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from granular.export.frames import BedFrame, iterate_frames
+from granular.export.frames import iterate_frames
+from granular.observables import Frame
 from granular.render import movie
 from granular.render.movie import interpolate_bed
 from granular.render.picture import BedPicture, highest_point_of_bed
@@ -100,7 +101,7 @@ def test_ctrl_c_keeps_what_was_made(
 ) -> None:
     shown, show = [], BedPicture.show_frame
 
-    def interrupted(self: BedPicture, frame: BedFrame) -> None:
+    def interrupted(self: BedPicture, frame: Frame) -> None:
         shown.append(frame)
         if len(shown) == 4:
             os.kill(os.getpid(), signal.SIGINT)
@@ -175,10 +176,10 @@ def test_real_time_is_the_default(swing: Trajectory, tmp_path: Path) -> None:
 def test_grains_between_frames_are_where_they_swing(swing: Trajectory) -> None:
     times = np.linspace(0.0, 1.0, 101)
     found = list(interpolate_bed(swing, range(11), times))
-    place = np.array([one.position[0] for one in found])
+    place = np.array([one.positions[0] for one in found])
     true = PLACE + SIZE * np.array([np.cos(PACE * times), np.sin(PACE * times)]).T
     assert np.abs(place - true).max() < 1e-3 * SIZE  # straight lines: 5e-2
-    heights = np.array([one.height for one in found])
+    heights = np.array([one.piston_height for one in found])
     assert np.allclose(heights, np.interp(times, swing.dataset["time"], swing.dataset["piston_height"]))
     assert [one.time for one in found] == list(times)
 
