@@ -158,24 +158,8 @@ def grain_pressure(frame: Frame) -> Float[np.ndarray, "n"]:
 
 OBSERVABLES: Mapping[str, Callable[[Frame], Value]] = {
     function.observable.name: function  # type: ignore[union-attr]
-    for function in (
-        mean_grain_distance,
-        nearest_grain_to_piston,
-        nearest_grain_to_piston_by_species,
-        frame_packing_fraction,
-        mean_local_psi6,
-        frame_polygon_fractions,
-        interior_cell_count,
-        mean_hexagon_regularity,
-        defect_counts,
-        granular_temperature,
-        granular_temperature_by_species,
-        grain_interaction_force,
-        interior_force_fluctuation,
-        grain_compressive_force,
-        grain_stress,
-        grain_pressure,
-    )
+    for function in list(globals().values())
+    if observable_metadata(function) is not None and function.__module__ == __name__
 }
 """The package's observables by name."""
 

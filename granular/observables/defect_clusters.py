@@ -10,10 +10,10 @@ import numpy as np
 from granular.observables.bond_order import global_psi6, local_psi6
 from granular.observables.defects import (
     burgers_vectors,
+    edges_of_triangles,
     excess_grains,
     lattice_norm_squared,
     lattice_to_plane,
-    orient_counter_clockwise,
 )
 from granular.observables.frame import check_positions
 from granular.observables.voronoi import VoronoiCells, check_cells, circumcentres
@@ -134,11 +134,8 @@ def _cluster_defects(
     from scipy.sparse.csgraph import connected_components
 
     count = len(positions)
-    triangles = orient_counter_clockwise(cells.triangles, positions)
-    bonds = np.sort(
-        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
-    )
-    bonds = np.unique(bonds, axis=0)
+    triangles = cells.triangles
+    bonds = np.unique(np.sort(edges_of_triangles(triangles).reshape(-1, 2), axis=1), axis=0)
     # By the triangulation: four grains on one circle have a bond too, as circuits need it.
     degree = np.bincount(bonds.ravel(), minlength=count)
     odd = cells.interior & (degree != 6)

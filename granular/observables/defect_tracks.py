@@ -18,7 +18,7 @@ from granular.observables.defect_clusters import (
     detect_defects,
 )
 from granular.observables.defects import lattice_to_plane
-from granular.observables.frame import check_frames, select_frames
+from granular.observables.frame import check_frames, labelled_columns, select_frames
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
@@ -153,19 +153,14 @@ def _same_burgers_vector(item: _OpenTrack, lattice: np.ndarray) -> bool:
     return item.kind != DISLOCATION or bool((item.lattice == lattice).all())
 
 
-def drop_short_tracks(tracks: Iterable[DefectTrack], frames: int) -> list[DefectTrack]:
-    """Keep the tracks that were seen in a number of frames or more."""
-    return [track for track in tracks if len(track.frames) >= frames]
-
-
 def find_defect_events(
-    tracks: Sequence[DefectTrack], boxes: Float[np.ndarray, "f 2 2"], spacing: float
+    tracks: Sequence[DefectTrack], frames: Float[np.ndarray, "f n 2"], spacing: float
 ) -> list[DefectEvent]:
-    """Find the births, annihilations and reactions by which tracks end and begin; boxes, spacing [m]."""
+    """Find the births, annihilations and reactions by which tracks end and begin; frames, spacing [m]."""
     moments = [
         (int(end.frames[-1]) + 1, end.positions[-1], index, -1)
         for index, end in enumerate(tracks)
-        if end.frames[-1] + 1 < len(boxes)
+        if end.frames[-1] + 1 < len(frames)
     ]
     moments += [
         (int(end.frames[0]), end.positions[0], index, 1)
@@ -173,6 +168,7 @@ def find_defect_events(
         if end.frames[0] > 0
     ]
     moments.sort(key=lambda end: end[0])
+    boxes = np.stack([np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)], axis=1)
     events = []
     while moments:
         together = [moments.pop(0)]
@@ -310,10 +306,9 @@ def track_defects(
     frames = run.scene.cell.wrap_positions(run.dataset["position"].values[chosen])
     times = run.dataset["frame_time"].values[chosen]
     defects = detect_defects_in_frames(frames)
-    tracks = drop_short_tracks(link_defect_tracks(defects, reach, memory), least)
-    boxes = np.stack([np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)], axis=1)
+    tracks = [entry for entry in link_defect_tracks(defects, reach, memory) if len(entry.frames) >= least]
     spacing = float(np.mean([entry.spacing for entry in defects]))
-    events = find_defect_events(tracks, boxes, spacing)
+    events = find_defect_events(tracks, frames, spacing)
     return _defect_dataset(defects, tracks, events, times, spacing)
 
 
@@ -330,56 +325,49 @@ def _defect_dataset(
     paths = np.full((len(times), len(tracks), 2), np.nan)
     for point, entry in enumerate(tracks):
         paths[entry.frames, point] = entry.positions
-    of_tracks: dict[str, tuple[Any, str, str]] = {
+    tracks_data = {
         "begin": ([times[entry.frames[0]] for entry in tracks], "s", "first seen"),
         "end": ([times[entry.frames[-1]] for entry in tracks], "s", "last seen"),
         "speed": ([entry.speed for entry in moves], "m/s", "speed"),
         "glide": ([entry.glide for entry in moves], "m/s", "velocity along the Burgers vector"),
         "climb": ([entry.climb for entry in moves], "m/s", "velocity across the Burgers vector"),
     }
-    data: dict[str, Any] = {
-        name: ("track", np.array(values, dtype=float), {"units": unit, "long_name": meaning})
-        for name, (values, unit, meaning) in of_tracks.items()
-    }
-    flat = ("track", "axis")
-    data["kind"] = ("track", _string_array(entry.kind for entry in tracks))
-    data["burgers"] = (flat, _vector_array(entry.burgers for entry in tracks), {"units": "m"})
-    data["velocity"] = (flat, _vector_array(entry.velocity for entry in moves), {"units": "m/s"})
-    data["position"] = (("frame", "track", "axis"), paths, {"units": "m"})
-    data["born"] = ("track", _string_array(_event_kind_by_track(events, len(tracks), started=True)))
-    data["ended"] = ("track", _string_array(_event_kind_by_track(events, len(tracks), started=False)))
     angle = defects[0].angle
-    missing = _vector_array(lattice_to_plane(entry.missing, angle, spacing) for entry in events)
-    data["event_kind"] = ("event", _string_array(entry.kind for entry in events))
-    data["event_time"] = (
-        "event",
-        np.array([times[entry.frame] for entry in events], dtype=float),
-        {"units": "s"},
-    )
-    data["event_position"] = (
-        ("event", "axis"),
-        _vector_array(entry.position for entry in events),
-        {"units": "m"},
-    )
-    data["event_burgers"] = (("event", "axis"), missing, {"units": "m"})
+    missing = (lattice_to_plane(entry.missing, angle, spacing) for entry in events)
     counts = [[entry.kinds.count(kind) for kind in KINDS] for entry in defects]
-    data["count"] = (("frame", "defect"), np.array(counts), {"units": "1"})
-    total = _vector_array(entry.burgers.sum(axis=0) for entry in defects)
-    data["total_burgers"] = (("frame", "axis"), total, {"units": "m"})
-    inside = [not entry.missing.any() for entry in events if entry.kind not in ("entry", "leaving")]
+    data = labelled_columns("track", tracks_data) | {
+        "kind": _strings("track", (entry.kind for entry in tracks)),
+        "burgers": _vectors("track", (entry.burgers for entry in tracks), "m"),
+        "velocity": _vectors("track", (entry.velocity for entry in moves), "m/s"),
+        "position": (("frame", "track", "axis"), paths, {"units": "m"}),
+        "born": _strings("track", _event_kind_by_track(events, len(tracks), started=True)),
+        "ended": _strings("track", _event_kind_by_track(events, len(tracks), started=False)),
+        "event_kind": _strings("event", (entry.kind for entry in events)),
+        "event_time": ("event", times[[entry.frame for entry in events]], {"units": "s"}),
+        "event_position": _vectors("event", (entry.position for entry in events), "m"),
+        "event_burgers": _vectors("event", missing, "m"),
+        "count": (("frame", "defect"), np.array(counts), {"units": "1"}),
+        "total_burgers": _vectors("frame", (entry.burgers.sum(axis=0) for entry in defects), "m"),
+    }
     return xarray.Dataset(
         data,
         coords={"frame_time": ("frame", times, {"units": "s"}), "defect": list(KINDS), "axis": ["x", "y"]},
-        attrs={"conserved": float(np.mean(inside)) if inside else np.nan, "spacing": spacing},
+        attrs={"conserved": conserved_fraction(events), "spacing": spacing},
     )
 
 
-def _string_array(values: Any) -> np.ndarray:
-    return np.array(list(values), dtype=str)
+def conserved_fraction(events: Sequence[DefectEvent]) -> float:
+    """Fraction of the events away from the rim that conserve the Burgers vectors; NaN without any."""
+    inside = [not event.missing.any() for event in events if event.kind not in ("entry", "leaving")]
+    return float(np.mean(inside)) if inside else np.nan
 
 
-def _vector_array(values: Any) -> np.ndarray:
-    return np.array(list(values), dtype=float).reshape(-1, 2)
+def _strings(dim: str, values: Iterable[str]) -> tuple[str, np.ndarray]:
+    return dim, np.array(list(values), dtype=str)
+
+
+def _vectors(dim: str, values: Iterable[np.ndarray], unit: str) -> tuple[Any, ...]:
+    return (dim, "axis"), np.array(list(values), dtype=float).reshape(-1, 2), {"units": unit}
 
 
 def _event_kind_by_track(events: Sequence[DefectEvent], count: int, *, started: bool) -> list[str]:

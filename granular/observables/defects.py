@@ -38,17 +38,6 @@ def lattice_norm_squared(vectors: Int[np.ndarray, "... 2"]) -> Int[np.ndarray, "
     return np.asarray(m * m + m * n + n * n)
 
 
-def orient_counter_clockwise(
-    triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"]
-) -> Int[np.ndarray, "t 3"]:
-    """Order the corners of each triangle counter-clockwise; positions [m]."""
-    a, b, c = (positions[triangles[:, k]] for k in range(3))
-    left = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    turned = triangles.copy()
-    turned[left < 0.0] = turned[left < 0.0][:, [0, 2, 1]]
-    return turned
-
-
 def edges_of_triangles(triangles: Int[np.ndarray, "t 3"]) -> Int[np.ndarray, "t 3 2"]:
     """List the three edges of each triangle, from corner to corner."""
     return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1)

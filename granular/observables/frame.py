@@ -177,6 +177,14 @@ def frame_at(run: Trajectory, index: int = -1) -> Frame:
     return next(frames(run, [index]))
 
 
+def labelled_columns(dim: str, columns: Mapping[str, tuple[Any, str, str]]) -> dict[str, Any]:
+    """Make columns of values, unit and meaning into variables of a data set."""
+    return {
+        name: (dim, np.array(values, dtype=float), {"units": unit, "long_name": meaning})
+        for name, (values, unit, meaning) in columns.items()
+    }
+
+
 def require_piston(scene: Scene) -> None:
     """Refuse a scene without a piston."""
     if scene.piston is None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.observables.frame import labelled_columns
 from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 
@@ -177,10 +178,7 @@ def stage_response(
         "phase_error": (result.phase_error, "rad", "standard error of the phase"),
     }
     return xarray.Dataset(
-        {
-            name: ("harmonic", values, {"units": item, "long_name": meaning})
-            for name, (values, item, meaning) in columns.items()
-        },
+        labelled_columns("harmonic", columns),
         coords={"harmonic": result.harmonics},
         attrs={
             "stage": driven.name,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.observables.forces import piston_force
+from granular.observables.frame import labelled_columns
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -125,13 +126,7 @@ def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
             "height up to which the loop is counted",
         ),
     }
-    return xarray.Dataset(
-        {
-            name: ("cycle", np.array(values, dtype=float), {"units": unit, "long_name": meaning})
-            for name, (values, unit, meaning) in columns.items()
-        },
-        coords={"cycle": np.arange(len(cycles))},
-    )
+    return xarray.Dataset(labelled_columns("cycle", columns), coords={"cycle": np.arange(len(cycles))})
 
 
 def _work_below_height(height: np.ndarray, force: np.ndarray, top: float) -> float:

@@ -157,8 +157,7 @@ def area_fraction_profile(
     edges = np.asarray(edges, dtype=np.float64)
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
         raise InputError("edges must be at least two heights that increase; sort them")
-    if not width > 0.0:
-        raise InputError(f"width = {width:g} m; give a length above 0 m")
+    _check_positive_length("width", width)
     here = is_present(positions)
     _check_positive_length("diameter", diameters[here])
     covered = _disc_area_between_lines(positions[here, 1], diameters[here] / 2.0, edges)

@@ -28,6 +28,7 @@ from granular.observables.defect_clusters import CORE, FrameDefects
 from granular.observables.defect_tracks import (
     DefectEvent,
     DefectTrack,
+    conserved_fraction,
     detect_defects_in_frames,
     find_defect_events,
     link_defect_tracks,
@@ -191,9 +192,8 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
     frames = check_frames(frames, least=1)
     defects = detect_defects_in_frames(frames)
     tracks = link_defect_tracks(defects)
-    boxes = np.stack([np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)], axis=1)
     spacing = float(np.mean([entry.spacing for entry in defects]))
-    events = find_defect_events(tracks, boxes, spacing)
+    events = find_defect_events(tracks, frames, spacing)
     cells = [voronoi_cells(entry) for entry in frames]
     area = np.array([entry.area[grains_with_interior_neighbours(entry)].sum() for entry in cells])
     moves, jumps, rim = np.zeros((3, len(frames), 2, 2))
@@ -210,14 +210,13 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
             rim[event.frame] += slip_area_tensor(
                 burgers, -glide_displacement_to_edge(event.position, burgers, box)
             )
-    inside = [not entry.missing.any() for entry in events if entry.kind not in ("entry", "leaving")]
     return DislocationSlip(
         np.cumsum(moves / area[:, None, None], axis=0),
         np.cumsum(jumps / area[:, None, None], axis=0),
         np.cumsum(rim / area[:, None, None], axis=0),
         tuple(defects),
         tuple(tracks),
-        float(np.mean(inside)) if inside else np.nan,
+        conserved_fraction(events),
     )
 
 

@@ -41,15 +41,13 @@ __all__ = [
 
 _PATHS = (COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[5], COLOURS[6])
 """Colours of paths, none of which is like a colour of the cells below them."""
+_TO_SCALE: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "color": "#333333"}
+"""Look of arrows whose length is to scale."""
 
 
 def draw_bed(
-    axes: Axes,
-    scene: Scene,
-    positions: Float[np.ndarray, "n 2"],
-    piston_height: float | None,
-    colours: Float[np.ndarray, "n"] | None = None,
-) -> Any:
+    axes: Axes, scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: float | None
+) -> None:
     """Draw the grains to scale, the cell and the piston; positions, piston_height [m]."""
     from matplotlib.collections import EllipseCollection
 
@@ -62,26 +60,17 @@ def draw_bed(
         offsets=1e3 * positions,
         offset_transform=axes.transData,
         linewidths=0.0,
+        facecolors=[COLOURS[k % len(COLOURS)] for k in scene.grains.species_indices()],
     )
-    if colours is None:
-        grains.set_facecolor([COLOURS[k % len(COLOURS)] for k in scene.grains.species_indices()])
-    else:
-        grains.set_array(colours)
     axes.add_collection(grains)
     width = 1e3 * scene.cell.width
     top = 1e3 * (piston_height if piston_height is not None else float(positions[:, 1].max()))
-    axes.plot([0.0, 0.0], [0.0, top], color="#333333", linewidth=1.5)
-    axes.plot([width, width], [0.0, top], color="#333333", linewidth=1.5)
-    axes.plot([0.0, width], [0.0, 0.0], color="#333333", linewidth=1.5)
+    axes.plot([0.0, 0.0, width, width], [top, 0.0, 0.0, top], color="#333333", linewidth=1.5)
     if piston_height is not None:
         axes.plot([0.0, width], [top, top], color=COLOURS[1], linewidth=3.0)
-    axes.set_aspect("equal")
+    _style_as_map(axes)
     axes.set_xlim(-0.01 * width, 1.01 * width)
     axes.set_ylim(-0.01 * width, top + 0.02 * width)
-    axes.set_xlabel("x [mm]")
-    axes.set_ylabel("y [mm]")
-    axes.grid(visible=False)
-    return grains
 
 
 def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = None) -> Axes:
@@ -162,13 +151,7 @@ def plot_dislocations(dislocations: Dislocations, positions: np.ndarray, ax: Axe
         ax.plot(*chosen.T, marker, color=colour, markersize=5.0, linestyle="none", label=label)
     if len(dislocations.pairs):
         ax.quiver(
-            *(1e3 * dislocations.positions).T,
-            *(1e3 * dislocations.burgers).T,
-            angles="xy",
-            scale_units="xy",
-            scale=1.0,
-            width=0.003,
-            color="#333333",
+            *(1e3 * dislocations.positions).T, *(1e3 * dislocations.burgers).T, **_TO_SCALE, width=0.003
         )
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return _style_as_map(ax)
@@ -211,16 +194,7 @@ def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes |
         ax.plot(*path[-1], "x", color=colour, markersize=5.0, path_effects=border)
         arrow = 1e3 * tracked["burgers"].values[track]
         if kind == "dislocation":
-            ax.quiver(
-                *path[-1],
-                *arrow,
-                angles="xy",
-                scale_units="xy",
-                scale=1.0,
-                width=0.004,
-                color="#333333",
-                zorder=4,
-            )
+            ax.quiver(*path[-1], *arrow, **_TO_SCALE, width=0.004, zorder=4)
     if shown:
         looks: dict[str, Any] = {"color": "#333333", "linestyle": "none", "markersize": 6.0}
         signs = [("o", "first seen"), ("x", "last seen"), (r"$\rightarrow$", "Burgers vector")]
@@ -314,19 +288,9 @@ def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes
     ax = axes_or_new(ax)
     frames = profile if "frame" in profile.dims else profile.expand_dims("frame")
     for k in range(frames.sizes["frame"]):
-        profile_of_frame = frames.isel(frame=k)
-        label = (
-            f"{float(profile_of_frame['frame_time']):.3g} s"
-            if "frame_time" in profile_of_frame.coords
-            else None
-        )
-        ax.plot(
-            1e3 * profile_of_frame["depth"],
-            profile_of_frame,
-            STYLES[k % len(STYLES)],
-            marker=".",
-            label=label,
-        )
+        part = frames.isel(frame=k)
+        label = f"{float(part['frame_time']):.3g} s" if "frame_time" in part.coords else None
+        ax.plot(1e3 * part["depth"], part, STYLES[k % len(STYLES)], marker=".", label=label)
     ax.set(xlabel="depth below the piston [mm]", ylabel="local area fraction")
     ax.legend(title="time")
     return ax

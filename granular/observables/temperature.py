@@ -131,31 +131,21 @@ def configurational_temperature(
         if np.shape(piston_height) not in ((), (len(array),)):
             raise InputError(f"piston_height has the shape {np.shape(piston_height)}; give one a frame")
         heights = np.broadcast_to(piston_height, len(array)).tolist()
-    states = list(zip(array, heights, strict=True))
+    known: tuple[str, ...] = KNOWN
     if forces is not None:
         if np.shape(forces) != array.shape:
             raise InputError(f"forces have the shape {np.shape(forces)}; {array.shape} is wanted")
-        bend = sum(potential_laplacian(scene, *state) for state in states)
-        return float(np.nansum(np.square(forces))) / bend if bend else np.nan
-    _check_effects_known(scene, KNOWN)
+        known = (*KNOWN, *STRAIGHT)
+    _check_effects_known(scene, known)
     square = bend = 0.0
-    for positions, height in states:
+    for positions, height in zip(array, heights, strict=True):
         pairs, laplacian = _pair_forces_and_laplacian(scene, positions)
         walls, more = _wall_forces_and_laplacian(scene, positions, height)
         square += float(np.nansum((pairs + walls) ** 2))
         bend += laplacian + more
+    if forces is not None:
+        square = float(np.nansum(np.square(forces)))
     return square / bend if bend else np.nan
-
-
-def potential_laplacian(
-    scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: float | None = None
-) -> float:
-    """Laplacian of the energy of dipoles and walls over all coordinates [N/m]; positions [m]."""
-    _check_effects_known(scene, (*KNOWN, *STRAIGHT))
-    return (
-        _pair_forces_and_laplacian(scene, positions)[1]
-        + _wall_forces_and_laplacian(scene, positions, piston_height)[1]
-    )
 
 
 def _check_effects_known(scene: Scene, known: tuple[str, ...]) -> None:
@@ -197,7 +187,6 @@ def _wall_forces_and_laplacian(
     step = _STEP * scene.grains.species[0].diameter
     divergence = 0.0
     for axis, displacement in enumerate(step * np.eye(2)):
-        divergence += float((forces_at(displacement) - forces_at(-displacement))[:, axis].sum()) / (
-            2.0 * step
-        )
+        change = forces_at(displacement) - forces_at(-displacement)
+        divergence += float(change[:, axis].sum()) / (2.0 * step)
     return forces_at(np.zeros(2)), -divergence

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import check_positions, is_present
+from granular.observables.frame import bounding_box, check_positions, is_present, present_positions
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -92,34 +92,24 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     64
     """
     positions = check_positions(positions)
-    present = np.flatnonzero(is_present(positions))
-    points = positions[present]
+    points = present_positions(positions)
     triangles, across = _delaunay_triangulation(points)
-    corners = circumcentres(points, triangles)
+    # Numbered as all grains are, also absent ones.
+    triangles = np.flatnonzero(is_present(positions))[triangles]
+    corners = circumcentres(positions, triangles)
     pairs, lengths, outer = _neighbour_pairs_and_sides(triangles, across, corners)
     spacing = np.sqrt(np.prod(np.ptp(points, axis=0)) / len(points)) if len(points) else 0.0
     real = outer | ~(lengths <= SHORTEST_SIDE * spacing)
-    interior = _find_interior_cells(points, triangles, corners, pairs[outer])
+    interior = _find_interior_cells(positions, triangles, corners, pairs[outer])
 
-    count = len(points)
-    gap = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    gap = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
     # Each side and its grain make a triangle of height gap/2.
-    area = np.where(
-        interior, _sum_pairs_per_grain(pairs, np.where(outer, 0.0, gap * lengths / 4.0), count), 0.0
+    area, squares = (
+        np.where(interior, _sum_pairs_per_grain(pairs, np.where(outer, 0.0, of_side), len(positions)), np.nan)
+        for of_side in (gap * lengths / 4.0, lengths**2)
     )
-    squares = _sum_pairs_per_grain(pairs, np.where(outer, 0.0, lengths**2), count)
-    sides = np.bincount(pairs[real].ravel(), minlength=count)
-    return VoronoiCells(
-        sides=_expand_to_all_grains(sides, present, len(positions), 0),
-        area=_expand_to_all_grains(np.where(interior, area, np.nan), present, len(positions), np.nan),
-        side_squares=_expand_to_all_grains(
-            np.where(interior, squares, np.nan), present, len(positions), np.nan
-        ),
-        interior=_expand_to_all_grains(interior, present, len(positions), False),
-        neighbours=present[pairs[real]],
-        triangles=present[triangles],
-        corners=corners,
-    )
+    sides = np.bincount(pairs[real].ravel(), minlength=len(positions))
+    return VoronoiCells(sides, area, squares, interior, pairs[real], triangles, corners)
 
 
 def check_cells(positions: Float[np.ndarray, "n 2"], cells: VoronoiCells | None) -> VoronoiCells:
@@ -260,7 +250,7 @@ def _find_interior_cells(
     inside = np.zeros(len(points), dtype=bool)
     if not len(triangles):
         return inside
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = bounding_box(points)
     margin = INSIDE * (high - low).max()
     within = ((corners >= low - margin) & (corners <= high + margin)).all(axis=1)
     inside[triangles.ravel()] = True
@@ -274,14 +264,6 @@ def _sum_pairs_per_grain(pairs: np.ndarray, values: np.ndarray, count: int) -> n
     return np.asarray(
         np.bincount(pairs[:, 0], values, minlength=count) + np.bincount(pairs[:, 1], values, minlength=count)
     )
-
-
-def _expand_to_all_grains(
-    values: np.ndarray, positions: np.ndarray, count: int, absent: object
-) -> np.ndarray:
-    spread = np.full(count, absent, dtype=values.dtype)
-    spread[positions] = values
-    return spread
 
 
 def hexagon_regularity(cells: VoronoiCells) -> np.ndarray:

@@ -8,7 +8,6 @@ import pytest
 from granular import load_scene
 from granular.observables import configurational_temperature
 from granular.observables.interactions import iterate_pair_forces, iterate_wall_forces
-from granular.observables.temperature import potential_laplacian
 from granular.shared.errors import InputError
 
 from .conftest import MakeRun, hexagonal
@@ -40,6 +39,9 @@ def test_friction_and_weight_add_nothing_to_the_laplacian() -> None:
     scene = load_scene("bed").replace(**{"grains.count": 2, "arrangement.height": "19 D"})
     places = 0.006 * np.array([[20.0, 9.0], [30.0, 9.0]])
     bare = scene.replace(**{"effects.gravity": None})
-    assert potential_laplacian(scene, places) == potential_laplacian(bare, places) > 0.0
+    frames, forces = places[None], np.ones((1, 2, 2))
+    whole, part = (configurational_temperature(some, frames, forces=forces) for some in (scene, bare))
+    assert whole == part > 0.0
+    touching = scene.replace(**{"effects.contact": {"modulus": "1 GPa"}})
     with pytest.raises(InputError, match="only dipoles and walls"):
-        potential_laplacian(scene.replace(**{"effects.contact": {"modulus": "1 GPa"}}), places)
+        configurational_temperature(touching, frames, forces=forces)
