@@ -14,23 +14,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.effects import wall_experimental, wall_infinite
 from granular.effects.dipole import discs_unless_dipoles
 from granular.export.frames import open_run, present_grains
 from granular.export.lammps_script import (
-    NEAREST_PAIR,
-    NEAREST_WALL,
+    WALLS,
+    DeckStart,
     LammpsDeck,
     check_exportable_scene,
     input_script_lines,
-    pair_force_table,
-    pair_table_name,
-    wall_force_table,
-    wall_table_name,
+    pair_table_lines,
+    wall_table_lines,
 )
 from granular.export.lammps_stages import RemainingStage, remaining_stage
 from granular.observables.frame import frame_at
@@ -42,22 +39,10 @@ from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
-from granular.shared.errors import InputError
 from granular.shared.files import write_line_files
 
 if TYPE_CHECKING:
     from jaxtyping import Float
-
-
-class _DeckStart(NamedTuple):
-    """State in which the deck begins, in SI, and the stages from there on."""
-
-    time: float
-    height: float | None
-    grains: np.ndarray
-    positions: np.ndarray
-    velocities: np.ndarray
-    remaining_stages: tuple[RemainingStage, ...]
 
 
 def to_lammps(
@@ -105,9 +90,9 @@ def to_lammps(
     deck = _make_deck(scene, start, dt)
     contents = {
         "in.granular": (f"{line}\n" for line in input_script_lines(deck)),
-        "bed.data": _data_file_lines(deck, start),
-        "pairs.table": _pair_table_lines(deck),
-        "walls.table": _wall_table_lines(deck),
+        "bed.data": _data_file_lines(deck),
+        "pairs.table": pair_table_lines(deck),
+        "walls.table": wall_table_lines(deck),
     }
     return write_line_files(Path(directory), contents, overwrite)
 
@@ -122,10 +107,10 @@ def _open_source(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajec
     return source.scene, open_run(source)
 
 
-def _start_of_scene(scene: Scene) -> _DeckStart:
+def _start_of_scene(scene: Scene) -> DeckStart:
     height = None if scene.piston is None else scene.piston.height
     everyone = np.arange(scene.grains.count)
-    return _DeckStart(
+    return DeckStart(
         0.0,
         height,
         everyone,
@@ -134,7 +119,7 @@ def _start_of_scene(scene: Scene) -> _DeckStart:
     )
 
 
-def _start_after_run(run: Trajectory) -> _DeckStart:
+def _start_after_run(run: Trajectory) -> DeckStart:
     """Last frame, and the stages that it leaves."""
     grains, frame = present_grains(frame_at(run))
     behind = [stage for stage in run.stages if stage.reason != "cut" and stage.end <= frame.time]
@@ -146,7 +131,7 @@ def _start_after_run(run: Trajectory) -> _DeckStart:
         if height is not None:
             height = float(run.piston(now.name).height[0])
     stages = tuple(_remaining_stages(run.scene, point, height, frame.time - started))
-    return _DeckStart(frame.time, present, grains, frame.positions, frame.velocities, stages)
+    return DeckStart(frame.time, present, grains, frame.positions, frame.velocities, stages)
 
 
 def _remaining_stages(
@@ -159,12 +144,7 @@ def _remaining_stages(
         height, elapsed = None if remaining.path is None else remaining.path.end, 0.0
 
 
-def _make_deck(scene: Scene, start: _DeckStart, dt: float | str) -> LammpsDeck:
-    if scene.cell.periods is not None:
-        raise InputError(
-            "cell.sides = 'periodic': the script for LAMMPS has walls alone; write the frames as "
-            "extended XYZ, whose lattice is periodic"
-        )
+def _make_deck(scene: Scene, start: DeckStart, dt: float | str) -> LammpsDeck:
     scales = Scales.from_grains(scene.grains)
     paths = [stage.path for stage in start.remaining_stages if stage.path is not None]
     top = float(start.positions[:, 1].max()) if start.height is None else start.height
@@ -173,38 +153,34 @@ def _make_deck(scene: Scene, start: _DeckStart, dt: float | str) -> LammpsDeck:
         scales=scales,
         moment_ratios=tuple(scene.grains.moment_ratios().tolist()),
         mass_ratios=tuple(scene.grains.mass_ratios().tolist()),
-        remaining_stages=start.remaining_stages,
-        piston_start=start.height,
+        start=start,
         highest=max([top, *(path.highest for path in paths)]),
         longest_step=math.inf,
-        start_time=start.time,
     )
-    return deck._replace(longest_step=_choose_time_step(deck, start, dt))
+    return deck._replace(longest_step=_choose_time_step(deck, dt))
 
 
-def _choose_time_step(deck: LammpsDeck, start: _DeckStart, dt: float | str) -> float:
+def _choose_time_step(deck: LammpsDeck, dt: float | str) -> float:
     """Time step [s] that is given, or that the bed's stiffest modes allow."""
     from granular.run.plan import parse_time_step
 
     asked = parse_time_step(dt, deck.scene)
     if asked.seconds is not None:
         return asked.seconds
-    highest = (
-        max(_mode_frequency_under_compression(deck, start), _highest_collision_frequency(deck, start))
-        * deck.scales.rate
-    )
+    highest = max(_mode_frequency_under_compression(deck), _highest_collision_frequency(deck))
+    highest *= deck.scales.rate
     return min(deck.scene.output.scalars, asked.step_times_frequency / highest if highest else math.inf)
 
 
-def _mode_frequency_under_compression(deck: LammpsDeck, start: _DeckStart) -> float:
+def _mode_frequency_under_compression(deck: LammpsDeck) -> float:
     """Highest frequency of the bed at present, and evenly squeezed by the piston [1/tau]."""
-    unit = deck.scales.length
+    start, unit = deck.start, deck.scales.length
     position, width = start.positions / unit, deck.scene.cell.width / unit
     species = deck.scene.grains.species_indices()[start.grains]
-    cylinders = deck.scene.grains.magnets == "cylinders"
+    discs = discs_unless_dipoles(deck.scene.grains, unit)
     moment_ratio, mass = np.array(deck.moment_ratios)[species], np.array(deck.mass_ratios)[species]
     height = deck.highest if start.height is None else start.height
-    heights = [stage.path.lowest for stage in deck.remaining_stages if stage.path is not None]
+    heights = [stage.path.lowest for stage in start.remaining_stages if stage.path is not None]
     fractions = {1.0, *(low / height for low in heights)}
     return max(
         mode_frequency_bound(
@@ -215,32 +191,41 @@ def _mode_frequency_under_compression(deck: LammpsDeck, start: _DeckStart) -> fl
             width,
             height * fraction / unit,
             pairs=deck.pair_cutoff is not None,
-            discs=tuple(discs_unless_dipoles(deck.scene.grains, unit)[k] for k in species)
-            if cylinders
-            else (),
+            discs=tuple(discs[k] for k in species) if discs else (),
         )
         for fraction in (1.0, min(fractions))
     )
 
 
-def _highest_collision_frequency(deck: LammpsDeck, start: _DeckStart) -> float:
-    """Highest frequency of a collision at the speed that grains can reach [1/tau]."""
-    gravity = deck.scene.effects.gravity
+def _highest_collision_frequency(deck: LammpsDeck) -> float:
+    """Highest frequency at which grains turn that meet head-on, or a wall, at their top speed [1/tau]."""
+    start, gravity = deck.start, deck.scene.effects.gravity
     fall = 0.0 if gravity is None else 2.0 * gravity.acceleration * start.positions[:, 1].max()
     speed = math.sqrt((start.velocities**2).sum(axis=1).max() + fall)
-    speed += max((stage.path.speed for stage in deck.remaining_stages if stage.path is not None), default=0.0)
-    return collision_stiffness_frequency(
-        speed / deck.scales.velocity,
-        deck.moment_ratios,
-        deck.mass_ratios,
-        set(deck.wall_laws.values()),
-        pairs=deck.pair_cutoff is not None,
-        discs=discs_unless_dipoles(deck.scene.grains, deck.scales.length),
+    speed += max(
+        (stage.path.speed for stage in start.remaining_stages if stage.path is not None), default=0.0
     )
+    speed /= deck.scales.velocity
+    discs, squares = discs_unless_dipoles(deck.scene.grains, deck.scales.length), []
+    for moment_ratio, mass in zip(deck.moment_ratios, deck.mass_ratios, strict=True):
+        ratio = moment_ratio / mass
+        scaled_speed = speed / math.sqrt(ratio)
+        laws = set(deck.wall_laws.values())
+        squares += [ratio * WALLS[law][0].turning_point_stiffness(scaled_speed) for law in laws]
+        if deck.pair_cutoff is not None and not discs:
+            squares.append(dipole_law.head_on_frequency_squared(speed, mass, moment_ratio))
+        elif deck.pair_cutoff is not None:
+            near = make_disc_laws(discs, np.zeros(0, dtype=np.int64), 8)[1]
+            speeds, frequencies = near.tables.collisions
+            strength = moment_ratio * ratio
+            row = min(np.searchsorted(speeds, speed**2 / strength), len(speeds) - 1)
+            squares.append(strength * frequencies[row])
+    return math.sqrt(max(squares, default=0.0))
 
 
-def _data_file_lines(deck: LammpsDeck, start: _DeckStart) -> Iterator[str]:
+def _data_file_lines(deck: LammpsDeck) -> Iterator[str]:
     """Grains, in the order of the scene and counted from 1."""
+    start = deck.start
     species = deck.scene.grains.species_indices()[start.grains] + 1
     depth = deck.scene.cell.separation
     yield f"Scene {deck.scene.name!r} at {start.time:.9g} s\n\n"
@@ -263,35 +248,8 @@ def _box_bounds_along_axis(position: np.ndarray, cell: float, margin: float) -> 
     return min(0.0, float(position.min()) - margin), max(cell, float(position.max()) + margin)
 
 
-def _pair_table_lines(deck: LammpsDeck) -> Iterator[str]:
-    if deck.pair_cutoff is None:
-        return
-    nearest = NEAREST_PAIR * math.sqrt(min(deck.moment_ratios))
-    discs = discs_unless_dipoles(deck.scene.grains, deck.scales.length)
-    for first, second in deck.species_pairs():
-        moment_product = deck.moment_ratios[first - 1] * deck.moment_ratios[second - 1]
-        name = pair_table_name(first, second)
-        pair = (discs[first - 1], discs[second - 1]) if discs else None
-        yield from pair_force_table(
-            name, moment_product, nearest, deck.pair_cutoff, deck.scales, pair
-        ).section_lines("FPRIME")
-
-
-def _wall_table_lines(deck: LammpsDeck) -> Iterator[str]:
-    # LAMMPS reads one row beyond the last distance.
-    nearest, farthest = NEAREST_WALL * math.sqrt(min(deck.moment_ratios)), 1.001 * deck.wall_cutoff
-    for law in dict.fromkeys(deck.wall_laws.values()):
-        for number, moment_ratio in enumerate(deck.moment_ratios, start=1):
-            name = wall_table_name(law, number)
-            yield from wall_force_table(
-                name, law, moment_ratio, nearest, farthest, deck.scales
-            ).section_lines("FP")
-
-
 REACH = 6.0
 """Pairs up to here [D] count for the stiffness, which falls as distance^-5."""
-
-_WALLS = {"experimental": wall_experimental, "infinite": wall_infinite}
 
 
 def mode_frequency_bound(
@@ -328,32 +286,6 @@ def mode_frequency_bound(
         "top": height - positions[:, 1],
     }
     for side, law in walls.items():
-        rows += [_WALLS[law].stiffness(gap) for gap in gaps[side]]
+        rows += [WALLS[law][0].stiffness(gap) for gap in gaps[side]]
     # Gershgorin's circles bound the eigenvalues (Horn and Johnson, Matrix Analysis, theorem 6.1.1).
     return math.sqrt(float((rows * (moment_ratio / mass_ratio)).max()))
-
-
-def collision_stiffness_frequency(
-    speed: float,
-    moment_ratios: Sequence[float],
-    masses: Sequence[float],
-    laws: set[str],
-    *,
-    pairs: bool,
-    discs: Sequence[Disc] = (),
-) -> float:
-    """Highest sqrt(stiffness/mass) where grains turn that meet head-on, or a wall [1/tau]; speed [D/tau]."""
-    squares = []
-    for moment_ratio, mass in zip(moment_ratios, masses, strict=True):
-        ratio = moment_ratio / mass
-        scaled_speed = speed / math.sqrt(ratio)
-        squares += [ratio * _WALLS[law].turning_point_stiffness(scaled_speed) for law in laws]
-        if pairs and not discs:
-            squares.append(dipole_law.head_on_frequency_squared(speed, mass, moment_ratio))
-        elif pairs:
-            near = make_disc_laws(discs, np.zeros(0, dtype=np.int64), 8)[1]
-            speeds, frequencies = near.tables.collisions
-            strength = moment_ratio * ratio
-            row = min(np.searchsorted(speeds, speed**2 / strength), len(speeds) - 1)
-            squares.append(strength * frequencies[row])
-    return math.sqrt(max(squares, default=0.0))

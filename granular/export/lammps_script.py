@@ -5,21 +5,18 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.effects import wall_experimental, wall_infinite
+from granular.effects.dipole import discs_unless_dipoles
 from granular.export.lammps_stages import RemainingStage
 from granular.pairs import dipole_law
-from granular.pairs.disc_law import Disc
 from granular.pairs.disc_near_law import disc_law_continued_below_contact, force_slope_at_contact
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 ROWS = 5000
 """Rows of a table, in geometric steps: LAMMPS draws a cubic spline through them, which is exact to
@@ -31,71 +28,64 @@ NEAREST_PAIR, NEAREST_WALL = 0.25, 0.1
 FARTHEST_WALL = 200.0
 """Greatest last distance of the walls' tables [D]; the experimental wall's force there is 5e-9 F*."""
 
-WALL_EXPONENTS = {"experimental": 3.5, "infinite": 3.0}
+WALLS: dict[str, tuple[Any, float]] = {
+    "experimental": (wall_experimental, 3.5),
+    "infinite": (wall_infinite, 3.0),
+}
 """Laws that depend on the distance alone, with the power by which their force falls."""
 
 _PAIR_EXPONENT = 4.0
 
 
-class ForceTable(NamedTuple):
-    """A repulsive force and its potential energy, tabulated over the distance, in SI."""
+def pair_table_lines(deck: LammpsDeck) -> Iterator[str]:
+    """Yield the lines of the tables of the repulsion of each two species [m, J, N]."""
+    if deck.pair_cutoff is None:
+        return
+    r = np.geomspace(NEAREST_PAIR * math.sqrt(min(deck.moment_ratios)), deck.pair_cutoff, ROWS)
+    discs = discs_unless_dipoles(deck.scene.grains, deck.scales.length)
+    for first, second in deck.species_pairs():
+        energy, force = dipole_law.ENERGY / r**3, dipole_law.STRENGTH / r**4
+        slopes = -_PAIR_EXPONENT * force[[0, -1]] / r[[0, -1]]
+        if discs:
+            pair = discs[first - 1], discs[second - 1]
+            energy, force = (dipole_law.ENERGY * part for part in disc_law_continued_below_contact(r, pair))
+            slopes = np.array(
+                [dipole_law.ENERGY * force_slope_at_contact(*pair), -_PAIR_EXPONENT * force[-1] / r[-1]]
+            )
+        product = deck.moment_ratios[first - 1] * deck.moment_ratios[second - 1]
+        law = product * energy, product * force, product * slopes
+        yield from _table_lines(pair_table_name(first, second), "FPRIME", deck.scales, r, *law)
 
-    name: str
-    distance: Float[np.ndarray, "ROWS"]  # [m]
-    energy: Float[np.ndarray, "ROWS"]  # [J]
-    force: Float[np.ndarray, "ROWS"]  # [N]
-    slopes: tuple[float, float]  # d(force)/d(distance) at both ends [N/m]
 
-    def section_lines(self, slope_keyword: str) -> Iterator[str]:
-        """Yield the lines of this table's section in a LAMMPS table file [m, J, N]."""
-        first, last = self.slopes
-        yield f"{self.name}\nN {ROWS} {slope_keyword} {first:.17g} {last:.17g}\n\n"
-        columns = (self.distance.tolist(), self.energy.tolist(), self.force.tolist())
-        for number, row in enumerate(zip(*columns, strict=True), start=1):
-            yield "{} {:.17g} {:.17g} {:.17g}\n".format(number, *row)
-        yield "\n"
+def wall_table_lines(deck: LammpsDeck) -> Iterator[str]:
+    """Yield the lines of the tables of each wall's repulsion of each species, a power law [m, J, N]."""
+    # LAMMPS reads one row beyond the last distance.
+    w = np.geomspace(NEAREST_WALL * math.sqrt(min(deck.moment_ratios)), 1.001 * deck.wall_cutoff, ROWS)
+    for law in dict.fromkeys(deck.wall_laws.values()):
+        module, exponent = WALLS[law]
+        for number, moment_ratio in enumerate(deck.moment_ratios, start=1):
+            force = moment_ratio * module.force(1.0) / w**exponent
+            slopes = -exponent * force[[0, -1]] / w[[0, -1]]
+            name, energy = wall_table_name(law, number), force * w / (exponent - 1.0)
+            yield from _table_lines(name, "FP", deck.scales, w, energy, force, slopes)
 
 
-def pair_force_table(
+def _table_lines(
     name: str,
-    moment_product: float,
-    nearest: float,
-    farthest: float,
+    slope_keyword: str,
     scales: Scales,
-    discs: tuple[Disc, Disc] | None = None,
-) -> ForceTable:
-    """Tabulate the repulsion of two grains over their distance [m, J, N]; nearest, farthest [D]."""
-    r = np.geomspace(nearest, farthest, ROWS)
-    energy, force = dipole_law.ENERGY / r**3, dipole_law.STRENGTH / r**4
-    slopes = -_PAIR_EXPONENT * force[[0, -1]] / r[[0, -1]]
-    if discs is not None:
-        energy, force = (dipole_law.ENERGY * values for values in disc_law_continued_below_contact(r, discs))
-        slopes = np.array(
-            [dipole_law.ENERGY * force_slope_at_contact(*discs), -_PAIR_EXPONENT * force[-1] / r[-1]]
-        )
-    return _force_table_in_si(
-        name, r, moment_product * energy, moment_product * force, moment_product * slopes, scales
-    )
-
-
-def wall_force_table(
-    name: str, law: str, moment_ratio: float, nearest: float, farthest: float, scales: Scales
-) -> ForceTable:
-    """Tabulate the repulsion of a grain from a wall, a power law [m, J, N]; nearest, farthest [D]."""
-    w = np.geomspace(nearest, farthest, ROWS)
-    exponent = WALL_EXPONENTS[law]
-    strength = {"experimental": wall_experimental, "infinite": wall_infinite}[law].force(1.0)
-    force = moment_ratio * strength / w**exponent
-    slopes = -exponent * force[[0, -1]] / w[[0, -1]]
-    return _force_table_in_si(name, w, force * w / (exponent - 1.0), force, slopes, scales)
-
-
-def _force_table_in_si(
-    name: str, distance: np.ndarray, energy: np.ndarray, force: np.ndarray, slopes: np.ndarray, scales: Scales
-) -> ForceTable:
+    distance: np.ndarray,
+    energy: np.ndarray,
+    force: np.ndarray,
+    slopes: np.ndarray,
+) -> Iterator[str]:
+    """Section of a table file in SI, of a law in natural units with its slopes at both ends."""
     first, last = (slopes * (scales.force / scales.length)).tolist()
-    distance, energy = distance * scales.length, energy * scales.energy
-    return ForceTable(name, distance, energy, force * scales.force, (first, last))
+    yield f"{name}\nN {ROWS} {slope_keyword} {first:.17g} {last:.17g}\n\n"
+    rows = np.column_stack([distance * scales.length, energy * scales.energy, force * scales.force])
+    for number, row in enumerate(rows.tolist(), start=1):
+        yield "{} {:.17g} {:.17g} {:.17g}\n".format(number, *row)
+    yield "\n"
 
 
 PAIR_BITS, WALL_ROWS = 16, 100_000
@@ -110,6 +100,10 @@ OPEN_MARGIN = 2.0
 
 CARRIED = ("dipole", "walls", "gravity", "drag", "shaking")
 """Effects that a deck has."""
+_REASONS = {
+    "friction": ": LAMMPS has no dry friction that lets grains stick under this load",
+    "contact": ": the dashpot of a contact is no function of the distance alone",
+}
 
 
 def check_exportable_scene(scene: Scene) -> None:
@@ -117,20 +111,11 @@ def check_exportable_scene(scene: Scene) -> None:
     effects, walls = scene.effects, scene.effects.walls
     if scene.grains.count == 0:
         raise InputError("grains.count = 0; LAMMPS needs at least 1 grain")
-    for name, why in (
-        ("friction", "LAMMPS has no dry friction that lets grains stick under this load"),
-        ("contact", "the dashpot of a contact is no function of the distance alone"),
-    ):
-        if getattr(effects, name) is not None:
-            raise InputError(
-                f"effects.{name} cannot be exported to LAMMPS: {why}; leave it out "
-                f"(--set effects.{name}=none) or run the scene here"
-            )
     for effect in effects.acting:
         if effect.key not in CARRIED:
             raise InputError(
-                f"effects.{effect.key} cannot be exported to LAMMPS; leave it out "
-                f"(--set effects.{effect.key}=none) or run the scene here"
+                f"effects.{effect.key} cannot be exported to LAMMPS{_REASONS.get(effect.key, '')}; leave it "
+                f"out (--set effects.{effect.key}=none) or run the scene here"
             )
     if scene.grains.spread > 0.0:
         raise InputError(
@@ -138,17 +123,33 @@ def check_exportable_scene(scene: Scene) -> None:
         )
     for side in ("left", "right", "bottom", "top"):
         wall = None if walls is None else getattr(walls, side)
-        if wall is not None and wall.law not in WALL_EXPONENTS:
+        if wall is not None and wall.law not in WALLS:
             why = "it depends on two coordinates" if wall.own is None else "no deck has its law"
             raise InputError(
                 f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: {why}; take "
-                f"{' or '.join(map(repr, WALL_EXPONENTS))}"
+                f"{' or '.join(map(repr, WALLS))}"
             )
+    if scene.cell.periods is not None:
+        raise InputError(
+            "cell.sides = 'periodic': the script for LAMMPS has walls alone; write the frames as "
+            "extended XYZ, whose lattice is periodic"
+        )
     if scene.pair_method == "verlet-list":
         raise InputError(
             "pairs.method = 'verlet-list' cannot be exported to LAMMPS, whose lists miss no pair; "
             "take 'cut-off' with the same radius"
         )
+
+
+class DeckStart(NamedTuple):
+    """State in which the deck begins, in SI, and the stages from there on."""
+
+    time: float
+    height: float | None  # of the piston; None without one
+    grains: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+    remaining_stages: tuple[RemainingStage, ...]
 
 
 class LammpsDeck(NamedTuple):
@@ -158,11 +159,9 @@ class LammpsDeck(NamedTuple):
     scales: Scales
     moment_ratios: tuple[float, ...]  # of each species over the first
     mass_ratios: tuple[float, ...]  # likewise
-    remaining_stages: tuple[RemainingStage, ...]
-    piston_start: float | None  # height [m]; None without a piston
+    start: DeckStart
     highest: float  # largest height of the piston, or of the bed without one [m]
     longest_step: float  # [s]
-    start_time: float  # [s]
 
     @property
     def wall_laws(self) -> dict[str, str]:
@@ -223,9 +222,12 @@ def input_script_lines(deck: LammpsDeck) -> Iterator[str]:
     yield from _wall_force_lines(deck)
     yield from _drag_lines(deck)
     yield from _gravity_and_shaking_lines(deck)
-    yield from _time_integration_lines()
+    yield "fix plane all enforce2d"
+    yield "fix motion all nve"
+    yield "fix share all balance 1000 1.1 shift xy 20 1.05"
+    yield ""
     yield from _output_lines(deck)
-    for stage in deck.remaining_stages:
+    for stage in deck.start.remaining_stages:
         yield from _stage_lines(deck, stage)
 
 
@@ -239,7 +241,7 @@ def _initialization_lines(deck: LammpsDeck) -> Iterator[str]:
     yield "boundary m m p"
     yield "atom_style atomic"
     yield "read_data bed.data"
-    yield f"reset_timestep 0 time {deck.start_time!r}"
+    yield f"reset_timestep 0 time {deck.start.time!r}"
     for number in range(1, len(deck.moment_ratios) + 1):
         yield f"group species{number} type {number}"
     yield ""
@@ -268,7 +270,7 @@ def _wall_force_lines(deck: LammpsDeck) -> Iterator[str]:
         return
     coordinates = {"left": "0.0", "right": repr(deck.scene.cell.width), "bottom": "0.0"}
     if "top" in deck.wall_laws:
-        yield f"variable height equal {deck.piston_start!r}"
+        yield f"variable height equal {deck.start.height!r}"
     reach = deck.wall_cutoff * deck.scales.length
     for number in range(1, len(deck.moment_ratios) + 1):
         walls = " ".join(
@@ -326,13 +328,6 @@ def _gravity_and_shaking_lines(deck: LammpsDeck) -> Iterator[str]:
             yield f"variable swing{suffix} equal {swing}"
             along = f"{math.cos(shaking.angle)!r} {math.sin(shaking.angle)!r} 0"
             yield f"fix swing{suffix} {group} gravity v_swing{suffix} vector {along}"
-
-
-def _time_integration_lines() -> Iterator[str]:
-    yield "fix plane all enforce2d"
-    yield "fix motion all nve"
-    yield "fix share all balance 1000 1.1 shift xy 20 1.05"
-    yield ""
 
 
 def _output_intervals(deck: LammpsDeck) -> tuple[int, int]:
