@@ -157,7 +157,7 @@ def grain_pressure(frame: Frame) -> Float[np.ndarray, "n"]:
 
 
 OBSERVABLES: Mapping[str, Callable[[Frame], Value]] = {
-    function.observable.name: function  # type: ignore[union-attr]
+    function.observable.name: function
     for function in list(globals().values())
     if observable_metadata(function) is not None and function.__module__ == __name__
 }
