@@ -5,20 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import Any
 
 from granular.effects.effect import RecordedVariable
 from granular.effects.wall_side import SIDES
-from granular.engine.columns import column_names_for_laws, energy_column, law_record_column, loss_column
+from granular.engine.columns import energy_column, law_record_column, loss_column
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import FieldError
-from granular.schema.natural_units import Scales
 from granular.shared.message_text import quote
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,33 +73,24 @@ FRAME_HEIGHT = DatasetVariable(
 
 def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
     """Scalar variables of a scene's records: those of the effects and parts that it has."""
-    effects = scene.effects
+    effects, piston, walls = scene.effects, scene.piston, scene.effects.walls
     laws = list(enumerate(effects.in_loop_order))
-    chosen: list[DatasetVariable] = []
-    if scene.piston is not None:
-        chosen += _PISTON
-    if effects.walls is not None:
-        walls = effects.walls
-        chosen += [variable for variable, side in zip(_SIDES, SIDES, strict=False) if getattr(walls, side)]
-        chosen += [_TOP] if walls.top else []
-    chosen.append(_KINETIC)
-    chosen += [_PAIR] if effects.dipole else []
-    chosen += _variables_of_summed_records(
-        (energy_column(index), variable.energy_record) for index, variable in laws[::-1]
+    own = [record for _, law in laws for record in law.extra_records]
+    sides = zip((*_SIDES, _TOP), SIDES, strict=True)
+    return (
+        *(_PISTON if piston else ()),
+        *(variable for variable, side in sides if getattr(walls, side, None)),
+        _KINETIC,
+        *([_PAIR] if effects.dipole else ()),
+        *_variables_of_summed_records((energy_column(k), law.energy_record) for k, law in laws[::-1]),
+        *([_PISTON_ENERGY] if piston and piston.mass is not None else ()),
+        *_variables_of_summed_records((loss_column(k), law.loss_record) for k, law in laws),
+        *([_PISTON_LOSS] if piston and (piston.drag or piston.friction) else ()),
+        *([_WORK] if piston or effects.shaking or effects.host else ()),
+        *(_record_variable(record, law_record_column(k)) for k, record in enumerate(own)),
+        *([_COUNT] if walls and walls.has_gap else ()),
+        *(variable for variable in _STATE if variable.column != "closest" or effects.dipole),
     )
-    if scene.piston is not None and scene.piston.mass is not None:
-        chosen.append(_PISTON_ENERGY)
-    chosen += _variables_of_summed_records(
-        (loss_column(index), variable.loss_record) for index, variable in laws
-    )
-    if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
-        chosen.append(_PISTON_LOSS)
-    chosen += [_WORK] if scene.piston is not None or effects.shaking or effects.host else []
-    own = [record for variable in effects.in_loop_order for record in variable.extra_records]
-    chosen += [_record_variable(record, law_record_column(index)) for index, record in enumerate(own)]
-    chosen += [_COUNT] if effects.walls and effects.walls.has_gap else []
-    chosen += [variable for variable in _STATE if variable.column != "closest" or effects.dipole]
-    return tuple(chosen)
 
 
 def _variables_of_summed_records(
@@ -150,18 +135,3 @@ def check_variable_names(scene: Scene) -> None:
                     "effects",
                     effect.key,
                 )
-
-
-def record_column_names(scene: Scene) -> tuple[str, ...]:
-    """Names of the columns of a scene's records, as the compiled loop fills them."""
-    laws = scene.effects.in_loop_order
-    return column_names_for_laws(len(laws), sum(len(law.extra_records) for law in laws))
-
-
-def column_in_si(
-    variable: DatasetVariable, rows: Float[np.ndarray, "r columns"], columns: tuple[str, ...], scales: Scales
-) -> Float[np.ndarray, "r"]:
-    """Convert a variable from the columns of the records to SI."""
-    first, *others = (rows[:, columns.index(word)] for word in variable.column.split(" + "))
-    values = sum(others, start=first)
-    return values * getattr(scales, variable.scale) if variable.scale else values

@@ -98,13 +98,8 @@ def evaluate(
         height = np.nan
     if not np.isfinite(height):
         raise InputError(f"piston_height = {quote(piston_height)}; give a height [m]")
-    state = new_state(
-        coordinates / scales.length,
-        speed / scales.velocity,
-        height / scales.length,
-        constants.acting,
-        METHODS["stormer-verlet"],
-    )
+    start = (coordinates / scales.length, speed / scales.velocity, height / scales.length)
+    state = new_state(*start, constants.acting, METHODS["stormer-verlet"])
     measurement, energies = new_measurement(state), np.zeros(len(constants.acting.laws))
     with report_arithmetic_errors_as(_misplaced_positions_error):
         outside, potential, kinetic = evaluate_forces(state, constants, measurement, energies)
@@ -124,10 +119,7 @@ def evaluate(
 
 
 def _misplaced_positions_error() -> InputError:
-    return InputError(
-        "a grain stands behind a wall, above the piston, or on another grain; move it into the "
-        "cell, clear of the others"
-    )
+    return InputError("a grain stands behind a wall, above the piston or on another; move it clear of them")
 
 
 def _normal_loads(state: State, system: SceneInNaturalUnits) -> np.ndarray:

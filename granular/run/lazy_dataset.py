@@ -16,13 +16,11 @@ from granular.run.zarr_arrays import ZarrArray, ZarrMetadata
 
 def open_lazy_dataset(path: Path, metadata: ZarrMetadata, manifest: Manifest) -> xarray.Dataset:
     """Open the complete part of a run's arrays, whose chunks are read on access."""
-    arrays = [ZarrArray(path, name, plain) for name, plain in sorted(metadata.arrays.items())]
-    return xarray.Dataset(
-        {
-            array.name: (array.dims, LazilyIndexedArray(_LazyZarrArray(array, manifest)), array.attributes)
-            for array in arrays
-        }
-    )
+    variables = {}
+    for name, plain in sorted(metadata.arrays.items()):
+        array = ZarrArray(path, name, plain)
+        variables[name] = (array.dims, LazilyIndexedArray(_LazyZarrArray(array, manifest)), array.attributes)
+    return xarray.Dataset(variables)
 
 
 class _LazyZarrArray(BackendArray):

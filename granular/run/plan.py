@@ -254,10 +254,7 @@ def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
         factor = float(match[2] or 1.0)
         factor = 1.0 / factor if match[1] == "/" and factor else factor
         if not 0.0 < factor <= step.greatest_factor:
-            raise InputError(
-                f"dt = {quote(dt)}; the automatic step may be multiplied by more than 0 and at "
-                f"most {step.greatest_factor:g}"
-            )
+            raise InputError(f"dt = {quote(dt)}; give a factor above 0, at most {step.greatest_factor:g}")
         return dataclasses.replace(step, factor=factor)
     if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
         raise InputError(f"dt = {quote(dt)}; give a time step above 0 s, or 'auto'")
@@ -463,7 +460,4 @@ def _end_refusals(scene: Scene, t_end: float | None) -> Iterator[str]:
     height = 1.0 if scene.piston is None else scene.piston.height
     for index, stage in enumerate(scene.protocol):
         if stage.total_duration(height) is None and (t_end is None or index < len(scene.protocol) - 1):
-            yield (
-                f"stage {stage.name!r} has no end; give it a duration, until = 'rest', or t_end where it is "
-                "the last"
-            )
+            yield f"stage {stage.name!r} has no end; give it a duration, until = 'rest' or (the last) t_end"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.effects.effect import Effect
+from granular.engine.columns import column_names_for_laws
 from granular.engine.far_field_forces import force_with_far_field
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
@@ -18,9 +19,7 @@ from granular.run.dataset_variables import (
     STAGE,
     TIME,
     DatasetVariable,
-    column_in_si,
     grain_field_variables,
-    record_column_names,
     scalar_variables,
 )
 from granular.scene.scene import Scene
@@ -74,12 +73,15 @@ class RecordBuffer:
         for buffer in (self.rows, self.stages, self.frames):
             buffer.clear()
 
-    def variables_in_si(self, scene: Scene, scales: Scales) -> Iterator[tuple[DatasetVariable, np.ndarray]]:
+    def variables_in_si(self, scene: Scene) -> Iterator[tuple[DatasetVariable, np.ndarray]]:
         """Iterate over the scene's variables, with all values that are held converted to SI."""
-        columns = record_column_names(scene)
+        own = sum(len(effect.extra_records) for effect in self.effects)
+        columns, scales = column_names_for_laws(len(self.effects), own), Scales.from_grains(scene.grains)
         rows = np.concatenate([np.empty((0, len(columns))), *self.rows])
         for variable in (TIME, *scalar_variables(scene)):
-            yield variable, column_in_si(variable, rows, columns, scales)
+            first, *others = (rows[:, columns.index(word)] for word in variable.column.split(" + "))
+            values = sum(others, start=first)
+            yield variable, values * getattr(scales, variable.scale) if variable.scale else values
         yield STAGE, np.concatenate([np.empty(0, dtype=np.int64), *self.stages])
         sizes = {"frame": len(self.frames), "grain": self.count, "axis": 2}
         for variable in (FRAME_TIME, FRAME_HEIGHT, *grain_field_variables(scene)):

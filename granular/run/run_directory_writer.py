@@ -35,15 +35,14 @@ from granular.run.run_directory import (
 )
 from granular.run.zarr_arrays import GROUP, AppendableZarrArray, ZarrArray, ZarrMetadata
 from granular.scene.scene import Scene
-from granular.scene.scene_in_natural_units import SceneInNaturalUnits
 from granular.shared.errors import StoreError
 
 
 class RunDirectoryWriter:
     """A run directory that is being written."""
 
-    def __init__(self, path: Path, scene: Scene, system: SceneInNaturalUnits) -> None:
-        self.path, self.scene, self.system = path, scene, system
+    def __init__(self, path: Path, scene: Scene) -> None:
+        self.path, self.scene = path, scene
         self.rows = self.frames = 0
         self._files: dict[str, str] = {}
         self._arrays: dict[str, AppendableZarrArray] = {}
@@ -52,16 +51,11 @@ class RunDirectoryWriter:
 
     @classmethod
     def create(
-        cls,
-        path: Path,
-        scene: Scene,
-        system: SceneInNaturalUnits,
-        settings: dict[str, Any],
-        checkpoint: Mapping[str, Any],
+        cls, path: Path, scene: Scene, settings: dict[str, Any], checkpoint: Mapping[str, Any]
     ) -> RunDirectoryWriter:
         """Make a run directory with its first checkpoint, in one step, and lock it."""
         part, held = create_partial_directory(path)
-        store = cls(part, scene, system)
+        store = cls(part, scene)
         try:
             (part / SCENE).write_text(scene.to_toml(), encoding="utf-8")
             (part / SETTINGS).write_text(json.dumps(settings, indent=2), encoding="utf-8")
@@ -110,7 +104,7 @@ class RunDirectoryWriter:
 
     def append_records(self, recorder: RecordBuffer) -> None:
         """Append what a buffer holds to the arrays, and clear the buffer."""
-        for variable, values in recorder.variables_in_si(self.scene, self.system.scales):
+        for variable, values in recorder.variables_in_si(self.scene):
             self._arrays[variable.name].append(values)
         rows, frames = recorder.record_and_frame_counts()
         self.rows += rows

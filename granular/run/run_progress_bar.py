@@ -6,7 +6,6 @@ import contextlib
 import math
 import time
 from collections import deque
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -44,9 +43,7 @@ class RunProgressBar:
             self._reports.enter_context(report_compiled_kernels(self._show_compiled_kernels))
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._reports.close()
         for bar in (self._compiling, self._bar):
             if bar is not None:
@@ -103,9 +100,7 @@ class RunProgressBar:
     def _announce_remaining_steps(self, run: ProtocolRunner) -> None:
         """Say once how many steps are ahead, and how long they take, if that is long."""
         now = time.perf_counter()
-        if self._first is None:
-            self._first = now, run.steps_made
-        started, made = self._first
+        started, made = self._first = self._first or (now, run.steps_made)
         if self._told or now - started < JUDGED or run.steps_made == made:
             return
         self._told = True

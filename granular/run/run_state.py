@@ -84,13 +84,8 @@ class RunState:
         positions, velocities = scene.initial_positions_and_velocities()
         height = scene.piston.height if scene.piston is not None else 0.0
         scales = system.scales
-        self.state: State = new_state(
-            positions / scales.length,
-            velocities / scales.velocity,
-            height / scales.length,
-            system.constants.acting,
-            plan.method,
-        )
+        start = (positions / scales.length, velocities / scales.velocity, height / scales.length)
+        self.state: State = new_state(*start, system.constants.acting, plan.method)
         self.measurement: Measurement = new_measurement(self.state)
         self.band, self.seen = np.zeros(3), np.zeros(3)
         self.ledger: EnergyLedger | None = None
@@ -267,12 +262,9 @@ class RunState:
         frequency = max(
             float(row[columns.STIFFEST]), evaluate_highest_impact_frequency(self.constants, speed)
         )
-        schedule = self.step.divide_stage(
-            output.scalars / scales.time,
-            output.frames / scales.time,
-            self._frequency_to_resolve(frequency),
-            scales.time,
-        )
+        record, frame = output.scalars / scales.time, output.frames / scales.time
+        frequency = self._frequency_to_resolve(frequency)
+        schedule = self.step.divide_stage(record, frame, frequency, scales.time)
         self._apply_schedule(schedule)
         end = min(self.stage_length, self.t_end - self.progress.start)
         steps = end / schedule.h if end < math.inf else 0.0

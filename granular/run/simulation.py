@@ -228,11 +228,10 @@ class _SimulationJob:
         import xarray
 
         run = self.run
-        recorded = run.recorder.variables_in_si(run.scene, run.system.scales)
-        data = xarray.Dataset(
-            {variable.name: (variable.dims, values, variable.attributes()) for variable, values in recorded}
-        )
-        return make_trajectory(run.scene, data, self.settings, self._outcome_fields(complete, until), None)
+        recorded = run.recorder.variables_in_si(run.scene)
+        data = {item.name: (item.dims, values, item.attributes()) for item, values in recorded}
+        outcome = self._outcome_fields(complete, until)
+        return make_trajectory(run.scene, xarray.Dataset(data), self.settings, outcome, None)
 
 
 def _warn_of_changed_record_spacing(plan: Plan) -> None:
@@ -274,7 +273,7 @@ def _create_or_resume_directory(
         first = take_snapshot(run) | {"rows": 0, "frames": 0}
         outcome = {"figures": run.summary_figures(), "complete": False, "stages": []}
         first["outcome"] = np.array(json.dumps(outcome))
-        return RunDirectoryWriter.create(path, run.scene, run.system, settings, first)
+        return RunDirectoryWriter.create(path, run.scene, settings, first)
     former = {"engine": NUMBA} | json.loads(read_verified_files(path, read_checkpoint(path)[1])[SETTINGS])
     for name in ("scene_digest", "dt", "method", "engine"):
         if former[name] != settings[name]:
@@ -294,7 +293,7 @@ def _create_or_resume_directory(
             "follows need not have the bits that it would have had",
             stacklevel=3,
         )
-    store = RunDirectoryWriter(path, run.scene, run.system)
+    store = RunDirectoryWriter(path, run.scene)
     store.lock()
     try:
         restore_snapshot(run, store.read_checkpoint_and_arrays())

@@ -57,24 +57,16 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
 
 def _refuse_unreachable_end(run: RunState) -> None:
     """Refuse an end that the run cannot reach any more."""
-    seconds = run.system.scales.time
-    ahead = run.t_end * (1.0 + 1e-9) if math.isfinite(run.t_end) else math.inf
-    if run.present_time > ahead:
-        raise StoreError(
-            f"the run has reached {run.present_time * seconds:g} s already, t_end = "
-            f"{run.t_end * seconds:g} s lies before; give a later one"
-        )
+    now, end = run.present_time * run.system.scales.time, run.t_end * run.system.scales.time
+    if run.present_time > run.t_end * (1.0 + 1e-9):
+        raise StoreError(f"the run has reached {now:g} s already, after t_end = {end:g} s; give a later one")
     last = run.scene.protocol[-1]
     longer = isinstance(last, TimedStage) and last.until is None and math.isfinite(run.t_end)
     if run.is_protocol_finished and longer and run.present_time < run.t_end * (1.0 - 1e-9):
-        raise StoreError(
-            f"the protocol of this run has ended, at {run.present_time * seconds:g} s; "
-            f"t_end = {run.t_end * seconds:g} s needs a new run"
-        )
+        raise StoreError(f"the protocol has ended, at {now:g} s; t_end = {end:g} s needs a new run")
     if not run.is_protocol_finished and run.progress.started and run.remaining_stage_time(0) < 0.0:
         raise StoreError(
-            f"the run has gone on to {run.present_time * seconds:g} s, behind the end of stage "
-            f"{run.stage.name!r}; give a t_end from there on"
+            f"the run has reached {now:g} s, behind the end of stage {run.stage.name!r}; give a later t_end"
         )
 
 

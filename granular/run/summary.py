@@ -25,14 +25,13 @@ def packing_fraction(scene: Scene, height: float) -> float:
 def derived_scene_values(scene: Scene) -> dict[str, Any]:
     """Natural units, numbers of grains and packing fraction of a scene, in SI [m, kg, N, s]."""
     scales = Scales.from_grains(scene.grains)
+    names = [specy.name for specy in scene.grains.species]
     figures: dict[str, Any] = {
         "grain_diameter": scales.length,
         "grain_mass": scales.mass,
         "force_unit": scales.force,
         "time_unit": scales.time,
-        "counts": dict(
-            zip((specy.name for specy in scene.grains.species), scene.grains.species_counts(), strict=True)
-        ),
+        "counts": dict(zip(names, scene.grains.species_counts(), strict=True)),
     }
     height = scene.cell.height if scene.piston is None else scene.piston.height
     if height is not None:

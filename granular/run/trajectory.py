@@ -214,11 +214,8 @@ class Trajectory:
         time = merge_equal_times(data["time"].values)[chosen]
         # Where the piston jumps, the same time stands twice: the later one counts.
         last = np.append(np.diff(time) > 0.0, True)
-        columns = {
-            name: data[f"piston_{name}"].values[chosen][last]
-            for name in ("height", "velocity", "force")
-            if f"piston_{name}" in data
-        }
+        recorded = [name for name in ("height", "velocity", "force") if f"piston_{name}" in data]
+        columns = {name: data[f"piston_{name}"].values[chosen][last] for name in recorded}
         indices = np.asarray(data["stage"].values[chosen][last])
         if name is not None:  # the first of its records ends the stage before
             indices = np.full_like(indices, self._stage_index(name))

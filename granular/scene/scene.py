@@ -175,12 +175,10 @@ class Scene(Section):
             names = tuple(stage.name for stage in self.protocol)
             if self.output.record not in names:
                 raise FieldError(unknown_word_message(self.output.record, names, "stage"), "output", "record")
-        positions = self.arrangement.positions
-        if positions is not None and len(positions) != self.grains.count:
+        positions, count = self.arrangement.positions, self.grains.count
+        if positions is not None and len(positions) != count:
             raise FieldError(
-                f"holds {len(positions)} pairs for grains.count = {self.grains.count}",
-                "arrangement",
-                "positions",
+                f"holds {len(positions)} pairs for grains.count = {count}", "arrangement", "positions"
             )
         self._check_pair_method()
         self.initial_positions_and_velocities()
@@ -204,12 +202,9 @@ class Scene(Section):
         tuple of arrays
             Positions [m] and velocities [m/s], float64 (n, 2) each, x before y; n may be 0.
         """
+        touching = self.effects.contact is not None
         return initial_positions_and_velocities(
-            self.arrangement,
-            self.grains,
-            self.cell,
-            self.piston,
-            overlapping=self.effects.contact is not None,
+            self.arrangement, self.grains, self.cell, self.piston, overlapping=touching
         )
 
     @property
@@ -235,24 +230,17 @@ class Scene(Section):
     def _check_pair_method(self) -> None:
         if self.grains.magnets == "cylinders" and self.pairs.method == "verlet-list":
             raise FieldError(
-                "de Paula's list knows dipoles alone; take 'direct', or grains.magnets = 'dipoles'",
-                "pairs",
-                "method",
+                "de Paula's list knows dipoles alone; take 'direct' or magnets = 'dipoles'", "pairs", "method"
             )
         if self.cell.periods is not None:
             return
         if self.pairs.method == "direct" and self.pairs.cut_off is not None:
             raise FieldError(
-                "only the methods 'cut-off', 'mesh' and 'verlet-list' have a radius in a closed "
-                "cell; this one is 'direct'",
-                "pairs",
-                "cut_off",
+                "the direct sum of a closed cell has no radius; leave it out", "pairs", "cut_off"
             )
         if self.pairs.method == "mesh" and not self.has_closed_walls:
             raise FieldError(
-                "the mesh of 'mesh' covers a closed cell; give all four walls and no gap, or take 'direct'",
-                "pairs",
-                "method",
+                "'mesh' needs a closed cell; give four walls and no gap, or take 'direct'", "pairs", "method"
             )
 
     def _check_periodic_cell(self) -> None:
@@ -265,9 +253,7 @@ class Scene(Section):
         for effect in self.effects.acting:
             if not effect.periodic:
                 raise FieldError(
-                    "cannot act in a cell with periodic sides; leave it out, or take cell.sides = 'closed'",
-                    "effects",
-                    effect.key,
+                    "cannot act in a cell with periodic sides; leave it out", "effects", effect.key
                 )
         try:
             self.pairs.check_periodic_cell(self.grains.count, shorter_period, self.grains.species[0].diameter)
@@ -302,16 +288,14 @@ class Scene(Section):
             raise FieldError(
                 "there is no piston; give [piston] a height or set it to 'none'", "effects", "walls", "top"
             )
-        for position, stage in enumerate(self.protocol):
+        for stage in self.protocol:
             if stage.needs_piston and self.piston is None:
                 raise FieldError(f"must be given: stage {stage.name!r} moves the piston", "piston")
             if stage.needs_piston_mass and (self.piston is None or self.piston.mass is None):
                 raise FieldError(f"must be given: stage {stage.name!r} frees the piston", "piston", "mass")
             if not top and self.grains.count and (stage.needs_piston_mass or stage.ends_at_force):
                 raise FieldError(
-                    "the piston must be a wall that grains push (effects.walls.top)",
-                    "protocol",
-                    stage.name or str(position),
+                    "the piston must be a wall that grains push (effects.walls.top)", "protocol", stage.name
                 )
 
     def replace(self, **changes: Any) -> Scene:
@@ -376,10 +360,8 @@ class Scene(Section):
         return super().from_plain(plain, diameter or _first_species_diameter(plain))
 
     def __repr__(self) -> str:
-        grains = " + ".join(
-            f"{count} of {1e3 * specy.diameter:.6g} mm"
-            for specy, count in zip(self.grains.species, self.grains.species_counts(), strict=True)
-        )
+        pairs = zip(self.grains.species, self.grains.species_counts(), strict=True)
+        grains = " + ".join(f"{count} of {1e3 * specy.diameter:.6g} mm" for specy, count in pairs)
         piston = ""
         if self.piston is not None:
             mass = "" if self.piston.mass is None else f", {self.piston.mass:.6g} kg"

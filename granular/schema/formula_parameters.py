@@ -97,26 +97,24 @@ class SectionWithFormula(Section):
 
     def validate(self) -> None:
         """Check that the formula can be read, has its parameters, and makes the unit."""
+        given = dict(self.values)
         try:
-            self._check_formula()
+            tree = parse(self.formula)
+            written = [name.text for name in variable_names(tree)]
+            for name in written:
+                if name not in self.variables and name not in given:
+                    names = (*self.variables, *given)
+                    raise InputError(f"{unknown_word_message(name, names, 'name')}; or give it: {name} = ...")
+            for name in given:
+                if name in self.variables:
+                    raise FieldError("is a variable; give the parameter another name", name)
+                if name not in written:
+                    raise FieldError(f"the {self.formula_key} has no {quote(name)}; take it out", name)
+            self.check_unit(tree, self.unit)
         except FieldError:
             raise
         except InputError as error:
             raise FieldError(str(error), self.formula_key) from None
-
-    def _check_formula(self) -> None:
-        tree, given = parse(self.formula), dict(self.values)
-        written = [name.text for name in variable_names(tree)]
-        for name in written:
-            if name not in self.variables and name not in given:
-                names = (*self.variables, *given)
-                raise InputError(f"{unknown_word_message(name, names, 'name')}; or give it: {name} = ...")
-        for name in given:
-            if name in self.variables:
-                raise FieldError("is a variable; give the parameter another name", name)
-            if name not in written:
-                raise FieldError(f"the {self.formula_key} has no {quote(name)}; take it out", name)
-        self.check_unit(tree, self.unit)
 
     def check_unit(self, tree: Node, unit: str) -> None:
         """Check the unit of a formula of the variables and parameters."""

@@ -60,9 +60,8 @@ def _unit_symbol_size(name: str, diameter: float | None) -> tuple[float, Dimensi
         if diameter is None:
             raise SceneError("the unit D (a grain's diameter) has no meaning here; give metres")
         return diameter, (1, 0, 0, 0)
-    for table in (_PLAIN, _BASE):
-        if name in table:
-            return table[name]
+    if (known := _PLAIN.get(name) or _BASE.get(name)) is not None:
+        return known
     if len(name) > 1 and name[0] in _PREFIX and name[1:] in _BASE:
         size, dimension = _BASE[name[1:]]
         return _PREFIX[name[0]] * size, dimension
@@ -100,8 +99,6 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
         part = text.strip()
         if position and part.startswith("(") and part.endswith(")"):  # as in 1/(m s)
             part = part[1:-1].strip()
-        if not part:
-            raise SceneError(f"the unit {quote(unit)} cannot be read; write for instance 'mm/s'")
         for factor in re.split(r"\s+|(?<!\*)\*(?!\*)", part):
             match = _FACTOR.fullmatch(factor)
             if match is None:

@@ -34,7 +34,7 @@ class ResultCache:
         """Path of the file that keeps a result."""
         return self.directory / f"{key}.json"
 
-    def read(self, key: str) -> Any:
+    def read(self, key: str, *, warn: bool = True) -> Any:
         """Read the result under a key."""
         path = self.path(key)
         try:
@@ -44,7 +44,8 @@ class ResultCache:
         except OSError as error:
             raise StoreError(f"{path} cannot be read: {error.strerror}; remove it to make it anew") from None
         except ValueError:
-            warnings.warn(f"{path} is damaged; what it held is made anew", stacklevel=2)
+            if warn:
+                warnings.warn(f"{path} is damaged; what it held is made anew", stacklevel=2)
             return None
 
     def keep(self, key: str, plain: object) -> None:

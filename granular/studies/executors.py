@@ -136,9 +136,7 @@ def failed_outcome(error: str, cause: str) -> Outcome:
 
 
 def _run_and_store(cache: ResultCache, case: Case, measure: Measure, out: Path | None) -> Outcome:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the study has said what is damaged
-        done: Outcome | None = cache.read(case.key)
+    done: Outcome | None = cache.read(case.key, warn=False)  # the study has said what is damaged
     if done is None:
         done = _run_case(case, measure, out)
         with contextlib.suppress(StoreError):  # the study tries it again

@@ -42,20 +42,17 @@ def piston_columns(run: Trajectory) -> Mapping[str, Any]:
 
 def find_measure(name: str, user_measures: Mapping[str, Measure] | None = None) -> Measure:
     """Find a measure by its name: "last-values", one of the user's own, or an installed entry point."""
-    if name == "last-values":
-        return last_values
-    if user_measures is not None and name in user_measures:
-        return user_measures[name]
+    known = {**(user_measures or {}), "last-values": last_values}
     # A name is looked up and never imported: no study's file decides which code runs.
-    result: Measure | None = load_entry_point(GROUP, name, "measure")
-    if callable(result):
-        return result
-    if result is not None:
+    result: Measure | None = known.get(name) or load_entry_point(GROUP, name, "measure")
+    if result is None:
+        raise InputError(
+            f"unknown measure {quote(name)}; give 'last-values', the name of a function in a file of "
+            f"yours (--import FILE), or that of an installed entry point of the group {GROUP!r}"
+        )
+    if not callable(result):
         raise InputError(f"measure {quote(name)} is no function")
-    raise InputError(
-        f"unknown measure {quote(name)}; give 'last-values', the name of a function in a file of "
-        f"yours (--import FILE), or that of an installed entry point of the group {GROUP!r}"
-    )
+    return result
 
 
 @dataclasses.dataclass(frozen=True)

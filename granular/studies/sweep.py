@@ -358,10 +358,8 @@ def _store_outcome(case: Case, outcome: Outcome, directory: Path | None) -> Outc
         return outcome
     cache = outcome_cache(directory)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a damaged one, which was told of before
-            if cache.read(case.key) is None:
-                cache.keep(case.key, outcome)
+        if cache.read(case.key, warn=False) is None:  # a damaged one was told of before
+            cache.keep(case.key, outcome)
     except StoreError as error:
         return outcome | {"error": f"{type(error).__name__}: {error}", "cause": MACHINE}
     return outcome

@@ -315,10 +315,9 @@ def test_two_processes_do_not_write_to_one_run(scene: Scene, tmp_path: Path) -> 
 import time
 from granular.run.run_directory_writer import RunDirectoryWriter
 from granular import load_scene
-from granular.scene.scene_in_natural_units import scene_in_natural_units
 scene = load_scene({str(tmp_path / "run" / "scene.toml")!r})
 path = __import__("pathlib").Path({str(tmp_path / "run")!r})
-RunDirectoryWriter(path, scene, scene_in_natural_units(scene)).lock()
+RunDirectoryWriter(path, scene).lock()
 print("held", flush=True)
 time.sleep(60)
 """
