@@ -70,12 +70,12 @@ class Method:
     def __post_init__(self) -> None:
         _check_name_and_order(self)
         if self.tableau is None:
-            _set_field(self, "kicks", _parse_fractions(self, "kicks", self.kicks))
-            _set_field(self, "drifts", _parse_fractions(self, "drifts", self.drifts))
+            for name in ("kicks", "drifts"):
+                object.__setattr__(self, name, _parse_fractions(self, name, getattr(self, name)))
             _check_composition(self)
             failed = failed_composition_condition(self.kicks, self.drifts, self.order)
         else:
-            _set_field(self, "tableau", _tableau_rows(self))
+            object.__setattr__(self, "tableau", _tableau_rows(self))
             _check_tableau(self)
             failed = failed_order_condition(self.tableau, self.order)
         if failed is not None:
@@ -149,10 +149,6 @@ def method_from_plain(plain: Mapping[str, Any]) -> Method:
         if name not in plain:
             raise InputError(f"the method lacks {name!r}; give it")
     return Method(**plain)
-
-
-def _set_field(method: Method, name: str, value: Any) -> None:
-    object.__setattr__(method, name, value)  # the class is frozen
 
 
 def _check_name_and_order(method: Method) -> None:

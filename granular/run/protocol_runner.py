@@ -37,7 +37,7 @@ from granular.run.plan import Plan
 from granular.run.run_state import ARRANGE, RunState
 from granular.run.thread_count import ThreadCountTuner
 from granular.scene.dry_friction import has_coarse_friction
-from granular.shared.errors import NotFiniteError
+from granular.shared.errors import NotFiniteError, RunError
 
 CALL_SECONDS = 0.1
 """Length of one call of the compiled loop: how long an interruption may have to wait."""
@@ -294,16 +294,12 @@ class ProtocolRunner(RunState):
             moment = float(rows[wrong[0], columns.TIME]) * seconds
             row = rows[wrong[0], None]
             turned = columns.total_energies(row) + columns.total_losses(row) + row[:, columns.WORK]
-            if not np.isfinite(turned).all():
-                raise NotFiniteError(
-                    "an energy is not finite any more",
-                    step=self.steps_made,
-                    time=moment,
-                    remedy=self.remedy_for_non_finite,
-                ).with_context(self.too_long_step_text)
-            error = unbalanced_energy_error(
+            error: RunError = unbalanced_energy_error(
                 wrong[1], self.ledger.wrong, self.steps_made, moment, self.remedy_for_long_steps
             )
+            if not np.isfinite(turned).all():
+                cause, remedy = "an energy is not finite any more", self.remedy_for_non_finite
+                error = NotFiniteError(cause, step=self.steps_made, time=moment, remedy=remedy)
             raise error.with_context(self.too_long_step_text)
 
     def _record_frame(self, at: float | None = None) -> None:

@@ -58,14 +58,16 @@ def scene_in_natural_units(
     """Make all that the compiled loop takes of a scene, in natural units."""
     scales = Scales.from_grains(scene.grains)
     species = scene.grains.species_indices()
-    context = _effect_context(scene, scales, species)
+    effects = scene.effects.in_loop_order
+    indices = {effect.key: index for index, effect in enumerate(effects)}
+    named = {effect.key: effect for effect in scene.effects.acting}
+    context = EffectContext(scene.grains, scene.cell, scales, species, named, indices, scene.piston)
     charges = _pair_charges(scene, context)
     numbers = _grain_numbers(scene, species, charges)
-    effects = scene.effects.in_loop_order
     acting = _acting_laws(scene, context, numbers, charges, method)
     pulls = (effect.downward_acceleration(scales) for effect in effects if isinstance(effect, ForceEffect))
     gravity = sum(pulls)
-    piston_mass, piston_weight = _piston_mass_and_weight(scene, scales, gravity)
+    piston_mass, piston_weight, resistance = _piston_numbers(scene, scales, gravity)
     walls = scene.effects.walls
     constants = Constants(
         grains=len(species),
@@ -73,7 +75,7 @@ def scene_in_natural_units(
         width=scene.cell.width / scales.length,
         piston_mass=piston_mass,
         piston_weight=piston_weight,
-        resistance=_piston_resistance(scene, scales),
+        resistance=resistance,
         exit=EXIT if walls is not None and walls.has_gap else -np.inf,
         acting=acting,
         threaded=None if threads == 1 else True,
@@ -204,13 +206,6 @@ def _periodic_sides(scene: Scene, scales: Scales) -> tuple[float, float] | None:
     return None if periods is None else (periods[0] / scales.length, periods[1] / scales.length)
 
 
-def _effect_context(scene: Scene, scales: Scales, species: np.ndarray) -> EffectContext:
-    effects = scene.effects.in_loop_order
-    indices = {effect.key: index for index, effect in enumerate(effects)}
-    acting = {effect.key: effect for effect in scene.effects.acting}
-    return EffectContext(scene.grains, scene.cell, scales, species, acting, indices, scene.piston)
-
-
 def _far_field_settings(
     scene: Scene, scales: Scales, summed: str | None, method: Method | None
 ) -> FarFieldSettings | None:
@@ -267,20 +262,17 @@ def _far_field_interval(scene: Scene, method: Method | None) -> int | None:
     return wanted if wanted > 1 else None
 
 
-def _piston_mass_and_weight(scene: Scene, scales: Scales, gravity: float) -> tuple[float, float]:
-    if scene.piston is None or scene.piston.mass is None:
-        return np.inf, 0.0
-    mass, host = scene.piston.mass / scales.mass, scene.effects.host
-    if host is None:
-        return mass, mass * gravity
-    weight = host.weight_on_piston(scene.grains, scales, gravity)
-    mass = host.moving_piston_mass(scene.piston.mass) / scales.mass
-    return mass, mass * gravity if weight is None else weight
-
-
-def _piston_resistance(scene: Scene, scales: Scales) -> PistonResistance | None:
-    piston, host = scene.piston, scene.effects.host
-    if piston is None or piston.mass is None or not (piston.drag or piston.friction):
-        return None
-    mass = piston.mass if host is None else host.moving_piston_mass(piston.mass)
-    return PistonResistance(rate=piston.drag * scales.time / mass, force=piston.friction / scales.force)
+def _piston_numbers(
+    scene: Scene, scales: Scales, gravity: float
+) -> tuple[float, float, PistonResistance | None]:
+    """Mass and weight of the piston, and what resists it; infinite and 0 of one that is not free."""
+    piston, host, weight = scene.piston, scene.effects.host, None
+    if piston is None or piston.mass is None:
+        return np.inf, 0.0, None
+    mass = piston.mass
+    if host is not None:
+        mass = host.moving_piston_mass(mass)
+        weight = host.weight_on_piston(scene.grains, scales, gravity)
+    resistance = PistonResistance(piston.drag * scales.time / mass, piston.friction / scales.force)
+    mass /= scales.mass
+    return mass, mass * gravity if weight is None else weight, resistance if any(resistance) else None

@@ -201,9 +201,8 @@ class Section:
         # The constructor has no diameter, which the unit D of the fields needs.
         self = object.__new__(cls)
         for field in dataclasses.fields(cls):
-            has_default = field.default is not dataclasses.MISSING
-            value = plain.get(field.name, field.default if has_default else None)
-            object.__setattr__(self, field.name, value)
+            default = None if field.default is dataclasses.MISSING else field.default
+            object.__setattr__(self, field.name, plain.get(field.name, default))
         self._read_fields(diameter)
         return self
 
@@ -218,12 +217,11 @@ class Section:
         out: dict[str, Any] = {}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if value is None:
-                if field.default is not None:
-                    # TOML has no null, and a missing key would take the default.
-                    out[field.name] = "none"
-            else:
+            if value is not None:
                 out[field.name] = field.metadata["kind"].to_plain(value)
+            elif field.default is not None:
+                # TOML has no null, and a missing key would take the default.
+                out[field.name] = "none"
         return out
 
 
@@ -240,8 +238,7 @@ def find_field(section: Any, key: str) -> tuple[Any, FieldKind] | None:
 
 def _find_inner_section(section: Any, part: str) -> Any:
     if isinstance(section, tuple):
+        indexed = {str(index): item for index, item in enumerate(section)}
         named = {str(getattr(item, "name", "")): item for item in section}
-        if part.isdecimal() and int(part) < len(section):
-            return named.get(part, section[int(part)])
-        return named.get(part)
+        return (indexed | named).get(part)
     return getattr(section, part, None) if isinstance(section, Section) else None

@@ -26,28 +26,20 @@ class BackgroundCaseRunner:
     """Cases that are computed while the caller works; what nobody waits for is ended."""
 
     def __init__(self, measure: Measure, executor: Executor | None) -> None:
-        self._measure, self._given = measure, executor
-        self._own: ProcessPool | None = None
+        self._measure, self._own = measure, executor is None
+        # One processor stays for the caller, who works meanwhile.
+        self._pool = executor or ProcessPool(max(1, (os.cpu_count() or 1) - 1))
         self._started: list[BackgroundCase] = []
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._own is not None:
-            self._own.shutdown(wait=False, cancel_futures=True)
+        if self._own:
+            self._pool.shutdown(wait=False, cancel_futures=True)
             return
         for started in self._started:
             started.future.cancel()
-
-    def _pool(self) -> Executor:
-        """Executor, whose processes start with the first case."""
-        if self._given is not None:
-            return self._given
-        if self._own is None:
-            # One processor stays for the caller, who works meanwhile.
-            self._own = ProcessPool(max(1, (os.cpu_count() or 1) - 1))
-        return self._own
 
     def submit_cases(
         self, scene: Scene, changes: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]
@@ -56,7 +48,7 @@ class BackgroundCaseRunner:
         started = []
         for case in make_cases(scene, {}, changes, settings, self._measure) if changes else ():
             try:
-                future = self._pool().submit(compute_case, case, self._measure, None, False, True)
+                future = self._pool.submit(compute_case, case, self._measure, None, False, True)
             except BrokenExecutor as error:  # whoever waits tries again
                 future = Future()
                 future.set_exception(error)
@@ -75,7 +67,7 @@ class BackgroundCaseRunner:
             wanted=progress, total=len(started), initial=len(done), desc=title, unit="run"
         ) as bar:
             for entry in reversed(started):
-                if self._own is not None and entry.future.cancel():
+                if self._own and entry.future.cancel():
                     outcomes[entry.case.key] = compute_case(entry.case, self._measure, None, False)
                     waiting.remove(entry.future)
                     bar.update()
@@ -85,6 +77,6 @@ class BackgroundCaseRunner:
             if entry.future in waiting and (outcome := future_outcome(entry.future)) is not None:
                 outcomes[entry.case.key] = outcome
         lost = [entry.case for entry in started if entry.case.key not in outcomes]
-        for case, outcome in compute_outcomes_with_retries(lost, self._measure, None, False, self._pool()):
+        for case, outcome in compute_outcomes_with_retries(lost, self._measure, None, False, self._pool):
             outcomes[case.key] = outcome
         return [outcomes[entry.case.key] for entry in started]
