@@ -13,11 +13,12 @@ import numba
 import numpy as np
 
 from granular.effects import drag
-from granular.effects.wall_experimental import force
+from granular.effects.wall_experimental import ExperimentalWall
 from granular.pairs.direct_sum import direct_sum
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import GrainArrays
 
+_force = ExperimentalWall.force
 _ABSENT = (None,) * 7
 
 _by_hand = numba.njit(error_model="numpy", nogil=True, fastmath={"contract"})
@@ -60,19 +61,19 @@ def _pairs(bed: Bed) -> None:
 def _walls(bed: Bed) -> None:
     push = bed.push
     for i in range(bed.grains):
-        push[i] = force(bed.x[i])
+        push[i] = _force(None, bed.x[i])
         bed.fx[i] += push[i]
     bed.totals[0] = reproducible_sum(push)
     for i in range(bed.grains):
-        push[i] = force(bed.width - bed.x[i])
+        push[i] = _force(None, bed.width - bed.x[i])
         bed.fx[i] -= push[i]
     bed.totals[1] = reproducible_sum(push)
     for i in range(bed.grains):
-        push[i] = force(bed.y[i])
+        push[i] = _force(None, bed.y[i])
         bed.fy[i] += push[i]
     bed.totals[2] = reproducible_sum(push)
     for i in range(bed.grains):
-        push[i] = force(bed.height - bed.y[i])
+        push[i] = _force(None, bed.height - bed.y[i])
         bed.fy[i] -= push[i]
     bed.totals[3] = reproducible_sum(push)
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
-from granular.effects.wall_experimental import force
+from granular.effects.wall_experimental import ExperimentalWall
 from granular.schema.natural_units import Scales
 from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure
 from validation.exact import bounce
@@ -37,6 +37,8 @@ PLAIN, COMPENSATED, TOOLKIT = "position form", "compensated increments", "toolki
 PRINTED_PEAKS = 6.8e-9
 """Greatest difference of two peaks as de Paula prints it [m]."""
 
+_force = ExperimentalWall.force
+
 # Places for peaks; 2 s hold four, at a period of 0.402 s.
 _PEAKS = 16
 _SAMPLES = 200
@@ -50,13 +52,13 @@ def _integrate_position_form(
     square = h * h
     every = max(1, steps // path.size)
     before = start
-    now = start + 0.5 * square * (force(start) - weight)
+    now = start + 0.5 * square * (_force(None, start) - weight)
     result = 0
     path[0] = start
     for step in range(1, steps):
         if step % every == 0 and step < every * path.size:
             path[step // every] = now
-        later = 2.0 * now - before + square * (force(now) - weight)
+        later = 2.0 * now - before + square * (_force(None, now) - weight)
         if now >= before and now > later and result < peaks.size:
             peaks[result] = now
             result += 1
@@ -71,7 +73,7 @@ def _integrate_compensated_form(
     """Return the same sequence in compensated increments."""
     square = h * h
     every = max(1, steps // path.size)
-    gain = 0.5 * square * (force(start) - weight)
+    gain = 0.5 * square * (_force(None, start) - weight)
     now, lost = start, 0.0
     gain_lost = 0.0
     result = 0
@@ -80,7 +82,7 @@ def _integrate_compensated_form(
         if step % every == 0 and step < every * path.size:
             path[step // every] = now
         if step > 0:
-            add = square * (force(now) - weight) - gain_lost
+            add = square * (_force(None, now) - weight) - gain_lost
             total = gain + add
             gain_lost = (total - gain) - add
             gain = total

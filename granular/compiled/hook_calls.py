@@ -78,13 +78,13 @@ def _call_hooks(
 
 
 def call_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
-    """Make a kernel ``(law, *rest)`` that calls a law's hook, or ``otherwise`` where it has none."""
+    """Make a kernel ``(law, *rest)`` that calls a law's hook; ``otherwise`` of a law without it, or None."""
 
     def call(law: Any, *others: Any) -> Any:
         return getattr(law, hook, otherwise)(law, *others)
 
     def choose(context: Any, law: Any, *others: Any) -> tuple[Signature, Kernel]:
-        kernel = getattr(law.instance_class, hook, otherwise)
+        kernel = getattr(getattr(law, "instance_class", None), hook, otherwise)
         call_law = _resolve_kernel_call(context, kernel, (law, *others), lambda *given: given[2])
         return _emit_unrolled_calls([call_law], 0, _emit_sum, (law, *others))
 

@@ -25,6 +25,7 @@ from granular.effects.wall_side import WallSide
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
 from granular.pairs.disc_near_law import disc_law_continued_below_contact, force_slope_at_contact
+from granular.pairs.grain_arrays import value_or_one
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -126,37 +127,19 @@ class DiscWall(NamedTuple):
         count: int,
         moments: Float[Array, "m"] | None,
         side: WallSide,
-        force: Float[Array, "m"],
         normal: Float[Array, "m"],
-        tangential: Float[Array, "m"],
     ) -> int:
-        """Add the forces away from the wall [F*]; those along it are put into ``tangential`` [F*]."""
+        """Add the forces of the wall; fill in those away from it, ``normal`` [F*]."""
         outside = 0
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
             kind = _grain_species(law.species, i)
-            _, normal[i], tangential[i] = energy_and_forces(law.tables, kind, w, side.along[i])
-            if moments is not None:
-                normal[i] *= moments[i]
-            force[i] += side.sign * normal[i]
+            _, normal[i], tangential = energy_and_forces(law.tables, kind, w, side.along[i])
+            normal[i] *= value_or_one(moments, i)
+            side.force[i] += side.sign * normal[i]
+            side.force_along[i] += value_or_one(moments, i) * tangential
             outside += not w > 0.0
         return outside
-
-    @staticmethod
-    @compiled
-    def add_tangential_forces(
-        law: DiscWall,
-        count: int,
-        moments: Float[Array, "m"] | None,
-        along_force: Float[Array, "m"],
-        tangential: Float[Array, "m"],
-    ) -> None:
-        """Add the forces along the wall on the grains [F*]; along_force, tangential [F*]."""
-        for i in range(count):
-            ratio = 1.0
-            if moments is not None:
-                ratio = moments[i]
-            along_force[i] += ratio * tangential[i]
 
     @staticmethod
     @compiled

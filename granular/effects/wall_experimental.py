@@ -18,60 +18,36 @@ ENERGY = STRENGTH / 2.5
 STIFFNESS = STRENGTH * 3.5
 
 
-@entry
-def force(w: float) -> float:
-    """Force 1/(2 w^3.5) away from the wall on a grain of the first species, [D, eq. 2.8] [F*]; w [D]."""
-    return STRENGTH / (w * w * w * math.sqrt(w))
-
-
-@entry
-def energy(w: float) -> float:
-    """Energy 1/(5 w^2.5) of a grain of the first species at the wall, [D, eq. 2.8] [F* D]; w [D]."""
-    return ENERGY / (w * w * math.sqrt(w))
-
-
-@entry
-def stiffness(w: float) -> float:
-    """Minus the slope of the force, 7/(4 w^4.5), of a grain of the first species [F*/D]; w [D]."""
-    w2 = w * w
-    return STIFFNESS / (w2 * w2 * math.sqrt(w))
-
-
-@entry
-def turning_point_stiffness(speed: float) -> float:
-    """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: U(w) = v^2/2."""
-    return STIFFNESS * (speed * speed / (2.0 * ENERGY)) ** 1.8
-
-
 class ExperimentalWall(NamedTuple):
     """The law as the kernels take it."""
 
     @staticmethod
     @compiled(inline=True)
-    def is_behind(law: ExperimentalWall, w: float) -> bool:
+    def is_behind(law: object, w: float) -> bool:
         """Return False: behind the wall the force is no number, so that the total tells; w [D]."""
         return False
 
     @staticmethod
-    @compiled
-    def force(law: ExperimentalWall, w: float) -> float:
+    @entry
+    def force(law: object, w: float) -> float:
         """Force 1/(2 w^3.5) away from the wall on a grain of the first species, [D, eq. 2.8] [F*]; w [D]."""
-        return force(w)
+        return STRENGTH / (w * w * w * math.sqrt(w))
 
     @staticmethod
-    @compiled
-    def energy(law: ExperimentalWall, w: float) -> float:
+    @entry
+    def energy(law: object, w: float) -> float:
         """Energy 1/(5 w^2.5) of a grain of the first species at the wall, [D, eq. 2.8] [F* D]; w [D]."""
-        return energy(w)
+        return ENERGY / (w * w * math.sqrt(w))
 
     @staticmethod
-    @compiled
-    def stiffness(law: ExperimentalWall, w: float) -> float:
+    @entry
+    def stiffness(law: object, w: float) -> float:
         """Minus the slope of the force, 7/(4 w^4.5), of a grain of the first species [F*/D]; w [D]."""
-        return stiffness(w)
+        w2 = w * w
+        return STIFFNESS / (w2 * w2 * math.sqrt(w))
 
     @staticmethod
-    @compiled
-    def turning_point_stiffness(law: ExperimentalWall, speed: float) -> float:
+    @entry
+    def turning_point_stiffness(law: object, speed: float) -> float:
         """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: U(w) = v^2/2."""
-        return turning_point_stiffness(speed)
+        return STIFFNESS * (speed * speed / (2.0 * ENERGY)) ** 1.8

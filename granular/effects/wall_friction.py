@@ -14,10 +14,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.compiled.hook_calls import call_hook
 from granular.effects import drag
 from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import Effect, EffectContext, energy_variable
+from granular.effects.wall_side import force_at_distance
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.grain_arrays import value_or_one
@@ -105,7 +105,7 @@ class WallFrictionLaw(NamedTuple):
                 if not drag.is_of_drag_kind(law.kind, i, k):
                     continue
                 mass, x = value_or_one(masses, i), state.x[i]
-                normal = _wall_normal_force(law.left, x) + _wall_normal_force(law.right, constants.width - x)
+                normal = force_at_distance(law.left, x) + force_at_distance(law.right, constants.width - x)
                 hold = law.coefficient * value_or_one(moments, i) * normal
                 v, push = state.vx[i], state.fx[i] / mass
                 state.vx[i] = decay * v + gain * push
@@ -118,19 +118,6 @@ class WallFrictionLaw(NamedTuple):
         state.ledger[LOSSES + index] += rubbed
         drag.record_drag_loss(law.drag, state, dragged)
         return 0
-
-
-@compiled
-def _zero_normal_force(law: Any, w: float) -> float:
-    return 0.0
-
-
-_force = call_hook("force", "w", _zero_normal_force)
-
-
-@compiled
-def _wall_normal_force(law: Any, w: float) -> float:
-    return 0.0 if law is None else _force(law, w)
 
 
 @compiled

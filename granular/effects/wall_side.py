@@ -4,7 +4,7 @@ The law of a wall is a named tuple whose class has, as static methods, ``force(l
 ``energy(law, w)`` and ``stiffness(law, w)`` of a grain of the first species at the distance w [D],
 and ``turning_point_stiffness(law, speed)``, the stiffness per mass where a grain of that speed turns;
 ``is_behind(law, w)`` where another test than the sign of w is quicker. A law that is more than that
-has ``add_forces``, ``add_tangential_forces`` and ``measure_energy_and_stiffness`` instead.
+has ``add_forces`` and ``measure_energy_and_stiffness`` instead.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_hook
+from granular.kernel_data.state import HEIGHT, Bed
+from granular.pairs.grain_arrays import value_or_one
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -27,8 +29,23 @@ class WallSide(NamedTuple):
 
     position: Float[Array, "m"]  # coordinates across the wall [D]
     along: Float[Array, "m"]  # coordinates along it [D]
+    force: Float[Array, "m"]  # on the grains, in the direction of ``position`` [F*]
+    force_along: Float[Array, "m"]  # [F*]
     offset: float  # [D]; w = sign * (position - offset)
     sign: float
+
+
+@compiled(inline=True)
+def sides_of_cell(bed: Bed) -> tuple[WallSide, WallSide, WallSide, WallSide]:
+    """Return the walls of a bed, in the order of `SIDES`."""
+    state = bed.state
+    x, y, fx, fy = state.x, state.y, state.fx, state.fy
+    return (
+        WallSide(x, y, fx, fy, 0.0, 1.0),
+        WallSide(x, y, fx, fy, bed.constants.width, -1.0),
+        WallSide(y, x, fy, fx, 0.0, 1.0),
+        WallSide(y, x, fy, fx, state.piston[HEIGHT], -1.0),
+    )
 
 
 @compiled
@@ -42,29 +59,21 @@ def _is_at_negative_distance(law: Any, w: float) -> bool:
 
 
 _is_behind = call_hook("is_behind", "w", _is_at_negative_distance)
-_force, _energy, _stiffness = (
+force_at_distance, _energy, _stiffness = (
     call_hook(name, "w", _zero_function_of_distance) for name in ("force", "energy", "stiffness")
 )
 
 
 @compiled(inline=True)
 def add_normal_wall_forces(
-    law: Any,
-    count: int,
-    moments: Float[Array, "m"] | None,
-    side: WallSide,
-    force: Float[Array, "m"],
-    normal: Float[Array, "m"],
-    tangential: Array | None,
+    law: Any, count: int, moments: Float[Array, "m"] | None, side: WallSide, normal: Float[Array, "m"]
 ) -> int:
-    """Add the forces of a wall away from it, by a law of the distance alone; force, normal [F*]."""
+    """Add the forces of a wall by a law of the distance alone; fill in ``normal`` [F*]."""
     outside = 0
     for i in range(count):
         w = side.sign * (side.position[i] - side.offset)
-        normal[i] = _force(law, w)
-        if moments is not None:
-            normal[i] *= moments[i]
-        force[i] += side.sign * normal[i]
+        normal[i] = force_at_distance(law, w) * value_or_one(moments, i)
+        side.force[i] += side.sign * normal[i]
         outside += _is_behind(law, w)
     return outside
 

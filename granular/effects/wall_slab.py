@@ -20,11 +20,14 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from granular.compiled import Array, compiled, entry
-from granular.effects import wall_infinite
+from granular.effects.wall_infinite import InfiniteWall
 from granular.effects.wall_side import WallSide
+from granular.pairs.grain_arrays import value_or_one
 
 if TYPE_CHECKING:
     from jaxtyping import Float
+
+_endless = InfiniteWall.turning_point_stiffness
 
 
 @compiled
@@ -97,41 +100,22 @@ class SlabWall(NamedTuple):
         count: int,
         moments: Float[Array, "m"] | None,
         side: WallSide,
-        force: Float[Array, "m"],
         normal: Float[Array, "m"],
-        tangential: Float[Array, "m"],
     ) -> int:
-        """Add the forces away from the slabs [F*]; those along them are put into ``tangential`` [F*]."""
+        """Add the forces of the slabs; fill in those away from them, ``normal`` [F*]."""
         outside = 0
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
-            normal[i] = 0.0
-            tangential[i] = 0.0
+            normal[i], tangential, moment = 0.0, 0.0, value_or_one(moments, i)
             for k in range(law.starts.size):
                 a, b = side.along[i] - law.starts[k], law.ends[k] - side.along[i]
                 normal[i] += normal_force(w, a, b)
-                tangential[i] += tangential_force(w, a, b)
-            if moments is not None:
-                normal[i] *= moments[i]
-            force[i] += side.sign * normal[i]
+                tangential += tangential_force(w, a, b)
+            normal[i] *= moment
+            side.force[i] += side.sign * normal[i]
+            side.force_along[i] += moment * tangential
             outside += (not w > 0.0) if law.closed else (not abs(w) >= 0.0)
         return outside
-
-    @staticmethod
-    @compiled
-    def add_tangential_forces(
-        law: SlabWall,
-        count: int,
-        moments: Float[Array, "m"] | None,
-        along_force: Float[Array, "m"],
-        tangential: Float[Array, "m"],
-    ) -> None:
-        """Add the forces along the slabs on the grains [F*]; along_force, tangential [F*]."""
-        for i in range(count):
-            ratio = 1.0
-            if moments is not None:
-                ratio = moments[i]
-            along_force[i] += ratio * tangential[i]
 
     @staticmethod
     @compiled
@@ -153,4 +137,4 @@ class SlabWall(NamedTuple):
         """Bound of the stiffness where a grain of this speed turns [1/tau^2]; speed [D/tau]."""
         # At its end a slab has half the infinite wall's energy: a grain comes sqrt(2) nearer, and 3/w^4 is 4
         # times as large.
-        return 4.0 * wall_infinite.turning_point_stiffness(speed)
+        return 4.0 * _endless(None, speed)

@@ -211,7 +211,7 @@ def _highest_collision_frequency(deck: LammpsDeck) -> float:
         ratio = moment_ratio / mass
         scaled_speed = speed / math.sqrt(ratio)
         laws = set(deck.wall_laws.values())
-        squares += [ratio * WALLS[law][0].turning_point_stiffness(scaled_speed) for law in laws]
+        squares += [ratio * WALLS[law][0].turning_point_stiffness(None, scaled_speed) for law in laws]
         if deck.pair_cutoff is not None and not discs:
             squares.append(dipole_law.head_on_frequency_squared(speed, mass, moment_ratio))
         elif deck.pair_cutoff is not None:
@@ -286,6 +286,6 @@ def mode_frequency_bound(
         "top": height - positions[:, 1],
     }
     for side, law in walls.items():
-        rows += [WALLS[law][0].stiffness(gap) for gap in gaps[side]]
+        rows += [WALLS[law][0].stiffness(None, gap) for gap in gaps[side]]
     # Gershgorin's circles bound the eigenvalues (Horn and Johnson, Matrix Analysis, theorem 6.1.1).
     return math.sqrt(float((rows * (moment_ratio / mass_ratio)).max()))

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.effects import wall_experimental, wall_infinite
 from granular.effects.dipole import discs_unless_dipoles
+from granular.effects.wall_experimental import ExperimentalWall
+from granular.effects.wall_infinite import InfiniteWall
 from granular.export.lammps_stages import RemainingStage
 from granular.pairs import dipole_law
 from granular.pairs.disc_near_law import disc_law_continued_below_contact, force_slope_at_contact
@@ -29,8 +30,8 @@ FARTHEST_WALL = 200.0
 """Greatest last distance of the walls' tables [D]; the experimental wall's force there is 5e-9 F*."""
 
 WALLS: dict[str, tuple[Any, float]] = {
-    "experimental": (wall_experimental, 3.5),
-    "infinite": (wall_infinite, 3.0),
+    "experimental": (ExperimentalWall, 3.5),
+    "infinite": (InfiniteWall, 3.0),
 }
 """Laws that depend on the distance alone, with the power by which their force falls."""
 
@@ -62,9 +63,9 @@ def wall_table_lines(deck: LammpsDeck) -> Iterator[str]:
     # LAMMPS reads one row beyond the last distance.
     w = np.geomspace(NEAREST_WALL * math.sqrt(min(deck.moment_ratios)), 1.001 * deck.wall_cutoff, ROWS)
     for law in dict.fromkeys(deck.wall_laws.values()):
-        module, exponent = WALLS[law]
+        wall, exponent = WALLS[law]
         for number, moment_ratio in enumerate(deck.moment_ratios, start=1):
-            force = moment_ratio * module.force(1.0) / w**exponent
+            force = moment_ratio * wall.force(None, 1.0) / w**exponent
             slopes = -exponent * force[[0, -1]] / w[[0, -1]]
             name, energy = wall_table_name(law, number), force * w / (exponent - 1.0)
             yield from _table_lines(name, "FP", deck.scales, w, energy, force, slopes)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import mpmath
@@ -15,7 +14,9 @@ from hypothesis import strategies as st
 
 from granular import Scene, Trajectory, evaluate, load_scene, simulate
 from granular.compiled import entry
-from granular.effects import wall_discs, wall_experimental, wall_infinite, wall_slab
+from granular.effects import wall_discs, wall_slab
+from granular.effects.wall_experimental import ExperimentalWall
+from granular.effects.wall_infinite import InfiniteWall
 from granular.pairs.disc_law import Disc, pair_squared_distance_shift
 from granular.pairs.disc_near_law import disc_law_continued_below_contact
 from granular.shared.errors import SceneError
@@ -70,27 +71,27 @@ def test_slab_force_is_the_sources_above_it() -> None:
 def test_slab_tends_to_the_infinite_wall() -> None:
     for w in (0.3, 1.0, 4.0):
         errors = [
-            abs(wall_slab.normal_force(w, half, half) / wall_infinite.force(w) - 1.0)
+            abs(wall_slab.normal_force(w, half, half) / InfiniteWall.force(None, w) - 1.0)
             for half in (10.0, 100.0, 1000.0)
         ]
         assert errors[0] > errors[1] > errors[2]
         assert errors[2] < 1e-9
-        assert wall_slab.energy(w, 1e6, 1e6) == pytest.approx(wall_infinite.energy(w), rel=1e-10)
+        assert wall_slab.energy(w, 1e6, 1e6) == pytest.approx(InfiniteWall.energy(None, w), rel=1e-10)
 
 
-@pytest.mark.parametrize("law", [wall_experimental, wall_infinite])
+@pytest.mark.parametrize("law", [ExperimentalWall, InfiniteWall])
 @pytest.mark.parametrize("w", [0.1, 1.0, 7.0])
-def test_simple_laws(law: ModuleType, w: float) -> None:
+def test_simple_laws(law: Any, w: float) -> None:
     h = 1e-4 * w
-    slope = (law.energy(w - h) - law.energy(w + h)) / (2.0 * h)
-    assert law.force(w) == pytest.approx(slope, rel=1e-6)
-    curve = (law.force(w - h) - law.force(w + h)) / (2.0 * h)
-    assert law.stiffness(w) == pytest.approx(curve, rel=1e-6)
+    slope = (law.energy(None, w - h) - law.energy(None, w + h)) / (2.0 * h)
+    assert law.force(None, w) == pytest.approx(slope, rel=1e-6)
+    curve = (law.force(None, w - h) - law.force(None, w + h)) / (2.0 * h)
+    assert law.stiffness(None, w) == pytest.approx(curve, rel=1e-6)
     speed = 0.4
-    near = law.turning_point_stiffness(speed)
+    near = law.turning_point_stiffness(None, speed)
     distances = np.geomspace(0.2, 20.0, 20000)
-    turn = distances[np.argmin([abs(law.energy(one) - 0.5 * speed**2) for one in distances])]
-    assert near == pytest.approx(law.stiffness(turn), rel=0.01)
+    turn = distances[np.argmin([abs(law.energy(None, one) - 0.5 * speed**2) for one in distances])]
+    assert near == pytest.approx(law.stiffness(None, turn), rel=0.01)
 
 
 def test_stiffest_turn_at_a_slab_is_that_at_its_end() -> None:
@@ -101,7 +102,7 @@ def test_stiffest_turn_at_a_slab_is_that_at_its_end() -> None:
     turn = distances[np.argmin(np.abs(np.array(energies) - 0.5 * speed**2))]
     slab = wall_slab.SlabWall(np.array([0.0]), np.array([LENGTH]), True)
     found = entry(wall_slab.SlabWall.turning_point_stiffness)(slab, speed)
-    assert found == pytest.approx(wall_infinite.stiffness(turn), rel=0.01)
+    assert found == pytest.approx(InfiniteWall.stiffness(None, turn), rel=0.01)
 
 
 COIN, SMALL = Disc(0.5, 0.5), Disc(0.3, 0.5)
@@ -139,7 +140,7 @@ def test_row_of_discs_far_away_is_the_infinite_wall() -> None:
     for w in (20.0, 80.0):
         normal, middle = wall_discs.energy_and_forces(tables, 0, w, 0.3)[1], w + COIN.radius
         factor = 1.0 + 2.0 * pair_squared_distance_shift(COIN, COIN) / middle**2
-        assert normal * 1.5 == pytest.approx(factor * wall_infinite.force(middle), rel=1e-5, abs=1e-9)
+        assert normal * 1.5 == pytest.approx(factor * InfiniteWall.force(None, middle), rel=1e-5, abs=1e-9)
 
 
 @pytest.mark.parametrize("w", [0.42, 0.53, 0.6, 1.1, 2.5])
@@ -191,8 +192,8 @@ def test_rows_of_discs_beside_the_other_walls() -> None:
         force = np.array([wall_discs.energy_and_forces(tables, 0, 0.5 + gap, x)[1] for x in along])
         assert force.mean() == pytest.approx(mean, rel=6e-3)
         assert 50.0 * np.ptp(force) / force.mean() == pytest.approx(ripple, rel=0.1)
-        assert wall_experimental.force(1.0 + gap) == pytest.approx(experimental, rel=6e-3)
-        assert wall_infinite.force(1.0 + gap) == pytest.approx(infinite, rel=6e-3)
+        assert ExperimentalWall.force(None, 1.0 + gap) == pytest.approx(experimental, rel=6e-3)
+        assert InfiniteWall.force(None, 1.0 + gap) == pytest.approx(infinite, rel=6e-3)
 
 
 def walled(law: str, **more: object) -> Scene:

@@ -10,7 +10,7 @@ import pytest
 
 from granular import Scene, Trajectory, load_scene, simulate
 from granular.effects.eddy_drag import Eddy
-from granular.effects.wall_infinite import force
+from granular.effects.wall_infinite import InfiniteWall
 from granular.schema.natural_units import Scales
 from granular.shared.errors import SceneError
 
@@ -88,7 +88,7 @@ def test_a_gradient_pulls_with_moment_times_gradient() -> None:
 
 def test_a_grain_between_rubbing_walls_slides_or_stays_to_the_last_bit() -> None:
     scales = Scales.from_grains(alone().grains)
-    normal = 2.0 * force(3.0) * scales.force
+    normal = 2.0 * InfiniteWall.force(None, 3.0) * scales.force
     weight = 9.8 * scales.mass
     hold = weight / normal  # coefficient that just holds it
     stays = run(**{"effects.gravity.acceleration": 9.8, "effects.wall_friction.coefficient": 1.01 * hold})
