@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import compiled
+from granular.kernel_data.cubic_spline import evaluate_cubic_spline
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
 from granular.schema.sections import (
@@ -247,7 +248,7 @@ def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_s
 def _value_during_excitation(drive: ExcitationLaw, t: float) -> float:
     """Value at a time since its begin [tau]."""
     if drive.kind == TABLE:
-        return drive.size * _interpolate_table(drive, t)
+        return drive.size * evaluate_cubic_spline(drive.values, drive.slopes, drive.times[1], t)[0]
     if drive.kind == IMPULSE:
         inside = t < drive.duration
         return drive.size * math.sin(math.pi * t / drive.duration) if inside else 0.0
@@ -259,17 +260,6 @@ def _value_during_excitation(drive: ExcitationLaw, t: float) -> float:
     if drive.swings:
         return drive.size * (gain * math.cos(phase) - omega * omega * math.sin(phase))
     return drive.size * math.sin(phase)
-
-
-@compiled
-def _interpolate_table(drive: ExcitationLaw, t: float) -> float:
-    h = drive.times[1]
-    k = min(int(t / h), drive.times.size - 2)
-    s = t / h - k
-    low, high = drive.values[k], drive.values[k + 1]
-    rise, left, right = high - low, h * drive.slopes[k], h * drive.slopes[k + 1]
-    bend, twist = 3.0 * rise - 2.0 * left - right, left + right - 2.0 * rise
-    return low + s * (left + s * (bend + s * twist))
 
 
 Knots = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -53,12 +53,9 @@ class OwnStage(OwnSection, SampledStage):
             raise InputError(f"stage {key!r} has both 'height' and 'force'; take one of them out")
         if not issubclass(KINDS.get(key, OwnStage), OwnStage):
             raise InputError(f"stage {key!r} is a built-in one; give the class another name")
+        cls.driven_quantity = names[0]
+        cls.needs_piston_mass = cls.has_outer_force = names == ("force",)
         KINDS[key] = cls
-
-    @property
-    def driven_quantity(self) -> str:
-        """Name of the user's function, ``"height"`` or ``"force"``."""
-        return self.definition.names[0]
 
     def sample_values(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
         """Sample the user's function [m, N] at any times [s]; height [m]."""

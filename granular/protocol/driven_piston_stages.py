@@ -19,10 +19,7 @@ from granular.schema.sections import quantity, quantity_list_field, text_field
 class Hold(TimedStage):
     """The piston stays where it is. Without duration and ``until``: as long as the run."""
 
-    @property
-    def needs_piston(self) -> bool:
-        """False: a bed without a piston can be held, too."""
-        return False
+    needs_piston = False  # a bed without a piston can be held, too
 
     def motion(self, height: float, scales: Scales) -> Motion:
         """Piston at rest at its present height; height [m]."""
@@ -141,11 +138,6 @@ class Follow(Stage):
             raise FieldError(f"holds {len(self.heights)} values for {len(self.times)} times", "heights")
         if len(self.times) < 2 or self.times[0] != 0.0 or (np.diff(self.times) <= 0.0).any():
             raise FieldError("must increase from 0, with at least two values", "times")
-
-    @property
-    def is_tabulated(self) -> bool:
-        """True: the motion is a table."""
-        return True
 
     def total_duration(self, height: float) -> float | None:
         """Duration of the table [s]; height [m]."""

@@ -22,10 +22,7 @@ if TYPE_CHECKING:
 class Free(TimedStage):
     """Free motion from the present height and velocity. Needs ``piston.mass``."""
 
-    @property
-    def needs_piston_mass(self) -> bool:
-        """True: a free piston has a mass."""
-        return True
+    needs_piston_mass = True
 
     def motion(self, height: float, scales: Scales) -> Motion:
         """Free motion from the present height and velocity; height [m]."""
@@ -43,14 +40,12 @@ class Push(TimedStage):
         f [Hz]; t counts from the stage's start.
     """
 
+    needs_piston_mass = True
+    has_outer_force = True
+
     amplitude: float = quantity("N", default=0.0, least=0.0)
     mean: float = quantity("N", default=0.0)
     frequency: float = quantity("Hz", default=0.0, least=0.0)
-
-    @property
-    def needs_piston_mass(self) -> bool:
-        """True: a free piston has a mass."""
-        return True
 
     def validate(self) -> None:
         """Check that a force with an amplitude has a frequency, and does not wait for rest."""
@@ -59,11 +54,6 @@ class Push(TimedStage):
             raise FieldError("must be above 0 Hz where the force has an amplitude", "frequency")
         if self.until == "rest" and self.amplitude > 0.0:
             raise FieldError("a piston that is pushed to and fro does not come to rest", "until")
-
-    @property
-    def has_outer_force(self) -> bool:
-        """True: the sinusoidal force."""
-        return True
 
     def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         """Sinusoidal force [N] at times since the stage's start [s]."""
@@ -93,6 +83,9 @@ class Force(FormulaStage):
     """
 
     variables: ClassVar[Mapping[str, Dimension]] = {"t": TIME}
+    needs_piston_mass = True
+    has_outer_force = True
+    driven_quantity = "force"
     formula_key: ClassVar[str] = "force"
     unit: ClassVar[str] = "N"
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
+from granular.kernel_data.cubic_spline import evaluate_cubic_spline
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -30,33 +31,24 @@ class Motion(NamedTuple):
     push: float = 0.0  # amplitude of the outer force [F*]
     bias: float = 0.0  # its mean [F*]
     limit: float = math.inf  # force on the piston that ends the stage [F*]
-    times: Float[np.ndarray, "k"] | None = (
-        None  # times of the table, or equidistant knots of the spline [tau]
-    )
-    heights: np.ndarray | None = None  # heights of the table [D]; of a spline the values, then their slopes
+    times: Float[np.ndarray, "k"] = _NONE  # of the table; of the spline equidistant knots from 0 [tau]
+    heights: Float[np.ndarray, "k"] = _NONE  # [D]; of a spline of the outer force, its values [F*]
+    slopes: Float[np.ndarray, "k"] = _NONE  # of the spline [D/tau, F*/tau]
 
 
 @entry
 def driven_height_and_velocity(motion: Motion, time: float) -> tuple[float, float]:
     """Height and velocity of a driven piston [D; D/tau]; time [tau]."""
-    return _driven_height_and_velocity(motion.times, motion.heights, motion, time)
-
-
-@compiled
-def _driven_height_and_velocity(
-    times: Array | None, heights: Array | None, motion: Motion, time: float
-) -> tuple[float, float]:
     if motion.kind == DESCENT:
         return _exponential_descent(motion, time)
     if motion.kind == SINE:
         phase = motion.omega * time
         height = motion.start + motion.reach * math.sin(phase)
         return height, motion.reach * motion.omega * math.cos(phase)
-    if times is not None and heights is not None:
-        if motion.kind == TABLE:
-            return _interpolate_linearly(times, heights, time)
-        if motion.kind == SPLINE:
-            return _evaluate_spline(times, heights, time)
+    if motion.kind == TABLE:
+        return _interpolate_linearly(motion.times, motion.heights, time)
+    if motion.kind == SPLINE:
+        return evaluate_cubic_spline(motion.heights, motion.slopes, motion.times[1], time)
     return motion.start + motion.speed * time, motion.speed
 
 
@@ -71,42 +63,11 @@ def _exponential_descent(motion: Motion, time: float) -> tuple[float, float]:
 
 
 @compiled
-def _last_row_before(times: Array, time: float) -> int:
-    """Last row before a time, by bisection; -1 without one."""
-    low, high = 0, times.size
-    while low < high:
-        middle = (low + high) // 2
-        if times[middle] < time:
-            low = middle + 1
-        else:
-            high = middle
-    return low - 1
-
-
-@compiled
 def _interpolate_linearly(times: Array, heights: Array, time: float) -> tuple[float, float]:
     """Straight lines from row to row; at a row the slope before it, which a piston released there keeps."""
-    k = min(max(_last_row_before(times, time), 0), times.size - 2)
+    k = min(max(np.searchsorted(times, time) - 1, 0), times.size - 2)
     speed = (heights[k + 1] - heights[k]) / (times[k + 1] - times[k])
     return heights[k] + speed * (time - times[k]), speed
-
-
-@compiled
-def _evaluate_spline(times: Array, heights: Array, time: float) -> tuple[float, float]:
-    """Value and slope of the cubic spline; behind its ends what they are."""
-    count = times.size
-    h = times[1]
-    k = min(max(int(time / h), 0), count - 2)
-    s = min(max(time / h - k, 0.0), 1.0)
-    low, high = heights[k], heights[k + 1]
-    rise, left, right = high - low, h * heights[count + k], h * heights[count + k + 1]
-    bend, twist = 3.0 * rise - 2.0 * left - right, left + right - 2.0 * rise
-    return low + s * (left + s * (bend + s * twist)), (left + s * (2.0 * bend + 3.0 * s * twist)) / h
-
-
-def with_table_arrays(motion: Motion) -> Motion:
-    """Give a motion empty arrays: beside tables, all stages of a protocol are one type to the compiler."""
-    return motion if motion.times is not None else motion._replace(times=_NONE, heights=_NONE)
 
 
 def greatest_piston_speed(motion: Motion, mass: float, gravity: float, height: float, speed: float) -> float:
@@ -114,8 +75,7 @@ def greatest_piston_speed(motion: Motion, mass: float, gravity: float, height: f
     if motion.free:
         outer = abs(motion.bias) + abs(motion.push)
         if motion.kind == SPLINE:
-            times, heights = _table_arrays(motion)
-            outer += float(np.abs(heights[: times.size]).max())
+            outer += float(np.abs(motion.heights).max())
         # A bound: at most the energy that weight and the largest outer force give over the whole height.
         pull = gravity + outer / mass
         return math.sqrt(speed**2 + 2.0 * pull * max(height, 0.0))
@@ -125,18 +85,10 @@ def greatest_piston_speed(motion: Motion, mass: float, gravity: float, height: f
     if motion.kind == SINE:
         return motion.reach * motion.omega
     if motion.kind == TABLE:
-        times, heights = _table_arrays(motion)
-        return float(np.abs(np.diff(heights) / np.diff(times)).max())
+        return float(np.abs(np.diff(motion.heights) / np.diff(motion.times)).max())
     if motion.kind == SPLINE:
-        times, heights = _table_arrays(motion)
-        return float(np.abs(heights[times.size :]).max())
+        return float(np.abs(motion.slopes).max())
     return abs(motion.speed)
-
-
-def _table_arrays(motion: Motion) -> tuple[Array, Array]:
-    assert motion.times is not None
-    assert motion.heights is not None
-    return motion.times, motion.heights
 
 
 def drive_angular_frequency(motion: Motion) -> float:
@@ -144,12 +96,10 @@ def drive_angular_frequency(motion: Motion) -> float:
     if motion.kind == DESCENT:
         return motion.steepness / motion.total_duration
     if motion.kind == TABLE:
-        return 1.0 / float(np.diff(_table_arrays(motion)[0]).min())
+        return 1.0 / float(np.diff(motion.times).min())
     if motion.kind == SPLINE:
-        times, heights = _table_arrays(motion)
-        slopes = heights[times.size :]
-        fastest = float(np.abs(slopes).max())
-        bend = float(np.abs(np.diff(slopes)).max()) / float(times[1])
+        fastest = float(np.abs(motion.slopes).max())
+        bend = float(np.abs(np.diff(motion.slopes)).max()) / float(motion.times[1])
         return bend / fastest if fastest > 0.0 else 0.0
     return motion.omega
 
@@ -157,13 +107,8 @@ def drive_angular_frequency(motion: Motion) -> float:
 @compiled
 def outer_force_on_piston(motion: Motion, time: float) -> float:
     """Force from outside on a free piston [F*]; time [tau]."""
-    return _outer_force_value(motion.times, motion.heights, motion, time)
-
-
-@compiled
-def _outer_force_value(times: Array | None, heights: Array | None, motion: Motion, time: float) -> float:
-    if times is not None and heights is not None and motion.kind == SPLINE:
-        return _evaluate_spline(times, heights, time)[0]
+    if motion.kind == SPLINE:
+        return evaluate_cubic_spline(motion.heights, motion.slopes, motion.times[1], time)[0]
     if motion.push == 0.0:
         return motion.bias
     return motion.bias + motion.push * math.sin(motion.omega * time)

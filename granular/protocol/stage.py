@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from granular.protocol.piston_motion import SPLINE, Motion, with_table_arrays
+from granular.protocol.piston_motion import SPLINE, Motion
 from granular.schema.field_kinds import FieldError
 from granular.schema.formula_parameters import SectionWithFormula
 from granular.schema.natural_units import Scales
@@ -28,24 +28,19 @@ class Stage(Section):
     ----------
     name : str
         Unique in its protocol.
+    needs_piston : bool
+        Whether the scene must have a piston.
+    needs_piston_mass : bool
+        Whether the piston must have a mass, for it moves freely.
+    has_outer_force : bool
+        Whether a force from outside acts on the free piston.
     """
 
+    needs_piston: ClassVar[bool] = True
+    needs_piston_mass: ClassVar[bool] = False
+    has_outer_force: ClassVar[bool] = False
+
     name: str = text_field()
-
-    @property
-    def needs_piston(self) -> bool:
-        """True where the scene must have a piston."""
-        return True
-
-    @property
-    def is_tabulated(self) -> bool:
-        """True if its motion is a table or a spline."""
-        return False
-
-    @property
-    def needs_piston_mass(self) -> bool:
-        """True where the piston must have a mass, for it moves freely."""
-        return False
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
@@ -55,11 +50,6 @@ class Stage(Section):
     @property
     def ends_at_force(self) -> bool:
         """True if the stage ends at a force on the piston."""
-        return False
-
-    @property
-    def has_outer_force(self) -> bool:
-        """True if a force from outside acts on the free piston."""
         return False
 
     def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
@@ -187,12 +177,6 @@ class TimedStage(Stage):
         return self.duration
 
 
-def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales: Scales) -> Motion:
-    """Motion of one stage, of the type that all stages of its protocol share; height [m]."""
-    motion = stage.motion(height, scales)
-    return with_table_arrays(motion) if any(stage.is_tabulated for stage in protocol) else motion
-
-
 CLOSE = 1e-11
 """Largest error of the spline between its knots, over the range of the course."""
 # A period that fits the knots' spacing looks constant halfway between them, but not at the golden section.
@@ -207,33 +191,17 @@ class SampledStage(Stage):
     ----------
     duration : float
         [s]
+    driven_quantity : str
+        Name of the function, ``"height"`` or ``"force"``.
     """
 
+    driven_quantity: ClassVar[str] = "height"
+
     duration: float = quantity("s", above=0.0)
-
-    @property
-    def driven_quantity(self) -> str:
-        """Name of the function, ``"height"`` or ``"force"``; each subclass says it."""
-        raise NotImplementedError
-
-    @property
-    def needs_piston_mass(self) -> bool:
-        """True for a force, which acts on a free piston."""
-        return self.driven_quantity == "force"
-
-    @property
-    def is_tabulated(self) -> bool:
-        """True: the motion is a spline."""
-        return True
 
     def total_duration(self, height: float) -> float | None:
         """Duration of the stage [s]; height [m]."""
         return self.duration
-
-    @property
-    def has_outer_force(self) -> bool:
-        """True for a force."""
-        return self.driven_quantity == "force"
 
     def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         """Force of the function [N] at times since the stage's start [s]."""
@@ -277,13 +245,14 @@ class SampledStage(Stage):
                 self.driven_quantity,
             )
         unit = scales.force if self.needs_piston_mass else scales.length
-        values = values * np.array([[1.0 / unit], [scales.time / unit]])
+        values, slopes = values * np.array([[1.0 / unit], [scales.time / unit]])
         return Motion(
             free=self.needs_piston_mass,
             kind=SPLINE,
             start=height / scales.length,
             times=times / scales.time,
-            heights=values.ravel(),
+            heights=values,
+            slopes=slopes,
         )
 
     def _refine_spline_knots(self, height: float) -> tuple[np.ndarray, np.ndarray]:
@@ -321,11 +290,6 @@ class SampledStage(Stage):
 
 class FormulaStage(SectionWithFormula, SampledStage):
     """A stage with a formula of time."""
-
-    @property
-    def driven_quantity(self) -> str:
-        """Key of the formula, ``"height"`` or ``"force"``."""
-        return self.formula_key
 
     def sample_values_and_slopes(
         self, times: Float[np.ndarray, "k"], height: float

@@ -23,9 +23,7 @@ def try_stages(protocol: Sequence[Stage], height: float, scales: Scales) -> None
         if isinstance(stage, SampledStage):
             with name_stage_in_errors(stage, "tried before the run"):
                 if known or stage.needs_piston_mass:
-                    motion = stage.motion(height, scales)
-                    assert motion.heights is not None
-                    end = motion.heights.reshape(2, -1)[0, -1] * scales.length
+                    end = stage.motion(height, scales).heights[-1] * scales.length
                 elif not np.isfinite(stage.sample_values(np.zeros(1), height)[0]):
                     raise FieldError("is not finite at the stage's start", stage.driven_quantity)
             known = known and not stage.needs_piston_mass

@@ -30,7 +30,7 @@ from granular.engine.tick_loop import (
 )
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
 from granular.protocol.piston_motion import driven_height_and_velocity
-from granular.protocol.stage import TimedStage, stage_motion
+from granular.protocol.stage import TimedStage
 from granular.protocol.stage_trials import name_stage_in_errors
 from granular.run.engines import Rows
 from granular.run.plan import Plan
@@ -79,7 +79,7 @@ class ProtocolRunner(RunState):
             self._jump_piston(by / scales.length)
         progress.height = float(self.state.piston[HEIGHT]) * scales.length
         with name_stage_in_errors(stage, f"at t = {progress.start * scales.time:g} s"):
-            self.motion = stage_motion(self.scene.protocol, stage, progress.height, scales)
+            self.motion = stage.motion(progress.height, scales)
         if not self.motion.free:
             self._set_prescribed_speed(driven_height_and_velocity(self.motion, 0.0)[1])
         row = self.present_record(ARRANGE)

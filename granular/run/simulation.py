@@ -326,7 +326,7 @@ def _warn_of_inaccurate_run(trajectory: Trajectory) -> None:
 
 def compile_and_cache_kernels(scenes: Sequence[Scene]) -> dict[str, float]:
     """Compile all that runs and evaluations of scenes need, and keep it on disk; return the duration [s]."""
-    from granular.protocol.piston_motion import Motion, driven_height_and_velocity, with_table_arrays
+    from granular.protocol.piston_motion import Motion, driven_height_and_velocity
     from granular.run.evaluation import evaluate
 
     seconds = {}
@@ -334,7 +334,6 @@ def compile_and_cache_kernels(scenes: Sequence[Scene]) -> dict[str, float]:
         started = time.perf_counter()
         simulate(scene, t_end=_INSTANT, progress=False)
         evaluate(scene, *scene.initial_positions_and_velocities())
-        driven = any(stage.is_tabulated for stage in scene.protocol)
-        driven_height_and_velocity(with_table_arrays(Motion()) if driven else Motion(), 0.0)
+        driven_height_and_velocity(Motion(), 0.0)
         seconds[scene.name] = time.perf_counter() - started
     return seconds

@@ -13,7 +13,7 @@ from granular.engine.energy_ledger import EnergyLedger
 from granular.engine.outflow import constants_per_grain
 from granular.kernel_data.state import PERSISTENT, State
 from granular.pairs.stripes import LISTED
-from granular.protocol.stage import TimedStage, stage_motion
+from granular.protocol.stage import TimedStage
 from granular.run.run_state import ARRANGE, RunProgress, RunState
 from granular.shared.errors import StoreError
 
@@ -47,7 +47,7 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     run.constants = run.constants._replace(grains=memory["grains"])
     if run.progress.started:
         height, scales = run.progress.height, run.system.scales
-        run.motion = stage_motion(run.scene.protocol, run.stage, height, scales)
+        run.motion = run.stage.motion(height, scales)
     # What is not kept follows from the positions; what is kept has the bits of the pass that
     # made it, which may have been a measuring one.
     run.present_record(ARRANGE)

@@ -23,9 +23,9 @@ def test_a_docstring_compiles_nothing_and_an_operator_compiles_all(fresh_worksho
     kernels = fresh_workshop.kernels()
     assert len(kernels) > 5
     law = "effects/wall_experimental.py"
-    opening = 'def stiffness(w: float) -> float:\n    """'
-    fresh_workshop.edit(law, opening, opening + "Other words.\n\n    On more lines, before ")
-    fresh_workshop.edit(law, "@entry\ndef energy", "# A comment.\n\n\n@entry\ndef energy")
+    opening = 'def stiffness(law: object, w: float) -> float:\n        """'
+    fresh_workshop.edit(law, opening, opening + "Other words.\n\n        On more lines, before ")
+    fresh_workshop.edit(law, "    def energy(", "    # A comment.\n\n    def energy(")
     assert float(fresh_workshop.run()[0]) == before
     assert fresh_workshop.kernels() == kernels
     fresh_workshop.edit(law, "STRENGTH * 3.5", "STRENGTH * 3.5 * 4.0")
