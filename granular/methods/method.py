@@ -80,8 +80,7 @@ class Method:
             failed = failed_order_condition(self.tableau, self.order)
         if failed is not None:
             raise InputError(
-                f"method {quote(self.name)} declares order {self.order}: {failed}; correct the "
-                "coefficients, or declare the order that they have"
+                f"method {quote(self.name)} declares order {self.order}: {failed}; correct them, or the order"
             )
 
     @property
@@ -199,8 +198,7 @@ def _check_composition(method: Method) -> None:
         )
     if method.variable and (method.kicks, method.drifts) != ((0.5, 0.5), (1.0,)):
         raise InputError(
-            f"method {quote(method.name)}: variable steps go with kicks (0.5, 0.5) and drifts "
-            "(1,) alone; leave variable out"
+            f"method {quote(method.name)}: variable steps go with kicks (0.5, 0.5), drifts (1,); leave it out"
         )
 
 
@@ -216,6 +214,5 @@ def _check_tableau(method: Method) -> None:
     for k, row in enumerate(method.tableau[:-1]):
         if any(row[k:]):
             raise InputError(
-                f"tableau of method {name} is implicit in row {k}; only explicit ones are run, "
-                "zero from the diagonal on"
+                f"tableau of method {name} is implicit in row {k}; give zeros from the diagonal on"
             )

@@ -53,8 +53,7 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
     plain = method.name.removesuffix(COMPENSATED)
     if plain in METHODS and method != method_named(method.name):
         raise InputError(
-            f"method {quote(method.name)} has the name of one that is built in, and is another; "
-            "give it a name of its own"
+            f"method {quote(method.name)} has the name of one that is built in; give it a name of its own"
         )
     return method
 

@@ -452,8 +452,7 @@ class PistonRecord:
         for name in ("time", measured):
             if name not in columns:
                 raise RecordError(
-                    f"there is no column {quote(name)}; a record needs time and height (or "
-                    "velocity, or acceleration)"
+                    f"there is no column {quote(name)}; give time, and height, velocity or acceleration"
                 )
         own = {name: columns[name] for name in UNITS if name in columns}
         extra = {name: values for name, values in columns.items() if name not in UNITS}

@@ -286,8 +286,7 @@ def parse_accuracy(text: str) -> tuple[float, str]:
     value = float(match["value"]) if match else math.nan
     if match is None or not 0.0 < value < math.inf:
         raise InputError(
-            f"accuracy = {quote(text)}; give an error above 0 and a quantity, such as "
-            "'1e-3 rest height' or '1 % piston force'"
+            f"accuracy = {quote(text)}; give an error above 0 and a quantity, as '1 % rest height'"
         )
     return value * (0.01 if match["percent"] else 1.0), match["quantity"]
 

@@ -289,8 +289,7 @@ def _create_or_resume_directory(
         )
     if former.get("versions") != settings["versions"]:
         warnings.warn(
-            f"the run in {path} was made with other versions ({former.get('versions')}); what "
-            "follows need not have the bits that it would have had",
+            f"the run in {path} was made with other versions ({former.get('versions')}); its bits may differ",
             stacklevel=3,
         )
     store = RunDirectoryWriter(path, run.scene)

@@ -34,9 +34,7 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     state = run.state
     missing = set(_persistent_arrays_by_name(state)) - set(saved)
     if missing:
-        raise StoreError(
-            f"the checkpoint lacks {min(missing)!r}: another version made it; give a new directory"
-        )
+        raise StoreError(f"the checkpoint lacks {min(missing)!r}: another version made it; run it anew")
     restore_persistent_arrays(state, saved)
     run.band[:], run.seen[:] = saved["band"], saved["seen"]
     memory = json.loads(str(saved["memory"]))

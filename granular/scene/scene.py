@@ -285,9 +285,7 @@ class Scene(Section):
         walls = self.effects.walls
         top = walls is not None and walls.top is not None
         if self.piston is None and top:
-            raise FieldError(
-                "there is no piston; give [piston] a height or set it to 'none'", "effects", "walls", "top"
-            )
+            raise FieldError("there is no piston; give one, or set this to 'none'", "effects", "walls", "top")
         for stage in self.protocol:
             if stage.needs_piston and self.piston is None:
                 raise FieldError(f"must be given: stage {stage.name!r} moves the piston", "piston")

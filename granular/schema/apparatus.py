@@ -299,6 +299,5 @@ class Output(Section):
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
             near = max(1, round(ratio)) * self.scalars
             raise FieldError(
-                f"{self.frames:g} s is no whole multiple of scalars = {self.scalars:g} s; give {near:g} s",
-                "frames",
+                f"{self.frames:g} s is no multiple of scalars, {self.scalars:g} s; give {near:g} s", "frames"
             )

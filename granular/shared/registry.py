@@ -35,8 +35,7 @@ def load_entry_point(group: str, name: str, what: str) -> Any | None:
             return point.load()
         except (ImportError, AttributeError, InputError) as error:
             raise InputError(
-                f"{what} {quote(name)} cannot be loaded: {error}; correct the distribution that "
-                f"offers it as {quote(point.value)}"
+                f"{what} {quote(name)} cannot be loaded: {error}; correct {quote(point.value)}"
             ) from None
     return None
 

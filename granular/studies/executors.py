@@ -246,8 +246,7 @@ def _connect_to_mpi() -> Iterator[Executor]:
         from mpi4py.futures import MPIPoolExecutor
     except ImportError:
         raise InputError(
-            "--mpi needs mpi4py; install it and start with: mpirun -n 4 python -m mpi4py.futures "
-            "-m granular sweep ..."
+            "--mpi needs mpi4py; install it, and start: mpirun python -m mpi4py.futures -m granular sweep ..."
         ) from None
     with MPIPoolExecutor() as pool:
         yield pool
