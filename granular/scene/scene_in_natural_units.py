@@ -62,7 +62,10 @@ def scene_in_natural_units(
     indices = {effect.key: index for index, effect in enumerate(effects)}
     named = {effect.key: effect for effect in scene.effects.acting}
     context = EffectContext(scene.grains, scene.cell, scales, species, named, indices, scene.piston)
-    charges = _pair_charges(scene, context)
+    laws = [effect for effect in effects if isinstance(effect, PairLawEffect)]
+    tails = [tail for law in laws if (tail := law.tails(context)) is not None]
+    # Of each grain in the sum over all pairs, where own laws have a part in it; None: its moment.
+    charges = grain_charges(tails, context, dipoles=scene.effects.dipole is not None)
     numbers = _grain_numbers(scene, species, charges)
     acting = _acting_laws(scene, context, numbers, charges, method)
     pulls = (effect.downward_acceleration(scales) for effect in effects if isinstance(effect, ForceEffect))
@@ -96,13 +99,6 @@ class _GrainNumbers(NamedTuple):
     def relative_moments(self) -> np.ndarray | None:
         """Moment of each grain; None: all alike."""
         return self.masses if self.moments is None else self.moments
-
-
-def _pair_charges(scene: Scene, context: EffectContext) -> np.ndarray | None:
-    """Charge of each grain in the sum over all pairs, where own laws have a part in it; None: its moment."""
-    laws = [effect for effect in scene.effects.in_loop_order if isinstance(effect, PairLawEffect)]
-    tails = [tail for law in laws if (tail := law.tails(context)) is not None]
-    return grain_charges(tails, context, dipoles=scene.effects.dipole is not None)
 
 
 def _grain_numbers(scene: Scene, species: np.ndarray, charges: np.ndarray | None) -> _GrainNumbers:

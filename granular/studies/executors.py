@@ -122,8 +122,13 @@ def compute_case(
         with lock_file(cache.directory / f".{case.key}.lock", wait) as alone:
             if not alone:
                 return failed_outcome("another sweep computes it", ELSEWHERE)
-            # A worker writes its result itself: it is not lost with the command that waits for it.
-            return _run_and_store(cache, case, measure, directory / "runs" / case.key if keep_runs else None)
+            done: Outcome | None = cache.read(case.key, warn=False)  # the study has said what is damaged
+            if done is None:
+                done = _run_case(case, measure, directory / "runs" / case.key if keep_runs else None)
+                # A worker writes its result itself: it is not lost with the command that waits for it.
+                with contextlib.suppress(StoreError):  # the study tries it again
+                    cache.keep(case.key, done)
+            return done
     except OF_THE_MACHINE as error:
         return failed_outcome(f"{type(error).__name__}: {error}", MACHINE)
     except Exception as error:
@@ -133,15 +138,6 @@ def compute_case(
 def failed_outcome(error: str, cause: str) -> Outcome:
     """Make the outcome of a case that failed by no error of the physics; it is not kept."""
     return {"figures": {}, "error": error, "cause": cause}
-
-
-def _run_and_store(cache: ResultCache, case: Case, measure: Measure, out: Path | None) -> Outcome:
-    done: Outcome | None = cache.read(case.key, warn=False)  # the study has said what is damaged
-    if done is None:
-        done = _run_case(case, measure, out)
-        with contextlib.suppress(StoreError):  # the study tries it again
-            cache.keep(case.key, done)
-    return done
 
 
 def _run_case(case: Case, measure: Measure, out: Path | None) -> Outcome:

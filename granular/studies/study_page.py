@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from granular.shared.html_pages import HtmlPage, format_number
@@ -26,13 +25,15 @@ _SEED = "arrangement.seed"
 def study_page(study: Study) -> HtmlPage:
     """Page of a study: what is varied, its figures over that, and the table [SI]."""
     table, varied = study.table, study.varied
-    figures = _figures_that_vary(table, varied)
+    numbers = table.select_dtypes("number")
+    values = numbers.nunique()
+    figures = [name for name in numbers if name not in (*varied, *_LAST) and values[name] > 1]
     page = HtmlPage(
         f"Study of {study.cases[0].scene.name}",
         f"{len(table)} cases, varied in {', '.join(varied) or 'nothing'}. All values are in SI.",
     )
-    numbers = [name for name in varied if name != _SEED and _is_number(table[name])]
-    axis = max(numbers, key=lambda name: table[name].nunique(), default=None)
+    axes = [name for name in varied if name != _SEED and name in numbers]
+    axis = max(axes, key=lambda name: values[name], default=None)
     if axis and figures:
         others = [name for name in varied if name not in (axis, _SEED)]
         shown = figures[:MOST_PANELS]
@@ -64,18 +65,6 @@ def _texts_with_case_numbers(column: pandas.Series[Any]) -> list[str]:
         if isinstance(text, str):
             cases.setdefault(text, []).append(str(k))
     return [f"{', '.join(numbers)}: {text}" for text, numbers in cases.items()]
-
-
-def _figures_that_vary(table: pandas.DataFrame, varied: Sequence[str]) -> list[str]:
-    return [
-        name
-        for name in table.columns
-        if name not in varied and name not in _LAST and _is_number(table[name]) and table[name].nunique() > 1
-    ]
-
-
-def _is_number(column: pandas.Series[Any]) -> bool:
-    return column.dtype.kind in "iuf"
 
 
 def _draw_figures(
