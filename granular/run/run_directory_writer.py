@@ -43,7 +43,7 @@ class RunDirectoryWriter:
 
     def __init__(self, path: Path, scene: Scene) -> None:
         self.path, self.scene = path, scene
-        self.rows = self.frames = 0
+        self.lengths = {"time": 0, "frame": 0}
         self._files: dict[str, str] = {}
         self._arrays: dict[str, AppendableZarrArray] = {}
         self._held: int | None = None
@@ -60,7 +60,7 @@ class RunDirectoryWriter:
             (part / SCENE).write_text(scene.to_toml(), encoding="utf-8")
             (part / SETTINGS).write_text(json.dumps(settings, indent=2), encoding="utf-8")
             store._metadata = ZarrMetadata.from_scene(scene)
-            store._metadata.write(part, store._record_and_frame_counts())
+            store._metadata.write(part, store.lengths)
             store._files = digest_files(part)
             store.replace_checkpoint(checkpoint)
             move_to_final_path(part, path)
@@ -75,13 +75,9 @@ class RunDirectoryWriter:
         return store
 
     def _open_zarr_arrays(self, manifest: Manifest | None = None) -> None:
-        lengths = self._record_and_frame_counts()
         for name, plain in self._metadata.arrays.items():
             array = ZarrArray(self.path, name, plain)
-            self._arrays[name] = AppendableZarrArray(array, lengths[array.dims[0]], manifest)
-
-    def _record_and_frame_counts(self) -> dict[str, int]:
-        return {"time": self.rows, "frame": self.frames}
+            self._arrays[name] = AppendableZarrArray(array, self.lengths[array.dims[0]], manifest)
 
     def lock(self) -> None:
         """Lock the directory until `unlock`, or the end of this process."""
@@ -95,7 +91,7 @@ class RunDirectoryWriter:
     def read_checkpoint_and_arrays(self) -> dict[str, np.ndarray]:
         """Read the last checkpoint, and open the arrays to go on from it."""
         checkpoint, manifest = read_checkpoint(self.path)
-        self.rows, self.frames = int(checkpoint["rows"]), int(checkpoint["frames"])
+        self.lengths = {"time": int(checkpoint["rows"]), "frame": int(checkpoint["frames"])}
         self._files = manifest.files
         self._metadata = ZarrMetadata(read_verified_files(self.path, manifest)[GROUP])
         # What was written behind the checkpoint will be written again.
@@ -107,12 +103,12 @@ class RunDirectoryWriter:
         for variable, values in recorder.variables_in_si(self.scene):
             self._arrays[variable.name].append(values)
         rows, frames = recorder.record_and_frame_counts()
-        self.rows += rows
-        self.frames += frames
-        self._metadata.write(self.path, self._record_and_frame_counts())
+        self.lengths["time"] += rows
+        self.lengths["frame"] += frames
+        self._metadata.write(self.path, self.lengths)
         recorder.clear()
 
     def replace_checkpoint(self, mapping: Mapping[str, Any]) -> None:
         """Replace the checkpoint: all that was written counts as complete."""
         chunks = {name: array.digests() for name, array in self._arrays.items()}
-        write_checkpoint(self.path, mapping, Manifest(self._files, self._record_and_frame_counts(), chunks))
+        write_checkpoint(self.path, mapping, Manifest(self._files, self.lengths, chunks))

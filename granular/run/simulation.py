@@ -198,8 +198,9 @@ class _SimulationJob:
     def _snapshot_with_counts(self) -> dict[str, Any]:
         """State to resume from, with how many records and frames lie before it."""
         rows, frames = self.run.recorder.record_and_frame_counts()
-        written = (0, 0) if self.store is None else (self.store.rows, self.store.frames)
-        return take_snapshot(self.run) | {"rows": written[0] + rows, "frames": written[1] + frames}
+        written = {"time": 0, "frame": 0} if self.store is None else self.store.lengths
+        counts = {"rows": written["time"] + rows, "frames": written["frame"] + frames}
+        return take_snapshot(self.run) | counts
 
     def _outcome_fields(self, complete: bool, until: float) -> dict[str, Any]:
         compiled, passed = self.compiling.seconds, time.perf_counter() - self.started
