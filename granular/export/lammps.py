@@ -232,7 +232,9 @@ def _data_file_lines(deck: LammpsDeck) -> Iterator[str]:
     yield f"{len(species)} atoms\n{len(deck.moment_ratios)} atom types\n\n"
     sizes = (deck.scene.cell.width, deck.highest)
     for axis, size, position in zip("xy", sizes, start.positions.T, strict=True):
-        low, high = _box_bounds_along_axis(position, size, deck.scales.length)
+        # Grains stand outside of the cell where it is open.
+        low = min(0.0, float(position.min()) - deck.scales.length)
+        high = max(size, float(position.max()) + deck.scales.length)
         yield f"{low!r} {high!r} {axis}lo {axis}hi\n"
     yield f"{-depth / 2.0!r} {depth / 2.0!r} zlo zhi\n\nAtoms # atomic\n\n"
     columns = (start.grains + 1, species, *start.positions.T)
@@ -241,11 +243,6 @@ def _data_file_lines(deck: LammpsDeck) -> Iterator[str]:
     yield "\nVelocities\n\n"
     for row in zip(*(column.tolist() for column in (start.grains + 1, *start.velocities.T)), strict=True):
         yield "{} {!r} {!r} 0\n".format(*row)
-
-
-def _box_bounds_along_axis(position: np.ndarray, cell: float, margin: float) -> tuple[float, float]:
-    """Cell along an axis, and grains that stand outside of it where it is open [m]."""
-    return min(0.0, float(position.min()) - margin), max(cell, float(position.max()) + margin)
 
 
 REACH = 6.0

@@ -85,14 +85,8 @@ def _paraview_series(names: list[str], times: np.ndarray) -> str:
         f'    <DataSet timestep="{time:.17g}" file="{name}"/>'
         for name, time in zip(names, times, strict=True)
     ]
-    return "\n".join(
-        [
-            '<?xml version="1.0"?>',
-            '<VTKFile type="Collection" version="0.1">',
-            "  <Collection>",
-            *lines,
-            "  </Collection>",
-            "</VTKFile>",
-            "",
-        ]
+    return (
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+        + "\n".join(lines)
+        + "\n  </Collection>\n</VTKFile>\n"
     )

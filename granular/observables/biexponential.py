@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.observables.frame import check_series
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,8 +34,7 @@ class BiexponentialFit(NamedTuple):
 
     def values(self, x: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Evaluate the fitted law A exp(l1 x) + B exp(l2 x)."""
-        parts = np.exp(np.multiply.outer(np.asarray(x, dtype=np.float64), self.rates))
-        return np.asarray(parts @ self.amplitudes)
+        return np.asarray(_exponential_basis(np.asarray(x, dtype=np.float64), self.rates) @ self.amplitudes)
 
 
 def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
@@ -82,9 +82,7 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
 
 
 def _validate_samples(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    if x.ndim != 1 or x.shape != y.shape:
-        raise InputError(f"x has the shape {x.shape} and y {y.shape}; both must be (n,)")
+    x, y = check_series("x and y", x, y)
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise InputError("x or y holds a value that is not finite; drop such samples")
     if len(np.unique(x)) < 5:

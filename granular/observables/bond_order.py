@@ -14,7 +14,7 @@ from granular.observables.correlation import (
     sum_pair_products,
 )
 from granular.observables.displacement import check_lags, check_periods
-from granular.observables.frame import check_frames, check_positions, is_present, observable, sum_by_index
+from granular.observables.frame import check_frames, is_present, observable, sum_by_index
 from granular.observables.voronoi import VoronoiCells, check_cells, voronoi_cells
 from granular.shared.errors import InputError
 
@@ -54,8 +54,7 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     >>> float(np.nanmax(np.abs(local_psi6(places))).round(3))
     1.0
     """
-    positions = check_positions(positions)
-    cells = check_cells(positions, cells)
+    positions, cells = check_cells(positions, cells)
     i, j = cells.neighbours.T
     arm = positions[j] - positions[i]
     bond = arm[:, 0] + 1j * arm[:, 1]
@@ -101,7 +100,7 @@ def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
     >>> round(psi6(places), 3)
     1.0
     """
-    cells = check_cells(positions, cells)
+    positions, cells = check_cells(positions, cells)
     sizes = np.abs(local_psi6(positions, cells)[cells.interior])
     return float(sizes.mean()) if len(sizes) else np.nan
 
@@ -140,7 +139,7 @@ def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> com
     >>> round(abs(global_psi6(places)), 3)
     1.0
     """
-    cells = check_cells(positions, cells)
+    positions, cells = check_cells(positions, cells)
     values = local_psi6(positions, cells)[cells.interior]
     return complex(values.mean()) if len(values) else complex(np.nan, np.nan)
 
@@ -265,9 +264,8 @@ def bond_correlation(
         If the positions have another shape, the cells are of another number of grains, the edges do not
         increase from 0 m or more, or fewer than two grains have an interior cell.
     """
-    positions = check_positions(positions)
+    positions, cells = check_cells(positions, cells)
     edges = default_bin_edges(positions) if edges is None else check_bin_edges(edges)
-    cells = check_cells(positions, cells)
     inside = np.flatnonzero(cells.interior)
     if len(inside) < 2:
         raise InputError(f"{len(inside)} grains have an interior cell; g6(r) needs at least 2")

@@ -21,6 +21,7 @@ from granular.observables.frame import (
     Value,
     frames,
     is_present,
+    labelled_array,
     observable,
     observable_metadata,
     require_piston,
@@ -200,8 +201,6 @@ def per_frame(
         If values of a mapping are no numbers or of different shapes, or only some frames have a mapping.
         Labels are those of the first frame, and are not compared.
     """
-    import xarray
-
     if isinstance(function, str):
         function = find_observable(function)
     marked = observable_metadata(function)
@@ -220,12 +219,7 @@ def per_frame(
     if "grain" in dims:
         known = ("grain", "species", "diameter")
         coordinates |= {name: data[name] for name in known if name in data.variables}
-    return xarray.DataArray(
-        np.array(arrays),
-        dims=("frame", *dims),
-        coords=coordinates,
-        attrs={} if marked is None else marked.array_attributes,
-    )
+    return labelled_array(np.array(arrays), ("frame", *dims), coordinates, marked)
 
 
 def _evaluate_on_frame(function: Callable[[Frame], Value], name: str, frame: Frame) -> Any:

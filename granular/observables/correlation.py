@@ -10,8 +10,9 @@ import numpy as np
 from granular.observables.frame import (
     bounding_box,
     check_grain_values,
-    check_positions,
+    check_vectors,
     is_present,
+    labelled_array,
     observable,
     observable_metadata,
     present_positions,
@@ -75,8 +76,6 @@ def per_distance(
     InputError
         As the function, and if no frame lies in the range, or in none the grains span a box.
     """
-    import xarray
-
     chosen = run.dataset["position"].values[select_frames(run, start, stop)]
     frames = box_spanning_frames(run.scene.cell.wrap_positions(chosen))
     if edges is None:
@@ -84,13 +83,9 @@ def per_distance(
     parts = [function(frame, edges) for frame in frames]
     total = np.sum([np.where(p.weights > 0, p.values * p.weights, 0.0) for p in parts], axis=0)
     values = divide_by_pair_count(total, np.sum([part.weights for part in parts], axis=0))
-    middle, marked = 0.5 * (parts[0].edges[:-1] + parts[0].edges[1:]), observable_metadata(function)
-    return xarray.DataArray(
-        values,
-        dims="distance",
-        coords={"distance": ("distance", middle, {"units": "m"})},
-        attrs={} if marked is None else marked.array_attributes,
-    )
+    middle = 0.5 * (parts[0].edges[:-1] + parts[0].edges[1:])
+    coordinates = {"distance": ("distance", middle, {"units": "m"})}
+    return labelled_array(values, "distance", coordinates, observable_metadata(function))
 
 
 def check_bin_edges(edges: Float[np.ndarray, "k+1"]) -> Float[np.ndarray, "k+1"]:
@@ -114,11 +109,7 @@ def default_bin_edges(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, 
 
 def box_spanning_frames(frames: Float[np.ndarray, "f n 2"]) -> list[np.ndarray]:
     """Select the frames (n, 2) whose grains span a box, as the last ones of an emptying cell do not [m]."""
-    result = []
-    for frame in frames:
-        present = frame[is_present(frame)]
-        if len(present) > 1 and (np.ptp(present, axis=0) > 0.0).all():
-            result.append(frame)
+    result = [frame for frame in frames if (np.ptp(bounding_box(frame), axis=0) > 0.0).all()]
     if not result:
         raise InputError("in no frame do the grains span a box; give frames with more grains")
     return result
@@ -263,7 +254,7 @@ def spatial_correlation(
         If a shape does not fit, the edges do not increase from 0 m or more, all values are the same, or,
         without ``edges``, the grains that count span no box.
     """
-    positions = check_positions(positions)
+    positions = check_vectors(positions)
     values = check_grain_values("values", values, len(positions))
     known = is_present(positions) & np.isfinite(values)
     points, deviation = (positions[known], values[known] - (values[known].mean() if known.any() else 0.0))

@@ -15,7 +15,6 @@ from granular.observables.defects import (
     lattice_norm_squared,
     lattice_to_plane,
 )
-from granular.observables.frame import check_positions
 from granular.observables.voronoi import VoronoiCells, check_cells, circumcentres
 from granular.shared.errors import InputError
 
@@ -105,8 +104,7 @@ def detect_defects(
         If the positions have another shape than (n, 2), the cells are of another number of grains, or no
         grain has an interior cell.
     """
-    positions = check_positions(positions)
-    cells = check_cells(positions, cells)
+    positions, cells = check_cells(positions, cells)
     if not cells.interior.any():
         raise InputError("no grain has an interior cell; give a larger bed")
     if angle is None:
@@ -155,7 +153,10 @@ def _cluster_defects(
         region = triangles[of_triangle == label]
         lattice = vectors[of_triangle == label].sum(axis=0)
         charge = int((6 - degree[members]).sum())
-        kind = _defect_kind(lattice, charge, region, positions, angle)
+        kind = DISCLINATION if charge else DISLOCATION
+        if not charge and not lattice.any():
+            excess = round(excess_grains(region, positions, angle))
+            kind = VACANCY if excess < 0 else INTERSTITIAL if excess > 0 else PAIR
         if at_rim[members].any():
             # Clusters at the rim are known by half; only the end of a boundary has a vector this long, and is
             # kept to be joined to it.
@@ -192,17 +193,6 @@ def _vacancy_centre(positions: np.ndarray, region: np.ndarray) -> np.ndarray:
     corners = circumcentres(positions, region)
     radii = np.linalg.norm(corners - positions[region[:, 0]], axis=1)
     return np.asarray(corners[np.argmax(radii)])
-
-
-def _defect_kind(
-    lattice: np.ndarray, charge: int, region: np.ndarray, positions: np.ndarray, angle: float
-) -> str:
-    if charge != 0:
-        return DISCLINATION
-    if lattice.any():
-        return DISLOCATION
-    excess = round(excess_grains(region, positions, angle))
-    return VACANCY if excess < 0 else INTERSTITIAL if excess > 0 else PAIR
 
 
 def _join_grain_boundaries(clusters: list[_DefectCluster], spacing: float) -> list[_DefectCluster]:

@@ -73,64 +73,49 @@ def link_defect_tracks(
     """Link the defects of frame after frame into tracks."""
     if not reach > 0.0 or memory < 0:
         raise InputError(f"reach {reach:g} and memory {memory}; take more than 0, and 0 or more")
-    open_tracks: list[_OpenTrack] = []
-    closed: list[_OpenTrack] = []
+    # Of each track its sightings: a frame's number and the index of the defect in it.
+    open_tracks: list[list[tuple[int, int]]] = []
+    closed: list[list[tuple[int, int]]] = []
     for number, defects in enumerate(frames):
-        closed += [growing for growing in open_tracks if number - growing.frames[-1] > memory + 1]
-        open_tracks = [growing for growing in open_tracks if number - growing.frames[-1] <= memory + 1]
+        closed += [seen for seen in open_tracks if number - seen[-1][0] > memory + 1]
+        open_tracks = [seen for seen in open_tracks if number - seen[-1][0] <= memory + 1]
         # Heat makes bound pairs and takes them back: they have no tracks.
         known = [k for k, kind in enumerate(defects.kinds) if kind != PAIR]
-        taken = _assign_defects_to_tracks(open_tracks, defects, known, number, reach)
+        taken = _assign_defects_to_tracks([seen[-1] for seen in open_tracks], frames, known, number, reach)
         for k in known:
-            index = taken.get(k)
-            if index is None:
-                grown = _OpenTrack(defects.kinds[k], defects.lattice[k], [], [], [])
-                open_tracks.append(grown)
+            if k in taken:
+                open_tracks[taken[k]].append((number, k))
             else:
-                grown = open_tracks[index]
-            grown.frames.append(number)
-            grown.positions.append(defects.positions[k])
-            grown.burgers.append(defects.burgers[k])
-    every = sorted(closed + open_tracks, key=lambda growing: growing.frames[0])
-    return [
-        DefectTrack(
-            growing.kind,
-            growing.lattice,
-            np.array(growing.frames),
-            np.array(growing.positions),
-            np.mean(growing.burgers, axis=0),
-        )
-        for growing in every
-    ]
-
-
-class _OpenTrack(NamedTuple):
-    kind: str
-    lattice: np.ndarray
-    frames: list[int]
-    positions: list[np.ndarray]
-    burgers: list[np.ndarray]
+                open_tracks.append([(number, k)])
+    tracks = []
+    for seen in sorted(closed + open_tracks, key=lambda seen: seen[0][0]):
+        first, k = frames[seen[0][0]], seen[0][1]
+        positions = np.array([frames[number].positions[index] for number, index in seen])
+        burgers = np.mean([frames[number].burgers[index] for number, index in seen], axis=0)
+        numbers = np.array([number for number, _ in seen])
+        tracks.append(DefectTrack(first.kinds[k], first.lattice[k], numbers, positions, burgers))
+    return tracks
 
 
 def _assign_defects_to_tracks(
-    open_tracks: list[_OpenTrack], defects: FrameDefects, known: list[int], number: int, reach: float
+    ends: list[tuple[int, int]], frames: Sequence[FrameDefects], known: list[int], number: int, reach: float
 ) -> dict[int, int]:
-    """Open track that each defect continues."""
+    """Track, by its last sighting, that each defect of a frame continues."""
     from scipy.optimize import linear_sum_assignment
 
-    if not open_tracks or not known:
+    defects = frames[number]
+    if not ends or not known:
         return {}
     farthest = (reach * defects.spacing) ** 2
     # Leaving a track and a defect alone costs as much as the largest displacement.
-    costs = np.full((len(open_tracks), len(known)), 2.0 * farthest)
-    for row, track in enumerate(open_tracks):
+    costs = np.full((len(ends), len(known)), 2.0 * farthest)
+    for row, (seen, index) in enumerate(ends):
         for column, k in enumerate(known):
-            if track.kind == defects.kinds[k] and _same_burgers_vector(track, defects.lattice[k]):
-                square = _squared_displacement(track, defects.positions[k])
-                # The squared displacement of a walk grows with the frames that a defect was out of sight.
-                if square <= farthest * (number - track.frames[-1]):
-                    # Below 2 in any case, or after a gap it would cost more than leaving both alone.
-                    costs[row, column] = min(square, 1.9 * farthest)
+            square = _squared_displacement(frames[seen], index, defects, k)
+            # The squared displacement of a walk grows with the frames that a defect was out of sight.
+            if square <= farthest * (number - seen):
+                # Below 2 in any case, or after a gap it would cost more than leaving both alone.
+                costs[row, column] = min(square, 1.9 * farthest)
     # Least sum of squared displacements (Crocker and Grier, J. Colloid Interface Sci. 179, 298, 1996).
     rows, columns = linear_sum_assignment(costs)
     return {
@@ -140,17 +125,18 @@ def _assign_defects_to_tracks(
     }
 
 
-def _squared_displacement(item: _OpenTrack, position: np.ndarray) -> float:
-    """Squared displacement; of a boundary that along its Burgers vector alone."""
-    displacement = position - item.positions[-1]
-    if item.kind == BOUNDARY:
-        return float((displacement @ item.burgers[-1]) ** 2 / (item.burgers[-1] @ item.burgers[-1]))
+def _squared_displacement(before: FrameDefects, index: int, after: FrameDefects, k: int) -> float:
+    """Squared displacement of a defect; infinite between unlike ones, along b alone of a boundary."""
+    kind, burgers = before.kinds[index], before.burgers[index]
+    if kind != after.kinds[k]:
+        return math.inf
+    # The Burgers vector of a boundary may change.
+    if kind == DISLOCATION and (before.lattice[index] != after.lattice[k]).any():
+        return math.inf
+    displacement = after.positions[k] - before.positions[index]
+    if kind == BOUNDARY:
+        return float((displacement @ burgers) ** 2 / (burgers @ burgers))
     return float(displacement @ displacement)
-
-
-def _same_burgers_vector(item: _OpenTrack, lattice: np.ndarray) -> bool:
-    """Return True if the Burgers vectors are the same; that of a boundary may change."""
-    return item.kind != DISLOCATION or bool((item.lattice == lattice).all())
 
 
 def find_defect_events(

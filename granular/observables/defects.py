@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import check_positions
 from granular.observables.voronoi import VoronoiCells, check_cells
 
 if TYPE_CHECKING:
@@ -151,8 +150,7 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     InputError
         If the positions have another shape than (n, 2), or the cells are of another number of grains.
     """
-    positions = check_positions(positions)
-    cells = check_cells(positions, cells)
+    positions, cells = check_cells(positions, cells)
     pairs = _match_pentagons_to_heptagons(cells)
     five, seven = positions[pairs[:, 0]], positions[pairs[:, 1]]
     arm = seven - five

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.observables.frame import (
+    Observable,
     check_frames,
-    check_positions,
+    check_vectors,
     is_present,
+    labelled_array,
     observable,
     observable_metadata,
     select_frames,
@@ -59,8 +61,6 @@ def per_lag(
         As the function, and if no frame lies in the range, there is only one, or they are not evenly
         spaced in time.
     """
-    import xarray
-
     chosen = select_frames(run, start, stop)
     frames = check_frames(run.dataset["position"].values[chosen], least=2)
     steps = np.diff(run.dataset["frame_time"].values[chosen])
@@ -72,13 +72,9 @@ def per_lag(
     lags, options = check_lags(None, len(frames)), {}
     if "periods" in inspect.signature(function).parameters:
         options["periods"] = run.scene.cell.periods
-    marked = observable_metadata(function)
-    return xarray.DataArray(
-        np.asarray(function(frames, lags, **options)),
-        dims="lag",
-        coords={"lag": ("lag", lags * steps.mean(), {"units": "s"})},
-        attrs={} if marked is None else marked.array_attributes,
-    )
+    coordinates = {"lag": ("lag", lags * steps.mean(), {"units": "s"})}
+    values = np.asarray(function(frames, lags, **options))
+    return labelled_array(values, "lag", coordinates, observable_metadata(function))
 
 
 def check_lags(lags: Int[np.ndarray, "k"] | None, count: int) -> Int[np.ndarray, "k"]:
@@ -266,7 +262,7 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     InputError
         If the positions have another shape than (n, 2), or the frames differ in their number of grains.
     """
-    first, second = check_positions(first), check_positions(second)
+    first, second = check_vectors(first), check_vectors(second)
     if first.shape != second.shape:
         raise InputError(f"{len(first)} and {len(second)} grains; give two frames of the same bed")
     cells = voronoi_cells(first)
@@ -312,8 +308,6 @@ def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
     InputError
         If ``every`` is below 1.
     """
-    import xarray
-
     if every < 1:
         raise InputError(f"every {every}; take 1 frame or more")
     frames = run.dataset["position"].values
@@ -322,9 +316,5 @@ def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
         # To where the neighbours are, in a periodic cell; the displacements between frames stay.
         home = run.scene.cell.wrap_positions(frames[k - every]) - frames[k - every]
         result[k] = non_affine_motion(frames[k - every] + home, frames[k] + home).d2min
-    return xarray.DataArray(
-        result,
-        dims=("frame", "grain"),
-        coords={"frame_time": run.dataset["frame_time"]},
-        attrs={"units": "m^2", "long_name": "non-affine motion D2min"},
-    )
+    label = Observable("d2min", "m^2", "non-affine motion D2min")
+    return labelled_array(result, ("frame", "grain"), {"frame_time": run.dataset["frame_time"]}, label)

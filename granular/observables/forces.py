@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.frame import Frame, check_grain_values, check_positions, species_names
+from granular.observables.frame import (
+    Frame,
+    Observable,
+    check_grain_values,
+    check_vectors,
+    labelled_array,
+    species_names,
+)
 from granular.observables.interactions import iterate_pair_forces, iterate_wall_forces
 from granular.observables.statistics import DipTest, Histogram, dip_test, knuth_histogram
 from granular.observables.voronoi import VoronoiCells, check_cells, voronoi_cells
@@ -51,17 +58,13 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
     InputError
         If no wall acts in the scene.
     """
-    import xarray
-
     present = [wall for wall in _WALLS if f"{wall}_force" in run.dataset]
     if not present:
         raise InputError(f"scene {run.scene.name!r} has no walls; give it effects.walls")
-    return xarray.DataArray(
-        np.stack([run.dataset[f"{wall}_force"].values for wall in present], axis=1),
-        dims=("time", "wall"),
-        coords={"time": run.dataset["time"], "wall": present},
-        attrs={"units": "N", "long_name": "force on the wall, outwards"},
-    )
+    values = np.stack([run.dataset[f"{wall}_force"].values for wall in present], axis=1)
+    coordinates = {"time": run.dataset["time"], "wall": present}
+    label = Observable("wall_forces", "N", "force on the wall, outwards")
+    return labelled_array(values, ("time", "wall"), coordinates, label)
 
 
 def interaction_forces(frame: Frame) -> np.ndarray:
@@ -128,7 +131,7 @@ def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: float
         If the shape is not that of the scene's grains, or an effect acts between grains by another law
         than dipole and contact (``pair_law``, an own effect).
     """
-    total = np.full(len(check_positions(positions)), np.nan)
+    total = np.full(len(check_vectors(positions)), np.nan)
     for some in iterate_pair_forces(scene, positions):
         total[some.grains] = np.linalg.norm(some.forces, axis=2).sum(axis=1)
     walls = iterate_wall_forces(scene, positions, piston_height)
@@ -198,7 +201,7 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: float | No
         If the shape is not that of the scene's grains, or an effect acts between grains by another law
         than dipole and contact (``pair_law``, an own effect).
     """
-    virials = np.full((len(check_positions(positions)), 2, 2), np.nan)
+    virials = np.full((len(check_vectors(positions)), 2, 2), np.nan)
     for some in iterate_pair_forces(scene, positions):
         virials[some.grains] = 0.5 * np.einsum("kmi,kmj->kij", some.branches, some.forces)
     walls = iterate_wall_forces(scene, positions, piston_height)
@@ -238,7 +241,7 @@ def grain_stresses(
         grains, or an effect acts between grains by another law than dipole and contact (``pair_law``, an
         own effect).
     """
-    cells = check_cells(scene.cell.wrap_positions(positions), cells)
+    _, cells = check_cells(scene.cell.wrap_positions(positions), cells)
     return grain_virials(scene, positions, piston_height) / cells.area[:, None, None]
 
 

@@ -18,6 +18,7 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
+    import xarray
     from jaxtyping import Bool, Float, Int
 
     from granular.run.trajectory import Trajectory
@@ -114,11 +115,6 @@ class Observable(NamedTuple):
     unit: str
     meaning: str
 
-    @property
-    def array_attributes(self) -> dict[str, str]:
-        """Attributes of its labelled array."""
-        return {"units": self.unit, "long_name": self.meaning}
-
 
 def observable_metadata(function: Any) -> Observable | None:
     """Name, unit and meaning that `observable` gave a function."""
@@ -177,6 +173,14 @@ def frame_at(run: Trajectory, index: int = -1) -> Frame:
     return next(frames(run, [index]))
 
 
+def labelled_array(values: Any, dims: Any, coords: Any, label: Observable | None) -> xarray.DataArray:
+    """Make values into an array with dimensions and coordinates, and with unit and meaning."""
+    import xarray
+
+    attributes = {} if label is None else {"units": label.unit, "long_name": label.meaning}
+    return xarray.DataArray(values, dims=dims, coords=coords, attrs=attributes)
+
+
 def labelled_columns(dim: str, columns: Mapping[str, tuple[Any, str, str]]) -> dict[str, Any]:
     """Make columns of values, unit and meaning into variables of a data set."""
     return {
@@ -197,12 +201,23 @@ def species_names(scene: Scene) -> list[str]:
     return [name if names.count(name) == 1 else f"{name} {index}" for index, name in enumerate(names)]
 
 
-def check_positions(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """Check the shape of positions, and convert them [m]; positions [m]."""
-    array = np.asarray(positions, dtype=np.float64)
+def check_vectors(vectors: Float[np.ndarray, "n 2"], name: str = "positions") -> Float[np.ndarray, "n 2"]:
+    """Check the shape of positions or other vectors, and convert them."""
+    array = np.asarray(vectors, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
-        raise InputError(f"positions have the shape {array.shape}; (n, 2) is wanted")
+        raise InputError(f"{name} have the shape {array.shape}; (n, 2) is wanted")
     return array
+
+
+def check_series(names: str, *series: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Check that series are one-dimensional and equally long, and convert them."""
+    arrays = tuple(np.asarray(values, dtype=np.float64) for values in series)
+    shapes = [array.shape for array in arrays]
+    if len(shapes[0]) != 1 or len(set(shapes)) > 1:
+        raise InputError(
+            f"{names} have the shapes {', '.join(map(str, shapes))}; give (n,), the same for all"
+        )
+    return arrays
 
 
 def check_frames(frames: Float[np.ndarray, "f n 2"], least: int = 0) -> Float[np.ndarray, "f n 2"]:
@@ -222,7 +237,7 @@ def is_present(positions: Float[np.ndarray, "... n 2"]) -> Bool[np.ndarray, "...
 
 def present_positions(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
     """Positions of the grains that are in the cell [m]; positions [m]."""
-    array = check_positions(positions)
+    array = check_vectors(positions)
     return array[is_present(array)]
 
 

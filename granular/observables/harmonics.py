@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import labelled_columns
+from granular.observables.frame import check_series, labelled_columns
 from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 
@@ -87,12 +87,7 @@ def harmonic_response(
     >>> round(float(np.ravel(found.ratio)[0]), 2)
     0.5
     """
-    time, drive, response = (np.asarray(series, dtype=np.float64) for series in (time, drive, response))
-    if time.ndim != 1 or not time.shape == drive.shape == response.shape or not len(time):
-        raise InputError(
-            f"time, drive and response have the shapes {time.shape}, {drive.shape}, "
-            f"{response.shape}; all must be (n,)"
-        )
+    time, drive, response = check_series("time, drive and response", time, drive, response)
     if not all(np.isfinite(series).all() for series in (time, drive, response)):
         raise InputError("a time, drive or response is not finite; leave such samples out")
     if (np.diff(time) < 0.0).any():
@@ -111,11 +106,12 @@ def harmonic_response(
     # Time from the middle of the window leaves the drift independent of the rest.
     middle = time[-1] - 0.5 * periods / frequency
     since = time - middle
-    into, out = (_fit_harmonics(since, values, frequency, harmonics) for values in (drive, response))
-    transfer = _transfer_function(into.amplitudes, out.amplitudes)
+    into, drive_drift = _fit_harmonics(since, drive, frequency, harmonics)
+    out, response_drift = _fit_harmonics(since, response, frequency, harmonics)
+    transfer = _transfer_function(into, out)
     # Without drift: within one period a drift and a sine are too alike to be fitted together.
     spread = _transfer_of_each_period(
-        since, drive - into.drift * since, response - out.drift * since, frequency, harmonics, periods
+        since, drive - drive_drift * since, response - response_drift * since, frequency, harmonics, periods
     )
     along, across = _errors_of_ratio_and_phase(transfer, spread)
     ratio = np.abs(transfer)
@@ -128,7 +124,7 @@ def harmonic_response(
         phase=np.angle(transfer),
         ratio_error=along,
         phase_error=phase_error,
-        drive_amplitude=float(np.abs(into.amplitudes[0])),
+        drive_amplitude=float(np.abs(into[0])),
         periods=periods,
     )
 
@@ -190,7 +186,7 @@ def stage_response(
 
 
 def _count_whole_periods(time: np.ndarray, frequency: float, discard: float | None) -> int:
-    duration = float(time[-1] - time[0])
+    duration = float(time[-1] - time[0]) if len(time) else 0.0
     left = duration - (0.5 * duration if discard is None else discard)
     # A period is whole with the sample that would begin the next one.
     left += duration / max(len(time) - 1, 1)
@@ -213,22 +209,16 @@ def _check_samples_per_period(samples: int, periods: int, harmonics: int) -> Non
         )
 
 
-class _FittedHarmonics(NamedTuple):
-    """sum_k Re(X_k exp(i k w t)), with the amplitudes X_k (K,), a mean and a drift (per second)."""
-
-    amplitudes: np.ndarray
-    drift: float
-
-
 def _fit_harmonics(
     time: np.ndarray, values: np.ndarray, frequency: float, number: int, drifting: bool = True
-) -> _FittedHarmonics:
+) -> tuple[np.ndarray, float]:
+    """Amplitudes X_k (K,) and drift (per second) of sum_k Re(X_k exp(i k w t)) + mean + drift t."""
     turn = 2.0 * np.pi * frequency * np.multiply.outer(time, np.arange(1, number + 1))
     slope = [frequency * time[:, None]] if drifting else []
     basis = np.concatenate([np.cos(turn), np.sin(turn), np.ones((len(time), 1)), *slope], axis=1)
     result = np.linalg.lstsq(basis, values, rcond=None)[0]
     drift = float(result[-1]) * frequency if drifting else 0.0
-    return _FittedHarmonics(result[:number] - 1j * result[number : 2 * number], drift)
+    return result[:number] - 1j * result[number : 2 * number], drift
 
 
 def _transfer_function(into: np.ndarray, out: np.ndarray) -> np.ndarray:
@@ -250,7 +240,7 @@ def _transfer_of_each_period(
     for period_number in range(periods):
         here = which == period_number
         parts = (
-            _fit_harmonics(time[here], values[here], frequency, harmonics, drifting=False).amplitudes
+            _fit_harmonics(time[here], values[here], frequency, harmonics, drifting=False)[0]
             for values in (drive, response)
         )
         rows.append(_transfer_function(*parts))
@@ -275,14 +265,11 @@ def _find_driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
         for stage in run.scene.protocol
         if isinstance(stage, Oscillate) or (isinstance(stage, Push) and stage.amplitude > 0.0)
     }
-    if name is None and len(driven) == 1:
-        return next(iter(driven.values()))
     if name is None:
-        raise InputError(
-            f"the scene has {len(driven)} stages with a sinusoidal drive; name one"
-            if driven
-            else "the scene has no stage with a sinusoidal drive; give it an oscillate or a push"
-        )
+        if len(driven) == 1:
+            return next(iter(driven.values()))
+        advice = "name one" if driven else "give it an oscillate or a push"
+        raise InputError(f"the scene has {len(driven)} stages with a sinusoidal drive; {advice}")
     if name not in driven:
         raise InputError(unknown_word_message(name, tuple(driven), "driven stage"))
     return driven[name]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.observables.forces import piston_force
-from granular.observables.frame import labelled_columns
+from granular.observables.frame import check_series, labelled_columns
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -63,13 +63,9 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     >>> float(hysteresis_energy(height, force))
     2.0
     """
-    height = np.asarray(height, dtype=np.float64)
-    force = np.asarray(force, dtype=np.float64)
-    if height.ndim != 1 or height.shape != force.shape or len(height) < 3:
-        raise InputError(
-            f"height has the shape {height.shape} and force {force.shape}; both must be (n,) with "
-            "at least 3 samples"
-        )
+    height, force = check_series("height and force", height, force)
+    if len(height) < 3:
+        raise InputError(f"{len(height)} samples; a cycle needs at least 3")
     # The loop is closed up to the lower of its two highest points only.
     top = min(height[0], height[-1])
     return -_work_below_height(height, force, top)

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.effects.dipole import discs_unless_dipoles
-from granular.observables.frame import check_positions, is_present
+from granular.observables.frame import check_vectors, is_present
+from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
 from granular.shared.errors import InputError
 
@@ -67,7 +68,7 @@ def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> It
         r[np.arange(len(some)), some] = np.inf
         push = np.zeros_like(r)
         if scene.effects.dipole is not None:
-            push += _dipole_pair_forces(r, moments[some], moments)
+            push += STRENGTH * moments[some][:, None] * moments[None] / r**4
             if discs:
                 push *= _disc_to_dipole_force_ratio(discs, r, species[some], species)
         if contact is not None:
@@ -120,7 +121,7 @@ def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[
     """Positions, which grains are there, and the scene in natural units."""
     from granular.scene.scene_in_natural_units import scene_in_natural_units
 
-    positions = check_positions(positions)
+    positions = check_vectors(positions)
     if len(positions) != scene.grains.count:
         raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
     if foreign := effects_of_unknown_pair_force(scene):
@@ -143,12 +144,6 @@ def relative_magnetic_moments(scene: Scene) -> Float[np.ndarray, "n"]:
     """Magnetic moment of each grain over that of the first species."""
     grains = scene.grains
     return np.asarray(grains.moment_ratios()[grains.species_indices()] * grains.moment_spread_factors())
-
-
-def _dipole_pair_forces(r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    from granular.pairs.dipole_law import STRENGTH
-
-    return np.asarray(STRENGTH * first[:, None] * second[None] / r**4)
 
 
 def _disc_to_dipole_force_ratio(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import check_positions, is_present
+from granular.observables.frame import check_vectors, is_present
 from granular.observables.interactions import effects_of_unknown_pair_force, relative_magnetic_moments
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
@@ -226,7 +226,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         grains by another law than dipole and contact, the scene has no dipoles or has discs
         (``grains.magnets = "cylinders"``), or no grain stands so far inside.
     """
-    positions = check_positions(positions)
+    positions = check_vectors(positions)
     if len(positions) != scene.grains.count:
         raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
     if foreign := effects_of_unknown_pair_force(scene):

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.observables.frame import (
+    Observable,
     check_grain_values,
-    check_positions,
+    check_vectors,
     is_present,
+    labelled_array,
     present_positions,
     require_piston,
 )
@@ -80,29 +82,18 @@ def packing_fraction_series(run: Trajectory) -> xarray.DataArray:
     InputError
         If the scene has no piston, or its height is not above 0 m at a record.
     """
-    import xarray
-
     require_piston(run.scene)
     data = run.dataset
     heights = data["piston_height"].values
     fraction = packing_fraction(data["diameter"].values, run.scene.cell.width, heights)
     if "grain_count" in data:
-        fraction = fraction * _remaining_grain_area_fraction(run)
-    return xarray.DataArray(
-        fraction,
-        dims="time",
-        coords={"time": data["time"]},
-        attrs={"units": "1", "long_name": "packing fraction"},
-    )
-
-
-def _remaining_grain_area_fraction(run: Trajectory) -> np.ndarray:
-    """Fraction of the grains' area that is still in the cell, at every record."""
-    data = run.dataset
-    areas = np.square(data["diameter"].values)
-    left = is_present(data["position"].values) @ areas / areas.sum()
-    latest = np.searchsorted(data["frame_time"].values, data["time"].values, side="right") - 1
-    return np.asarray(left[np.maximum(latest, 0)])
+        # Fraction of the grains' area that is still in the cell, at every record.
+        areas = np.square(data["diameter"].values)
+        left = is_present(data["position"].values) @ areas / areas.sum()
+        latest = np.searchsorted(data["frame_time"].values, data["time"].values, side="right") - 1
+        fraction = fraction * left[np.maximum(latest, 0)]
+    label = Observable("packing", "1", "packing fraction")
+    return labelled_array(fraction, "time", {"time": data["time"]}, label)
 
 
 def _check_positive_length(name: str, values: float | np.ndarray) -> None:
@@ -152,7 +143,7 @@ def area_fraction_profile(
     >>> print(area_fraction_profile(places, np.full(100, 0.006), 0.09, strips).round(2))
     [0.39 0.4 ]
     """
-    positions = check_positions(positions)
+    positions = check_vectors(positions)
     diameters = check_grain_values("diameters", diameters, len(positions))
     edges = np.asarray(edges, dtype=np.float64)
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
@@ -186,8 +177,6 @@ def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> x
     InputError
         If the scene has no piston, or the thickness is not finite and above 0 m.
     """
-    import xarray
-
     require_piston(run.scene)
     heights = run.dataset["frame_height"].values
     step = run.scene.grains.species[0].diameter if thickness is None else thickness
@@ -200,12 +189,9 @@ def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> x
         for frame, height in zip(run.dataset["position"].values, heights, strict=True)
     ]
     middle = ("depth", 0.5 * (depths[:-1] + depths[1:]), {"units": "m", "long_name": "depth"})
-    return xarray.DataArray(
-        np.reshape(profiles, (-1, len(depths) - 1)),
-        dims=("frame", "depth"),
-        coords={"frame_time": run.dataset["frame_time"], "depth": middle},
-        attrs={"units": "1", "long_name": "local area fraction"},
-    )
+    values, label = np.reshape(profiles, (-1, len(depths) - 1)), Observable("", "1", "local area fraction")
+    coordinates = {"frame_time": run.dataset["frame_time"], "depth": middle}
+    return labelled_array(values, ("frame", "depth"), coordinates, label)
 
 
 def _frame_area_fraction_by_depth(

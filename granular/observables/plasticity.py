@@ -34,7 +34,7 @@ from granular.observables.defect_tracks import (
     link_defect_tracks,
 )
 from granular.observables.defects import lattice_to_plane
-from granular.observables.frame import check_frames
+from granular.observables.frame import check_frames, check_series
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError
 
@@ -84,9 +84,7 @@ def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -
     InputError
         If the shapes differ or are not (n,), a value is not finite, or ``smallest_drop`` is not above 0.
     """
-    times, series = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
-    if series.ndim != 1 or times.shape != series.shape:
-        raise InputError(f"the shapes {times.shape} and {series.shape} differ; give two (n,)")
+    times, series = check_series("time and values", time, values)
     if not np.isfinite(series).all():
         raise InputError("a value is not finite; leave such samples out")
     if not smallest_drop > 0.0:
@@ -252,11 +250,9 @@ def _add_track_slip(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, s
 def _slip_of_event(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
     """Sum of `slip_area_tensor`, as if ended tracks had gone to the event, and new ones had come from it."""
     total = np.zeros((2, 2))
-    for point in event.ended:
-        track = tracks[point]
+    for track in (tracks[point] for point in event.ended):
         total += slip_area_tensor(track.burgers, event.position - track.positions[-1])
-    for point in event.started:
-        track = tracks[point]
+    for track in (tracks[point] for point in event.started):
         total += slip_area_tensor(track.burgers, track.positions[0] - event.position)
     return total
 

@@ -13,7 +13,7 @@ from granular.observables.correlation import (
     mean_over_pairs,
     sum_pair_products,
 )
-from granular.observables.frame import observable, present_positions
+from granular.observables.frame import check_vectors, observable, present_positions
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
@@ -50,9 +50,7 @@ def structure_factor(positions: np.ndarray, wave_vectors: np.ndarray) -> np.ndar
         If positions or wave vectors have another shape, or there is no grain.
     """
     points = present_positions(positions)
-    vectors = np.asarray(wave_vectors, dtype=np.float64)
-    if vectors.ndim != 2 or vectors.shape[1] != 2:
-        raise InputError(f"wave vectors have the shape {vectors.shape}; (k, 2) is wanted")
+    vectors = check_vectors(wave_vectors, "wave vectors")
     if not len(points):
         raise InputError("no grain is present; give a frame with grains")
     return np.array([abs(np.exp(1j * (points @ vector)).sum()) ** 2 for vector in vectors]) / len(points)

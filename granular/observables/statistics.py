@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.observables.frame import check_series, check_vectors
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,9 +53,7 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> PearsonCorrela
     """
     from scipy.stats import pearsonr
 
-    x, y = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
-    if x.ndim != 1 or x.shape != y.shape:
-        raise InputError(f"the shapes {x.shape} and {y.shape} differ; give two arrays (n,)")
+    x, y = check_series("first and second", first, second)
     known = np.isfinite(x) & np.isfinite(y)
     count = int(np.count_nonzero(known))
     if count < 3:
@@ -106,9 +105,7 @@ def axial_order_parameter(vectors: np.ndarray) -> DirectionalOrder:
     >>> found
     DirectionalOrder(polar=1.0, axial=1.0, polar_p=0.0, axial_p=0.0, vectors=20)
     """
-    array = np.asarray(vectors, dtype=np.float64)
-    if array.ndim != 2 or array.shape[1] != 2:
-        raise InputError(f"vectors have the shape {array.shape}; (n, 2) is wanted")
+    array = check_vectors(vectors, "vectors")
     array = array[np.isfinite(array).all(axis=1) & (array != 0.0).any(axis=1)]
     if not len(array):
         raise InputError("0 vectors; at least 1 that is not 0 has a direction")
@@ -220,14 +217,13 @@ def _convex_minorant(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """Greatest convex function at or below y, at every x, and where it touches."""
     hull: list[int] = []
     for k in range(len(x)):
-        while len(hull) > 1 and _is_concave_at(x, y, hull[-2], hull[-1], k):
+        while len(hull) > 1:
+            a, b = hull[-2:]
+            if (y[b] - y[a]) * (x[k] - x[b]) < (y[k] - y[b]) * (x[b] - x[a]):
+                break
             hull.pop()
         hull.append(k)
     return np.interp(x, x[hull], y[hull]), np.array(hull)
-
-
-def _is_concave_at(x: np.ndarray, y: np.ndarray, a: int, b: int, c: int) -> bool:
-    return bool((y[b] - y[a]) * (x[c] - x[b]) >= (y[c] - y[b]) * (x[b] - x[a]))
 
 
 @cache

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.frame import check_frames, check_grain_values, is_present
+from granular.observables.frame import check_frames, check_grain_values, check_vectors, is_present
 from granular.observables.interactions import (
     iterate_pair_forces,
     iterate_wall_forces,
@@ -51,9 +51,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     >>> kinetic_temperature(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([2.0, 2.0]))
     1.0
     """
-    velocities = np.asarray(velocities, dtype=np.float64)
-    if velocities.ndim != 2 or velocities.shape[1] != 2:
-        raise InputError(f"velocities have the shape {velocities.shape}; (n, 2) is wanted")
+    velocities = check_vectors(velocities, "velocities")
     masses = check_grain_values("masses", masses, len(velocities))
     if not (masses[is_present(velocities)] > 0.0).all():
         raise InputError("a mass is not above 0 kg; give the masses of the grains")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import bounding_box, check_positions, is_present, present_positions
+from granular.observables.frame import bounding_box, check_vectors, is_present, present_positions
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     >>> int(cells.interior.sum())
     64
     """
-    positions = check_positions(positions)
+    positions = check_vectors(positions)
     points = present_positions(positions)
     triangles, across = _delaunay_triangulation(points)
     # Numbered as all grains are, also absent ones.
@@ -112,16 +112,19 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     return VoronoiCells(sides, area, squares, interior, pairs[real], triangles, corners)
 
 
-def check_cells(positions: Float[np.ndarray, "n 2"], cells: VoronoiCells | None) -> VoronoiCells:
-    """Check that Voronoi cells are those of as many grains, or find them; positions [m]."""
+def check_cells(
+    positions: Float[np.ndarray, "n 2"], cells: VoronoiCells | None
+) -> tuple[Float[np.ndarray, "n 2"], VoronoiCells]:
+    """Check positions [m], and that Voronoi cells are those of as many grains, or find them."""
+    positions = check_vectors(positions)
     if cells is None:
-        return voronoi_cells(positions)
+        cells = voronoi_cells(positions)
     if len(cells.sides) != len(positions):
         raise InputError(
             f"Voronoi cells of {len(cells.sides)} grains for {len(positions)} positions; give those of "
             "the same positions"
         )
-    return cells
+    return positions, cells
 
 
 def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:

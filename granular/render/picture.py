@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.effects.walls import Wall
 from granular.observables.frame import Frame, is_present
 from granular.observables.voronoi import cell_polygons, voronoi_cells
 from granular.render.colourings import colour_classes, colouring_by_name
@@ -81,30 +80,30 @@ def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
 
     width, height, thickness = 1e3 * scene.cell.width, 1e3 * top, wall_thickness_mm(scene)
     walls = scene.effects.walls
-    for side, edge in (("left", -thickness), ("right", width)):
+
+    def draw_open_side(*ends: tuple[float, float]) -> None:
+        axes.plot(*zip(*ends, strict=True), ":", color=WALL, linewidth=1.0, zorder=0)
+
+    def draw_slab(x: float, y: float, wide: float, high: float) -> None:
+        axes.add_patch(Rectangle((x, y), wide, high, color=WALL, linewidth=0.0))
+
+    for side, x, edge in (("left", 0.0, -thickness), ("right", width, width)):
         wall = None if walls is None else getattr(walls, side)
         if wall is None:
-            position = max(0.0, min(edge, width))
-            axes.plot([position, position], [0.0, height], ":", color=WALL, linewidth=1.0, zorder=0)
-            continue
-        length = height if wall.length is None else min(height, 1e3 * wall.length)
-        axes.add_patch(Rectangle((edge, 0.0), thickness, length, color=WALL, linewidth=0.0))
+            draw_open_side((x, 0.0), (x, height))
+        else:
+            draw_slab(edge, 0.0, thickness, height if wall.length is None else min(height, 1e3 * wall.length))
     if scene.cell.periods is not None:
-        axes.plot([0.0, width], [height, height], ":", color=WALL, linewidth=1.0, zorder=0)
+        draw_open_side((0.0, height), (width, height))
     bottom = None if walls is None else walls.bottom
     if bottom is None:
-        axes.plot([0.0, width], [0.0, 0.0], ":", color=WALL, linewidth=1.0, zorder=0)
+        draw_open_side((0.0, 0.0), (width, 0.0))
         return
-    for start, end in _bottom_wall_segments(bottom, width, thickness):
-        axes.add_patch(Rectangle((start, -thickness), end - start, thickness, color=WALL, linewidth=0.0))
-
-
-def _bottom_wall_segments(wall: Wall, width: float, thickness: float) -> list[tuple[float, float]]:
-    """Stretches of the bottom along x [mm]."""
-    start, end = -thickness, width + thickness
-    if wall.gap_start is None or wall.gap_end is None:
-        return [(start, end)]
-    return [(start, 1e3 * wall.gap_start), (1e3 * wall.gap_end, end)]
+    ends = [-thickness, width + thickness]
+    if bottom.gap_start is not None and bottom.gap_end is not None:
+        ends[1:1] = 1e3 * bottom.gap_start, 1e3 * bottom.gap_end
+    for start, end in zip(ends[::2], ends[1::2], strict=True):
+        draw_slab(start, -thickness, end - start, thickness)
 
 
 MOST = 4000
@@ -164,12 +163,10 @@ class BedPicture:
         self._times = run.dataset["time"].values
         self._forces = run.dataset["piston_force"].values if "piston_force" in run.dataset else None
         with mpl.rc_context({"font.size": 9.0, "font.family": "DejaVu Sans"}):
-            curve = duration is not None and "piston_height" in run.dataset
-            self.figure, self._axes, side = new_figure_to_scale(
-                run.scene, top, CURVE if curve else 0.0, widest
-            )
+            below = CURVE if duration is not None and "piston_height" in run.dataset else 0.0
+            self.figure, self._axes, side = new_figure_to_scale(run.scene, top, below, widest)
             self._curve = None
-            if duration is not None and curve:
+            if duration is not None and below:
                 self._curve = PistonHeightCurve(run, *duration, axes_below_bed(self.figure, self._axes))
             draw_walls(self._axes, run.scene, top)
             self._draw_moving_parts()

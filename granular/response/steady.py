@@ -28,7 +28,11 @@ def complex_amplitude(
     """Complex A of Im(A exp(i omega t)) + constant + slope t (IEEE Std 1057); time [s], frequency [Hz]."""
     omega = math.tau * frequency
     moment = time - time.mean()
-    columns = np.stack([np.sin(omega * time), np.cos(omega * time), np.ones_like(time), moment], axis=1)
+    return _amplitude_over_phase(omega * time, moment, values)
+
+
+def _amplitude_over_phase(phase: np.ndarray, moment: np.ndarray, values: np.ndarray) -> complex:
+    columns = np.stack([np.sin(phase), np.cos(phase), np.ones_like(phase), moment], axis=1)
     (sine, cosine, _, _), *_ = np.linalg.lstsq(columns, values, rcond=None)
     return complex(sine, cosine)
 
@@ -159,10 +163,6 @@ def swept_amplitudes(
     swings = [np.empty(points, dtype=np.complex128) for _ in values]
     for k, (moment, frequency) in enumerate(zip(moments, frequencies, strict=True)):
         near = np.abs(time - moment) <= 0.5 * PERIODS / frequency
-        columns = np.stack(
-            [np.sin(phase[near]), np.cos(phase[near]), np.ones(near.sum()), time[near] - moment], axis=1
-        )
         for swing, value in zip(swings, values, strict=True):
-            (sine, cosine, _, _), *_ = np.linalg.lstsq(columns, value[near], rcond=None)
-            swing[k] = complex(sine, cosine)
+            swing[k] = _amplitude_over_phase(phase[near], time[near] - moment, value[near])
     return frequencies, swings
