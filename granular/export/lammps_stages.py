@@ -37,22 +37,17 @@ class RemainingStage(NamedTuple):
         return max(0.0, self.total_duration - self.elapsed)
 
 
-def check_exportable_stage(stage: Stage) -> None:
-    """Refuse a stage that does not prescribe the piston for a known time."""
-    what, only = f"stage {stage.name!r} cannot be exported to LAMMPS", None
-    if stage.needs_piston_mass:
-        only = "its piston is free, LAMMPS takes a prescribed one; drive it (follow) or hold it"
-    elif isinstance(stage, TimedStage) and stage.until is not None:
-        only = f"it ends at {stage.until}, at no known time; give it a duration instead of 'until'"
-    elif stage.ends_at_force:
-        only = "it ends at a force, at no known time; leave until_force out"
-    if only is not None:
-        raise InputError(f"{what}: {only}")
-
-
 def remaining_stage(stage: Stage, height: float | None, elapsed: float = 0.0) -> RemainingStage:
     """Turn a stage of a protocol into one that LAMMPS can run; height [m], elapsed [s]."""
-    check_exportable_stage(stage)
+    why = None
+    if stage.needs_piston_mass:
+        why = "its piston is free, LAMMPS takes a prescribed one; drive it (follow) or hold it"
+    elif isinstance(stage, TimedStage) and stage.until is not None:
+        why = f"it ends at {stage.until}, at no known time; give it a duration instead of 'until'"
+    elif stage.ends_at_force:
+        why = "it ends at a force, at no known time; leave until_force out"
+    if why is not None:
+        raise InputError(f"stage {stage.name!r} cannot be exported to LAMMPS: {why}")
     kind = type(stage).__name__.lower()
     duration = stage.total_duration(0.0 if height is None else height)
     if duration is None:

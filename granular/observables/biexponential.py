@@ -71,7 +71,11 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     >>> print(found.amplitudes.round(3), found.rates.round(3))
     [2. 1.] [-3.   0.5]
     """
-    x, y = _validate_samples(x, y)
+    x, y = check_series("x and y", x, y)
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise InputError("x or y holds a value that is not finite; drop such samples")
+    if len(np.unique(x)) < 5:
+        raise InputError(f"{len(np.unique(x))} different x; four parameters with intervals need at least 5")
     start, width = float(x.min()), float(np.ptp(x))
     u = (x - start) / width
     rates = _best_exponential_rates(u, y)
@@ -79,15 +83,6 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     rates = rates / width
     order = np.argsort(rates)
     return _fit_with_intervals(x, y, amplitudes[order], rates[order])
-
-
-def _validate_samples(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    x, y = check_series("x and y", x, y)
-    if not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise InputError("x or y holds a value that is not finite; drop such samples")
-    if len(np.unique(x)) < 5:
-        raise InputError(f"{len(np.unique(x))} different x; four parameters with intervals need at least 5")
-    return x, y
 
 
 def _exponential_basis(u: np.ndarray, rates: np.ndarray) -> np.ndarray:

@@ -65,7 +65,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     """
     height, force = check_series("height and force", height, force)
     if len(height) < 3:
-        raise InputError(f"{len(height)} samples; a cycle needs at least 3")
+        raise InputError(f"a cycle of {len(height)} samples; give at least 3 samples")
     # The loop is closed up to the lower of its two highest points only.
     top = min(height[0], height[-1])
     return -_work_below_height(height, force, top)

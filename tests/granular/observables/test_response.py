@@ -145,7 +145,7 @@ def test_bed_under_a_swinging_piston_is_a_damped_spring(swinging: Scene) -> None
 
 
 def test_a_run_without_drive_is_an_input_error(make_run: MakeRun) -> None:
-    with pytest.raises(InputError, match="no stage with a sinusoidal drive"):
+    with pytest.raises(InputError, match="0 stages with a sinusoidal drive; give it"):
         stage_response(make_run(np.zeros((1, 3, 2))))
 
 
