@@ -14,7 +14,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -35,8 +35,10 @@ from granular.pairs.near_law import (
     add_near_forces,
     collision_stiffness,
     join_collisions,
+    make_near_law,
     measure_near_part,
     near_law_workspace,
+    species_pairs,
     squared_collision_frequency,
 )
 from granular.pairs.near_list import NearList
@@ -184,9 +186,8 @@ def grain_charges(
 def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
     species, length = species_of_scene(context), context.scales.length
     tables = _tabulate(functions, tuple(species), "dipole" in context.effects)
-    reach = math.sqrt(tables.pairs[:, END].max())
     periods = context.cell.periods
-    if periods is not None and math.isinf(reach):
+    if periods is not None and np.isinf(tables.pairs[:, END]).any():
         raise InputError(
             f"{functions.name} does not end within {1e-3 * FARTHEST:.0f} diameters: in a cell with periodic "
             "sides give it a reach, or a tail if it falls off as 1/r^3"
@@ -197,37 +198,27 @@ def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
             f"{functions.name}: moments that scatter (grains.spread) are charges of a tail; make the energy "
             "proportional to q1*q2, or take no tail"
         )
-    index = None if len(species) == 1 else pad_values(context.species).astype(np.int64)
-    near = NearLaw(
-        factor=factor,
-        species=index,
-        kinds=len(species),
-        reach=reach,
-        strength=1.0,
-        periods=None if periods is None else (periods[0] / length, periods[1] / length),
-        tables=tables,
-        smallest=min(kind.diameter for kind in species),
-    )
-    return PairLaw(factor, index, near)
+    sides = None if periods is None else (periods[0] / length, periods[1] / length)
+    diameters = [kind.diameter for kind in species]
+    near = make_near_law(tables, diameters, context.species, factor, 1.0, sides)
+    return PairLaw(factor, near.species, near)
 
 
 # A law is tabulated by tens of thousands of calls; a study asks for the same one again and again.
 @functools.lru_cache(maxsize=32)
 def _tabulate(functions: PairFunctions, species: tuple[Species, ...], dipoles: bool) -> NearTables:
-    kinds = range(len(species))
-    pairs = {(i, j): (species[i], species[j]) for i in kinds for j in kinds if i <= j}
-    _check_symmetry(functions, list(pairs.values()))
-    tails = {key: 0.0 if functions.tail is None else functions.tail(*pair) for key, pair in pairs.items()}
-    energies = {key: _near_energy(functions, *pair, tails[key]) for key, pair in pairs.items()}
-    reach = min(functions.reach, max(_decay_distance(energy, tails) for energy in energies.values()))
-    _check_finite(functions, list(pairs.values()), reach)
-    end, keys = min(reach, FARTHEST), [(min(i, j), max(i, j)) for i in kinds for j in kinds]
-    made = tabulate_energies(
-        [_truncate(energy, reach) for energy in energies.values()], NEAREST**2, 1.05 * end**2, _TABLE_ERROR
-    )
+    indices, rows = species_pairs(len(species))
+    pairs = [(species[i], species[j]) for i, j in indices]
+    _check_symmetry(functions, pairs)
+    tails = [0.0 if functions.tail is None else functions.tail(*pair) for pair in pairs]
+    energies = [_near_energy(functions, *pair, tail) for pair, tail in zip(pairs, tails, strict=True)]
+    nothing = _NOTHING_BESIDE_TAIL if any(tails) else _NOTHING
+    reach = min(functions.reach, max(_decay_distance(energy, nothing) for energy in energies))
+    _check_finite(functions, pairs, reach)
+    end, sampled = min(reach, FARTHEST), [_truncate(energy, reach) for energy in energies]
     return NearTables(
-        energies=made.rows([list(pairs).index(key) for key in keys]),
-        pairs=np.array([[tails[key] / ENERGY, 0.0, 0.0, reach**2] for key in keys]),
+        energies=tabulate_energies(sampled, NEAREST**2, 1.05 * end**2, _TABLE_ERROR, rows),
+        pairs=np.array([[tail / ENERGY, 0.0, 0.0, reach**2] for tail in tails])[rows],
         series=SeriesTerms(),
         collisions=join_collisions([_collisions(functions, kind, end, dipoles) for kind in species]),
     )
@@ -254,13 +245,12 @@ def _near_energy(functions: PairFunctions, first: Species, second: Species, tail
     return sampled
 
 
-def _decay_distance(energy: Sampled, tails: Mapping[tuple[int, int], float]) -> float:
+def _decay_distance(energy: Sampled, nothing: float) -> float:
     """Distance at which an energy has ended by itself [D]; infinite if it does not by `FARTHEST`/1000."""
     r = np.geomspace(1.0, 1e-3 * FARTHEST, 400)
     value, magnitude = energy(r)
     size = np.abs(value)
     # What rounding leaves of a difference is nothing, too.
-    nothing = _NOTHING_BESIDE_TAIL if any(tails.values()) else _NOTHING
     there = size > np.maximum(nothing * np.nanmax(size), 8.0 * np.finfo(np.float64).eps * magnitude)
     last = int(np.flatnonzero(there).max(initial=0))
     return math.inf if last == len(r) - 1 else float(r[last + 1])

@@ -54,10 +54,9 @@ def squared_distance_shift(disc: Disc) -> float:
     return 0.75 * (disc.radius**2 - disc.height**2 / 3.0)
 
 
-def pair_squared_distance_shift(first: Disc, second: Disc, *, mid_planes_level: bool = True) -> float:
+def pair_squared_distance_shift(first: Disc, second: Disc) -> float:
     """Shift b of the squared distance at which two dipoles repel as two discs do far away."""
-    apart = 0.0 if mid_planes_level else first.height - second.height
-    return squared_distance_shift(first) + squared_distance_shift(second) - 0.75 * apart**2
+    return squared_distance_shift(first) + squared_distance_shift(second)
 
 
 def contact_distance(first: Disc, second: Disc) -> float:
@@ -65,9 +64,7 @@ def contact_distance(first: Disc, second: Disc) -> float:
     return first.radius + second.radius
 
 
-def disc_energy_and_force(
-    r: Samples, first: Disc, second: Disc, *, mid_planes_level: bool = True
-) -> tuple[Samples, Samples]:
+def disc_energy_and_force(r: Samples, first: Disc, second: Disc) -> tuple[Samples, Samples]:
     """Energy and repulsion of two discs over those scales for which dipoles have 1/r^3 and 3/r^4.
 
     Parameters
@@ -75,9 +72,7 @@ def disc_energy_and_force(
     r : float (n,)
         Distances of the axes, from contact on; in the unit of the discs.
     first, second : Disc
-        The two discs.
-    mid_planes_level : bool
-        Whether the mid-planes are level; else both discs lie on the lower plate.
+        The two discs, whose mid-planes are level.
 
     Returns
     -------
@@ -85,44 +80,28 @@ def disc_energy_and_force(
         Energy over mu0 m1 m2 / (4 pi), and force over the same.
     """
     energy, force = np.zeros((2, len(r)))
-    for z, sign in _face_pair_heights_and_signs(first, second, mid_planes_level=mid_planes_level):
+    for z, sign in (
+        (0.5 * abs(first.height - second.height), 2.0),
+        (0.5 * (first.height + second.height), -2.0),
+    ):
         of_faces, slope = _face_pair_energy(np.asarray(r, dtype=np.float64), z, first, second)
         energy += sign * of_faces
         force -= sign * slope
     return energy / disc_volumes(first, second), force / disc_volumes(first, second)
 
 
-def contact_force_singularity(
-    first: Disc, second: Disc, *, mid_planes_level: bool = True
-) -> tuple[float, float]:
+def contact_force_singularity(first: Disc, second: Disc) -> tuple[float, float]:
     """Singular part of the force at contact: factor and height z of factor Re (x + iz)^(3/2)."""
-    z = min(
-        height for height, _ in _face_pair_heights_and_signs(first, second, mid_planes_level=mid_planes_level)
-    )
-    many = sum(
-        sign
-        for height, sign in _face_pair_heights_and_signs(first, second, mid_planes_level=mid_planes_level)
-        if height == z
-    )
     reduced = first.radius * second.radius / (first.radius + second.radius)
-    # In the units of `disc_energy_and_force`. The nearest faces alone: others are smooth at contact.
-    factor = many * 8.0 * np.pi / 3.0 * np.sqrt(2.0 * reduced)
-    return float(factor / disc_volumes(first, second)), z
+    # In the units of `disc_energy_and_force`. The two pairs of nearest faces alone: others are smooth at
+    # contact.
+    factor = 2.0 * 8.0 * np.pi / 3.0 * np.sqrt(2.0 * reduced)
+    return float(factor / disc_volumes(first, second)), 0.5 * abs(first.height - second.height)
 
 
 def disc_volumes(first: Disc, second: Disc) -> float:
     """Product of the volumes of two discs."""
     return float(np.pi**2 * (first.radius * second.radius) ** 2 * first.height * second.height)
-
-
-def _face_pair_heights_and_signs(
-    first: Disc, second: Disc, *, mid_planes_level: bool
-) -> list[tuple[float, float]]:
-    """Heights of the faces above each other, and the signs of their energies."""
-    apart, total = abs(first.height - second.height), first.height + second.height
-    if mid_planes_level:
-        return [(0.5 * apart, 2.0), (0.5 * total, -2.0)]
-    return [(0.0, 1.0), (apart, 1.0), (first.height, -1.0), (second.height, -1.0)]
 
 
 def _tanh_sinh_nodes() -> tuple[Samples, Samples, Samples]:

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.pairs.dipole_law import ENERGY
+from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_law import (
     Disc,
     Samples,
@@ -42,6 +43,8 @@ from granular.pairs.near_law import (
     SeriesTerms,
     collision_stiffness,
     join_collisions,
+    make_near_law,
+    species_pairs,
 )
 from granular.pairs.piecewise import Sampled, tabulate_energies, tabulate_values
 from granular.pairs.simd import DISC_SCALE
@@ -115,7 +118,6 @@ def _all_pairs_law(r: Samples, shift: float, c: float) -> tuple[Samples, Samples
 def make_disc_laws(
     discs: Sequence[Disc],
     species: Int[np.ndarray, "n"],
-    size: int,
     factor: Float[np.ndarray, "m"] | None = None,
     strength: float = 1.0,
     periods: tuple[float, float] | None = None,
@@ -123,69 +125,44 @@ def make_disc_laws(
     loads: bool = False,
 ) -> tuple[DiscSeries, NearLaw]:
     """Make both parts of the law of discs, in units of the first one's diameter; factor: the moments."""
-    made, alike = (_make_parts_with_loads if loads else _make_parts)(tuple(discs)), len(discs) == 1
-    own = [squared_distance_shift(disc) for disc in discs]
-    coefficients = made.coefficients.copy()
-    mean = float(np.mean([own[k] for k in species])) if len(species) else 0.0
+    coefficients, tables = (_tabulate_with_loads if loads else _tabulate)(tuple(discs))
+    shift = pad_values(np.array([squared_distance_shift(discs[k]) for k in species]))
+    coefficients, mean = coefficients.copy(), float(shift[: len(species)].mean()) if len(species) else 0.0
     coefficients[FAR], coefficients[LOAD_FAR] = 3.0 * mean, LOAD_FIFTH * mean
-    shift, index = np.zeros(size), np.zeros(size, dtype=np.int64)
-    shift[: len(species)], index[: len(species)] = [own[k] for k in species], species
-    near = NearLaw(
-        factor=factor,
-        species=None if alike else index,
-        kinds=len(discs),
-        reach=made.reach,
-        strength=strength,
-        periods=periods,
-        tables=made.tables,
-        smallest=2.0 * min(disc.radius for disc in discs),
-    )
-    return DiscSeries(coefficients, None if alike else shift), near
-
-
-class _Parts(NamedTuple):
-    """Parts of both laws that depend on the species alone."""
-
-    coefficients: Float[np.ndarray, "8"]
-    reach: float
-    tables: NearTables
+    near = make_near_law(tables, [2.0 * disc.radius for disc in discs], species, factor, strength, periods)
+    return DiscSeries(coefficients, None if len(discs) == 1 else shift), near
 
 
 @functools.cache
-def _make_parts(discs: tuple[Disc, ...]) -> _Parts:
-    kinds = range(len(discs))
-    pairs = {(i, j): _make_exact_pair(discs[i], discs[j]) for i in kinds for j in kinds if i <= j}
-    c, centre = _complete_the_square(_fit_energy_coefficient(list(pairs.values())))
-    begins = {key: _law_validity_distance(pair, c) for key, pair in pairs.items()}
+def _tabulate(discs: tuple[Disc, ...]) -> tuple[Float[np.ndarray, "8"], NearTables]:
+    """Coefficients and tables, which depend on the species alone."""
+    indices, rows = species_pairs(len(discs))
+    pairs = [_make_exact_pair(discs[i], discs[j]) for i, j in indices]
+    c, centre = _complete_the_square(_fit_energy_coefficient(pairs))
+    begins = [_law_validity_distance(pair, c) for pair in pairs]
     common = 2.0 * squared_distance_shift(discs[0]) if len(discs) == 1 else 0.0
-    slope = max(_greatest_stiffness(pair, begins[key], c) for key, pair in pairs.items())
-    keys = [(min(i, j), max(i, j)) for i in kinds for j in kinds]
-    reach = _WINDOW * max(begins.values())
-    contacts = [contact_distance(*pairs[key].discs) for key in keys]
-    low = (0.95 * CLOSEST * min(contacts)) ** 2
-    made = {key: _sampled_near_energy(pair.discs, begins[key], c) for key, pair in pairs.items()}
+    slope = max(_greatest_stiffness(pair, begin, c) for pair, begin in zip(pairs, begins, strict=True))
+    low, high = 0.95 * CLOSEST * min(pair.r[0] for pair in pairs), _WINDOW * max(begins)
+    sampled = [_sampled_near_energy(pair.discs, begin, c) for pair, begin in zip(pairs, begins, strict=True)]
     numbers = [
-        [1.0, pairs[key].shift, (CLOSEST * contact) ** 2, (_WINDOW * begins[key]) ** 2]
-        for key, contact in zip(keys, contacts, strict=True)
+        [1.0, pair.shift, (CLOSEST * pair.r[0]) ** 2, (_WINDOW * begin) ** 2]
+        for pair, begin in zip(pairs, begins, strict=True)
     ]
-    tabulated = tabulate_energies(list(made.values()), low, 1.05 * reach**2, _TABLE_ERROR)
     tables = NearTables(
-        energies=tabulated.rows([list(made).index(key) for key in keys]),
-        pairs=np.array(numbers),
+        energies=tabulate_energies(sampled, low**2, 1.05 * high**2, _TABLE_ERROR, rows),
+        pairs=np.array(numbers)[rows],
         series=SeriesTerms(c, slope),
-        collisions=_collision_stiffness([pairs[k, k] for k in kinds]),
+        collisions=join_collisions(
+            [_collision_stiffness(pair) for pair in pairs if pair.discs[0] == pair.discs[1]]
+        ),
     )
-    coefficients = np.array([common, c, centre, 0.5 * DISC_SCALE / centre, 0.0, slope, 0.0, 0.0])
-    return _Parts(coefficients, reach, tables)
+    return np.array([common, c, centre, 0.5 * DISC_SCALE / centre, 0.0, slope, 0.0, 0.0]), tables
 
 
-def _collision_stiffness(pairs: Sequence[_ExactDiscPair]) -> Samples:
-    """Squared speeds and frequencies of head-on collisions, the greatest over the species."""
-    rows = []
-    for pair in pairs:
-        r = pair.r[0] * np.append(np.linspace(CLOSEST, 1.0, 20)[:-1], pair.r / pair.r[0])
-        rows.append(collision_stiffness(r, ENERGY * disc_law_continued_below_contact(r, pair.discs)[0]))
-    return join_collisions(rows)
+def _collision_stiffness(pair: _ExactDiscPair) -> Samples:
+    """Squared speeds and frequencies of head-on collisions of equal discs."""
+    r = pair.r[0] * np.append(np.linspace(CLOSEST, 1.0, 20)[:-1], pair.r / pair.r[0])
+    return collision_stiffness(r, ENERGY * disc_law_continued_below_contact(r, pair.discs)[0])
 
 
 def _make_exact_pair(first: Disc, second: Disc) -> _ExactDiscPair:
@@ -236,16 +213,15 @@ def _greatest_stiffness(pair: _ExactDiscPair, begin: float, c: float) -> float:
 
 
 @functools.cache
-def _make_parts_with_loads(discs: tuple[Disc, ...]) -> _Parts:
-    """Parts that hold the load on the plates as well."""
-    made, pairs = _make_parts(discs), list(itertools.product(discs, discs))
-    c, ends = made.tables.series.term, np.sqrt(made.tables.pairs[:, END])
-    coefficients, term = made.coefficients.copy(), fit_load_term(pairs, ends, c)
+def _tabulate_with_loads(discs: tuple[Disc, ...]) -> tuple[Float[np.ndarray, "8"], NearTables]:
+    """Coefficients and tables, with those of the load on the plates."""
+    (coefficients, tables), pairs = _tabulate(discs), list(itertools.product(discs, discs))
+    c, ends = tables.series.term, np.sqrt(tables.pairs[:, END])
+    coefficients, term = coefficients.copy(), fit_load_term(pairs, ends, c)
     coefficients[LOAD_TERM] = term
     sampled = [_sampled_near_load(pair, end, c, term) for pair, end in zip(pairs, ends, strict=True)]
-    low, high = made.tables.pairs[:, LEAST].min(), 1.05 * made.reach**2
-    loads = tabulate_values(sampled, low, high, _LOAD_ERROR)
-    return _Parts(coefficients, made.reach, made.tables._replace(loads=loads))
+    low, high = tables.pairs[:, LEAST].min(), 1.05 * tables.pairs[:, END].max()
+    return coefficients, tables._replace(loads=tabulate_values(sampled, low, high, _LOAD_ERROR))
 
 
 def _sampled_near_load(discs: tuple[Disc, Disc], end: float, c: float, term: float) -> Sampled:

@@ -8,6 +8,7 @@ near list. Discs and laws of a user's own are made so.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -16,6 +17,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.pairs.dipole_law import STRENGTH
+from granular.pairs.direct_sum import pad_values
 from granular.pairs.grain_arrays import value_or_one
 from granular.pairs.near_list import NearList, near_list_workspace, pair_displacement, refresh_near_list
 from granular.pairs.piecewise import (
@@ -62,7 +64,28 @@ class NearLaw(NamedTuple):
     strength: float  # squared factor over mass of the grains that come closest
     periods: tuple[float, float] | None  # sides of a periodic cell [D]
     tables: NearTables
-    smallest: float = 1.0  # diameter [D]
+    smallest: float  # diameter [D]
+
+
+def species_pairs(kinds: int) -> tuple[list[tuple[int, int]], list[int]]:
+    """Pairs of species, each once, and for each ordered pair its index among them."""
+    pairs = list(itertools.combinations_with_replacement(range(kinds), 2))
+    return pairs, [pairs.index((min(i, j), max(i, j))) for i in range(kinds) for j in range(kinds)]
+
+
+def make_near_law(
+    tables: NearTables,
+    diameters: Sequence[float],
+    species: Int[np.ndarray, "n"],
+    factor: Float[np.ndarray, "m"] | None,
+    strength: float,
+    periods: tuple[float, float] | None,
+) -> NearLaw:
+    """Make the near part of a law from the tables of its species; diameters, periods [D]."""
+    kinds = len(diameters)
+    index = None if kinds == 1 else pad_values(species).astype(np.int64)
+    reach = math.sqrt(tables.pairs[:, END].max())
+    return NearLaw(factor, index, kinds, reach, strength, periods, tables, min(diameters))
 
 
 def near_law_workspace(law: NearLaw, size: int) -> NearList | None:
@@ -134,7 +157,7 @@ def refresh_if_listed(near: NearList | None, x: Array, y: Array, grains: int) ->
 
 @compiled
 def add_near_forces(
-    law: NearLaw,
+    law: NearLaw | None,
     near: NearList | None,
     grains: int,
     x: Float[Array, "m"],
@@ -143,6 +166,8 @@ def add_near_forces(
     force_y: Float[Array, "m"],
 ) -> int:
     """Add the forces of the near part [F*]; return how many pairs are where none can be; x, y [D]."""
+    if law is None:
+        return 0
     tables, crowded, least = law.tables, 0, law.tables.pairs[0, LEAST]
     if not refresh_if_listed(near, x, y, grains):
         return 1
@@ -166,15 +191,17 @@ def add_near_forces(
 
 @compiled
 def add_near_loads(
-    law: NearLaw,
+    law: NearLaw | None,
     near: NearList | None,
     grains: int,
     x: Float[Array, "m"],
     y: Float[Array, "m"],
-    weight: Float[Array, "m"],
-    load: Float[Array, "m"],
+    weight: Float[Array, "m"] | None,
+    load: Float[Array, "m"] | None,
 ) -> None:
-    """Add the loads of the near part [1/D^3], with the list of the forces; x, y [D]."""
+    """Add the loads of the near part, where grains rub [1/D^3], with the list of the forces; x, y [D]."""
+    if law is None or weight is None or load is None:
+        return
     loads = law.tables.loads
     assert loads is not None
     for i in range(grains):
@@ -203,7 +230,7 @@ def _stiffness_above_tail(tables: NearTables, row: int, u: float) -> float:
 
 @compiled
 def measure_near_part(
-    law: NearLaw,
+    law: NearLaw | None,
     near: NearList | None,
     grains: int,
     x: Float[Array, "m"],
@@ -212,6 +239,8 @@ def measure_near_part(
     stiffness: Float[Array, "m"],
 ) -> float:
     """Energy of the near part [F* D]; add its bound of the stiffness over the mass [1/tau^2]."""
+    if law is None:
+        return 0.0
     tables, total = law.tables, 0.0
     if not refresh_if_listed(near, x, y, grains):
         return math.nan

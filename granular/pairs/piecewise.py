@@ -62,28 +62,18 @@ class PiecewiseTable(NamedTuple):
     start: int  # leading digits of the lowest squared distance
     last: int  # index of the last piece of a table that is no half
 
-    def rows(self, order: Sequence[int]) -> PiecewiseTable:
-        """Put tables into another order, each as often as it stands there."""
-        length = self.length
-        pieces, halves = self.pieces.reshape(-1, length, 8)[order], self.halves.reshape(-1, length)[order]
-        moved = length * (np.arange(len(order)) - order)[:, None] * (halves > 0)
-        return self._replace(pieces=pieces.reshape(-1, 8), halves=(halves + moved).ravel())
-
 
 def tabulate_energies(
-    energies: Sequence[Sampled], low: float, high: float, tolerance: float
+    energies: Sequence[Sampled], low: float, high: float, tolerance: float, order: Sequence[int] | None = None
 ) -> PiecewiseTable:
-    """Tabulate energies (p,) between two squared distances [D^2], to a part of their magnitude."""
-    return _join_tables(
-        [_fit_pieces(sampled, low, high, tolerance, _force_pieces) for sampled in energies], low, high
-    )
+    """Tabulate energies, in an order (p,), between two squared distances [D^2], to a part of their size."""
+    made = [_fit_pieces(sampled, low, high, tolerance, _force_pieces) for sampled in energies]
+    return _join_tables(made if order is None else [made[k] for k in order], low, high)
 
 
 def tabulate_values(values: Sequence[Sampled], low: float, high: float, tolerance: float) -> PiecewiseTable:
     """Tabulate functions (p,) themselves, to be read by `tabulated_ratio`."""
-    return _join_tables(
-        [_fit_pieces(sampled, low, high, tolerance, _value_pieces) for sampled in values], low, high
-    )
+    return _join_tables([_fit_pieces(one, low, high, tolerance, _value_pieces) for one in values], low, high)
 
 
 def _leading_digits(square: float) -> int:
@@ -93,20 +83,12 @@ def _leading_digits(square: float) -> int:
 def _join_tables(
     made: Sequence[tuple[Samples, NDArray[np.int64]]], low: float, high: float
 ) -> PiecewiseTable:
-    most = max(len(pieces) for pieces, _ in made)
-    start = _leading_digits(low)
-    return PiecewiseTable(
-        np.concatenate([np.pad(pieces, ((0, most - len(pieces)), (0, 0))) for pieces, _ in made]),
-        np.concatenate(
-            [
-                np.pad(halves + row * most * (halves > 0), (0, most - len(halves)))
-                for row, (_, halves) in enumerate(made)
-            ]
-        ),
-        most,
-        start,
-        _leading_digits(high) - start,
-    )
+    most, start = max(len(pieces) for pieces, _ in made), _leading_digits(low)
+    joined, links = np.zeros((len(made), most, 8)), np.zeros((len(made), most), dtype=np.int64)
+    for row, (pieces, halves) in enumerate(made):
+        joined[row, : len(pieces)] = pieces
+        links[row, : len(pieces)] = halves + row * most * (halves > 0)
+    return PiecewiseTable(joined.reshape(-1, 8), links.ravel(), most, start, _leading_digits(high) - start)
 
 
 def _fit_pieces(

@@ -20,7 +20,6 @@ from granular.pairs.grain_arrays import FAR, LOAD_FAR
 from granular.pairs.mesh_far_field import AHEAD, MOST_POINTS, SPACINGS, FarFieldSettings
 from granular.pairs.near_law import NearLaw
 from granular.pairs.pair_sum_settings import SPLIT_RADIUS
-from granular.pairs.simd import pad_to_vectors
 from granular.pairs.stripes import CutOffSettings
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
@@ -179,8 +178,7 @@ def _disc_laws(
         return None
     strength = numbers.least_moment**2 / numbers.least_mass
     factor, periods = numbers.relative_moments, _periodic_sides(scene, context.scales)
-    size = pad_to_vectors(len(species))
-    return make_disc_laws(discs, species, size, factor, strength, periods, loads=loads)
+    return make_disc_laws(discs, species, factor, strength, periods, loads=loads)
 
 
 def _check_disc_reach(

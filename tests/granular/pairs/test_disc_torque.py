@@ -134,7 +134,7 @@ def test_discs_have_the_parts_of_the_bound_that_dipoles_have() -> None:
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [COIN, Disc(0.5 * 5.0 / 6.0, 0.5)], [THIN], [TALL]])
 def test_load_of_all_pairs_is_close_where_the_tables_end(discs: list[Disc]) -> None:
     """Within 1e-4 of the load at contact, and 2e-3 of itself."""
-    series, law = make_disc_laws(discs, np.zeros(1, dtype=np.int64), 8)
+    series, law = make_disc_laws(discs, np.zeros(1, dtype=np.int64))
     c, pairs = series.coefficients[TERM], list(itertools.product(discs, discs))
     term = fit_load_term(pairs, [law.reach] * len(pairs), c)
     for pair in pairs:

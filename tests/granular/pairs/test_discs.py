@@ -42,17 +42,16 @@ def face_points(radius: float, many: int = 40) -> tuple[np.ndarray, np.ndarray]:
     return points.reshape(-1, 2), weights.ravel()
 
 
-def from_fields(r: float, first: Disc, second: Disc, level: bool) -> tuple[float, float]:
+def from_fields(r: float, first: Disc, second: Disc) -> tuple[float, float]:
     """Energy and force over mu0 m1 m2 / (4 pi), from magpylib's field in the second disc."""
     source = magpylib.magnet.Cylinder(polarization=(0, 0, 1), dimension=(2.0 * first.radius, first.height))
-    middle = 0.0 if level else 0.5 * (second.height - first.height)
     points, weights = face_points(second.radius)
 
     def field(height: float, axis: int) -> float:
         at = np.column_stack([points + np.array([r, 0.0]), np.full(len(points), height)])
         return float(weights @ source.getB(at)[:, axis]) / MU0
 
-    low, high = middle - 0.5 * second.height, middle + 0.5 * second.height
+    low, high = -0.5 * second.height, 0.5 * second.height
     force = field(high, 0) - field(low, 0)
     t, w = np.polynomial.legendre.leggauss(20)
     # The field is singular at the edges of the source.
@@ -69,11 +68,11 @@ def compare_with_fields(draws: int) -> None:
     random = np.random.default_rng(51)
     for k in range(draws):
         first, second = (Disc(random.uniform(0.2, 0.5), random.uniform(0.1, 0.6)) for _ in range(2))
-        second, level = (first if k % 2 else second), k % 3 > 0
+        second = first if k % 2 else second
         contact = contact_distance(first, second)
         r = contact * (1.0 if k < 4 else 20.0 ** random.uniform())
-        energy, force = disc_energy_and_force(np.array([contact, r]), first, second, mid_planes_level=level)
-        known = from_fields(r, first, second, level)
+        energy, force = disc_energy_and_force(np.array([contact, r]), first, second)
+        known = from_fields(r, first, second)
         assert known[0] == pytest.approx(energy[1], rel=1e-5, abs=1e-6 * energy[0])
         assert known[1] == pytest.approx(force[1], rel=1e-6, abs=1e-8 * force[0])
 
@@ -95,15 +94,12 @@ def test_force_of_equal_discs_over_that_of_dipoles() -> None:
     np.testing.assert_allclose(ratio, known, atol=6e-4)
 
 
-@pytest.mark.parametrize("level", [True, False])
 @pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (THIN, TALL)])
-def test_far_away_discs_are_dipoles_with_a_second_multipole(pair: tuple[Disc, Disc], level: bool) -> None:
+def test_far_away_discs_are_dipoles_with_a_second_multipole(pair: tuple[Disc, Disc]) -> None:
     r = np.array([60.0, 120.0])
-    excess = disc_energy_and_force(r, *pair, mid_planes_level=level)[0] * r**3 - 1.0
+    excess = disc_energy_and_force(r, *pair)[0] * r**3 - 1.0
     slope = (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2)
-    assert slope == pytest.approx(
-        1.5 * pair_squared_distance_shift(*pair, mid_planes_level=level), rel=3e-3, abs=1e-4
-    )
+    assert slope == pytest.approx(1.5 * pair_squared_distance_shift(*pair), rel=3e-3, abs=1e-4)
     assert 3.0 * squared_distance_shift(COIN) == pytest.approx(2.25 * (0.25 - 0.25 / 3.0))
 
 
@@ -127,7 +123,7 @@ class Bed:
         self.x, self.y = pad_coordinates(positions)
         self.q = (volumes / volumes[0])[species]
         self.moments = pad_values(self.q) if len(discs) > 1 else None
-        self.series, self.near = make_disc_laws(discs, species, self.x.size, self.moments, periods=periods)
+        self.series, self.near = make_disc_laws(discs, species, self.moments, periods=periods)
         self.listed = near_law_workspace(self.near, self.count)
         self.nearest = None if periods is None else np.array([*periods, 0.5 * min(periods)])
 
@@ -219,7 +215,7 @@ def test_discs_that_meet_head_on_are_as_stiff_as_where_they_turn(ratio: float) -
     mass, moment = 0.7, 0.8
     speed = np.sqrt(0.25 * moment**2 * energy[1] / mass)
     known = 2.0 / mass * 0.25 * moment**2 * (force[0] - force[2]) / (2.0 * step)
-    discs = make_disc_laws([COIN], np.zeros(2, dtype=np.int64), 8, strength=moment**2 / mass)[1]
+    discs = make_disc_laws([COIN], np.zeros(2, dtype=np.int64), strength=moment**2 / mass)[1]
     assert known <= squared_collision_frequency(discs, speed) * 1.01 <= 1.25 * known
 
 
@@ -251,4 +247,4 @@ def test_list_holds_the_close_pairs_while_grains_move(periods: tuple[float, floa
 
 def test_discs_that_are_too_tall_are_refused() -> None:
     with pytest.raises(InputError, match="times as high as wide"):
-        make_disc_laws([Disc(0.5, 6.0)], np.zeros(1, dtype=np.int64), 8)
+        make_disc_laws([Disc(0.5, 6.0)], np.zeros(1, dtype=np.int64))
