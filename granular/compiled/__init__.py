@@ -28,7 +28,7 @@ if insides_are_usable():
 else:
     from granular.compiled.cache_folder import cache_kernel_by_numba as cache_kernel
 
-__all__ = ["Array", "compiled", "entry"]
+__all__ = ["Array", "compiled", "entry", "threaded_if_wanted"]
 
 Array = NDArray[np.float64]
 
@@ -83,6 +83,18 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
     if isinstance(kernel, CPUDispatcher):  # a plain function where compiling is switched off
         kernel.__class__ = InnerKernel
     return kernel
+
+
+def threaded_if_wanted(loop: Callable[..., Any]) -> Callable[..., Any]:
+    """Kernel ``(threaded, *rest)`` of one with a ``prange`` loop: on Numba's threads, or on one for None."""
+    serial, parallel = compiled(loop), compiled(parallel=True)(loop)
+
+    def run(threaded: bool | None, *rest: Any) -> Any:
+        return serial(*rest) if threaded is None else parallel(*rest)
+
+    # Compiled forms are kept by their names.
+    run.__module__, run.__qualname__ = loop.__module__, f"{loop.__qualname__}.run"
+    return compiled(run)
 
 
 @overload

@@ -8,19 +8,12 @@ from __future__ import annotations
 
 from granular.compiled import Array, compiled
 from granular.kernel_data.compensated_summation import add_to_velocity
-from granular.kernel_data.state import Bed, State
+from granular.kernel_data.state import Bed, State, grain_arrays_of_bed
 from granular.pairs.direct_far_field import DirectFarFieldWorkspace, compute_direct_far_field
-from granular.pairs.grain_arrays import GrainArrays, value_or_one
-from granular.pairs.mesh_far_field import (
-    CALLS,
-    CHANGING,
-    TIME,
-    FarFieldState,
-    any_grain_moved,
-    compute_mesh_far_field,
-    store_positions,
-)
+from granular.pairs.grain_arrays import value_or_one
+from granular.pairs.mesh_far_field import CALLS, CHANGING, TIME, FarFieldState, compute_mesh_far_field
 from granular.pairs.multilevel_mesh import MultilevelMesh
+from granular.pairs.near_list import any_grain_moved, store_positions
 
 
 @compiled(inline=True)
@@ -41,19 +34,7 @@ def _find_far_forces_of_bed(
     state, constants = bed.state, bed.constants
     assert state.stripes is not None
     crowded, grains, threaded = 0, constants.grains, constants.threaded
-    arrays = GrainArrays(
-        state.x,
-        state.y,
-        far.fx,
-        far.fy,
-        constants.acting.charges,
-        None,
-        None,
-        far.load,
-        constants.acting.weight,
-        constants.acting.series,
-        constants.acting.shift,
-    )
+    arrays = grain_arrays_of_bed(bed, far.fx, far.fy, None, None, far.load)
     if mesh is not None:
         crowded = compute_mesh_far_field(mesh, far, threaded, grains, arrays, state.stripes.order)
     if direct is not None:
@@ -67,34 +48,26 @@ def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
     """Find the far field if it is a part of every force; impulses leave it as it is; time [tau]."""
     if far is None:
         return 0
-    return _refresh_if_moved(far.held_forces, far, bed, time)
+    return _refresh_if_moved(far.held_forces, far.evaluated_at, far.rates, far, bed, time)
 
 
 @compiled(inline=True)
-def _refresh_if_moved(held: Array | None, far: FarFieldState, bed: Bed, time: float) -> int:
-    if held is None:
-        return _refresh_rates_if_moved(far.evaluated_at, far, bed, time)
-    return 0
-
-
-@compiled(inline=True)
-def _refresh_rates_if_moved(met: Array | None, far: FarFieldState, bed: Bed, time: float) -> int:
-    state, constants = bed.state, bed.constants
+def _refresh_if_moved(
+    held: Array | None, met: Array | None, rates: Array | None, far: FarFieldState, bed: Bed, time: float
+) -> int:
+    """Compute the far field, and its rate of change where the last one is recent."""
+    if held is not None:
+        return 0
     if met is None:
         return compute_far_field(far, bed, time)
+    state, constants = bed.state, bed.constants
     far.timing[CALLS] += 1.0
     if far.timing[CHANGING] > 0.0 and far.timing[CALLS] < far.extrapolation_steps:
         return 0
     # While nothing has moved further, grains at rest feel the same force to the last bit.
-    if any_grain_moved(met, state.x, state.y, constants.grains, far.unchanged_distance):
-        return _update_far_field_rates(far.rates, far, bed, time)
-    far.timing[CHANGING] = 0.0
-    return 0
-
-
-@compiled(inline=True)
-def _update_far_field_rates(rates: Array | None, far: FarFieldState, bed: Bed, time: float) -> int:
-    """Compute the far field, and its rate of change where the last one is recent."""
+    if not any_grain_moved(met, state.x, state.y, constants.grains, far.unchanged_distance**2):
+        far.timing[CHANGING] = 0.0
+        return 0
     if rates is None:
         return compute_far_field(far, bed, time)
     lapse = time - far.timing[TIME]

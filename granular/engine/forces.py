@@ -9,14 +9,13 @@ from granular.compiled.by_reference import by_reference
 from granular.compiled.hook_calls import sum_of_hooks
 from granular.engine.far_field_forces import add_far_field, compute_far_field, far_energy, refresh_far_field
 from granular.kernel_data.constants import Constants, multiply_by_moment_over_mass, pair_stiffness_bound
-from granular.kernel_data.state import Bed, Measurement, State
+from granular.kernel_data.state import Bed, Measurement, State, grain_arrays_of_bed
 from granular.pairs.cut_off_sum import cut_off_sum
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.direct_sum import direct_sum
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import GrainArrays, array_if_wanted, clear_sums
-from granular.pairs.near_law import NearLaw, add_near_forces, add_near_loads, measure_near_part
-from granular.pairs.near_list import NearList
+from granular.pairs.near_law import add_near_forces, add_near_loads, measure_near_part
 from granular.pairs.stripes import CutOffSettings
 from granular.pairs.verlet_list import VerletSettings, verlet_list_sum
 
@@ -46,49 +45,16 @@ def _compute_pair_forces(
 ) -> int:
     """Compute the magnetic forces; the number of pairs that are where none can be."""
     state, constants = bed.state, bed.constants
-    weight = constants.acting.weight
-    arrays = GrainArrays(
-        state.x,
-        state.y,
-        state.fx,
-        state.fy,
-        constants.acting.charges,
-        stiffness,
-        energy_and_closest,
-        array_if_wanted(weight, state.load),
-        weight,
-        constants.acting.series,
-        constants.acting.shift,
-    )
+    weight, near, grains = constants.acting.weight, constants.acting.near, constants.grains
+    load = array_if_wanted(weight, state.load)
+    arrays = grain_arrays_of_bed(bed, state.fx, state.fy, stiffness, energy_and_closest, load)
     if dipole is None:
         clear_sums(arrays)
     else:
         _sum_magnetic_forces(constants.acting.cut, constants.acting.listing, bed, arrays)
-    crowded = _add_near_forces(constants.acting.near, state.near, constants.grains, arrays)
-    _add_near_loads(constants.acting.near, weight, state.near, constants.grains, arrays)
+    crowded = add_near_forces(near, state.near, grains, state.x, state.y, state.fx, state.fy)
+    add_near_loads(near, state.near, grains, state.x, state.y, weight, load)
     return crowded
-
-
-@compiled(inline=True)
-def _add_near_forces(law: NearLaw | None, near: NearList | None, grains: int, arrays: GrainArrays) -> int:
-    return 0 if law is None else add_near_forces(law, near, grains, arrays.x, arrays.y, arrays.fx, arrays.fy)
-
-
-@compiled(inline=True)
-def _add_near_loads(
-    law: NearLaw | None, weight: Array | None, near: NearList | None, grains: int, arrays: GrainArrays
-) -> None:
-    if law is not None and weight is not None:
-        assert arrays.load is not None
-        add_near_loads(law, near, grains, arrays.x, arrays.y, weight, arrays.load)
-
-
-@compiled(inline=True)
-def _measure_near_part(law: NearLaw | None, bed: Bed, stiffness: Array) -> float:
-    state, constants = bed.state, bed.constants
-    if law is None:
-        return 0.0
-    return measure_near_part(law, state.near, constants.grains, state.x, state.y, constants.masses, stiffness)
 
 
 _add_forces = sum_of_hooks("add_forces", "bed time")
@@ -150,7 +116,9 @@ def potential_energies(
     for i in range(constants.grains):
         stiffness[i] *= bound
     multiply_by_moment_over_mass(stiffness, constants.acting.charges, constants.masses, constants.grains)
-    near = _measure_near_part(constants.acting.near, bed, stiffness)
+    near = measure_near_part(
+        constants.acting.near, state.near, constants.grains, state.x, state.y, constants.masses, stiffness
+    )
     energies[:] = 0.0
     _measure(constants.acting.laws, state.workspaces, bed, time, stiffness, energies)
     return ENERGY * measurement.energy_and_closest[0] + far_energy(state.far_forces) + near

@@ -40,23 +40,12 @@ def _inertial_force(workspace: HostWorkspace | None, constants: Constants) -> fl
 
 
 @compiled
-def _add_to_piston_speed(rounding: Array | None, by: float, state: State) -> None:
+def _add_to_piston(rounding: Array | None, entry: int, error: int, by: float, piston: Array) -> None:
+    """Add to height or speed; where they are compensated sums, with the entry of the rounding error."""
     if rounding is None:
-        state.piston[SPEED] += by
+        piston[entry] += by
     else:
-        state.piston[SPEED], state.piston[SPEED_ROUNDING] = compensated_sum(
-            state.piston[SPEED], state.piston[SPEED_ROUNDING], by
-        )
-
-
-@compiled
-def _add_to_piston_height(rounding: Array | None, by: float, state: State) -> None:
-    if rounding is None:
-        state.piston[HEIGHT] += by
-    else:
-        state.piston[HEIGHT], state.piston[HEIGHT_ROUNDING] = compensated_sum(
-            state.piston[HEIGHT], state.piston[HEIGHT_ROUNDING], by
-        )
+        piston[entry], piston[error] = compensated_sum(piston[entry], piston[error], by)
 
 
 @compiled(inline=True)
@@ -64,7 +53,7 @@ def _kick_against_resistance(
     resistance: PistonResistance | None, force: float, dt: float, mass: float, state: State, opens_step: bool
 ) -> None:
     if resistance is None:
-        _add_to_piston_speed(state.rounding, dt * force / mass, state)
+        _add_to_piston(state.rounding, SPEED, SPEED_ROUNDING, dt * force / mass, state.piston)
     # One after the other, force and friction would stop a piston for good that is pushed on, and give a
     # creeping one more energy than it has.
     elif _stops_within_step(resistance, force, dt, mass, state):
@@ -171,7 +160,7 @@ def drift_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float)
     """Move the piston: a free one at its velocity, a driven one along its path; dt, time, start [tau]."""
     state = bed.state
     if motion.free:
-        _add_to_piston_height(state.rounding, dt * state.piston[SPEED], state)
+        _add_to_piston(state.rounding, HEIGHT, HEIGHT_ROUNDING, dt * state.piston[SPEED], state.piston)
     else:
         before = piston_energy(bed, start + time)
         height, velocity = driven_height_and_velocity(motion, time)

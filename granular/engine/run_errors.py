@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numba
 import numpy as np
@@ -29,24 +30,19 @@ def misplaced_grain_error(
 ) -> RunError:
     """Make the error for a grain that is where it cannot be [m]; time [s]."""
     count = constants.grains
+    common: dict[str, Any] = {"step": step, "time": time}
     position = np.stack([state.x[:count], state.y[:count]], axis=1)
     lost = ~np.isfinite(position).all(axis=1)
     if lost.any():
-        return NotFiniteError(
-            "the position is not finite any more",
-            step=step,
-            time=time,
-            grain=int(state.label[np.argmax(lost)]),
-            remedy=remedy,
-        )
+        grain = int(state.label[np.argmax(lost)])
+        return NotFiniteError("the position is not finite any more", grain=grain, remedy=remedy, **common)
     if state.piston[HEIGHT] < 0.0:
         value = -float(state.piston[HEIGHT]) * scales.length
         return OutsideError(
             f"the piston is {value:.3g} m below the bottom, 0 m is the limit",
-            step=step,
-            time=time,
             value=value,
             remedy="give it a wall ('effects.walls.top'), or a path that stays above the bottom",
+            **common,
         )
     left, right, bottom, top = constants.acting.walls
     gaps = {
@@ -58,21 +54,14 @@ def misplaced_grain_error(
     for name, (law, gap) in gaps.items():
         held = getattr(law, "closed", law is not None)  # grains may be below a bottom with a gap
         if held and len(gap) and not gap.min() > 0.0:
-            value = -float(gap.min()) * scales.length
-            return OutsideError(
-                f"the grain is {value:.3g} m behind {name}, 0 m is the limit",
-                step=step,
-                time=time,
-                grain=int(state.label[gap.argmin()]),
-                value=value,
-                remedy=remedy,
-            )
+            value, grain = -float(gap.min()) * scales.length, int(state.label[gap.argmin()])
+            message = f"the grain is {value:.3g} m behind {name}, 0 m is the limit"
+            return OutsideError(message, grain=grain, value=value, remedy=remedy, **common)
     if state.far_forces is not None and not np.isfinite(state.far_forces.energy[0]):
         return OutsideError(
             "the bed has spread beyond the mesh of its far field",
-            step=step,
-            time=time,
             remedy="sum the pairs directly ('pairs.method = \"direct\"')",
+            **common,
         )
     if constants.acting.near is not None:
         ratio, grain = closest_over_least(constants.acting.near, state.near, count, state.x, state.y)
@@ -80,13 +69,12 @@ def misplaced_grain_error(
             ratio *= CLOSEST
             return OutsideError(
                 f"two discs are at {ratio:.3g} of the distance at which they touch, {CLOSEST:g} is the limit",
-                step=step,
-                time=time,
                 grain=int(state.label[grain]),
                 value=ratio,
                 remedy="give them a contact that is stiff enough ('effects.contact.modulus')",
+                **common,
             )
-    return NotFiniteError("a force is not finite any more", step=step, time=time, remedy=remedy)
+    return NotFiniteError("a force is not finite any more", remedy=remedy, **common)
 
 
 def unbalanced_energy_error(

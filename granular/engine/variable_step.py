@@ -80,17 +80,12 @@ def step_density(
 
 
 @compiled
-def _position_or_infinity(here: bool, value: float, away: float) -> float:
-    return value if here else away
-
-
-@compiled
 def _wall_positions(walls: tuple[Any, ...], width: float, height: float) -> tuple[float, float, float, float]:
     return (
-        _position_or_infinity(walls[LEFT] is not None, 0.0, -math.inf),
-        _position_or_infinity(walls[RIGHT] is not None, width, math.inf),
-        _position_or_infinity(walls[BOTTOM] is not None, 0.0, -math.inf),
-        _position_or_infinity(walls[TOP] is not None, height, math.inf),
+        -math.inf if walls[LEFT] is None else 0.0,
+        math.inf if walls[RIGHT] is None else width,
+        -math.inf if walls[BOTTOM] is None else 0.0,
+        math.inf if walls[TOP] is None else height,
     )
 
 

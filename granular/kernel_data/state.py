@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granular.compiled import Array, compiled
 from granular.kernel_data.constants import Constants
+from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.mesh_far_field import FarFieldState
 from granular.pairs.near_list import NearList
 from granular.pairs.stripes import Stripes
@@ -76,6 +78,21 @@ class Bed(NamedTuple):
 
     state: State
     constants: Constants
+
+
+@compiled(inline=True)
+def grain_arrays_of_bed(
+    bed: Bed,
+    fx: Array,
+    fy: Array,
+    stiffness: Array | None,
+    energy_and_closest: Array | None,
+    load: Array | None,
+) -> GrainArrays:
+    """Arrays of the grains for the sums over all pairs, and those of the sums; see `GrainArrays`."""
+    x, y, acting = bed.state.x, bed.state.y, bed.constants.acting
+    charges, weight, series, shift = acting.charges, acting.weight, acting.series, acting.shift
+    return GrainArrays(x, y, fx, fy, charges, stiffness, energy_and_closest, load, weight, series, shift)
 
 
 PERSISTENT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wall_forces", "label")

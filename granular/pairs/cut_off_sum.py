@@ -7,16 +7,10 @@ fixed order: one thread or several give the same bits.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numba
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array, compiled, threaded_if_wanted
 from granular.pairs.cut_off_vector_loops import sum_row_ranges
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.grain_arrays import (
@@ -28,45 +22,8 @@ from granular.pairs.grain_arrays import (
     unscaled_sum_factor,
 )
 from granular.pairs.pure_python_sums import pure_python_cut_off_sum
-from granular.pairs.simd import INDEX, WIDTH, VectorBuilder, broadcast_constant
 from granular.pairs.stripe_partner_lists import refresh_partner_lists
 from granular.pairs.stripes import Stripes
-
-
-@intrinsic
-def clear_row_sums(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> Any:
-    """Clear entries first .. end - 1 of a row of the sums (parts, s), eight at a time (Numba intrinsic)."""
-    signature = types.void(sums, types.intp, types.intp, types.intp)
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        code, (array, row, first, end) = VectorBuilder(context, builder), values
-        pointer = code.array_pointer(signature.args[0], array, row)
-        with cgutils.for_range_slice(builder, first, end, _vector_width_constant(), INDEX) as (position, _):
-            code.store_vector(broadcast_constant(0.0), pointer, position)
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-@intrinsic
-def add_row_to_row(typing: Any, sums: Any, row: Any, other: Any, first: Any, end: Any) -> Any:
-    """Add entries first .. end - 1 of row ``other`` to ``row`` of the sums (parts, s) (Numba intrinsic)."""
-    signature = types.void(sums, types.intp, types.intp, types.intp, types.intp)
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        code, (array, row, other, first, end) = VectorBuilder(context, builder), values
-        total = code.array_pointer(signature.args[0], array, row)
-        more = code.array_pointer(signature.args[0], array, other)
-        with cgutils.for_range_slice(builder, first, end, _vector_width_constant(), INDEX) as (position, _):
-            value = builder.fadd(code.load_vector(total, position), code.load_vector(more, position))
-            code.store_vector(value, total, position)
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-def _vector_width_constant() -> ir.Constant:
-    return ir.Constant(INDEX, WIDTH)
 
 
 @compiled
@@ -76,10 +33,10 @@ def _load_positions_of_part(stripes: Stripes, requested: GrainArrays, part: int)
         stripes.x[stripes.slot[k]] = requested.x[stripes.order[k]]
         stripes.y[stripes.slot[k]] = requested.y[stripes.order[k]]
     _wrap_into_cell(stripes.cell_offsets, stripes, part)
-    _clear_sums_of_part(requested.fx, stripes.fx, stripes, part)
-    _clear_sums_of_part(requested.fy, stripes.fy, stripes, part)
-    _clear_sums_of_part(requested.stiffness, stripes.stiffness, stripes, part)
-    _clear_sums_of_part(requested.load, stripes.load, stripes, part)
+    _clear_sums_if_wanted(requested.fx, stripes.fx, stripes, part)
+    _clear_sums_if_wanted(requested.fy, stripes.fy, stripes, part)
+    _clear_sums_if_wanted(requested.stiffness, stripes.stiffness, stripes, part)
+    _clear_sums_if_wanted(requested.load, stripes.load, stripes, part)
 
 
 @compiled(inline=True)
@@ -92,15 +49,9 @@ def _wrap_into_cell(cell_offsets: Array | None, stripes: Stripes, part: int) -> 
 
 
 @compiled(inline=True)
-def _clear_sums_of_part(requested: Array | None, sums: Array | None, stripes: Stripes, part: int) -> None:
-    if requested is not None:
-        _clear_row_of_part(sums, stripes, part)
-
-
-@compiled(inline=True)
-def _clear_row_of_part(sums: Array | None, stripes: Stripes, part: int) -> None:
-    if sums is not None:
-        clear_row_sums(sums, part, stripes.lows[part], stripes.ends[part])
+def _clear_sums_if_wanted(requested: Array | None, sums: Array | None, stripes: Stripes, part: int) -> None:
+    if requested is not None and sums is not None:
+        sums[part, stripes.lows[part] : stripes.ends[part]] = 0.0
 
 
 @compiled
@@ -132,21 +83,17 @@ def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
         first = max(stripes.lows[other], stripes.rows[part])
         end = min(stripes.ends[other], stripes.rows[part + 1])
         if other != part:
-            add_row_to_row(sums, part, other, first, end)
+            total, more = sums[part, first:end], sums[other, first:end]
+            for k in range(total.size):
+                total[k] += more[k]
 
 
-@compiled(inline=True)
+@compiled
 def _copy_sums_if_wanted(
     out: Array | None, sums: Array | None, scale: float, stripes: Stripes, part: int
 ) -> None:
     """Give the grains of a part their sums, where they are asked for."""
-    if out is not None:
-        _copy_sums_to_grains(out, sums, scale, stripes, part)
-
-
-@compiled
-def _copy_sums_to_grains(out: Array, sums: Array | None, scale: float, stripes: Stripes, part: int) -> None:
-    if sums is not None:
+    if out is not None and sums is not None:
         _add_sums_of_other_parts(sums, stripes, part)
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
             out[stripes.order[k]] = scale * sums[part, stripes.slot[k]]
@@ -164,49 +111,35 @@ def _copy_all_sums_of_part(stripes: Stripes, requested: GrainArrays, part: int) 
     _copy_sums_if_wanted(requested.load, stripes.load, scale, stripes, part)
 
 
-@compiled
-def _sum_all_parts(stripes: Stripes, requested: GrainArrays, radius: float, smooth: bool | None) -> None:
-    parts = stripes.ends.size
-    for part in range(parts):
-        _load_positions_of_part(stripes, requested, part)
-    for part in range(parts):
-        _sum_pairs_of_part(stripes, requested, part, radius, smooth)
-    for part in range(parts):
-        _copy_all_sums_of_part(stripes, requested, part)
-
-
 # A kernel each: Numba runs two loops as one where it sees nothing that the second takes from the
 # first, and it does not look into the kernels that they call.
 
 
-@compiled(parallel=True)
-def _load_positions_threaded(stripes: Stripes, requested: GrainArrays) -> None:
+@threaded_if_wanted
+def _load_positions(stripes: Stripes, requested: GrainArrays) -> None:
     for part in numba.prange(stripes.ends.size):
         _load_positions_of_part(stripes, requested, part)
 
 
-@compiled(parallel=True)
-def _sum_pairs_threaded(stripes: Stripes, requested: GrainArrays, radius: float, smooth: bool | None) -> None:
+@threaded_if_wanted
+def _sum_pairs(stripes: Stripes, requested: GrainArrays, radius: float, smooth: bool | None) -> None:
     for part in numba.prange(stripes.ends.size):
         _sum_pairs_of_part(stripes, requested, part, radius, smooth)
 
 
-@compiled(parallel=True)
-def _copy_sums_threaded(stripes: Stripes, requested: GrainArrays) -> None:
+@threaded_if_wanted
+def _copy_sums(stripes: Stripes, requested: GrainArrays) -> None:
     for part in numba.prange(stripes.ends.size):
         _copy_all_sums_of_part(stripes, requested, part)
 
 
 @compiled
-def _sum_parts_or_threaded(
+def _sum_all_parts(
     threaded: bool | None, stripes: Stripes, requested: GrainArrays, radius: float, smooth: bool | None
 ) -> None:
-    if threaded is None:
-        _sum_all_parts(stripes, requested, radius, smooth)
-    else:
-        _load_positions_threaded(stripes, requested)
-        _sum_pairs_threaded(stripes, requested, radius, smooth)
-        _copy_sums_threaded(stripes, requested)
+    _load_positions(threaded, stripes, requested)
+    _sum_pairs(threaded, stripes, requested, radius, smooth)
+    _copy_sums(threaded, stripes, requested)
 
 
 @compiled(inline=True)
@@ -220,11 +153,11 @@ def _sum_with_energy_and_closest(
 ) -> None:
     """Sum the pairs; extremes, where they are asked for, by a row for each part."""
     if energy_and_closest is None:
-        _sum_parts_or_threaded(threaded, stripes, arrays, radius, smooth)
+        _sum_all_parts(threaded, stripes, arrays, radius, smooth)
     else:
         parts = np.zeros((stripes.ends.size, 2))
         measured = replace_energy_and_closest(arrays, parts)
-        _sum_parts_or_threaded(threaded, stripes, measured, radius, smooth)
+        _sum_all_parts(threaded, stripes, measured, radius, smooth)
         energy_and_closest[:] = 0.0
         scale = unscaled_sum_factor(arrays.series)
         for part in range(len(parts)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from llvmlite import ir
 from numba import types
@@ -12,18 +12,13 @@ from numba.extending import intrinsic
 from granular.pairs.dipole_law import CUBE, FIFTH, FIFTH_ENERGY, SEVENTH
 from granular.pairs.pair_contributions import (
     CutOffVectors,
-    EnergyAndClosestPair,
     FarPartCoefficients,
     GrainArrayPointers,
-    GrainVectors,
     add_vectors,
-    broadcast_grain,
-    computed_sums,
-    load_eight_grains,
     make_cut_off_vectors,
-    pair_contributions,
 )
-from granular.pairs.simd import INDEX, WIDTH, VectorBuilder, broadcast_constant
+from granular.pairs.row_sums import RowSums, add_eight_partners, begin_row_sums, store_row_sums
+from granular.pairs.simd import INDEX, WIDTH, VectorBuilder
 
 ROWS = 2
 """Rows swept together, neighbours in a stripe."""
@@ -36,42 +31,7 @@ IMAGES = 3
 right and on the left."""
 
 
-class _RowSums(NamedTuple):
-    """Two rows, and their sums so far."""
-
-    arrays: GrainArrayPointers
-    grains: list[GrainVectors]
-    totals: list[list[Any]]
-    energy_and_closest: EnergyAndClosestPair
-    cut: CutOffVectors
-
-
-def _add_eight_partners(code: VectorBuilder, row_sums: _RowSums, j: ir.Value, *, own: bool) -> None:
-    """Rows against the partners from j on; with ``own`` j is the second row, a partner of the first alone."""
-    pointers = computed_sums(row_sums.arrays.sums)
-    partners = load_eight_grains(code, row_sums.arrays, j)
-    reactions = [code.load_vector(pointer, j) for pointer in pointers]
-    for row, (grain, sums) in enumerate(zip(row_sums.grains, row_sums.totals, strict=True)):
-        lanes = [lane >= row for lane in range(WIDTH)] if own and row else None
-        pairs = pair_contributions(
-            code,
-            grain,
-            partners,
-            row_sums.arrays.sums,
-            row_sums.energy_and_closest,
-            lanes,
-            row_sums.cut,
-            None,
-            row_sums.arrays.series,
-        )
-        for total, value in zip(sums, computed_sums(pairs[0]), strict=True):
-            code.add_to_variable(total, value)
-        reactions = add_vectors(code, reactions, computed_sums(pairs[1]))
-    for pointer, reaction in zip(pointers, reactions, strict=True):
-        code.store_vector(reaction, pointer, j)
-
-
-def _shift_rows_by_image(code: VectorBuilder, row_sums: _RowSums, shifts: Any, index: ir.Value) -> _RowSums:
+def _shift_rows_by_image(code: VectorBuilder, row_sums: RowSums, shifts: Any, index: ir.Value) -> RowSums:
     """Rows as the images of a run's partners see them."""
     if shifts is None:
         return row_sums
@@ -83,12 +43,12 @@ def _shift_rows_by_image(code: VectorBuilder, row_sums: _RowSums, shifts: Any, i
 
 
 def _sum_two_rows(
-    code: VectorBuilder, all_rows: _RowSums, first: ir.Value, partner_ranges: ir.Value, shifts: Any
+    code: VectorBuilder, all_rows: RowSums, first: ir.Value, partner_ranges: ir.Value, shifts: Any
 ) -> None:
     b, row_sums = code.builder, all_rows
     second = b.add(first, ir.Constant(INDEX, 1))
     # The first row's partners begin with the second row; the seven behind that are met here too, unlisted.
-    _add_eight_partners(code, row_sums, second, own=True)
+    add_eight_partners(code, row_sums, second, own=True)
     number = RANGES if shifts is None else RANGES * IMAGES
     many, item = ir.Constant(INDEX, number), ir.Constant(INDEX, 1)
     begin = b.mul(first, many)  # two places for each run, two rows
@@ -101,11 +61,8 @@ def _sum_two_rows(
         )
         row_sums = _shift_rows_by_image(code, all_rows, shifts, index)
         with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
-            _add_eight_partners(code, row_sums, j, own=False)
-    for which, pointer in enumerate(computed_sums(all_rows.arrays.sums)):
-        vectors = [b.load(sums[which]) for sums in all_rows.totals]
-        code.add_vector_to_entries(code.sum_lanes_of_vectors(vectors), pointer, first)
-    all_rows.energy_and_closest.store_results()
+            add_eight_partners(code, row_sums, j)
+    store_row_sums(code, all_rows, first)
 
 
 def _rescaled_coefficients(
@@ -176,15 +133,7 @@ def sum_row_ranges(
         away = code.array_pointer(signature.args[7], values[7])
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
-            indices = [builder.add(row, ir.Constant(INDEX, item)) for item in range(ROWS)]
-            count = len(computed_sums(arrays.sums))
-            row_sums = _RowSums(
-                arrays,
-                [broadcast_grain(code, arrays, position) for position in indices],
-                [[code.new_variable(broadcast_constant(0.0)) for _ in range(count)] for _ in indices],
-                EnergyAndClosestPair(code, arrays.energy_and_closest),
-                cut,
-            )
+            row_sums = begin_row_sums(code, arrays, row, ROWS, cut)
             _sum_two_rows(code, row_sums, row, listed, away)
         return context.get_dummy_value()
 

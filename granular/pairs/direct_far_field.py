@@ -14,8 +14,13 @@ from granular.compiled import Array, compiled
 from granular.pairs.cut_off_sum import cut_off_sum
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.direct_sum import direct_sum, partial_sum_buffers
-from granular.pairs.grain_arrays import GrainArrays, replace_energy_and_closest, set_forces_to_nan
-from granular.pairs.stripe_partner_lists import positions_are_finite
+from granular.pairs.grain_arrays import (
+    GrainArrays,
+    replace_energy_and_closest,
+    replace_sums,
+    set_forces_to_nan,
+)
+from granular.pairs.near_list import positions_are_finite
 from granular.pairs.stripes import Stripes
 
 if TYPE_CHECKING:
@@ -64,19 +69,7 @@ def compute_direct_far_field(
         return
     forces, every, near = workspace.near, workspace.energy_and_closest[0], workspace.energy_and_closest[1]
     direct_sum(replace_energy_and_closest(arrays, every), workspace.buffers, threaded, None)
-    close = GrainArrays(
-        arrays.x,
-        arrays.y,
-        forces[0],
-        forces[1],
-        arrays.moments,
-        None,
-        near,
-        workspace.load,
-        arrays.weight,
-        arrays.series,
-        arrays.shift,
-    )
+    close = replace_sums(arrays, forces[0], forces[1], None, near, workspace.load)
     cut_off_sum(stripes, radius, True, threaded, grains, close)
     _subtract_if_wanted(arrays.fx, forces[0], grains)
     _subtract_if_wanted(arrays.fy, forces[1], grains)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array, compiled, threaded_if_wanted
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.direct_vector_loops import (
     WIDTH,
@@ -25,6 +25,7 @@ from granular.pairs.grain_arrays import (
     array_if_wanted,
     clear_array_if_given,
     clear_sums,
+    replace_sums,
     scale_array_if_given,
     unscaled_force_factor,
     unscaled_sum_factor,
@@ -77,32 +78,19 @@ def _sum_part_into_buffer(
 ) -> None:
     buffer[:4] = 0.0
     buffer[4, :2] = 0.0
-    sums = GrainArrays(
-        arrays.x,
-        arrays.y,
+    sums = replace_sums(
+        arrays,
         buffer[0],
         buffer[1],
-        arrays.moments,
         array_if_wanted(arrays.stiffness, buffer[2]),
         array_if_wanted(arrays.energy_and_closest, buffer[4]),
         array_if_wanted(arrays.load, buffer[3]),
-        arrays.weight,
-        arrays.series,
-        arrays.shift,
     )
     _sum_pairs_of_part(sums, periodic_cut_off, part, PARTS)
 
 
-@compiled
+@threaded_if_wanted
 def _sum_parts_into_buffers(arrays: GrainArrays, periodic_cut_off: Array | None, buffers: Array) -> None:
-    for part in range(PARTS):
-        _sum_part_into_buffer(arrays, periodic_cut_off, buffers[part], part)
-
-
-@compiled(parallel=True)
-def _sum_parts_into_buffers_threaded(
-    arrays: GrainArrays, periodic_cut_off: Array | None, buffers: Array
-) -> None:
     for part in numba.prange(PARTS):
         _sum_part_into_buffer(arrays, periodic_cut_off, buffers[part], part)
 
@@ -133,10 +121,7 @@ def _compiled_direct_sum(
         clear_sums(arrays)
         _sum_pairs_of_part(arrays, periodic_cut_off, 0, 1)
     else:
-        if threaded is None:
-            _sum_parts_into_buffers(arrays, periodic_cut_off, buffers)
-        else:
-            _sum_parts_into_buffers_threaded(arrays, periodic_cut_off, buffers)
+        _sum_parts_into_buffers(threaded, arrays, periodic_cut_off, buffers)
         _add_buffers(buffers, 0, arrays.fx)
         _add_buffers(buffers, 1, arrays.fy)
         _add_buffers(buffers, 2, arrays.stiffness)

@@ -21,12 +21,12 @@ from granular.pairs.pair_contributions import (
     GrainVectors,
     PeriodicCellVectors,
     add_vectors,
-    broadcast_grain,
     computed_sums,
     load_eight_grains,
     make_cut_off_vectors,
     pair_contributions,
 )
+from granular.pairs.row_sums import add_eight_partners, begin_row_sums, store_row_sums
 from granular.pairs.simd import INDEX, WIDTH, VectorBuilder, broadcast_constant, has_avx512, pad_to_vectors
 
 __all__ = ["WIDTH", "pad_to_vectors", "reproducible_sum", "sum_pairs_within_block", "sum_rows_with_partners"]
@@ -70,28 +70,10 @@ def _emit_rows_with_partners(
     stop: ir.Value,
 ) -> None:
     """Sum the pairs of some grains from ``first`` on with the partners start .. stop - 1."""
-    b = code.builder
-    indices = [b.add(first, ir.Constant(INDEX, row)) for row in range(rows)]
-    grains = [broadcast_grain(code, arrays, position) for position in indices]
-    pointers = computed_sums(arrays.sums)
-    totals = [[code.new_variable(broadcast_constant(0.0)) for _ in pointers] for _ in range(rows)]
-    energy_and_closest = EnergyAndClosestPair(code, arrays.energy_and_closest)
-    with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
-        partners = load_eight_grains(code, arrays, j)
-        reactions = [code.load_vector(pointer, j) for pointer in pointers]
-        for grain, sums in zip(grains, totals, strict=True):
-            own, other = pair_contributions(
-                code, grain, partners, arrays.sums, energy_and_closest, None, *ends, arrays.series
-            )
-            for total, value in zip(sums, computed_sums(own), strict=True):
-                code.add_to_variable(total, value)
-            reactions = add_vectors(code, reactions, computed_sums(other))
-        for pointer, reaction in zip(pointers, reactions, strict=True):
-            code.store_vector(reaction, pointer, j)
-    for which, pointer in enumerate(pointers):
-        vectors = [b.load(sums[which]) for sums in totals]
-        code.add_vector_to_entries(code.sum_lanes_of_vectors(vectors), pointer, first)
-    energy_and_closest.store_results()
+    sums = begin_row_sums(code, arrays, first, rows, *ends)
+    with cgutils.for_range_slice(code.builder, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
+        add_eight_partners(code, sums, j)
+    store_row_sums(code, sums, first)
 
 
 def _emit_pairs_within_block(

@@ -40,21 +40,24 @@ class GrainArrays(NamedTuple):
 
 
 @compiled(inline=True)
+def replace_sums(
+    arrays: GrainArrays,
+    fx: Array,
+    fy: Array,
+    stiffness: Array | None,
+    energy_and_closest: Array | None,
+    load: Array | None,
+) -> GrainArrays:
+    """Copy the arrays of the grains, with other arrays for the sums."""
+    x, y, moments, weight = arrays.x, arrays.y, arrays.moments, arrays.weight
+    series, shift = arrays.series, arrays.shift
+    return GrainArrays(x, y, fx, fy, moments, stiffness, energy_and_closest, load, weight, series, shift)
+
+
+@compiled(inline=True)
 def replace_energy_and_closest(arrays: GrainArrays, energy_and_closest: Array) -> GrainArrays:
     """Copy the arrays, with another array for the energy and the closest pair."""
-    return GrainArrays(
-        arrays.x,
-        arrays.y,
-        arrays.fx,
-        arrays.fy,
-        arrays.moments,
-        arrays.stiffness,
-        energy_and_closest,
-        arrays.load,
-        arrays.weight,
-        arrays.series,
-        arrays.shift,
-    )
+    return replace_sums(arrays, arrays.fx, arrays.fy, arrays.stiffness, energy_and_closest, arrays.load)
 
 
 # Numba drops a branch where an argument is None, and does not where a field is: one kernel each.

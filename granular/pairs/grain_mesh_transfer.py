@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numba
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array, compiled, threaded_if_wanted
 from granular.pairs.multilevel_mesh import LEFT, LOW, PARTS, UP, MultilevelMesh
 from granular.pairs.periodic_mesh import interpolate_on_periodic_mesh, spread_on_periodic_mesh
 from granular.pairs.spline_stencil import add_spline_weights, interpolate_with_splines
@@ -60,7 +60,7 @@ def _spread_grains_of_part(
 
 
 @compiled
-def _add_spread_parts(mesh: MultilevelMesh, part: int) -> None:
+def _add_spread_to_part(mesh: MultilevelMesh, part: int) -> None:
     """Add up what all parts of the grains put on a part of the finest level's lines."""
     up, stride = mesh.windows[0, UP], mesh.strides[0]
     for line in range(part * up // PARTS, (part + 1) * up // PARTS):
@@ -73,22 +73,23 @@ def _add_spread_parts(mesh: MultilevelMesh, part: int) -> None:
                     total[index] += more[index]
 
 
-@compiled(parallel=True)
-def _spread_threaded(
+@threaded_if_wanted
+def _spread_parts(
     mesh: MultilevelMesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int
 ) -> None:
     for part in numba.prange(len(mesh.part_sources)):
         _spread_grains_of_part(mesh, x, y, amounts, order, grains, part)
 
 
-@compiled(parallel=True)
-def _add_spread_parts_threaded(mesh: MultilevelMesh) -> None:
+@threaded_if_wanted
+def _add_spread_parts(mesh: MultilevelMesh) -> None:
     for part in numba.prange(PARTS):
-        _add_spread_parts(mesh, part)
+        _add_spread_to_part(mesh, part)
 
 
-@compiled
+@compiled(inline=True)
 def spread_grains(
+    points_per_length: Float[Array, "2"] | None,
     mesh: MultilevelMesh,
     threaded: bool | None,
     x: Float[Array, "m"],
@@ -98,42 +99,18 @@ def spread_grains(
     grains: int,
 ) -> None:
     """Spread amounts by cubic B-splines on the finest level, quickest in an order of neighbours; x, y [D]."""
-    _spread_on_window(mesh.points_per_length, mesh, threaded, x, y, amounts, order, grains)
-
-
-@compiled(inline=True)
-def _spread_on_window(
-    points_per_length: Array | None,
-    mesh: MultilevelMesh,
-    threaded: bool | None,
-    x: Array,
-    y: Array,
-    amounts: Array | None,
-    order: Array,
-    grains: int,
-) -> None:
     if points_per_length is not None:
         spread_on_periodic_mesh(mesh, points_per_length, x, y, amounts, order, grains)
-    elif threaded is None:
-        for part in range(len(mesh.part_sources)):
-            _spread_grains_of_part(mesh, x, y, amounts, order, grains, part)
-        for part in range(PARTS):
-            _add_spread_parts(mesh, part)
     else:
-        _spread_threaded(mesh, x, y, amounts, order, grains)
-        _add_spread_parts_threaded(mesh)
+        _spread_parts(threaded, mesh, x, y, amounts, order, grains)
+        _add_spread_parts(threaded, mesh)
 
 
 @compiled(inline=True)
-def interpolate_potential(mesh: MultilevelMesh, x: float, y: float) -> tuple[float, float, float]:
-    """Potential of the mesh and its derivatives at a point by cubic B-splines [1/D^3, 1/D^4]; x, y [D]."""
-    return _interpolate_on_window(mesh.points_per_length, mesh, x, y)
-
-
-@compiled(inline=True)
-def _interpolate_on_window(
-    points_per_length: Array | None, mesh: MultilevelMesh, x: float, y: float
+def interpolate_potential(
+    points_per_length: Float[Array, "2"] | None, mesh: MultilevelMesh, x: float, y: float
 ) -> tuple[float, float, float]:
+    """Potential of the mesh and its derivatives at a point by cubic B-splines [1/D^3, 1/D^4]; x, y [D]."""
     if points_per_length is not None:
         return interpolate_on_periodic_mesh(mesh, points_per_length, x, y)
     window, fineness, stride = mesh.windows[0], 1.0 / mesh.spacing, mesh.strides[0]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numba
 import numpy as np
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array, compiled, threaded_if_wanted
 from granular.pairs.dipole_law import CUBE, ENERGY, FIFTH_ENERGY
 from granular.pairs.direct_far_field import DirectFarFieldWorkspace, direct_far_field_workspace
 from granular.pairs.grain_arrays import GrainArrays, set_forces_to_nan, value_or_one
@@ -23,8 +23,8 @@ from granular.pairs.multilevel_mesh import (
     fit_windows_to_grains,
     multilevel_mesh_workspace,
 )
+from granular.pairs.near_list import positions_are_finite, store_positions
 from granular.pairs.periodic_mesh import periodic_mesh_workspace
-from granular.pairs.stripe_partner_lists import positions_are_finite
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -138,23 +138,6 @@ def _self_potential(radius: float, fifth: float) -> float:
     return CUBE[0] / (radius * radius * radius) + FIFTH_ENERGY[0] * fifth / radius**5
 
 
-class MeshFarFieldArrays(NamedTuple):
-    """Grains for a far field, and the arrays for its results; see `compute_mesh_far_field`."""
-
-    grains: int
-    x: np.ndarray  # [D]
-    y: np.ndarray  # [D]
-    moments: np.ndarray | None
-    weight: np.ndarray | None
-    order: np.ndarray
-    self_potential: float  # of a grain of moment 1 at its own position [1/D^3]
-    self_load: float  # of a grain of weight 1 [1/D^3]
-    fx: np.ndarray  # [F*]
-    fy: np.ndarray  # [F*]
-    load: np.ndarray | None  # [1/D^3]
-    part_totals: np.ndarray
-
-
 @compiled(inline=True)
 def _store_load_if_wanted(load: Array | None, i: int, value: float) -> None:
     if load is not None:
@@ -162,67 +145,53 @@ def _store_load_if_wanted(load: Array | None, i: int, value: float) -> None:
 
 
 @compiled
-def _interpolate_forces_of_part(mesh: MultilevelMesh, requested: MeshFarFieldArrays, part: int) -> None:
+def _interpolate_forces_of_part(
+    mesh: MultilevelMesh,
+    arrays: GrainArrays,
+    order: Array,
+    grains: int,
+    self_potential: float,
+    totals: Array,
+    part: int,
+) -> None:
     """Return the forces of a part of the grains, and loads of grains that are all alike."""
-    grains, total = requested.grains, 0.0
-    for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
-        i = requested.order[k]
-        value, by_x, by_y = interpolate_potential(mesh, requested.x[i], requested.y[i])
-        q = value_or_one(requested.moments, i)
-        requested.fx[i] = -ENERGY * q * by_x
-        requested.fy[i] = -ENERGY * q * by_y
-        total += q * (value - requested.self_potential * q)
-        _store_load_if_wanted(
-            requested.load, i, value_or_one(requested.weight, i) * (value - requested.self_potential)
-        )
-    requested.part_totals[part] = total
-
-
-@compiled
-def _interpolate_loads_of_part(mesh: MultilevelMesh, requested: MeshFarFieldArrays, part: int) -> None:
-    """Return the loads of a part of the grains, from a mesh of their weights."""
-    grains = requested.grains
-    for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
-        i = requested.order[k]
-        value, _, _ = interpolate_potential(mesh, requested.x[i], requested.y[i])
-        _store_load_if_wanted(
-            requested.load, i, value - requested.self_load * value_or_one(requested.weight, i)
-        )
-
-
-@compiled(parallel=True)
-def _interpolate_forces_threaded(mesh: MultilevelMesh, requested: MeshFarFieldArrays) -> None:
-    for part in numba.prange(PARTS):
-        _interpolate_forces_of_part(mesh, requested, part)
-
-
-@compiled(parallel=True)
-def _interpolate_loads_threaded(mesh: MultilevelMesh, requested: MeshFarFieldArrays) -> None:
-    for part in numba.prange(PARTS):
-        _interpolate_loads_of_part(mesh, requested, part)
-
-
-@compiled
-def _interpolate_forces(threaded: bool | None, mesh: MultilevelMesh, requested: MeshFarFieldArrays) -> float:
-    """Fill forces and loads; the energy."""
-    if threaded is None:
-        for part in range(PARTS):
-            _interpolate_forces_of_part(mesh, requested, part)
-    else:
-        _interpolate_forces_threaded(mesh, requested)
     total = 0.0
-    for part in range(PARTS):
-        total += requested.part_totals[part]
-    return 0.5 * ENERGY * total
+    for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
+        i = order[k]
+        x, y, q = arrays.x[i], arrays.y[i], value_or_one(arrays.moments, i)
+        value, by_x, by_y = interpolate_potential(mesh.points_per_length, mesh, x, y)
+        arrays.fx[i] = -ENERGY * q * by_x
+        arrays.fy[i] = -ENERGY * q * by_y
+        total += q * (value - self_potential * q)
+        _store_load_if_wanted(arrays.load, i, value_or_one(arrays.weight, i) * (value - self_potential))
+    totals[part] = total
 
 
 @compiled
-def _interpolate_loads(threaded: bool | None, mesh: MultilevelMesh, requested: MeshFarFieldArrays) -> None:
-    if threaded is None:
-        for part in range(PARTS):
-            _interpolate_loads_of_part(mesh, requested, part)
-    else:
-        _interpolate_loads_threaded(mesh, requested)
+def _interpolate_loads_of_part(
+    mesh: MultilevelMesh, arrays: GrainArrays, order: Array, grains: int, self_load: float, part: int
+) -> None:
+    """Return the loads of a part of the grains, from a mesh of their weights."""
+    for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
+        i = order[k]
+        value, _, _ = interpolate_potential(mesh.points_per_length, mesh, arrays.x[i], arrays.y[i])
+        _store_load_if_wanted(arrays.load, i, value - self_load * value_or_one(arrays.weight, i))
+
+
+@threaded_if_wanted
+def _interpolate_forces(
+    mesh: MultilevelMesh, arrays: GrainArrays, order: Array, grains: int, self_potential: float, totals: Array
+) -> None:
+    for part in numba.prange(PARTS):
+        _interpolate_forces_of_part(mesh, arrays, order, grains, self_potential, totals, part)
+
+
+@threaded_if_wanted
+def _interpolate_loads(
+    mesh: MultilevelMesh, arrays: GrainArrays, order: Array, grains: int, self_load: float
+) -> None:
+    for part in numba.prange(PARTS):
+        _interpolate_loads_of_part(mesh, arrays, order, grains, self_load, part)
 
 
 @compiled(inline=True)
@@ -239,23 +208,32 @@ def _compute_loads_by_weights(
     load_mesh: MultilevelMesh | None,
     mesh: MultilevelMesh,
     threaded: bool | None,
-    sums: MeshFarFieldArrays,
+    arrays: GrainArrays,
+    order: Array,
+    grains: int,
+    self_load: float,
 ) -> None:
     """Compute the loads of discs, and of grains that differ; of others they come with the forces."""
     if weight is not None:
         if load_mesh is not None:
-            _compute_loads(load_mesh, threaded, weight, sums)
+            _compute_loads(load_mesh, threaded, weight, arrays, order, grains, self_load)
         elif moments is not None:
-            _compute_loads(mesh, threaded, weight, sums)
+            _compute_loads(mesh, threaded, weight, arrays, order, grains, self_load)
 
 
 @compiled
 def _compute_loads(
-    mesh: MultilevelMesh, threaded: bool | None, weight: Array, sums: MeshFarFieldArrays
+    mesh: MultilevelMesh,
+    threaded: bool | None,
+    weight: Array,
+    arrays: GrainArrays,
+    order: Array,
+    grains: int,
+    self_load: float,
 ) -> None:
-    spread_grains(mesh, threaded, sums.x, sums.y, weight, sums.order, sums.grains)
-    compute_mesh_potential(mesh, threaded)
-    _interpolate_loads(threaded, mesh, sums)
+    spread_grains(mesh.points_per_length, mesh, threaded, arrays.x, arrays.y, weight, order, grains)
+    compute_mesh_potential(mesh.points_per_length, mesh, threaded)
+    _interpolate_loads(threaded, mesh, arrays, order, grains, self_load)
 
 
 @compiled
@@ -277,50 +255,15 @@ def compute_mesh_far_field(
     if not _fit_windows_unless_periodic(mesh.points_per_length, mesh, x, y, grains):
         far.energy[0] = np.nan
         return 1
-    sums = MeshFarFieldArrays(
-        grains,
-        x,
-        y,
-        arrays.moments,
-        arrays.weight,
-        order,
-        far.self_potential,
-        far.self_load,
-        arrays.fx,
-        arrays.fy,
-        arrays.load,
-        far.part_totals,
-    )
-    spread_grains(mesh, threaded, x, y, arrays.moments, order, grains)
-    compute_mesh_potential(mesh, threaded)
-    far.energy[0] = _interpolate_forces(threaded, mesh, sums)
+    spread_grains(mesh.points_per_length, mesh, threaded, x, y, arrays.moments, order, grains)
+    compute_mesh_potential(mesh.points_per_length, mesh, threaded)
+    _interpolate_forces(threaded, mesh, arrays, order, grains, far.self_potential, far.part_totals)
+    total = 0.0
+    for part in range(PARTS):
+        total += far.part_totals[part]
+    far.energy[0] = 0.5 * ENERGY * total
     store_positions(far.evaluated_at, x, y, grains)
-    _compute_loads_by_weights(arrays.weight, arrays.moments, far.load_mesh, mesh, threaded, sums)
+    _compute_loads_by_weights(
+        arrays.weight, arrays.moments, far.load_mesh, mesh, threaded, arrays, order, grains, far.self_load
+    )
     return 0
-
-
-@compiled
-def any_grain_moved(
-    evaluated_at: Float[Array, "2 m"],
-    x: Float[Array, "m"],
-    y: Float[Array, "m"],
-    grains: int,
-    unchanged_distance: float,
-) -> bool:
-    """Test whether a grain has moved by more than a distance [D] since the last evaluation."""
-    moved = 0
-    for i in range(grains):
-        dx, dy = x[i] - evaluated_at[0, i], y[i] - evaluated_at[1, i]
-        moved += not dx * dx + dy * dy <= unchanged_distance * unchanged_distance
-    return moved > 0
-
-
-@compiled(inline=True)
-def store_positions(
-    evaluated_at: Float[Array, "2 m"] | None, x: Float[Array, "m"], y: Float[Array, "m"], grains: int
-) -> None:
-    """Store the positions of this evaluation, where they are kept; evaluated_at, x, y [D]."""
-    if evaluated_at is not None:
-        for i in range(grains):
-            evaluated_at[0, i] = x[i]
-            evaluated_at[1, i] = y[i]

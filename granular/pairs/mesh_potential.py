@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numba
 import numpy as np
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array, compiled, threaded_if_wanted
 from granular.pairs.mesh_convolution import convolve_eight_columns
 from granular.pairs.multilevel_mesh import ACROSS, LEFT, LOW, PARTS, UP, MultilevelMesh
-from granular.pairs.periodic_mesh import (
-    FRACTIONS,
-    copy_periodic_margin,
-    index_of_first_mesh_point,
-    prolong_periodic_potential,
-    restrict_periodic_sources,
-)
+from granular.pairs.periodic_mesh import copy_periodic_margin, index_of_first_mesh_point
 from granular.pairs.simd import WIDTH
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+_FRACTIONS = (0.75, 0.5, 0.125)
+"""Fraction of a cubic B-spline in the one twice as wide, by the points of the fine mesh between."""
 
 # Unsigned, since an index that may be negative is looked at every time.
 _UNIT, _TWO = np.uintp(1), np.uintp(2)
@@ -23,9 +25,19 @@ _UNIT, _TWO = np.uintp(1), np.uintp(2)
 
 # Of numbers alone: arrays that are handed on from line to line are counted, which takes longer.
 @compiled(inline=True)
-def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int) -> np.uintp:
-    """Begin of a line, by its index in a window of ``up`` lines; outside, of one of zeros."""
+def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int, periodic: bool) -> np.uintp:
+    """Begin of a line, by its index in a window of ``up`` lines; outside, a periodic image, else of zeros."""
+    if periodic:
+        at %= up
     return np.uintp(begin + at * stride if 0 <= at < up else outside)
+
+
+@compiled(inline=True)
+def _index_of_first_line(points_per_length: Array | None, mesh: MultilevelMesh, level: int) -> int:
+    """Begin of a level's first line, with its margin."""
+    if points_per_length is not None:
+        return index_of_first_mesh_point(mesh, level) - mesh.margin
+    return mesh.begins[level]
 
 
 @compiled
@@ -33,24 +45,26 @@ def _restrict_sources(mesh: MultilevelMesh, level: int) -> None:
     """Return the sources of a level from those of the finer one before it."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
-    total, half, rest = FRACTIONS
+    total, half, rest = _FRACTIONS
     first = np.uintp(2 * coarse[LEFT] - fine[LEFT] + margin)
-    lines, start, stride = fine[UP], mesh.begins[level - 1], mesh.strides[level - 1]
-    outside, first_column, custom_stride = mesh.begins[-1], mesh.begins[level], mesh.strides[level]
+    lines, stride, coarse_stride = fine[UP], mesh.strides[level - 1], mesh.strides[level]
+    start = _index_of_first_line(mesh.points_per_length, mesh, level - 1)
+    outside, coarse_start = mesh.begins[-1], _index_of_first_line(mesh.points_per_length, mesh, level)
+    periodic = mesh.points_per_length is not None
     lowest, across = 2 * coarse[LOW] - fine[LOW], coarse[ACROSS]
     for up in range(coarse[UP]):
         at_line = lowest + 2 * up
-        lower = _line_start_index(at_line - 2, lines, start, stride, outside)
-        low = _line_start_index(at_line - 1, lines, start, stride, outside)
-        middle = _line_start_index(at_line, lines, start, stride, outside)
-        high = _line_start_index(at_line + 1, lines, start, stride, outside)
-        higher = _line_start_index(at_line + 2, lines, start, stride, outside)
+        lower = _line_start_index(at_line - 2, lines, start, stride, outside, periodic)
+        low = _line_start_index(at_line - 1, lines, start, stride, outside, periodic)
+        middle = _line_start_index(at_line, lines, start, stride, outside, periodic)
+        high = _line_start_index(at_line + 1, lines, start, stride, outside, periodic)
+        higher = _line_start_index(at_line + 2, lines, start, stride, outside, periodic)
         for point in range(stride):
             p = np.uintp(point)
             near, far = source[low + p] + source[high + p], source[lower + p] + source[higher + p]
             row[p] = total * source[middle + p] + half * near + rest * far
-        begin = np.uintp(first_column + up * custom_stride)
-        for point in range(custom_stride):
+        begin = np.uintp(coarse_start + up * coarse_stride)
+        for point in range(coarse_stride):
             source[begin + np.uintp(point)] = 0.0
         begin += np.uintp(margin)
         for column in range(across):
@@ -64,19 +78,20 @@ def _prolong_potential(mesh: MultilevelMesh, level: int) -> None:
     """Add the potential of a level to that of the finer one before it."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
     row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
-    total, half, rest = FRACTIONS
+    total, half, rest = _FRACTIONS
     odd = fine[LEFT] % 2
     first = np.uintp(fine[LEFT] // 2 - coarse[LEFT] + margin)
-    lines, start, stride = coarse[UP], mesh.begins[level], mesh.strides[level]
-    fine_start, fine_stride = mesh.begins[level - 1], mesh.strides[level - 1]
-    outside = mesh.begins[-1]
+    lines, stride, fine_stride = coarse[UP], mesh.strides[level], mesh.strides[level - 1]
+    start = _index_of_first_line(mesh.points_per_length, mesh, level)
+    fine_start = _index_of_first_line(mesh.points_per_length, mesh, level - 1)
+    outside, periodic = mesh.begins[-1], mesh.points_per_length is not None
     lowest, lowest_coarse, pairs = fine[LOW], coarse[LOW], (fine[ACROSS] + odd + 1) // 2
     for up in range(fine[UP]):
         line = lowest + up
         at_line = line // 2 - lowest_coarse
-        middle = _line_start_index(at_line, lines, start, stride, outside)
-        below = _line_start_index(at_line - 1, lines, start, stride, outside)
-        above = _line_start_index(at_line + 1, lines, start, stride, outside)
+        middle = _line_start_index(at_line, lines, start, stride, outside, periodic)
+        below = _line_start_index(at_line - 1, lines, start, stride, outside, periodic)
+        above = _line_start_index(at_line + 1, lines, start, stride, outside, periodic)
         own, adjacent = (half, 0.0) if line % 2 == 1 else (total, rest)
         next_one = half if line % 2 == 1 else rest
         for point in range(stride):
@@ -110,17 +125,9 @@ def _convolve_columns_of_part(mesh: MultilevelMesh, part: int) -> None:
                 _convolve_columns(mesh, level, column, part)
 
 
-@compiled(inline=True)
-def _index_of_first_point(points_per_length: Array | None, mesh: MultilevelMesh, level: int) -> int:
-    """Place of a level's first point."""
-    if points_per_length is not None:
-        return index_of_first_mesh_point(mesh, level)
-    return mesh.begins[level] + mesh.margin
-
-
 @compiled
 def _convolve_columns(mesh: MultilevelMesh, level: int, column: int, part: int) -> None:
-    at, up = _index_of_first_point(mesh.points_per_length, mesh, level) + column, mesh.windows[level, UP]
+    at = _index_of_first_line(mesh.points_per_length, mesh, level) + mesh.margin + column
     along, across = mesh.band_along[level], mesh.band_across[level]
     if level == len(mesh.windows) - 1:
         along, across = mesh.rest_along, mesh.rest_across
@@ -132,7 +139,7 @@ def _convolve_columns(mesh: MultilevelMesh, level: int, column: int, part: int) 
         mesh.rows[part],
         at,
         mesh.strides[level],
-        up,
+        mesh.windows[level, UP],
         # The law is r^-3, and the spacing doubles from level to level.
         0.125**level,
         mesh.points_per_length,
@@ -151,35 +158,26 @@ def _column_cost(mesh: MultilevelMesh, level: int) -> int:
     return mesh.windows[level, UP] * table.shape[0] * table.shape[1]
 
 
-@compiled(parallel=True)
-def _convolve_threaded(mesh: MultilevelMesh) -> None:
+@threaded_if_wanted
+def _convolve_parts(mesh: MultilevelMesh) -> None:
     for part in numba.prange(PARTS):
         _convolve_columns_of_part(mesh, part)
 
 
 @compiled
-def compute_mesh_potential(mesh: MultilevelMesh, threaded: bool | None) -> None:
+def compute_mesh_potential(
+    points_per_length: Float[Array, "2"] | None, mesh: MultilevelMesh, threaded: bool | None
+) -> None:
     """Compute the potential on the finest level of a mesh from the sources there; mesh [1/D^3]."""
-    _compute_potential(mesh.points_per_length, mesh, threaded)
-
-
-@compiled(inline=True)
-def _compute_potential(points_per_length: Array | None, mesh: MultilevelMesh, threaded: bool | None) -> None:
     levels = len(mesh.windows)
     for level in range(1, levels):
-        if points_per_length is None:
-            _restrict_sources(mesh, level)
-        else:
-            restrict_periodic_sources(mesh, level)
-    if threaded is None:
-        for part in range(PARTS):
-            _convolve_columns_of_part(mesh, part)
-    else:
-        _convolve_threaded(mesh)
+        _restrict_sources(mesh, level)
+        if points_per_length is not None:
+            copy_periodic_margin(mesh, mesh.source, level)
+    _convolve_parts(threaded, mesh)
     for level in range(levels - 1, 0, -1):
-        if points_per_length is None:
-            _prolong_potential(mesh, level)
-        else:
-            prolong_periodic_potential(mesh, level)
+        if points_per_length is not None:
+            copy_periodic_margin(mesh, mesh.potential, level)
+        _prolong_potential(mesh, level)
     if points_per_length is not None:
         copy_periodic_margin(mesh, mesh.potential, 0)

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -119,14 +120,17 @@ def _factor_into_products(table: Samples) -> SeparableTable:
         group = slice(many, many + TERMS)
         left -= (even[:, group] * weights[group]) @ even[:, group].T
         many += TERMS
-    along = np.zeros((many // TERMS, reach + 1, TERMS))
-    across = np.zeros_like(along)
-    for term in range(min(many, len(weights))):
-        along[term // TERMS, :, term % TERMS] = even[:, term]
-        across[term // TERMS, :, term % TERMS] = weights[term] * even[:, term]
-    along[:, 0] *= 0.5
-    across[:, 0] *= 0.5
-    return SeparableTable(along, across)
+    return separable_table(even[:, :many].T, (weights * even)[:, :many].T, reach + 1)
+
+
+def separable_table(along: Samples, across: Samples, reach: int) -> SeparableTable:
+    """Group the terms (terms, distances) of a sum of products, up to a reach, and halve them at 0."""
+    result = np.zeros((2, -(-len(along) // TERMS) * TERMS, reach))
+    for table, terms in zip(result, (along, across), strict=True):
+        table[: len(terms), : terms.shape[1]] = terms
+    result[:, :, 0] *= 0.5
+    grouped = result.reshape(2, -1, TERMS, reach).swapaxes(2, 3)
+    return SeparableTable(*np.ascontiguousarray(grouped))
 
 
 @functools.cache
@@ -194,18 +198,28 @@ def multilevel_mesh_workspace(
     """Allocate a mesh of levels for a closed cell; width ... spacing [D], inverse_fifth_factor [D^2]."""
     levels = mesh_level_count(max(width, height), radius, spacing)
     tables = mesh_tables(radius, spacing, levels, inverse_fifth_factor)
+    points = [
+        tuple(math.ceil(extent / (spacing * 2.0**level)) + 2 * _EDGE + 2 for extent in (width, height))
+        for level in range(levels)
+    ]
+    mesh, parts = mesh_workspace(tables, spacing, points, 0), PARTS if grains >= PARTED_FROM else 1
+    return mesh._replace(
+        part_sources=np.zeros((parts, mesh.begins[1])), reached=np.zeros((parts, 2), dtype=np.int64)
+    )
+
+
+def mesh_workspace(
+    tables: MeshTables, spacing: float, points: Sequence[tuple[int, ...]], copied_lines: int
+) -> MultilevelMesh:
+    """Allocate the levels of a mesh by their points across and up, and the lines copied beside them."""
     bands = tables.stack_band_tables()
     reach = tables.rest.along.shape[1]
     margin = pad_to_vectors(reach)
-    begins, strides, most = [0], [], 0
-    for level in range(levels):
-        across, up = (
-            math.ceil(extent / (spacing * 2.0**level)) + 2 * _EDGE + 2 for extent in (width, height)
-        )
-        strides.append(2 * margin + pad_to_vectors(across))
-        begins.append(begins[-1] + strides[-1] * up)
-        most = max(most, up)
-    parts = PARTS if grains >= PARTED_FROM else 1
+    strides = [2 * margin + pad_to_vectors(across) for across, _ in points]
+    lines = [up + copied_lines for _, up in points]
+    begins = np.cumsum([0, *(stride * up for stride, up in zip(strides, lines, strict=True))])
+    # Scratch of each part: eight columns and the reach of a table on both sides, or one whole line.
+    scratch = max((max(up for _, up in points) + 2 * reach + BESIDE) * TERMS * WIDTH, *strides)
     return MultilevelMesh(
         spacing=spacing,
         band_along=bands.along,
@@ -214,20 +228,15 @@ def multilevel_mesh_workspace(
         rest_across=tables.rest.across,
         source=np.zeros(begins[-1] + max(strides)),
         potential=np.zeros(begins[-1] + max(strides)),
-        begins=np.array(begins),
+        begins=begins,
         strides=np.array(strides),
         margin=margin,
-        windows=np.zeros((levels, 4), dtype=np.int64),
-        part_sources=np.zeros((parts, begins[1])),
-        reached=np.zeros((parts, 2), dtype=np.int64),
-        rows=row_scratch(most, reach, strides),
+        windows=np.zeros((len(points), 4), dtype=np.int64),
+        part_sources=np.zeros((0, 0)),
+        reached=np.zeros((0, 2), dtype=np.int64),
+        rows=np.zeros((PARTS, scratch)),
         points_per_length=None,
     )
-
-
-def row_scratch(lines: int, reach: int, strides: list[int]) -> Samples:
-    """Scratch of each part: eight columns and the reach of a table on both sides, or one whole line."""
-    return np.zeros((PARTS, max((lines + 2 * reach + BESIDE) * TERMS * WIDTH, *strides)))
 
 
 @compiled

@@ -267,18 +267,42 @@ def _list_pairs(near: NearList, grains: int) -> bool:
 
 
 @compiled
-def refresh_near_list(near: NearList, x: Float[Array, "m"], y: Float[Array, "m"], grains: int) -> bool:
-    """Hold every pair within the reach [D]; False where there is no room, or a position is no number."""
+def any_grain_moved(
+    before: Float[Array, "2 m"], x: Float[Array, "m"], y: Float[Array, "m"], grains: int, farthest: float
+) -> bool:
+    """Test whether a grain has moved as far as a squared distance [D^2]; before, x, y [D]."""
     moved = 0
     for i in range(grains):
-        dx, dy = x[i] - near.built[0, i], y[i] - near.built[1, i]
-        moved += not dx * dx + dy * dy < near.farthest
-    if moved > 0 or near.memory[GRAINS] != grains:
-        odd = 0
+        dx, dy = x[i] - before[0, i], y[i] - before[1, i]
+        moved += not dx * dx + dy * dy < farthest
+    return moved > 0
+
+
+@compiled(inline=True)
+def store_positions(
+    kept: Float[Array, "2 m"] | None, x: Float[Array, "m"], y: Float[Array, "m"], grains: int
+) -> None:
+    """Store the positions, where they are kept; kept, x, y [D]."""
+    if kept is not None:
         for i in range(grains):
-            odd += 0.0 * x[i] + 0.0 * y[i] != 0.0
-            near.built[0, i], near.built[1, i] = x[i], y[i]
-        if odd > 0:
+            kept[0, i], kept[1, i] = x[i], y[i]
+
+
+@compiled
+def positions_are_finite(x: Float[Array, "m"], y: Float[Array, "m"], grains: int) -> bool:
+    """Test whether all positions are finite numbers; x, y [D]."""
+    odd = 0
+    for i in range(grains):
+        odd += 0.0 * x[i] + 0.0 * y[i] != 0.0
+    return odd == 0
+
+
+@compiled
+def refresh_near_list(near: NearList, x: Float[Array, "m"], y: Float[Array, "m"], grains: int) -> bool:
+    """Hold every pair within the reach [D]; False where there is no room, or a position is no number."""
+    if near.memory[GRAINS] != grains or any_grain_moved(near.built, x, y, grains, near.farthest):
+        store_positions(near.built, x, y, grains)
+        if not positions_are_finite(x, y, grains):
             near.memory[GRAINS] = -1.0
             return False
         near.memory[LISTED], near.memory[GRAINS] = 0.0, grains

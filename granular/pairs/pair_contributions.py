@@ -9,6 +9,7 @@ whose sums lack a factor of their own, and the load with two terms more (`granul
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from llvmlite import ir
@@ -100,19 +101,17 @@ def computed_sums(values: PairSums) -> list[Any]:
 
 def load_eight_grains(code: VectorBuilder, arrays: GrainArrayPointers, j: ir.Value) -> GrainVectors:
     """Emit the loading of eight successive grains, one in each lane [D]."""
-    pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
-    return GrainVectors(*(None if pointer is None else code.load_vector(pointer, j) for pointer in pointers))
+    return _load_grains(arrays, lambda pointer: code.load_vector(pointer, j))
 
 
 def broadcast_grain(code: VectorBuilder, arrays: GrainArrayPointers, i: ir.Value) -> GrainVectors:
     """Emit the loading of one grain into all eight lanes [D]."""
+    return _load_grains(arrays, lambda pointer: code.broadcast_scalar(code.load_scalar(pointer, i)))
+
+
+def _load_grains(arrays: GrainArrayPointers, load: Callable[[ir.Value], ir.Value]) -> GrainVectors:
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
-    return GrainVectors(
-        *(
-            None if pointer is None else code.broadcast_scalar(code.load_scalar(pointer, i))
-            for pointer in pointers
-        )
-    )
+    return GrainVectors(*(None if pointer is None else load(pointer) for pointer in pointers))
 
 
 class FarPartCoefficients(NamedTuple):
@@ -194,7 +193,8 @@ class EnergyAndClosestPair:
         if self.pointer is not None:
             code, b = self.code, self.code.builder
             first, second = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
-            code.add_scalar_to_entry(code.sum_lanes(b.load(self.energy)), self.pointer, first)
+            total = b.fadd(code.load_scalar(self.pointer, first), code.sum_lanes(b.load(self.energy)))
+            code.store_scalar(total, self.pointer, first)
             closest = code.largest_lane(b.load(self.closest))
             held = code.load_scalar(self.pointer, second)
             closest = b.select(b.fcmp_ordered(">", closest, held), closest, held)

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +30,6 @@ from numpy.typing import NDArray
 
 from granular.compiled import Array, compiled
 from granular.pairs.dipole_law import far_part_of_inverse_cube
-from granular.pairs.mesh_convolution import TERMS
 from granular.pairs.multilevel_mesh import (
     ACROSS,
     REACH,
@@ -38,10 +38,10 @@ from granular.pairs.multilevel_mesh import (
     MultilevelMesh,
     SeparableTable,
     inverse_fifth_factor_by_level,
+    mesh_workspace,
     repeat_for_levels,
-    row_scratch,
+    separable_table,
 )
-from granular.pairs.simd import pad_to_vectors
 from granular.pairs.spline_stencil import add_spline_weights, interpolate_with_splines
 
 if TYPE_CHECKING:
@@ -87,16 +87,14 @@ def sum_far_part_over_images(
     total = np.zeros(np.broadcast(dx, dy).shape)
     # Where the far part is softened, it is the upper part less what near pairs have.
     reach = max(radius, _IMAGES / sharp)
-    for column in _image_numbers(reach, width):
-        for row in _image_numbers(reach, height):
-            square = (dx + column * width) ** 2 + (dy + row * height) ** 2
-            cube = np.maximum(square, 1e-12) ** 1.5
-            lower = gammainc(1.5, sharp**2 * square) / cube
-            # At r = 0 the lower part has the limit a^3 4/(3 sqrt(pi)).
-            lower = np.where(square < 1e-12, sharp**3 * 4.0 / (3.0 * math.sqrt(math.pi)), lower)
-            upper = gammaincc(1.5, sharp**2 * square) / cube
-            near = far_part_of_inverse_cube(square, radius) - lower
-            total += np.where(square < radius**2, near, upper)
+    for square in _squared_distances_of_images(dx, dy, (width, height), reach):
+        cube = np.maximum(square, 1e-12) ** 1.5
+        lower = gammainc(1.5, sharp**2 * square) / cube
+        # At r = 0 the lower part has the limit a^3 4/(3 sqrt(pi)).
+        lower = np.where(square < 1e-12, sharp**3 * 4.0 / (3.0 * math.sqrt(math.pi)), lower)
+        upper = gammaincc(1.5, sharp**2 * square) / cube
+        near = far_part_of_inverse_cube(square, radius) - lower
+        total += np.where(square < radius**2, near, upper)
     waves = 2.0 * math.pi / np.array([width, height])
     most = [math.ceil(_WAVES * sharp / wave) for wave in waves]
     series = np.full_like(total, 2.0 * sharp)
@@ -108,11 +106,9 @@ def sum_far_part_over_images(
                 fraction -= math.sqrt(math.pi) * k * erfc(k / (2.0 * sharp))
                 series += fraction * np.cos(m * waves[0] * dx + n * waves[1] * dy)
     total += 2.0 * math.sqrt(math.pi) / (width * height) * series
-    return (
-        total + _sum_inverse_fifth_over_images(dx, dy, (width, height), radius, inverse_fifth_factor)
-        if inverse_fifth_factor
-        else total
-    )
+    if inverse_fifth_factor:
+        total += _sum_inverse_fifth_over_images(dx, dy, (width, height), radius, inverse_fifth_factor)
+    return total
 
 
 def _sum_inverse_fifth_over_images(
@@ -120,19 +116,20 @@ def _sum_inverse_fifth_over_images(
 ) -> Samples:
     """Sum over images of the far part of r^-5; farther ones are the same everywhere."""
     total = np.zeros(np.broadcast(dx, dy).shape)
-    for column in _image_numbers(max(radius, _CELLS * max(sides)), sides[0]):
-        for row in _image_numbers(max(radius, _CELLS * max(sides)), sides[1]):
-            square = (dx + column * sides[0]) ** 2 + (dy + row * sides[1]) ** 2
-            total += far_part_of_inverse_cube(
-                square, radius, inverse_fifth_factor
-            ) - far_part_of_inverse_cube(square, radius)
+    for square in _squared_distances_of_images(dx, dy, sides, max(radius, _CELLS * max(sides))):
+        every = far_part_of_inverse_cube(square, radius, inverse_fifth_factor)
+        total += every - far_part_of_inverse_cube(square, radius)
     return total
 
 
-def _image_numbers(reach: float, side: float) -> range:
-    """Numbers of the images along a side that lie within reach of any point of the cell."""
-    most = math.ceil(reach / side) + 1
-    return range(-most, most + 1)
+def _squared_distances_of_images(
+    dx: Samples, dy: Samples, sides: tuple[float, float], reach: float
+) -> Iterator[Samples]:
+    """Squared distances (...) of the images that lie within reach of any point of the cell [D^2]."""
+    most = [math.ceil(reach / side) + 1 for side in sides]
+    for column in range(-most[0], most[0] + 1):
+        for row in range(-most[1], most[1] + 1):
+            yield (dx + column * sides[0]) ** 2 + (dy + row * sides[1]) ** 2
 
 
 def _divide_by_splines(samples: Samples) -> Samples:
@@ -149,14 +146,7 @@ def _factor_into_products(table: Samples, reach: int) -> SeparableTable:
     signs = np.where(right[:, 0] < 0.0, -1.0, 1.0)
     left, right = np.round(left * signs, _DIGITS), np.round(right * signs[:, None], _DIGITS)
     many = int(np.count_nonzero(weights > _NOTHING * weights[0]))
-    groups = -(-many // TERMS)
-    along, across = np.zeros((2, groups, reach, TERMS))
-    for term in range(many):
-        along[term // TERMS, : table.shape[1], term % TERMS] = right[term]
-        across[term // TERMS, : table.shape[0], term % TERMS] = weights[term] * left[:, term]
-    along[:, 0] *= 0.5
-    across[:, 0] *= 0.5
-    return SeparableTable(along, across)
+    return separable_table(right[:many], (weights * left)[:, :many].T, reach)
 
 
 def _band_table(radius: float, spacings: tuple[float, float], inverse_fifth_factor: float) -> Samples:
@@ -207,9 +197,6 @@ def periodic_mesh_tables(
 
 BELOW, ABOVE = 1, 2
 """Copied lines that a spline reaches."""
-
-FRACTIONS = (0.75, 0.5, 0.125)
-"""Fraction of a cubic B-spline in the one twice as wide, by the points of the fine mesh between."""
 
 
 @compiled(inline=True)
@@ -290,86 +277,14 @@ def interpolate_on_periodic_mesh(
     return value, by_u * fineness[0], by_v * fineness[1]
 
 
-@compiled
-def restrict_periodic_sources(mesh: MultilevelMesh, level: int) -> None:
-    """Restrict the sources of the next finer level to a level, by the refinement of cubic B-splines."""
-    row, source, margin = mesh.rows[0], mesh.source, mesh.margin
-    total, half, rest = FRACTIONS
-    lines, start, stride = (
-        mesh.windows[level - 1, UP],
-        index_of_first_mesh_point(mesh, level - 1),
-        mesh.strides[level - 1],
-    )
-    own, custom_stride = index_of_first_mesh_point(mesh, level), mesh.strides[level]
-    across, start = mesh.windows[level, ACROSS], start - margin
-    for up in range(mesh.windows[level, UP]):
-        lower = start + (2 * up - 2) % lines * stride
-        low = start + (2 * up - 1) % lines * stride
-        middle = start + 2 * up * stride
-        high = start + (2 * up + 1) % lines * stride
-        higher = start + (2 * up + 2) % lines * stride
-        for p in range(stride):
-            near, far = source[low + p] + source[high + p], source[lower + p] + source[higher + p]
-            row[p] = total * source[middle + p] + half * near + rest * far
-        for column in range(across):
-            at = margin + 2 * column
-            near, far = row[at - 1] + row[at + 1], row[at - 2] + row[at + 2]
-            source[own + up * custom_stride + column] = total * row[at] + half * near + rest * far
-    copy_periodic_margin(mesh, source, level)
-
-
-@compiled
-def prolong_periodic_potential(mesh: MultilevelMesh, level: int) -> None:
-    """Prolong the potential of a level to the next finer one, where it is added; mesh [1/D^3]."""
-    row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
-    total, half, rest = FRACTIONS
-    copy_periodic_margin(mesh, potential, level)
-    coarse, stride = index_of_first_mesh_point(mesh, level) - margin, mesh.strides[level]
-    fine, fine_stride = index_of_first_mesh_point(mesh, level - 1), mesh.strides[level - 1]
-    for line in range(mesh.windows[level - 1, UP]):
-        # Copies of lines stand next to the first and the last one.
-        middle = coarse + line // 2 * stride
-        below, above = middle - stride, middle + stride
-        odd = line % 2 == 1
-        own, adjacent, behind = (half, 0.0, half) if odd else (total, rest, rest)
-        for p in range(stride):
-            row[p] = (
-                own * potential[middle + p] + adjacent * potential[below + p] + behind * potential[above + p]
-            )
-        for column in range(mesh.windows[level, ACROSS]):
-            at, out = margin + column, fine + line * fine_stride + 2 * column
-            potential[out] += total * row[at] + rest * (row[at - 1] + row[at + 1])
-            potential[out + 1] += half * (row[at] + row[at + 1])
-
-
 def periodic_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
     """Allocate a mesh that goes round a periodic cell; width ... spacing [D], inverse_fifth_factor [D^2]."""
     tables = periodic_mesh_tables(width, height, radius, spacing, inverse_fifth_factor)
-    bands = tables.stack_band_tables()
     points = periodic_mesh_points(width, height, spacing)
-    reach = tables.rest.along.shape[1]
-    margin = pad_to_vectors(reach)
-    begins, strides = [0], []
-    for across, up in points:
-        strides.append(2 * margin + pad_to_vectors(across))
-        begins.append(begins[-1] + strides[-1] * (BELOW + up + ABOVE))
-    most = points[0][1]
-    return MultilevelMesh(
-        spacing=spacing,
-        band_along=bands.along,
-        band_across=bands.across,
-        rest_along=tables.rest.along,
-        rest_across=tables.rest.across,
-        source=np.zeros(begins[-1]),
-        potential=np.zeros(begins[-1]),
-        begins=np.array(begins),
-        strides=np.array(strides),
-        margin=margin,
+    mesh = mesh_workspace(tables, spacing, points, BELOW + ABOVE)
+    return mesh._replace(
         windows=np.array([(0, 0, across, up) for across, up in points], dtype=np.int64),
-        part_sources=np.zeros((0, 0)),
-        reached=np.zeros((0, 2), dtype=np.int64),
-        rows=row_scratch(most, reach, strides),
         points_per_length=np.array([points[0][0] / width, points[0][1] / height]),
     )

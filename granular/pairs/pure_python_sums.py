@@ -5,6 +5,7 @@ Takes the same arguments; runs without compilation when ``NUMBA_DISABLE_JIT=1``.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 PADDING = 1e60
-"""Places of padding grains are beyond [D]; they have no images."""
+"""Places of padding grains, behind the others, are beyond [D]."""
 
 
 class _PairLawValues(NamedTuple):
@@ -75,24 +76,11 @@ def pure_python_direct_sum(
     periodic_cut_off: Float[Array, "3"] | None,
 ) -> None:
     """Pair forces and sums of all grains, one pair at a time; arrays [D, F*], periodic_cut_off [D]."""
-    _clear_all_sums(arrays)
-    # The distance to padding grains overflows, as it should, and that of grains at one place is 0.
-    old = np.seterr(over="ignore", divide="ignore", invalid="ignore")
-    for i in range(arrays.x.size):
-        for j in range(i + 1, arrays.x.size):
-            dx, dy = arrays.x[i] - arrays.x[j], arrays.y[i] - arrays.y[j]
-            rest = 0.0
-            if periodic_cut_off is not None and max(arrays.x[i], arrays.x[j]) < PADDING:
-                dx -= periodic_cut_off[0] * np.rint(dx / periodic_cut_off[0])
-                dy -= periodic_cut_off[1] * np.rint(dy / periodic_cut_off[1])
-            r = np.sqrt(dx * dx + dy * dy)
-            if periodic_cut_off is not None:
-                if r >= periodic_cut_off[2]:
-                    continue
-                rest = _energy_at_cut_off(arrays, i, j, periodic_cut_off[2])
-            law = _pair_law_values(arrays, i, j, r)
-            _add_pair_to_sums(arrays, (i, j), (dx, dy), law, rest)
-    np.seterr(**old)
+    grains = int((~(arrays.x > PADDING)).sum())
+    if periodic_cut_off is None:
+        _sum_pairs(arrays, grains, math.inf, None, None)
+    else:
+        _sum_pairs(arrays, grains, periodic_cut_off[2], None, periodic_cut_off[:2])
 
 
 def pure_python_cut_off_sum(
@@ -104,8 +92,16 @@ def pure_python_cut_off_sum(
     arrays: GrainArrays,
 ) -> None:
     """Pair forces [F*] and sums within a radius [D], at which the energy is zero; of stripes only periods."""
-    _clear_all_sums(arrays)
-    periods = getattr(stripes, "periods", None)
+    _sum_pairs(arrays, grains, radius, smooth, getattr(stripes, "periods", None))
+
+
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of grains at one place
+def _sum_pairs(
+    arrays: GrainArrays, grains: int, radius: float, smooth: bool | None, periods: Array | None
+) -> None:
+    for out in (arrays.fx, arrays.fy, arrays.stiffness, arrays.energy_and_closest, arrays.load):
+        if out is not None:
+            out[:] = 0.0
     fifth, of_loads = (0.0 if arrays.series is None else float(arrays.series[k]) for k in (FAR, LOAD_FAR))
     for i in range(grains):
         for j in range(i + 1, grains):
@@ -114,24 +110,19 @@ def pure_python_cut_off_sum(
                 dx -= periods[0] * np.rint(dx / periods[0])
                 dy -= periods[1] * np.rint(dy / periods[1])
             r = np.sqrt(dx * dx + dy * dy)
-            if r < radius:
-                law, square = _pair_law_values(arrays, i, j, r), np.array(r * r)
-                rest = _energy_at_cut_off(arrays, i, j, radius)
-                if smooth is not None:
-                    far = float(far_part_of_inverse_cube(square, radius, of_loads))
-                    law = law._replace(
-                        slope=law.slope - float(far_part_of_inverse_fifth(square, radius, fifth)),
-                        cube=law.cube - float(far_part_of_inverse_cube(square, radius, fifth)),
-                        loads=(law.loads[0] - far, law.loads[1] - far),
-                    )
-                    rest -= float(far_part_of_inverse_cube(np.array(radius**2), radius, fifth))
-                _add_pair_to_sums(arrays, (i, j), (dx, dy), law, rest)
-
-
-def _clear_all_sums(arrays: GrainArrays) -> None:
-    for out in (arrays.fx, arrays.fy, arrays.stiffness, arrays.energy_and_closest, arrays.load):
-        if out is not None:
-            out[:] = 0.0
+            if r >= radius:
+                continue
+            law, square = _pair_law_values(arrays, i, j, r), np.array(r * r)
+            rest = _energy_at_cut_off(arrays, i, j, radius)
+            if smooth is not None:
+                far = float(far_part_of_inverse_cube(square, radius, of_loads))
+                law = law._replace(
+                    slope=law.slope - float(far_part_of_inverse_fifth(square, radius, fifth)),
+                    cube=law.cube - float(far_part_of_inverse_cube(square, radius, fifth)),
+                    loads=(law.loads[0] - far, law.loads[1] - far),
+                )
+                rest -= float(far_part_of_inverse_cube(np.array(radius**2), radius, fifth))
+            _add_pair_to_sums(arrays, (i, j), (dx, dy), law, rest)
 
 
 def _add_pair_to_sums(

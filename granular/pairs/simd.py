@@ -54,11 +54,6 @@ def constant_vector(values: Sequence[float]) -> ir.Constant:
     return ir.Constant(LANES, list(values))
 
 
-def broadcast_integer_constant(value: int) -> ir.Constant:
-    """Make a constant vector <8 x i64> with one integer in all lanes."""
-    return ir.Constant(_BITS, [value] * WIDTH)
-
-
 def lane_mask(lanes: list[bool]) -> ir.Constant:
     """Make a constant mask <8 x i1> for the selection of lanes."""
     return ir.Constant(_FLAGS, lanes)
@@ -102,14 +97,6 @@ class VectorBuilder:
         """Emit the rounding to integers, halves to even ones."""
         return self.call_llvm_function(f"llvm.rint.v{WIDTH}f64", vector)
 
-    def reinterpret_as_integers(self, vector: ir.Value) -> ir.Value:
-        """Reinterpret the bits of eight doubles as integers."""
-        return self.builder.bitcast(vector, _BITS)
-
-    def reinterpret_as_doubles(self, bits: ir.Value) -> ir.Value:
-        """Reinterpret the bits of eight integers as doubles."""
-        return self.builder.bitcast(bits, LANES)
-
     def broadcast_scalar(self, scalar: ir.Value) -> ir.Value:
         """Emit a vector with one double in all eight lanes."""
         first = self.builder.insert_element(_UNDEFINED, scalar, ir.Constant(ir.IntType(32), 0))
@@ -142,11 +129,6 @@ class VectorBuilder:
     def store_scalar(self, value: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
         """Emit the storing of one number."""
         self.builder.store(value, self.builder.gep(pointer, [index]))
-
-    def add_scalar_to_entry(self, value: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
-        """Emit the addition of a double to one that is stored."""
-        total = self.builder.fadd(self.load_scalar(pointer, index), value)
-        self.store_scalar(total, pointer, index)
 
     def extract_lane(self, vector: ir.Value, lane: int) -> ir.Value:
         """Emit the value of one lane."""
@@ -226,8 +208,8 @@ def _avx512_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
 def _portable_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
     """Approximate from the bits: the same on every processor."""
     b = code.builder
-    halved = b.lshr(code.reinterpret_as_integers(r2), broadcast_integer_constant(1))
-    y = code.reinterpret_as_doubles(b.sub(broadcast_integer_constant(_HALVED_EXPONENT), halved))
+    halved = b.lshr(b.bitcast(r2, _BITS), ir.Constant(_BITS, [1] * WIDTH))
+    y = b.bitcast(b.sub(ir.Constant(_BITS, [_HALVED_EXPONENT] * WIDTH), halved), LANES)
     t = b.fmul(r2, b.fmul(y, y))
     slope = code.fused_multiply_add(t, broadcast_constant(_FIRST[2]), broadcast_constant(_FIRST[1]))
     return b.fmul(y, code.fused_multiply_add(t, slope, broadcast_constant(_FIRST[0])))

@@ -13,7 +13,7 @@ from llvmlite import ir
 from numba import config, types
 from numba.extending import intrinsic
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array
 from granular.pairs.simd import DOUBLE, VectorBuilder, constant_vector
 
 POINTS = 4
@@ -110,20 +110,6 @@ def _emit_spline_sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v:
     return signature, generate
 
 
-@compiled(inline=True)
-def _compiled_add_spline_weights(
-    values: Array, at: int, stride: int, u: float, v: float, amount: float
-) -> None:
-    _emit_spline_weights(values, at, stride, u, v, amount)
-
-
-@compiled(inline=True)
-def _compiled_interpolate_with_splines(
-    values: Array, at: int, stride: int, u: float, v: float
-) -> tuple[float, float, float]:
-    return _emit_spline_sums(values, at, stride, u, v)
-
-
 def _pure_python_spline_values(displacement: float) -> np.ndarray:
     """Values of the splines, and of their slopes, float64 (2, 4)."""
     result = np.polynomial.polynomial.polyval(displacement, np.array(_POLYNOMIALS))
@@ -145,7 +131,7 @@ def _pure_python_interpolate_with_splines(
     return up[0] @ points @ across[0], up[0] @ points @ across[1], up[1] @ points @ across[0]
 
 
-add_spline_weights = _pure_python_add_spline_weights if config.DISABLE_JIT else _compiled_add_spline_weights
+add_spline_weights = _pure_python_add_spline_weights if config.DISABLE_JIT else _emit_spline_weights
 """Add an amount to the four by four points from ``at`` on, whose lines are ``stride`` apart.
 
 Parameters
@@ -157,7 +143,5 @@ u, v : float
 amount : float
 """
 
-interpolate_with_splines = (
-    _pure_python_interpolate_with_splines if config.DISABLE_JIT else _compiled_interpolate_with_splines
-)
+interpolate_with_splines = _pure_python_interpolate_with_splines if config.DISABLE_JIT else _emit_spline_sums
 """Value of the spline through such points, and its slopes along both axes [1/spacing]."""

@@ -14,11 +14,11 @@ less than the cell is wide and high, so that each pair is met once.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from granular.compiled import Array, compiled
 from granular.pairs.cut_off_vector_loops import IMAGES, RANGES, ROWS
 from granular.pairs.grain_arrays import GrainArrays
+from granular.pairs.near_list import any_grain_moved, positions_are_finite, store_positions
 from granular.pairs.simd import WIDTH
 from granular.pairs.stripes import (
     BUILDS,
@@ -33,9 +33,6 @@ from granular.pairs.stripes import (
     sort_into_stripes,
 )
 
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 _ROW_COST = 3
 """Cost of two rows besides their partners, in vectors of these."""
 
@@ -47,47 +44,63 @@ _MOST_REACH = 0.4
 """Greatest reach over the shorter side of a periodic cell: five stripes are as high as two reaches."""
 
 
+_RIGHT, _LEFT = 1, 2
+"""Images in a periodic cell, by their place among the runs; 0 are the grains themselves."""
+
+
 @compiled
-def _list_partner_ranges(stripes: Stripes, number: int, reach: float) -> None:
-    """List the runs of every two rows."""
+def _list_partner_ranges(
+    shifts: Array | None, periods: Array | None, stripes: Stripes, number: int, reach: float
+) -> None:
+    """List the runs of every two rows, and in a periodic cell their shifts; shifts, periods, reach [D]."""
     # No pair at the reach itself is lost to rounding.
     far = reach * (1.0 + 1e-12)
     for k in range(number):
         for up in range(RANGES):
-            _list_ranges_of_stripe(stripes, k, min(k + up, number), number, up, far)
+            if shifts is None or periods is None:
+                _list_ranges_of_stripe(stripes, k, min(k + up, number), up, up, 0.0, 0.0, far)
+            else:
+                rows = slice(stripes.begins[k] // ROWS, stripes.begins[k + 1] // ROWS)
+                there, rise = (k + up) % number, periods[1] * ((k + up) // number)
+                for image in range(IMAGES):
+                    across, run = periods[0] * ((image == _RIGHT) - (image == _LEFT)), IMAGES * up + image
+                    _list_ranges_of_stripe(stripes, k, there, up, run, across, rise, far)
+                    shifts[rows, run, 0], shifts[rows, run, 1] = across, rise
 
 
 @compiled
-def _list_ranges_of_stripe(stripes: Stripes, k: int, there: int, number: int, up: int, far: float) -> None:
-    """List the partners of a stripe's rows in itself or in one above, which may be none."""
+def _list_ranges_of_stripe(
+    stripes: Stripes, k: int, there: int, up: int, run: int, across: float, rise: float, far: float
+) -> None:
+    """List the partners of a stripe's rows in itself or in one above, which may be none, or in an image."""
     x, y, partner_ranges = stripes.x, stripes.y, stripes.partner_ranges
     begin = stripes.begins[there]
     end, lowest = begin, math.inf
-    while there < number and end < stripes.begins[there + 1] and x[end] < PADDING:
-        lowest = min(lowest, y[end])
+    while end < stripes.begins[there + 1] and x[end] < PADDING:
+        lowest = min(lowest, y[end] + rise)
         end += 1
     start, stop = begin, begin
     for first in range(stripes.begins[k], stripes.begins[k + 1], ROWS):
         pair = first // ROWS
-        if x[first] < PADDING:
+        partner_ranges[pair, run, 0] = partner_ranges[pair, run, 1] = 0
+        # In its own stripe a grain meets those behind it, the images on the right among them.
+        if x[first] < PADDING and not (up == 0 and across < 0.0):
             two = x[first + 1] < PADDING
-            right = x[first + 1] if two else x[first]
+            left, right = x[first] - across, (x[first + 1] if two else x[first]) - across
             apart = lowest - (max(y[first], y[first + 1]) if two else y[first])
             wide = far if up == 0 else math.sqrt(max(far * far - max(apart, 0.0) ** 2, 0.0))
-            while start > begin and x[start - 1] >= x[first] - wide:
+            while start > begin and x[start - 1] >= left - wide:
                 start -= 1
-            while start < end and x[start] < x[first] - wide:
+            while start < end and x[start] < left - wide:
                 start += 1
             while stop > begin and x[stop - 1] > right + wide:
                 stop -= 1
             while stop < end and x[stop] <= right + wide:
                 stop += 1
-            # The seven behind the second row are met with it.
-            partner_ranges[pair, up, 0] = first + 1 + WIDTH if up == 0 else start
-            partner_ranges[pair, up, 1] = stop if apart < far or up == 0 else start
-        else:
-            partner_ranges[pair, up, 0] = 0
-            partner_ranges[pair, up, 1] = 0
+            if apart < far or up == 0:
+                # The seven behind the second row are met with it.
+                partner_ranges[pair, run, 0] = first + 1 + WIDTH if up == 0 and across == 0.0 else start
+                partner_ranges[pair, run, 1] = stop
 
 
 @compiled(inline=True)
@@ -142,20 +155,15 @@ def _sort_values_into_stripes(
 
 
 @compiled(inline=True)
-def _sort_and_list_ranges(shifts: Array | None, stripes: Stripes, grains: int, reach: float) -> int:
-    """Sort the grains and list their runs; the number of stripes."""
+def _list_partners(
+    shifts: Array | None, stripes: Stripes, grains: int, arrays: GrainArrays, radius: float
+) -> None:
+    reach = radius + stripes.memory[SKIN]
     if shifts is None:
         number = sort_into_stripes(stripes, grains, reach)
-        _list_partner_ranges(stripes, number, reach)
     else:
         number = sort_into_periodic_stripes(stripes, grains, reach)
-        list_periodic_partner_ranges(stripes, number, reach)
-    return number
-
-
-@compiled
-def _list_partners(stripes: Stripes, grains: int, arrays: GrainArrays, radius: float) -> None:
-    number = _sort_and_list_ranges(stripes.shifts, stripes, grains, radius + stripes.memory[SKIN])
+    _list_partner_ranges(shifts, stripes.periods, stripes, number, reach)
     _sort_values_into_stripes(arrays.moments, stripes.moments, stripes, grains)
     _sort_values_into_stripes(arrays.weight, stripes.weight, stripes, grains)
     _sort_values_into_stripes(arrays.shift, stripes.shift, stripes, grains)
@@ -184,105 +192,21 @@ def _limit_skin(periods: Array | None, memory: Array, radius: float) -> None:
 
 
 @compiled
-def _lists_are_outdated(stripes: Stripes, x: Array, y: Array, grains: int) -> bool:
-    """Return whether the lists may lack a pair."""
-    if stripes.memory[GRAINS] != grains:
-        return True
-    most = 0.25 * stripes.memory[SKIN] * stripes.memory[SKIN] * (1.0 - 1e-9)
-    moved = 0
-    for i in range(grains):
-        dx, dy = x[i] - stripes.built[0, i], y[i] - stripes.built[1, i]
-        moved += not dx * dx + dy * dy <= most
-    return moved > 0
-
-
-@compiled
-def positions_are_finite(x: Float[Array, "m"], y: Float[Array, "m"], grains: int) -> bool:
-    """Test whether all positions are finite numbers; x, y [D]."""
-    odd = 0
-    for i in range(grains):
-        odd += 0.0 * x[i] + 0.0 * y[i] != 0.0
-    return odd == 0
-
-
-@compiled
 def refresh_partner_lists(stripes: Stripes, arrays: GrainArrays, grains: int, radius: float) -> bool:
     """Hold all pairs within the radius [D]; list anew once a grain moved by half the skin (Verlet 1967)."""
     x, y = arrays.x, arrays.y
-    if _lists_are_outdated(stripes, x, y, grains):
+    farthest = 0.25 * stripes.memory[SKIN] * stripes.memory[SKIN] * (1.0 - 1e-9)
+    if stripes.memory[GRAINS] != grains or any_grain_moved(stripes.built, x, y, grains, farthest):
         if not positions_are_finite(x, y, grains):
             return False
         _adapt_skin(stripes.memory, radius)
         _limit_skin(stripes.periods, stripes.memory, radius)
-        for i in range(grains):
-            stripes.built[0, i] = x[i]
-            stripes.built[1, i] = y[i]
+        store_positions(stripes.built, x, y, grains)
         stripes.memory[GRAINS] = grains
         stripes.memory[CALLS] = 0.0
         stripes.memory[BUILDS] += 1.0
         stripes.memory[LISTED] = 0.0
     if stripes.memory[LISTED] == 0.0:
-        _list_partners(stripes, grains, arrays, radius)
+        _list_partners(stripes.shifts, stripes, grains, arrays, radius)
     stripes.memory[CALLS] += 1.0
     return True
-
-
-_HERE, _RIGHT, _LEFT = range(IMAGES)
-
-
-@compiled
-def list_periodic_partner_ranges(stripes: Stripes, number: int, reach: float) -> None:
-    """List the ranges of partners of every two rows in a periodic cell, and their shifts [D]; reach [D]."""
-    far = reach * (1.0 + 1e-12)
-    for k in range(number):
-        for up in range(RANGES):
-            there, turns = (k + up) % number, (k + up) // number
-            for image in range(IMAGES):
-                _list_ranges_of_image(stripes, k, there, turns, up, image, far)
-
-
-@compiled
-def _list_ranges_of_image(
-    stripes: Stripes, k: int, there: int, turns: int, up: int, image: int, far: float
-) -> None:
-    """List one image of the partners of a stripe's rows, in itself or in one above."""
-    x, y, partner_ranges, periods, shifts = (
-        stripes.x,
-        stripes.y,
-        stripes.partner_ranges,
-        stripes.periods,
-        stripes.shifts,
-    )
-    assert periods is not None
-    assert shifts is not None
-    across = periods[0] * ((image == _RIGHT) - (image == _LEFT))
-    rise, run = periods[1] * turns, IMAGES * up + image
-    begin = stripes.begins[there]
-    end, lowest = begin, math.inf
-    while end < stripes.begins[there + 1] and x[end] < PADDING:
-        lowest = min(lowest, y[end] + rise)
-        end += 1
-    start, stop = begin, begin
-    for first in range(stripes.begins[k], stripes.begins[k + 1], ROWS):
-        pair = first // ROWS
-        partner_ranges[pair, run, 0] = partner_ranges[pair, run, 1] = 0
-        shifts[pair, run, 0], shifts[pair, run, 1] = across, rise
-        # In its own stripe a grain meets those behind it, the images on the right among them.
-        if x[first] < PADDING and not (up == 0 and image == _LEFT):
-            two = x[first + 1] < PADDING
-            left, right = x[first] - across, (x[first + 1] if two else x[first]) - across
-            apart = lowest - (max(y[first], y[first + 1]) if two else y[first])
-            wide = far if up == 0 else math.sqrt(max(far * far - max(apart, 0.0) ** 2, 0.0))
-            while start > begin and x[start - 1] >= left - wide:
-                start -= 1
-            while start < end and x[start] < left - wide:
-                start += 1
-            while stop > begin and x[stop - 1] > right + wide:
-                stop -= 1
-            while stop < end and x[stop] <= right + wide:
-                stop += 1
-            if apart < far or up == 0:
-                # The seven behind the second row are met with it.
-                own = up == 0 and image == _HERE
-                partner_ranges[pair, run, 0] = first + 1 + WIDTH if own else start
-                partner_ranges[pair, run, 1] = stop

@@ -176,7 +176,7 @@ def test_threads_give_the_same_bits() -> None:
 def test_all_that_is_spread_arrives() -> None:
     bed = Bed(92, differing=True)
     far = bed.far()
-    spread(far.mesh, None, bed.x, bed.y, bed.padded_moments, np.arange(bed.count), bed.count)
+    spread(None, far.mesh, None, bed.x, bed.y, bed.padded_moments, np.arange(bed.count), bed.count)
     assert far.mesh.source[: far.mesh.begins[1]].sum() == pytest.approx(bed.moments.sum(), rel=1e-13)
 
 
