@@ -215,7 +215,7 @@ def _highest_collision_frequency(deck: LammpsDeck) -> float:
         if deck.pair_cutoff is not None and not discs:
             squares.append(dipole_law.head_on_frequency_squared(speed, mass, moment_ratio))
         elif deck.pair_cutoff is not None:
-            near = make_disc_laws(discs, np.zeros(0, dtype=np.int64), 8)[1]
+            near = make_disc_laws(discs, np.zeros(0, dtype=np.int64))[1]
             speeds, frequencies = near.tables.collisions
             strength = moment_ratio * ratio
             row = min(np.searchsorted(speeds, speed**2 / strength), len(speeds) - 1)
