@@ -28,7 +28,7 @@ if insides_are_usable():
 else:
     from granular.compiled.cache_folder import cache_kernel_by_numba as cache_kernel
 
-__all__ = ["Array", "compiled", "entry", "threaded_if_wanted"]
+__all__ = ["Array", "compiled", "entry"]
 
 Array = NDArray[np.float64]
 

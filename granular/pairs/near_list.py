@@ -280,12 +280,12 @@ def any_grain_moved(
 
 @compiled(inline=True)
 def store_positions(
-    kept: Float[Array, "2 m"] | None, x: Float[Array, "m"], y: Float[Array, "m"], grains: int
+    before: Float[Array, "2 m"] | None, x: Float[Array, "m"], y: Float[Array, "m"], grains: int
 ) -> None:
-    """Store the positions, where they are kept; kept, x, y [D]."""
-    if kept is not None:
+    """Store the positions, where they are kept; before, x, y [D]."""
+    if before is not None:
         for i in range(grains):
-            kept[0, i], kept[1, i] = x[i], y[i]
+            before[0, i], before[1, i] = x[i], y[i]
 
 
 @compiled

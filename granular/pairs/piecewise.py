@@ -73,7 +73,8 @@ def tabulate_energies(
 
 def tabulate_values(values: Sequence[Sampled], low: float, high: float, tolerance: float) -> PiecewiseTable:
     """Tabulate functions (p,) themselves, to be read by `tabulated_ratio`."""
-    return _join_tables([_fit_pieces(one, low, high, tolerance, _value_pieces) for one in values], low, high)
+    made = [_fit_pieces(sampled, low, high, tolerance, _value_pieces) for sampled in values]
+    return _join_tables(made, low, high)
 
 
 def _leading_digits(square: float) -> int:
@@ -84,11 +85,11 @@ def _join_tables(
     made: Sequence[tuple[Samples, NDArray[np.int64]]], low: float, high: float
 ) -> PiecewiseTable:
     most, start = max(len(pieces) for pieces, _ in made), _leading_digits(low)
-    joined, links = np.zeros((len(made), most, 8)), np.zeros((len(made), most), dtype=np.int64)
+    rows, links = np.zeros((len(made), most, 8)), np.zeros((len(made), most), dtype=np.int64)
     for row, (pieces, halves) in enumerate(made):
-        joined[row, : len(pieces)] = pieces
+        rows[row, : len(pieces)] = pieces
         links[row, : len(pieces)] = halves + row * most * (halves > 0)
-    return PiecewiseTable(joined.reshape(-1, 8), links.ravel(), most, start, _leading_digits(high) - start)
+    return PiecewiseTable(rows.reshape(-1, 8), links.ravel(), most, start, _leading_digits(high) - start)
 
 
 def _fit_pieces(
