@@ -7,6 +7,7 @@ from granular.linear.modes import NormalModes, normal_modes
 from granular.linear.response import dynamic_stiffness, free_motion, transmissibility
 from granular.linear.roots import Root, piston_roots
 from granular.linear.slopes import Slopes, slopes
+from granular.linear.step_root import root_of_steps
 
 __all__ = [
     "NormalModes",
@@ -16,6 +17,7 @@ __all__ = [
     "free_motion",
     "normal_modes",
     "piston_roots",
+    "root_of_steps",
     "slopes",
     "transmissibility",
 ]
