@@ -35,6 +35,7 @@ from reduced_models.identification.comparison import (
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.measured_swing import MeasuredSwing, measure_swing
 from reduced_models.identification.residual_tests import residual_tests
+from reduced_models.identification.rest_checks import RecordsOfRest, release_stages
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import SceneChecks, add_check_errors, end_time_of_open_run
 from reduced_models.identification.wells import well_quantities
@@ -52,7 +53,6 @@ from reduced_models.records.sources import (
     incomplete_run_notes,
     make_directory,
     open_and_check_source,
-    piston_record_columns,
     run_plan,
 )
 
@@ -185,9 +185,12 @@ def identify(
         else:
             background = None
             if checks:
+                from granular.scene.scene import Scene
                 from granular.studies.background_cases import BackgroundCaseRunner
 
-                background = stack.enter_context(BackgroundCaseRunner(piston_record_columns, executor))
+                scene = opened if isinstance(opened, Scene) else opened.scene
+                measure = RecordsOfRest(release_stages(scene))
+                background = stack.enter_context(BackgroundCaseRunner(measure, executor))
             run, further = _run_beside_checks(opened, target, options, dt is None, background, lift)
             record = run.piston()
         mass = _moving_mass(mass, record, run)
@@ -463,6 +466,7 @@ def _add_check_outcomes(
         notes=result.notes + notes,
         lift=None if comparison is result.comparison else checks.lift,
         falls=checks.falls,
+        derived=checks.derived,
     )
 
 

@@ -25,6 +25,7 @@ from reduced_models.identification.elliptic_averaging import (
 )
 from reduced_models.identification.measured_swing import MeasuredSwing
 from reduced_models.identification.residual_tests import ResidualTests
+from reduced_models.identification.rest_checks import FREQUENCY, DerivedFigures
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.elliptic_motion import EllipticMotion
@@ -95,6 +96,7 @@ class Identification:
     falls: DropScores | None = None
     own: MeasuredSwing | None = None
     parameters: tuple[QuantityWithError, ...] = ()  # of the best law, with errors of further runs
+    derived: DerivedFigures | None = None  # of a simulated bed, without a fit
     no_own: str = ""
 
     @property
@@ -188,6 +190,7 @@ class Identification:
             "residuals": {name: figure.to_plain() for name, figure in self.residuals.items()},
             "advice": list(self.advice),
             "falls": None if self.falls is None else self.falls.to_plain(),
+            "derived": None if self.derived is None else self.derived._asdict(),
         }
 
     @property
@@ -211,6 +214,7 @@ class Identification:
         amplitude = f"peaks do not tell: {self.no_own}" if self.own is None else self.own.range_text
         figures = figure_lines(self.figures, self.mass, model.confidence, amplitude)
         start += figures or [f"  no oscillation about an equilibrium: {model.no_swing}"]
+        start += self._derived_lines
         end = [*model.equation_lines(self.parameters or None), *self._closed_form_lines, *self._fall_lines]
         free = None if most is None else max(most - len(start) - len(end), 2 * _FEWEST)
         said = caution_lines(self.cautions, None if free is None else max(_FEWEST, free - 2 * _FEWEST))
@@ -219,6 +223,13 @@ class Identification:
             None if free is None else max(2, free - len(said) - 2),
         )
         return "\n".join([*start, *laws, *end, *said])
+
+    @property
+    def _derived_lines(self) -> list[str]:
+        """Figures that the bed's stiffness gives without a fit."""
+        if self.derived is None:
+            return []
+        return wrap_words(f"derived without a fit: {self.derived.text(self.figures)}", "  ")
 
     @property
     def _closed_form_lines(self) -> list[str]:
@@ -267,7 +278,7 @@ class Identification:
             lines.append(
                 f"simulated with {method}, pairs.method = {pairs}, time step {time_step_text(self.run)}"
             )
-            lines.append(checked_work_precision_text(self.run, self.figure(LEVEL)))
+            lines.append(checked_work_precision_text(self.run, self.figure(FREQUENCY)))
         return "\n".join([*lines, *(f"not fitted: {words}" for words in self.left_out)])
 
     def page(self) -> HtmlPage:
@@ -277,6 +288,8 @@ class Identification:
         if self.own is not None and not self.own.law_agrees:
             page.add_warning(f"{blocks.capitalise(self.own.agreement_text)}.")
         blocks.add_answer(page, self.figures, self.best, self.mass, self.parameters)
+        for words in self._derived_lines:
+            page.add_paragraph(f"{blocks.capitalise(words.strip())}.")
         for words in (*self.cautions, *texts):
             page.add_warning(f"{blocks.capitalise(words)}.")
         for words in self._falls_verdict:
@@ -362,13 +375,14 @@ def higher_lift_verdict(table: Comparison) -> str:
     return words + "."
 
 
-def checked_work_precision_text(run: Trajectory, rest: QuantityWithError | None) -> str:
-    """Time and error of a run whose level of rest was checked; without a check, `work_precision_text`."""
+def checked_work_precision_text(run: Trajectory, frequency: QuantityWithError | None) -> str:
+    """Time and error of a run whose frequency was checked; without a check, `work_precision_text`."""
     # Fits alone need nothing of the simulation.
     from granular.run.work_precision import price_text, work_precision_text
 
-    if rest is None or "step" not in rest.parts or not rest.value > 0.0:
+    if frequency is None or "step" not in frequency.parts or not frequency.value > 0.0:
         return work_precision_text(run)
-    scatter, step = rest.parts.get("start", 0.0), rest.parts["step"]
-    error, hidden = step / rest.value, step <= scatter
-    return price_text(run, "rest height", error, "by the step check", scatter / rest.value, hidden=hidden)
+    scatter, step = frequency.parts.get("start", 0.0), frequency.parts["step"]
+    error, hidden = step / frequency.value, step <= scatter
+    scattered = scatter / frequency.value
+    return price_text(run, "natural frequency", error, "by the step check", scattered, hidden=hidden)

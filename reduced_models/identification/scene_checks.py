@@ -12,9 +12,17 @@ from granular.shared.errors import GranularError, InputError, RecordError
 from reduced_models.falls.unseen_fall_scores import FALL_LAWS, DropScores, fit_laws_to_fall, score_fitted_laws
 from reduced_models.fitting.fit import fit
 from reduced_models.identification.measured_swing import MeasuredSwing, quantities_at_amplitudes
+from reduced_models.identification.rest_checks import (
+    COARSE_REST,
+    DerivedFigures,
+    derive_figures,
+    release_from,
+    release_stages,
+    rest_of,
+)
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
-from reduced_models.models.quantities import QuantityWithError, add_step_and_start_errors
+from reduced_models.models.quantities import LEVEL, QuantityWithError, add_step_and_start_errors
 from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.sources import FALL, RECORD
 
@@ -64,8 +72,9 @@ class TimeStepCheck(NamedTuple):
 class CheckOutcomes(NamedTuple):
     """Records of further runs of a scene, and laws judged on its falls."""
 
-    step: PistonRecord | CheckFailure
-    step_check: TimeStepCheck
+    step: PistonRecord | CheckFailure | None
+    step_check: TimeStepCheck | None
+    derived: DerivedFigures | None  # without a run by another step
     starts: tuple[tuple[str, PistonRecord | CheckFailure], ...]
     lift: PistonRecord | None
     falls: DropScores | None
@@ -79,30 +88,49 @@ class SceneChecks:
         self, background: BackgroundCaseRunner, scene: Scene, settings: Mapping[str, Any], lift: bool
     ) -> None:
         self._background, self._scene, self._settings = background, scene, settings
+        self._release = release_stages(scene)
         self._starts = self._start_runs(random_start_checks(scene))
-        other = higher_lift_check(scene) if lift else None
-        self._lift = self._start_runs([] if other is None else [other])
+        self._higher_lift = higher_lift_check(scene) if lift else None
+        self._lift = [] if self._release else self._start_lift({})
+
+    def _start_lift(self, begin: Mapping[str, Any]) -> list[tuple[RunCheck, BackgroundCase]]:
+        check = self._higher_lift
+        return [] if check is None else self._start_runs([RunCheck(check.what, {**begin, **check.changes})])
 
     def _start_runs(self, checks: Sequence[RunCheck]) -> list[tuple[RunCheck, BackgroundCase]]:
         cases = [check.changes for check in checks]
         started = self._background.submit_cases(self._scene, cases, self._settings)
         return list(zip(checks, started, strict=True))
 
+    def _derive_figures(self, run: Trajectory) -> tuple[DerivedFigures | None, list[CheckFailure]]:
+        """Derive the figures of the bed at rest, and start the other lift from there."""
+        begin, derived, failures = {}, None, []
+        if self._release:
+            try:
+                rest = rest_of(run)
+                derived = derive_figures(run, rest)
+                begin = release_from(rest, self._release)
+            except GranularError as error:
+                failures.append(CheckFailure("equilibrium", str(error)))
+            self._lift = self._start_lift(begin)
+        return derived, failures
+
     def wait_for_outcomes(self, run: Trajectory, falls: bool, progress: bool) -> CheckOutcomes:
         """Run what depends on the scene's own run, fit laws of its fall meanwhile, wait for all."""
-        step = choose_step_check(run)
-        other = self._start_runs([step.check])
+        derived, doubts = self._derive_figures(run)
+        step_check = choose_step_check(run) if derived is None else None
+        other = [] if step_check is None else self._start_runs([step_check.check])
         fall = first_fall(run) if falls else None
         drops = self._start_runs([] if fall is None else other_drop_checks(run, fall))
         fits = [] if fall is None else fit_laws_to_fall(fall, FALL_LAWS, self._scene, STARTS)
         order = [*other, *self._starts, *self._lift, *drops]
         outcomes = self._background.wait_for_outcomes([case for _, case in order], TITLE, progress)
         motions = iter([_records_of_case(*pair) for pair in zip(order, outcomes, strict=True)])
-        (changed,), starts, lifts, others = (
+        changed, starts, lifts, others = (
             [next(motions) for _ in group] for group in (other, self._starts, self._lift, drops)
         )
-        every = [changed, *starts, *lifts, *others]
-        failures = [motion for motion in every if isinstance(motion, CheckFailure)]
+        every = [*changed, *starts, *lifts, *others]
+        failures = doubts + [motion for motion in every if isinstance(motion, CheckFailure)]
         scores = None
         if fall is not None:
             again = [_fall_of_same_duration(fall, motion) for motion in starts]
@@ -119,8 +147,9 @@ class SceneChecks:
                 failures.append(CheckFailure("other falls", str(cause)))
         lifted = [record for record in map(_main_record, lifts) if isinstance(record, PistonRecord)]
         return CheckOutcomes(
-            step=_main_record(changed),
-            step_check=step,
+            step=_main_record(changed[0]) if changed else None,
+            step_check=step_check,
+            derived=derived,
             starts=tuple(
                 (check.what, _main_record(motion))
                 for (check, _), motion in zip(self._starts, starts, strict=True)
@@ -171,13 +200,25 @@ def add_check_errors(
 ]:
     """Return figures, parameters and own swing with errors of step and start, as far as there are runs."""
     # By the same law and map over the same duration [s], so that what differs is the run.
-    runs_by_name = [(outcomes.step_check.check.what, outcomes.step), *outcomes.starts]
+    check, derived = outcomes.step_check, outcomes.derived
+    runs_by_name = list(outcomes.starts)
+    if check is not None and outcomes.step is not None:
+        runs_by_name.insert(0, (check.check.what, outcomes.step))
     every = (*figures, *model.parameter_quantities())
     fits = [
         _quantities_of_further_run(what, swing, duration, model, mass, every) for what, swing in runs_by_name
     ]
     refitted = [None if isinstance(outcome, CheckFailure) else outcome for outcome in fits]
-    factor = outcomes.step_check.factor
+
+    def with_errors(
+        known: Sequence[QuantityWithError], others: Sequence[Sequence[QuantityWithError] | None]
+    ) -> tuple[QuantityWithError, ...]:
+        if check is not None:
+            step = _richardson_errors(known, others[0], check.factor)
+            return add_step_and_start_errors(known, step, *others[1:])
+        assert derived is not None
+        return add_step_and_start_errors(known, _relative_errors(known, derived.step_error), *others)
+
     if measured is not None:
         read = [
             None
@@ -185,12 +226,24 @@ def add_check_errors(
             else quantities_at_amplitudes(_cut_to_duration(swing, duration), measured)
             for _, swing in runs_by_name
         ]
-        measured = dataclasses.replace(
-            measured, figures=add_step_and_start_errors(measured.figures, factor, *read)
-        )
+        measured = dataclasses.replace(measured, figures=with_errors(measured.figures, read))
     failed = [outcome for outcome in fits if isinstance(outcome, CheckFailure)]
-    every = add_step_and_start_errors(every, factor, *refitted)
+    every = with_errors(every, refitted)
     return every[: len(figures)], every[len(figures) :], measured, failed
+
+
+def _relative_errors(figures: Sequence[QuantityWithError], relative: float) -> list[float]:
+    """Step errors of figures by that of a root; the equilibrium is the same at any step."""
+    return [0.0 if figure.name == LEVEL else relative * abs(figure.value) for figure in figures]
+
+
+def _richardson_errors(
+    figures: Sequence[QuantityWithError], other: Sequence[QuantityWithError] | None, factor: float
+) -> list[float] | None:
+    """Step errors of figures by a run with another step; None if that run failed."""
+    if other is None:
+        return None
+    return [factor * abs(b.value - a.value) for a, b in zip(figures, other, strict=True)]
 
 
 def _cut_to_duration(record: PistonRecord, duration: float) -> PistonRecord:
@@ -244,10 +297,14 @@ def choose_step_check(run: Trajectory) -> TimeStepCheck:
 
 
 def random_start_checks(scene: Scene) -> list[RunCheck]:
-    """Give the checks of a scene from other random starts, all else alike."""
-    first = scene.arrangement.seed + 1
+    """Give the checks of a scene from other random starts; beds that come to rest are released from there."""
+    first, changes = scene.arrangement.seed + 1, {}
+    if release_stages(scene):
+        fall = scene.to_plain()["protocol"][0]
+        fall["tolerance"] = max(fall.get("tolerance", 0.0), COARSE_REST * scene.grains.species[0].diameter)
+        changes = {"protocol": [fall], "output.record": None}
     return [
-        RunCheck(f"random start {seed}", {"arrangement.seed": seed})
+        RunCheck(f"random start {seed}", {"arrangement.seed": seed, **changes})
         for seed in range(first, first + CHECK_SEEDS)
     ]
 

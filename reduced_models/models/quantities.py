@@ -135,17 +135,16 @@ def parameter_quantities(
 
 def add_step_and_start_errors(
     figures: Sequence[QuantityWithError],
-    factor: float,
-    step: Sequence[QuantityWithError] | None,
+    step: Sequence[float] | None,
     *starts: Sequence[QuantityWithError] | None,
 ) -> tuple[QuantityWithError, ...]:
-    """Add to figures the errors that another time step and other random starts show."""
+    """Add to figures the errors of the time step, and those that other random starts show."""
     scattered = [other for other in starts if other is not None]
     checked = []
     for k, figure in enumerate(figures):
         parts = dict(figure.parts)
         if step is not None:
-            parts["step"] = factor * abs(step[k].value - figure.value)
+            parts["step"] = step[k]
         if scattered:
             parts["start"] = student_half_width([figure.value, *(other[k].value for other in scattered)])
         checked.append(figure._replace(parts=parts))

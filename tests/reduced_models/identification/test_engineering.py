@@ -95,7 +95,7 @@ def test_parts_of_an_error_add_up_in_quadrature() -> None:
     def moved(by: float) -> list[QuantityWithError]:
         return [one._replace(value=one.value + by) for one in figures]
 
-    checked = add_step_and_start_errors(figures, 4 / 3, moved(0.3), moved(0.1), None, moved(-0.1))[0]
+    checked = add_step_and_start_errors(figures, [0.4] * len(figures), moved(0.1), None, moved(-0.1))[0]
     start = 4.302653 * 0.1  # Student's factor for three starts
     assert checked.parts == pytest.approx(level.parts | {"step": 0.4, "start": start})
     assert checked.total_error == pytest.approx(math.sqrt(0.2**2 + 0.4**2 + start**2))
