@@ -168,8 +168,15 @@ class ContactLaw(NamedTuple):
         law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
         """Squared highest angular frequency in an impact of two grains [1/tau^2]; speed [D/tau]."""
-        barrier = law.barrier * constants.least_moment**2
-        return squared_head_on_impact_frequency(law, speed, constants.least_mass, barrier)
+        reduced = 0.5 * constants.least_mass
+        # Both grains move at ``speed``, so the relative one is twice that: (1/2) m* (2 v)^2 in their centre
+        # of mass.
+        left = 2.0 * reduced * speed * speed - law.barrier * constants.least_moment**2
+        if left <= 0.0:
+            return 0.0
+        k = hertz_spring_constant(law, 0.5 * law.widest, 0.5 * law.widest)
+        # The largest overlap d follows from (2/5) k d^(5/2) = left.
+        return _hertz_stiffness(k, (2.5 * left / k) ** 0.4) / reduced
 
 
 @compiled(inline=True)
@@ -232,17 +239,3 @@ def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float,
     # eta/m* with eta = alpha sqrt(m* k) d^(1/4) (Antypov and Elliott 2011): the head of this file.
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * dt)
-
-
-@compiled
-def squared_head_on_impact_frequency(law: ContactLaw, speed: float, mass: float, barrier: float) -> float:
-    """Squared frequency at the deepest overlap [1/tau^2]; speed [D/tau], mass [m], barrier [F* D]."""
-    reduced = 0.5 * mass
-    # Both grains move at ``speed``, so the relative one is twice that: (1/2) m* (2 v)^2 in their centre of
-    # mass.
-    left = 2.0 * reduced * speed * speed - barrier
-    if left <= 0.0:
-        return 0.0
-    k = hertz_spring_constant(law, 0.5 * law.widest, 0.5 * law.widest)
-    # The largest overlap d follows from (2/5) k d^(5/2) = left.
-    return _hertz_stiffness(k, (2.5 * left / k) ** 0.4) / reduced
