@@ -28,6 +28,7 @@ from granular.kernel_data.compensated_summation import add_to_velocity
 from granular.kernel_data.state import LOSSES, Bed, State
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.direct_vector_loops import reproducible_sum
+from granular.pairs.grain_arrays import value_or_one
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity
 
@@ -60,19 +61,27 @@ class Drag(DissipativeEffect):
         """Law in natural units."""
         return DragLaw(*self.grain_decay_rates(context))
 
-    def grain_decay_rates(self, context: EffectContext) -> tuple[float, Array | None, DragRateTable | None]:
-        """Decay rates of all grains, as the fields ``rate``, ``kind`` and ``rates`` of `DragLaw` [1/tau]."""
+    def grain_decay_rates(self, context: EffectContext) -> tuple[Array | None, DragRateTable]:
+        """Decay rates of all grains, as the fields of `DragLaw` [1/tau]."""
         rate, grains = self.decay_rate(context.scales), context.grains
         # gamma goes with the area of a grain's face [D, eq. 4.16].
         slower = grains.face_area_ratios() / grains.mass_ratios()
         if (slower == 1.0).all():
-            return rate, None, None
+            return None, DragRateTable(np.array([rate]))
         distinct, kinds = np.unique(slower, return_inverse=True)
-        return rate, pad_values(kinds[context.species]), DragRateTable(rate * distinct)
+        return pad_values(kinds[context.species]), DragRateTable(rate * distinct)
+
+
+def drag_taken_along(context: EffectContext) -> tuple[Array | None, DragRateTable, int | None]:
+    """Fields of `DragLaw` of a scene, and the index in the ledger of its loss; without drag a rate of 0."""
+    drag = context.effects.get(Drag.key)
+    if drag is None:
+        return None, DragRateTable(np.zeros(1)), None
+    return *drag.grain_decay_rates(context), LOSSES + context.indices[Drag.key]
 
 
 class DragRateTable(NamedTuple):
-    """Decay rates of grains of several materials or thicknesses."""
+    """Different decay rates of the grains."""
 
     values: Float[np.ndarray, "k"]  # [1/tau]
 
@@ -86,14 +95,12 @@ class DragFlowCache(NamedTuple):
 class DragLaw(NamedTuple):
     """Drag as the kernels take it."""
 
-    rate: float  # [1/tau], of a grain of the first species
-    kind: Float[Array, "m"] | None  # index of each grain's rate in ``rates``
-    rates: DragRateTable | None  # None: all grains have the same rate
+    kind: Float[Array, "m"] | None  # index of each grain's rate in ``rates``; None: all have the same
+    rates: DragRateTable
 
     def workspace(self, size: int, count: int) -> DragFlowCache:
         """Make the buffer of the last flow: steps of equal length share it, and exponentials take long."""
-        rates = 1 if self.rates is None else len(self.rates.values)
-        return DragFlowCache(np.full((rates, 7), np.nan))
+        return DragFlowCache(np.full((len(self.rates.values), 7), np.nan))
 
     @staticmethod
     @compiled(inline=True)
@@ -101,38 +108,25 @@ class DragLaw(NamedTuple):
         law: DragLaw, workspace: DragFlowCache, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
         """Kick the grains by their forces and the drag together, exactly; enter the energy lost; dt [tau]."""
-        state, constants = bed.state, bed.constants
-        for k in range(distinct_drag_rate_count(law.rates)):
-            _kick_with_drag(
-                state.rounding, workspace.values[k], law, k, dt, state, constants.grains, constants.masses
-            )
-        state.ledger[LOSSES + index] += reproducible_sum(state.scratch)
+        for k in range(len(law.rates.values)):
+            _kick_with_drag(bed.state.rounding, workspace.values[k], law, k, dt, bed)
+        bed.state.ledger[LOSSES + index] += reproducible_sum(bed.state.scratch)
         return 0
 
 
 @compiled(inline=True)
-def _kick_with_drag(
-    rounding: Array | None,
-    last: Array,
-    law: DragLaw,
-    k: int,
-    dt: float,
-    state: State,
-    count: int,
-    masses: Array | None,
-) -> None:
+def _kick_with_drag(rounding: Array | None, last: Array, law: DragLaw, k: int, dt: float, bed: Bed) -> None:
+    state, constants = bed.state, bed.constants
     if last[0] != dt:
-        rate = drag_rate_of_kind(law.rate, law.rates, k)
+        rate = law.rates.values[k]
         last[0] = dt
         last[1], last[2], last[3], last[4], last[5] = drag_flow_coefficients(rate, dt)
         last[6] = math.expm1(-rate * dt)
     decay, gain, a, b, c, loss = last[1], last[2], last[3], last[4], last[5], last[6]
-    for i in range(count):
+    for i in range(constants.grains):
         if not is_of_drag_kind(law.kind, i, k):
             continue
-        mass = 1.0
-        if masses is not None:
-            mass = masses[i]
+        mass = value_or_one(constants.masses, i)
         ax, ay = state.fx[i] / mass, state.fy[i] / mass
         vx, vy = state.vx[i], state.vy[i]
         if rounding is None:
@@ -190,30 +184,9 @@ def stopping_time(rate: float, speed: float, brake: float) -> float:
 
 
 @compiled(inline=True)
-def distinct_drag_rate_count(rates: DragRateTable | None) -> int:
-    """Return the number of different decay rates."""
-    return 1 if rates is None else len(rates.values)
-
-
-@compiled(inline=True)
-def drag_rate_of_kind(rate: float, rates: DragRateTable | None, k: int) -> float:
-    """Return the decay rate with an index [1/tau]; rate [1/tau]."""
-    return rate if rates is None else rates.values[k]
-
-
-@compiled(inline=True)
 def is_of_drag_kind(kind: Float[Array, "m"] | None, i: int, k: int) -> bool:
     """Return whether a grain has the decay rate with the index ``k``."""
     return True if kind is None else kind[i] == k
-
-
-# For what is solved together with a drag that need not be there.
-
-
-@compiled
-def drag_rate_or_zero(rate: float | None) -> float:
-    """Return the decay rate; 0 without drag [1/tau]; rate [1/tau]."""
-    return 0.0 if rate is None else rate
 
 
 @compiled(inline=True)

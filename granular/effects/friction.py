@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.dissipative_effect import DissipativeEffect
+from granular.effects.drag import drag_taken_along
 from granular.effects.effect import Effect, EffectContext, RecordedVariable, energy_variable
 from granular.effects.friction_law import FrictionLaw
 from granular.kernel_data.state import LOSSES, State
@@ -145,8 +146,8 @@ class Friction(DissipativeEffect):
 
     def make_kernel_law(self, context: EffectContext) -> FrictionLaw:
         """Make the law that the compiled loop takes; it takes the drag along."""
-        scales, other = context.scales, context.effects.get("drag")
-        rate, kind, rates = (None, None, None) if other is None else other.grain_decay_rates(context)
+        scales = context.scales
+        kind, rates, drag_entry = drag_taken_along(context)
         own, _ = self.normal_force_factors(context.grains, context.cell)
         threshold = self.threshold / scales.velocity if self.scheme == "regularised" else None
         return FrictionLaw(
@@ -155,11 +156,10 @@ class Friction(DissipativeEffect):
             threshold=threshold,
             load=self.load / scales.force,
             factor=pad_values(own[context.species] * context.grains.moment_spread_factors()),
-            rate=rate,
             kind=kind,
             rates=rates,
             entry=LOSSES + context.indices["friction"],
-            drag=None if other is None else LOSSES + context.indices["drag"],
+            drag=drag_entry,
         )
 
     def normal_load_weights(self, context: EffectContext) -> Float[np.ndarray, "m"]:

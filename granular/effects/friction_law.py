@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from granular.compiled import Array, compiled
 from granular.effects import drag
 from granular.kernel_data.state import Bed, State
+from granular.pairs.grain_arrays import value_or_one
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -21,9 +22,8 @@ class FrictionLaw(NamedTuple):
     threshold: float | None  # [D/tau], of the regularised law; None: the velocity scheme
     load: float  # constant normal force [F*]
     factor: Float[Array, "m"]  # N_i = load + factor_i sum_j weight_j / r_ij^3 [F* D^3]
-    rate: float | None  # [1/tau], of the drag that is solved along; None without
-    kind: Float[Array, "m"] | None  # index of each grain's rate in ``rates``
-    rates: drag.DragRateTable | None
+    kind: Float[Array, "m"] | None  # of the drag that is solved along, as in `DragLaw`
+    rates: drag.DragRateTable
     entry: int  # index in the ledger of the loss to friction
     drag: int | None  # index in the ledger of the loss to drag
 
@@ -31,9 +31,8 @@ class FrictionLaw(NamedTuple):
     @compiled(inline=True)
     def kick(law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
         """Kick the grains by force, drag and friction together; see `granular.effects.friction`; dt [tau]."""
-        for k in range(drag.distinct_drag_rate_count(law.rates)):
-            rate = drag.drag_rate_of_kind(drag.drag_rate_or_zero(law.rate), law.rates, k)
-            _kick_by_scheme(law.threshold, law, k, rate, dt, bed, opens_step)
+        for k in range(len(law.rates.values)):
+            _kick_by_scheme(law.threshold, law, k, dt, bed, opens_step)
         return 0
 
 
@@ -176,10 +175,8 @@ def _bring_grain_to_rest(
 
 
 @compiled
-def _kick_with_friction(
-    law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, masses: Array | None, opens_step: bool
-) -> None:
-    state, constants = bed.state, bed.constants
+def _kick_with_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, opens_step: bool) -> None:
+    state, constants, rate = bed.state, bed.constants, law.rates.values[k]
     assert state.load is not None
     flow = drag.drag_flow_coefficients(rate, dt)
     # Apart from the ledger, where each sum would wait for the one before it.
@@ -187,9 +184,7 @@ def _kick_with_friction(
     for i in range(constants.grains):
         if not drag.is_of_drag_kind(law.kind, i, k):
             continue
-        mass = 1.0
-        if masses is not None:
-            mass = masses[i]
+        mass = value_or_one(constants.masses, i)
         load = plate_normal_force(law, state.load, i)
         vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
         speed = _vector_length(vx, vy)
@@ -241,19 +236,15 @@ def _stop_grain(law: FrictionLaw, rate: float, state: State, i: int, mass: float
 
 
 @compiled
-def _kick_regularised(
-    law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, masses: Array | None, threshold: float
-) -> None:
+def _kick_regularised(law: FrictionLaw, k: int, dt: float, bed: Bed, threshold: float) -> None:
     """De Paula's law: friction as one more force, from the velocity before the kick."""
     state, constants = bed.state, bed.constants
     assert state.load is not None
-    decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
+    decay, gain, a, b, c = drag.drag_flow_coefficients(law.rates.values[k], dt)
     for i in range(constants.grains):
         if not drag.is_of_drag_kind(law.kind, i, k):
             continue
-        mass = 1.0
-        if masses is not None:
-            mass = masses[i]
+        mass = value_or_one(constants.masses, i)
         load = plate_normal_force(law, state.load, i)
         force = _vector_length(state.fx[i], state.fy[i])
         vx, vy = state.vx[i], state.vy[i]
@@ -274,10 +265,9 @@ def _kick_regularised(
 
 @compiled
 def _kick_by_scheme(
-    threshold: float | None, law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, opens_step: bool
+    threshold: float | None, law: FrictionLaw, k: int, dt: float, bed: Bed, opens_step: bool
 ) -> None:
-    constants = bed.constants
     if threshold is None:
-        _kick_with_friction(law, k, rate, dt, bed, constants.masses, opens_step)
+        _kick_with_friction(law, k, dt, bed, opens_step)
     else:
-        _kick_regularised(law, k, rate, dt, bed, constants.masses, threshold)
+        _kick_regularised(law, k, dt, bed, threshold)

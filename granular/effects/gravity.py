@@ -8,6 +8,7 @@ from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
 from granular.kernel_data.state import Bed
+from granular.pairs.grain_arrays import value_or_one
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity
 
@@ -51,7 +52,8 @@ class GravityLaw(NamedTuple):
     def add_forces(law: GravityLaw, workspace: None, index: int, bed: Bed, time: float) -> int:
         """Add the grains' weight, -G times the mass [F*]; time [tau]."""
         state, constants = bed.state, bed.constants
-        _add_weight(law.pull, constants.grains, constants.masses, state.fy)
+        for i in range(constants.grains):
+            state.fy[i] -= law.pull * value_or_one(constants.masses, i)
         return 0
 
     @staticmethod
@@ -66,27 +68,8 @@ class GravityLaw(NamedTuple):
         energies: Float[Array, "laws"],
     ) -> int:
         """Enter the sum of m g y over the grains, zero at the bottom [F* D]."""
-        state, constants = bed.state, bed.constants
-        energies[index] = _weight_energy(law.pull, constants.grains, constants.masses, state.y)
+        state, constants, total = bed.state, bed.constants, 0.0
+        for i in range(constants.grains):
+            total += law.pull * value_or_one(constants.masses, i) * state.y[i]
+        energies[index] = total
         return 0
-
-
-@compiled(inline=True)
-def _add_weight(pull: float, count: int, masses: Array | None, fy: Array) -> None:
-    if masses is None:
-        for i in range(count):
-            fy[i] -= pull
-    else:
-        for i in range(count):
-            fy[i] -= pull * masses[i]
-
-
-@compiled
-def _weight_energy(pull: float, count: int, masses: Array | None, y: Array) -> float:
-    total = 0.0
-    for i in range(count):
-        mass = 1.0
-        if masses is not None:
-            mass = masses[i]
-        total += pull * mass * y[i]
-    return total

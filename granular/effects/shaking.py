@@ -15,6 +15,7 @@ from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.moving_frame_effect import MovingFrameEffect
 from granular.kernel_data.state import HEIGHT, WORK, Bed
+from granular.pairs.grain_arrays import value_or_one
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity
 
@@ -73,8 +74,12 @@ class ShakingLaw(NamedTuple):
     @compiled(inline=True)
     def add_forces(law: ShakingLaw, workspace: None, index: int, bed: Bed, time: float) -> int:
         """Add the apparent forces m A(t) on the grains [F*]; time [tau]."""
-        state, constants = bed.state, bed.constants
-        _add_inertial_forces(law, time, constants.grains, constants.masses, state.fx, state.fy)
+        state, constants, phase = bed.state, bed.constants, math.sin(law.omega * time)
+        ax, ay = law.x * phase, law.y * phase
+        for i in range(constants.grains):
+            mass = value_or_one(constants.masses, i)
+            state.fx[i] += mass * ax
+            state.fy[i] += mass * ay
         return 0
 
     @staticmethod
@@ -89,7 +94,10 @@ class ShakingLaw(NamedTuple):
         energies: Float[Array, "laws"],
     ) -> int:
         """Enter the sum of -m A(t) . r over the grains [F* D]; time [tau]."""
-        energies[index] = _inertia_energy(law, time, bed)
+        phase = math.sin(law.omega * time)
+        ax, ay = law.x * phase, law.y * phase
+        mx, my = _mass_moment(bed)
+        energies[index] = -(ax * mx + ay * my)
         return 0
 
     @staticmethod
@@ -101,8 +109,9 @@ class ShakingLaw(NamedTuple):
         state, constants = bed.state, bed.constants
         # The energy -m A(t) . r depends on time: the work from outside is its rate at fixed positions, -m
         # A'(t) . r.
-        rx, ry = _apparent_acceleration_rate(law, time)
-        mx, my = _mass_moment(constants.grains, constants.masses, state.x, state.y)
+        phase = law.omega * math.cos(law.omega * time)
+        rx, ry = law.x * phase, law.y * phase
+        mx, my = _mass_moment(bed)
         state.ledger[WORK] -= dt * (rx * mx + ry * my)
         if constants.piston_mass < math.inf:
             state.ledger[WORK] -= dt * ry * constants.piston_mass * state.piston[HEIGHT]
@@ -116,49 +125,11 @@ class ShakingLaw(NamedTuple):
 
 
 @compiled
-def _apparent_acceleration(swing: ShakingLaw, time: float) -> tuple[float, float]:
-    """Apparent acceleration at a time [tau]."""
-    phase = math.sin(swing.omega * time)
-    return swing.x * phase, swing.y * phase
-
-
-@compiled
-def _apparent_acceleration_rate(swing: ShakingLaw, time: float) -> tuple[float, float]:
-    """Rate of change of the apparent acceleration at a time [tau]."""
-    phase = swing.omega * math.cos(swing.omega * time)
-    return swing.x * phase, swing.y * phase
-
-
-@compiled(inline=True)
-def _add_inertial_forces(
-    swing: ShakingLaw, time: float, count: int, masses: Array | None, fx: Array, fy: Array
-) -> None:
-    ax, ay = _apparent_acceleration(swing, time)
-    for i in range(count):
-        mass = 1.0
-        if masses is not None:
-            mass = masses[i]
-        fx[i] += mass * ax
-        fy[i] += mass * ay
-
-
-@compiled
-def _inertia_energy(swing: ShakingLaw, time: float, bed: Bed) -> float:
-    state, constants = bed.state, bed.constants
-    ax, ay = _apparent_acceleration(swing, time)
-    mx, my = _mass_moment(constants.grains, constants.masses, state.x, state.y)
-    return -(ax * mx + ay * my)
-
-
-@compiled
-def _mass_moment(count: int, masses: Array | None, x: Array, y: Array) -> tuple[float, float]:
+def _mass_moment(bed: Bed) -> tuple[float, float]:
     """Sum of m r over the grains."""
-    total_x = 0.0
-    total_y = 0.0
-    for i in range(count):
-        mass = 1.0
-        if masses is not None:
-            mass = masses[i]
-        total_x += mass * x[i]
-        total_y += mass * y[i]
+    state, constants, total_x, total_y = bed.state, bed.constants, 0.0, 0.0
+    for i in range(constants.grains):
+        mass = value_or_one(constants.masses, i)
+        total_x += mass * state.x[i]
+        total_y += mass * state.y[i]
     return total_x, total_y

@@ -64,20 +64,11 @@ class WallFriction(DissipativeEffect):
 
     def make_kernel_law(self, context: EffectContext) -> WallFrictionLaw:
         """Make the law that the compiled loop takes; it takes the drag along."""
-        walls, other = context.effects["walls"], context.effects.get("drag")
+        walls = context.effects["walls"]
         left, right = (
             None if side is None else side.make_kernel_law(context) for side in (walls.left, walls.right)
         )
-        rate, kind, rates = (None, None, None) if other is None else other.grain_decay_rates(context)
-        return WallFrictionLaw(
-            self.coefficient,
-            left,
-            right,
-            rate,
-            kind,
-            rates,
-            None if other is None else LOSSES + context.indices["drag"],
-        )
+        return WallFrictionLaw(self.coefficient, left, right, *drag.drag_taken_along(context))
 
 
 class WallFrictionLaw(NamedTuple):
@@ -86,9 +77,8 @@ class WallFrictionLaw(NamedTuple):
     coefficient: float
     left: Any
     right: Any
-    rate: float | None  # [1/tau], of the drag that is solved along; None without
-    kind: Float[Array, "m"] | None  # index of each grain's rate in ``rates``
-    rates: drag.DragRateTable | None
+    kind: Float[Array, "m"] | None  # of the drag that is solved along, as in `DragLaw`
+    rates: drag.DragRateTable
     drag: int | None  # index in the ledger of the loss to drag
 
     @staticmethod
@@ -98,8 +88,8 @@ class WallFrictionLaw(NamedTuple):
         state, constants = bed.state, bed.constants
         masses, moments = constants.masses, relative_moments(constants)
         rubbed, dragged = 0.0, 0.0
-        for k in range(drag.distinct_drag_rate_count(law.rates)):
-            rate = drag.drag_rate_of_kind(drag.drag_rate_or_zero(law.rate), law.rates, k)
+        for k in range(len(law.rates.values)):
+            rate = law.rates.values[k]
             decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
             for i in range(constants.grains):
                 if not drag.is_of_drag_kind(law.kind, i, k):
