@@ -159,12 +159,9 @@ def _main_error_line(error: BaseException) -> str:
     return one_line(shown[0] if shown else type(error).__name__)
 
 
+@numba.njit(**OPTIONS)  # type: ignore[untyped-decorator]
 def _return_zero(*arguments: Any) -> int:
     return 0
-
-
-if not numba.config.DISABLE_JIT:
-    _return_zero = numba.njit(**OPTIONS)(_return_zero)
 
 
 @compiled(inline=True)
@@ -251,13 +248,8 @@ def _make_grain_hooks(user: Functions) -> Functions:
         state.ledger[LOSSES + index] += lost
         return 0
 
-    hooks: dict[str, Any] = {
-        "force": add_forces,
-        "energy": measure_energy_and_stiffness,
-        "power": record_external_work,
-        "flow": damp_velocities,
-    }
-    return {_HOOKS[name]: hook for name, hook in hooks.items() if name in user}
+    hooks = (add_forces, measure_energy_and_stiffness, record_external_work, damp_velocities)
+    return {_HOOKS[name]: hook for name, hook in zip(_HOOKS, hooks, strict=True) if name in user}
 
 
 NEAREST, FARTHEST = 1e-4, 1e3

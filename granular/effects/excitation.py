@@ -143,10 +143,9 @@ class Excitation(Section):
                 f"{quote(self.file)} holds {len(times)} times with a number; give at least {LEAST_ROWS}",
                 "file",
             )
-        object.__setattr__(self, "kind", "table")
-        object.__setattr__(self, "file", None)
-        object.__setattr__(self, "times", tuple((times - times[0]).tolist()))
-        object.__setattr__(self, "values", tuple(values.tolist()))
+        table = {"times": tuple((times - times[0]).tolist()), "values": tuple(values.tolist())}
+        for name, value in {"kind": "table", "file": None, **table}.items():
+            object.__setattr__(self, name, value)
 
     def _check_table(self) -> None:
         if len(self.times) != len(self.values):
@@ -287,13 +286,17 @@ def _resample_by_spline(excitation: Excitation) -> Knots:
     return times, spline(times), spline(times, 1)
 
 
+def _noise_band(excitation: Excitation) -> tuple[float, float, float]:
+    """Return the lowest and the highest frequency [Hz], and the duration [s]."""
+    return excitation.frequency or 0.0, excitation.to or 0.0, excitation.duration or 0.0
+
+
 def _noise_knot_count(excitation: Excitation) -> int:
-    assert excitation.to is not None
-    assert excitation.duration is not None
-    count = math.ceil(excitation.duration * excitation.to * KNOTS_A_PERIOD) + 1
+    _, highest, duration = _noise_band(excitation)
+    count = math.ceil(duration * highest * KNOTS_A_PERIOD) + 1
     if count > MOST_KNOTS:
         raise FieldError(
-            f"{excitation.duration:g} s of noise up to {excitation.to:g} Hz has {count} knots, "
+            f"{duration:g} s of noise up to {highest:g} Hz has {count} knots, "
             f"{MOST_KNOTS} is the limit; shorten it",
             "duration",
         )
@@ -302,15 +305,11 @@ def _noise_knot_count(excitation: Excitation) -> int:
 
 def _sum_noise_sines(excitation: Excitation) -> Knots:
     """Sines of one amplitude and random phases, the lines of a period as long as the noise."""
-    assert excitation.frequency is not None
-    assert excitation.to is not None
-    assert excitation.duration is not None
-    lines = int(min(max((excitation.to - excitation.frequency) * excitation.duration, 1.0), MOST_LINES))
-    omega = math.tau * (
-        excitation.frequency + (excitation.to - excitation.frequency) * (np.arange(lines) + 0.5) / lines
-    )
+    lowest, highest, duration = _noise_band(excitation)
+    lines = int(min(max((highest - lowest) * duration, 1.0), MOST_LINES))
+    omega = math.tau * (lowest + (highest - lowest) * (np.arange(lines) + 0.5) / lines)
     phases = np.random.default_rng(excitation.seed).uniform(0.0, math.tau, lines)
-    times = np.linspace(0.0, excitation.duration, _noise_knot_count(excitation))
+    times = np.linspace(0.0, duration, _noise_knot_count(excitation))
     size = math.sqrt(2.0 / lines)
     values, slopes = np.zeros(len(times)), np.zeros(len(times))
     for rate, phase in zip(omega, phases, strict=True):

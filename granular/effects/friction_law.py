@@ -66,11 +66,10 @@ def _vector_length(x: float, y: float) -> float:
 
 @compiled(inline=True)
 def _kick_and_drag_grain(
-    entry: int | None, flow: DragCoefficients, fraction: float, state: State, i: int, mass: float
+    entry: int | None, flow: DragCoefficients, ax: float, ay: float, state: State, i: int, mass: float
 ) -> None:
-    """Kick and drag of a grain under a fraction of its force."""
+    """Kick and drag of a grain under an acceleration [D/tau^2]."""
     decay, gain, a, b, c = flow
-    ax, ay = fraction * state.fx[i] / mass, fraction * state.fy[i] / mass
     vx, vy = state.vx[i], state.vy[i]
     state.vx[i] = decay * vx + gain * ax
     state.vy[i] = decay * vy + gain * ay
@@ -94,7 +93,8 @@ def _start_sliding_if_forced(
     if force <= law.static * load:
         return
     fraction = 1.0 - law.dynamic * load / force
-    _kick_and_drag_grain(law.drag, flow, fraction, state, i, mass)
+    ax, ay = fraction * state.fx[i] / mass, fraction * state.fy[i] / mass
+    _kick_and_drag_grain(law.drag, flow, ax, ay, state, i, mass)
     displacement = drag.displacement_under_drag(rate, dt, flow[1], 0.0, fraction * force / mass)
     state.ledger[law.entry] += law.dynamic * load * displacement
 
@@ -133,7 +133,7 @@ def _kick_creeping_grain(
     load: float,
 ) -> None:
     """Force, drag and friction together, friction against the mean direction of the motion."""
-    decay, gain, a, b, c = flow
+    decay, gain = flow[:2]
     ax, ay = state.fx[i] / mass, state.fy[i] / mass
     vx, vy = state.vx[i], state.vy[i]
     # Direction of v before plus v after. One after the other, as fast grains take them, force and friction
@@ -154,9 +154,7 @@ def _kick_creeping_grain(
     if wx * ux + wy * uy <= 0.0:
         _bring_grain_to_rest(law, rate, dt, state, i, mass, load)
         return
-    state.vx[i], state.vy[i] = wx, wy
-    lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
-    drag.record_drag_loss(law.drag, state, mass * lost)
+    _kick_and_drag_grain(law.drag, flow, ax, ay, state, i, mass)
     displacement = drag.displacement_under_drag(rate, dt, gain, vx * ux + vy * uy, ax * ux + ay * uy)
     state.ledger[law.entry] += law.dynamic * load * displacement
 
@@ -240,7 +238,7 @@ def _kick_regularised(law: FrictionLaw, k: int, dt: float, bed: Bed, threshold: 
     """De Paula's law: friction as one more force, from the velocity before the kick."""
     state, constants = bed.state, bed.constants
     assert state.load is not None
-    decay, gain, a, b, c = drag.drag_flow_coefficients(law.rates.values[k], dt)
+    flow = drag.drag_flow_coefficients(law.rates.values[k], dt)
     for i in range(constants.grains):
         if not drag.is_of_drag_kind(law.kind, i, k):
             continue
@@ -255,10 +253,7 @@ def _kick_regularised(law: FrictionLaw, k: int, dt: float, bed: Bed, threshold: 
             brake = law.dynamic * load / (speed + threshold)
             rx, ry = -brake * vx, -brake * vy
         ax, ay = (state.fx[i] + rx) / mass, (state.fy[i] + ry) / mass
-        state.vx[i] = decay * vx + gain * ax
-        state.vy[i] = decay * vy + gain * ay
-        lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
-        drag.record_drag_loss(law.drag, state, mass * lost)
+        _kick_and_drag_grain(law.drag, flow, ax, ay, state, i, mass)
         middle_x, middle_y = 0.5 * (vx + state.vx[i]), 0.5 * (vy + state.vy[i])
         state.ledger[law.entry] -= dt * (rx * middle_x + ry * middle_y)
 

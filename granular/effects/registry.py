@@ -28,11 +28,9 @@ def all_effects() -> Mapping[str, type[Effect]]:
 
 def find_effect(name: str) -> type[Effect] | None:
     """Effect of that name; one that an installed package brings is imported now."""
-    known = all_effects()
-    if name not in known:
+    if name not in all_effects():
         load_entry_point(GROUP, name, "effect")
-        known = all_effects()
-    return known.get(name)
+    return all_effects().get(name)
 
 
 def effect_names() -> tuple[str, ...]:

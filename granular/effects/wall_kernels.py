@@ -20,6 +20,7 @@ from granular.effects.wall_side import (
     add_normal_wall_forces,
     add_wall_energies,
     sides_of_cell,
+    zero_of_no_law,
 )
 from granular.kernel_data.constants import Constants, multiply_by_moment_over_mass, relative_moments
 from granular.kernel_data.state import Bed
@@ -113,12 +114,7 @@ _forces = call_hook("add_forces", "count moments side normal", add_normal_wall_f
 _energies = call_hook("measure_energy_and_stiffness", "count side stiffness energies", add_wall_energies)
 
 
-@compiled
-def _zero_turning_point_stiffness(law: Any, speed: float) -> float:
-    return 0.0
-
-
-_turning_point_stiffness = call_hook("turning_point_stiffness", "speed", _zero_turning_point_stiffness)
+_turning_point_stiffness = call_hook("turning_point_stiffness", "speed", zero_of_no_law)
 
 
 @compiled(inline=True)

@@ -49,7 +49,8 @@ def sides_of_cell(bed: Bed) -> tuple[WallSide, WallSide, WallSide, WallSide]:
 
 
 @compiled
-def _zero_function_of_distance(law: Any, w: float) -> float:
+def zero_of_no_law(law: Any, value: float) -> float:
+    """Return 0, for a side that is open."""
     return 0.0
 
 
@@ -60,7 +61,7 @@ def _is_at_negative_distance(law: Any, w: float) -> bool:
 
 _is_behind = call_hook("is_behind", "w", _is_at_negative_distance)
 force_at_distance, _energy, _stiffness = (
-    call_hook(name, "w", _zero_function_of_distance) for name in ("force", "energy", "stiffness")
+    call_hook(name, "w", zero_of_no_law) for name in ("force", "energy", "stiffness")
 )
 
 

@@ -156,10 +156,7 @@ class Walls(ForceEffect):
 
     def validate(self) -> None:
         """Check that a gap is in the bottom, and that slabs at the sides alone have a length."""
-        for side in SIDES:
-            wall = getattr(self, side)
-            if wall is None:
-                continue
+        for side, wall in self.present_walls:
             if wall.has_gap and side != "bottom":
                 raise FieldError("only the bottom can have a gap", side, "gap_start")
             upright = side in ("left", "right")
@@ -184,9 +181,8 @@ class Walls(ForceEffect):
             raise FieldError(
                 f"{bottom.gap_end:g} m must be at most the cell's width, {width:g} m", "bottom", "gap_end"
             )
-        for side in ("left", "right"):
-            wall = getattr(self, side)
-            if wall is not None and wall.length is not None and wall.length < (height or 0.0):
+        for side, wall in self.present_walls:
+            if wall.length is not None and wall.length < (height or 0.0):
                 raise FieldError(
                     f"{wall.length:g} m is less than the piston's height, {height:g} m; grains "
                     "would come behind the slab",
@@ -195,9 +191,9 @@ class Walls(ForceEffect):
                 )
 
     def _check_pitch(self, diameter: float) -> None:
-        for side, wall in zip(SIDES, self.walls_in_order, strict=True):
+        for side, wall in self.present_walls:
             # 1e-12: rounding of a pitch that is written as one diameter.
-            if wall is not None and wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
+            if wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
                 raise FieldError(
                     f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m", side, "pitch"
                 )
@@ -208,15 +204,21 @@ class Walls(ForceEffect):
         return tuple(getattr(self, side) for side in SIDES)
 
     @property
+    def present_walls(self) -> list[tuple[str, Wall]]:
+        """Sides that are not open, with their walls."""
+        sides = zip(SIDES, self.walls_in_order, strict=True)
+        return [(side, wall) for side, wall in sides if wall is not None]
+
+    @property
     def user_code_digests(self) -> tuple[str, ...]:
         """Digests of the user's own laws of walls, for the run's settings."""
-        own = [wall.own for wall in self.walls_in_order if wall is not None and wall.own is not None]
+        own = [wall.own for _, wall in self.present_walls if wall.own is not None]
         return tuple(source for law in own for source in law.user_code_digests)
 
     @property
     def has_slab(self) -> bool:
         """True where a wall is a slab."""
-        return any(wall is not None and wall.law == "slab" for wall in self.walls_in_order)
+        return any(wall.law == "slab" for _, wall in self.present_walls)
 
     @property
     def has_gap(self) -> bool:
