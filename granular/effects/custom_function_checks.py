@@ -98,12 +98,11 @@ class _Trial(NamedTuple):
                 "correct one of them"
             )
 
-    def check_slope(self, force: str, energy: str, distance: float, *others: Any) -> float:
-        """Check that a function of a distance is minus the slope of another one; return its value."""
-        result: float = self.call(force, distance, *others)
+    def check_slope(self, force: str, energy: str, distance: float, *others: Any) -> None:
+        """Check that a function of a distance is minus the slope of another one."""
+        result = self.call(force, distance, *others)
         size = 1e-6 * abs(self.call(energy, distance, *others))
         self.compare(force, result, lambda r: -self.call(energy, r, *others), distance, size)
-        return result
 
     def check_force(self, grain: Grain, time: float) -> None:
         """Check that the force is minus the gradient, and the power the rate of change, of the energy."""

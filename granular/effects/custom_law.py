@@ -13,7 +13,7 @@ import functools
 import math
 import re
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numba
 from numba.core.errors import NumbaError
@@ -21,14 +21,11 @@ from numba.core.registry import CPUDispatcher
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import OPTIONS
-from granular.kernel_data.constants import relative_moments
+from granular.kernel_data.constants import Constants, relative_moments
 from granular.kernel_data.state import LOSSES, WORK, Bed, State
 from granular.pairs.grain_arrays import value_or_one
 from granular.shared.errors import InputError
 from granular.shared.message_text import one_line
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 Functions = Mapping[str, Any]
 
@@ -165,11 +162,70 @@ def _return_zero(*arguments: Any) -> int:
 
 
 @compiled(inline=True)
-def make_grain(
-    state: State, masses: Float[Array, "m"] | None, moments: Float[Array, "m"] | None, i: int
-) -> Grain:
+def make_grain(state: State, constants: Constants, i: int) -> Grain:
     """Grain as the user's functions see it: x, y [D], and mass and moment over the first species'."""
-    return Grain(state.x[i], state.y[i], value_or_one(masses, i), value_or_one(moments, i))
+    mass, moment = value_or_one(constants.masses, i), value_or_one(relative_moments(constants), i)
+    return Grain(state.x[i], state.y[i], mass, moment)
+
+
+_HOOKS = {
+    "force": "add_forces",
+    "energy": "measure_energy_and_stiffness",
+    "power": "record_external_work",
+    "flow": "damp_velocities",
+}
+"""The hook that calls a user's function."""
+
+
+def _make_grain_hooks(user: Functions) -> Functions:
+    """Make the hooks of an effect, of kernels by the names of the user's functions."""
+    force, energy, stiffness, power, flow = (
+        user.get(name, _return_zero) for name in ("force", "energy", "stiffness", "power", "flow")
+    )
+
+    @compiled(inline=True)
+    def add_forces(law: Any, workspace: Any, index: int, bed: Bed, time: float) -> int:
+        state, constants = bed.state, bed.constants
+        for i in range(constants.grains):
+            fx, fy = force(law, make_grain(state, constants, i), time)
+            state.fx[i] += value_or_one(law.species_factor, i) * fx
+            state.fy[i] += value_or_one(law.species_factor, i) * fy
+        return 0
+
+    @compiled(inline=True)
+    def measure_energy_and_stiffness(
+        law: Any, workspace: Any, index: int, bed: Bed, time: float, slopes: Array, energies: Array
+    ) -> int:
+        state, constants, total = bed.state, bed.constants, 0.0
+        for i in range(constants.grains):
+            grain, factor = make_grain(state, constants, i), value_or_one(law.species_factor, i)
+            total += factor * energy(law, grain, time)
+            slopes[i] += abs(factor * stiffness(law, grain, time)) / grain.mass
+        energies[index] = total
+        return 0
+
+    @compiled(inline=True)
+    def record_external_work(law: Any, workspace: Any, index: int, dt: float, bed: Bed, time: float) -> int:
+        state, constants, total = bed.state, bed.constants, 0.0
+        for i in range(constants.grains):
+            grain = make_grain(state, constants, i)
+            total += value_or_one(law.species_factor, i) * power(law, grain, time)
+        state.ledger[WORK] += dt * total
+        return 0
+
+    @compiled(inline=True)
+    def damp_velocities(law: Any, workspace: Any, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
+        state, constants, lost = bed.state, bed.constants, 0.0
+        for i in range(constants.grains):
+            grain, vx, vy = make_grain(state, constants, i), state.vx[i], state.vy[i]
+            wx, wy = flow(law, grain, vx, vy, dt)
+            state.vx[i], state.vy[i] = wx, wy
+            lost += 0.5 * grain.mass * ((vx - wx) * (vx + wx) + (vy - wy) * (vy + wy))
+        state.ledger[LOSSES + index] += lost
+        return 0
+
+    hooks = (add_forces, measure_energy_and_stiffness, record_external_work, damp_velocities)
+    return {_HOOKS[name]: hook for name, hook in zip(_HOOKS, hooks, strict=True) if name in user}
 
 
 class OwnEffectLaw(OwnLaw):
@@ -183,73 +239,7 @@ class OwnEffectLaw(OwnLaw):
         """Names of the hooks of a law with functions of these names."""
         return tuple(_HOOKS[name] for name in names if name in _HOOKS)
 
-    @staticmethod
-    def make_hooks(user: Functions) -> Functions:
-        """Make the hooks, of kernels by the names of the user's functions."""
-        return _make_grain_hooks(user)
-
-
-_HOOKS = {
-    "force": "add_forces",
-    "energy": "measure_energy_and_stiffness",
-    "power": "record_external_work",
-    "flow": "damp_velocities",
-}
-"""The hook that calls a user's function."""
-
-
-def _make_grain_hooks(user: Functions) -> Functions:
-    force, energy, stiffness, power, flow = (
-        user.get(name, _return_zero) for name in ("force", "energy", "stiffness", "power", "flow")
-    )
-
-    @compiled(inline=True)
-    def add_forces(law: Any, workspace: Any, index: int, bed: Bed, time: float) -> int:
-        state, constants = bed.state, bed.constants
-        masses, moments = constants.masses, relative_moments(constants)
-        for i in range(constants.grains):
-            fx, fy = force(law, make_grain(state, masses, moments, i), time)
-            state.fx[i] += value_or_one(law.species_factor, i) * fx
-            state.fy[i] += value_or_one(law.species_factor, i) * fy
-        return 0
-
-    @compiled(inline=True)
-    def measure_energy_and_stiffness(
-        law: Any, workspace: Any, index: int, bed: Bed, time: float, slopes: Array, energies: Array
-    ) -> int:
-        state, constants, total = bed.state, bed.constants, 0.0
-        masses, moments = constants.masses, relative_moments(constants)
-        for i in range(constants.grains):
-            grain, factor = make_grain(state, masses, moments, i), value_or_one(law.species_factor, i)
-            total += factor * energy(law, grain, time)
-            slopes[i] += abs(factor * stiffness(law, grain, time)) / grain.mass
-        energies[index] = total
-        return 0
-
-    @compiled(inline=True)
-    def record_external_work(law: Any, workspace: Any, index: int, dt: float, bed: Bed, time: float) -> int:
-        state, constants, total = bed.state, bed.constants, 0.0
-        masses, moments = constants.masses, relative_moments(constants)
-        for i in range(constants.grains):
-            grain = make_grain(state, masses, moments, i)
-            total += value_or_one(law.species_factor, i) * power(law, grain, time)
-        state.ledger[WORK] += dt * total
-        return 0
-
-    @compiled(inline=True)
-    def damp_velocities(law: Any, workspace: Any, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
-        state, constants, lost = bed.state, bed.constants, 0.0
-        masses, moments = constants.masses, relative_moments(constants)
-        for i in range(constants.grains):
-            grain, vx, vy = make_grain(state, masses, moments, i), state.vx[i], state.vy[i]
-            wx, wy = flow(law, grain, vx, vy, dt)
-            state.vx[i], state.vy[i] = wx, wy
-            lost += 0.5 * grain.mass * ((vx - wx) * (vx + wx) + (vy - wy) * (vy + wy))
-        state.ledger[LOSSES + index] += lost
-        return 0
-
-    hooks = (add_forces, measure_energy_and_stiffness, record_external_work, damp_velocities)
-    return {_HOOKS[name]: hook for name, hook in zip(_HOOKS, hooks, strict=True) if name in user}
+    make_hooks = staticmethod(_make_grain_hooks)
 
 
 NEAREST, FARTHEST = 1e-4, 1e3

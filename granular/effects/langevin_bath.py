@@ -124,14 +124,6 @@ class BathLaw(NamedTuple):
         return 0
 
 
-@compiled
-def _philox_round(
-    a: np.uint64, b: np.uint64, c: np.uint64, d: np.uint64, k: np.uint64, m: np.uint64
-) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
-    first, second = _FIRST * a, _SECOND * c
-    return (second >> HALF) ^ b ^ k, second & LOW, (first >> HALF) ^ d ^ m, first & LOW
-
-
 @entry
 def philox_random_words(
     seed: np.uint64, step: np.uint64, label: np.uint64
@@ -140,7 +132,8 @@ def philox_random_words(
     a, b, c, d = step & LOW, step >> HALF, label & LOW, label >> HALF
     k, m = seed & LOW, seed >> HALF
     for _ in range(_ROUNDS):
-        a, b, c, d = _philox_round(a, b, c, d, k, m)
+        first, second = _FIRST * a, _SECOND * c
+        a, b, c, d = (second >> HALF) ^ b ^ k, second & LOW, (first >> HALF) ^ d ^ m, first & LOW
         k, m = (k + _WEYL) & LOW, (m + _OTHER_WEYL) & LOW
     return a, b, c, d
 

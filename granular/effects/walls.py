@@ -6,7 +6,6 @@ piston force.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,32 +23,12 @@ from granular.effects.wall_kernels import WallLaws
 from granular.effects.wall_side import SIDES
 from granular.effects.wall_slab import SlabWall
 from granular.schema.apparatus import Cell, Grains, Piston
-from granular.schema.field_kinds import FieldError, FieldKind, unknown_word_message
-from granular.schema.sections import Section, nested_section_field, quantity, section_field
+from granular.schema.field_kinds import FieldError, unknown_word_message
+from granular.schema.sections import Section, nested_section_field, quantity, text_field
 
 LAWS = ("experimental", "infinite", "slab", "discs")
 FORMULA = "formula"
 """Law of a wall whose energy is written as a formula."""
-
-
-@dataclasses.dataclass(frozen=True)
-class WallLawName(FieldKind):
-    """The name of a law of a wall."""
-
-    def parse(self, value: Any, diameter: float | None) -> str:
-        """Read the name of a law of a wall; diameter [m]."""
-        known = (*LAWS, FORMULA, *WALL_LAWS)
-        if not isinstance(value, str) or value not in known:
-            raise FieldError(unknown_word_message(str(value), known, "choice"))
-        return value
-
-
-class AlreadyParsedSection(FieldKind):
-    """A section that is made already."""
-
-    def parse(self, value: Any, diameter: float | None) -> Any:
-        """Return the section as it is; diameter [m]."""
-        return value
 
 
 class Wall(Section):
@@ -75,12 +54,12 @@ class Wall(Section):
         `granular.effects.custom`.
     """
 
-    law: str = section_field(WallLawName(), default="experimental")
+    law: str = text_field(default="experimental")
     length: float | None = quantity("m", above=0.0, default=None, optional=True)
     gap_start: float | None = quantity("m", least=0.0, default=None, optional=True)
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
     pitch: float | None = quantity("m", above=0.0, default=None, optional=True)
-    own: Any = section_field(AlreadyParsedSection(True), default=None)
+    own: Any = nested_section_field(Section, default=None, optional=True)
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Wall:
@@ -169,33 +148,25 @@ class Walls(ForceEffect):
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
         """Check that slabs fit the cell and the piston's height, and a pitch the magnets."""
-        try:
-            self._check_slab_sizes(cell.width, None if piston is None else piston.height)
-            self._check_pitch(grains.species[0].diameter)
-        except FieldError as error:
-            raise error.with_outer_path("effects", self.key) from None
-
-    def _check_slab_sizes(self, width: float, height: float | None) -> None:
-        bottom = self.bottom
-        if bottom is not None and bottom.gap_end is not None and bottom.gap_end > width:
-            raise FieldError(
-                f"{bottom.gap_end:g} m must be at most the cell's width, {width:g} m", "bottom", "gap_end"
-            )
+        height = 0.0 if piston is None else piston.height or 0.0
+        diameter = grains.species[0].diameter
         for side, wall in self.present_walls:
-            if wall.length is not None and wall.length < (height or 0.0):
+            path = ("effects", self.key, side)
+            if wall.gap_end is not None and wall.gap_end > cell.width:
+                raise FieldError(
+                    f"{wall.gap_end:g} m must be at most the cell's width, {cell.width:g} m", *path, "gap_end"
+                )
+            if wall.length is not None and wall.length < height:
                 raise FieldError(
                     f"{wall.length:g} m is less than the piston's height, {height:g} m; grains "
                     "would come behind the slab",
-                    side,
+                    *path,
                     "length",
                 )
-
-    def _check_pitch(self, diameter: float) -> None:
-        for side, wall in self.present_walls:
             # 1e-12: rounding of a pitch that is written as one diameter.
             if wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
                 raise FieldError(
-                    f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m", side, "pitch"
+                    f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m", *path, "pitch"
                 )
 
     @property

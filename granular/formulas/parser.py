@@ -95,10 +95,8 @@ class _Parser:
                 return self._parse_sum(node, depth, token)
             case ast.BinOp(op=ast.Mult()):
                 head, operands = "*", [factor for factor, _ in _operands_in_order(node, ast.Mult)]
-            case ast.BinOp(op=ast.Div()):
-                head, operands = "/", [node.left, node.right]
-            case ast.BinOp(op=ast.Pow()):
-                head, operands = "**", [node.left, node.right]
+            case ast.BinOp(op=ast.Div() | ast.Pow()):
+                head, operands = "/" if isinstance(node.op, ast.Div) else "**", [node.left, node.right]
             case ast.Call(func=ast.Name(), keywords=[]):
                 head, operands = self._check_function_call(node, token), node.args
             case _:

@@ -76,12 +76,11 @@ def tokenize(text: str, functions: Mapping[str, FormulaFunction]) -> list[Token]
             f"{len(tokens)} numbers, names and operators are too many; at most {MAX_TOKENS} make a "
             "formula: write it shorter"
         )
-    depth = signs = 0
+    depth = 0
     for token in tokens:
         _check_token(token, functions)
         depth += (token[0] == "(") - (token[0] == ")")
-        signs = signs + 1 if token[0] in ("+", "-") else 0
-        if max(depth, signs) > MAX_DEPTH:
+        if depth > MAX_DEPTH:
             raise nesting_error(token)
     for before, token in itertools.pairwise(tokens):
         _check_neighbouring_tokens(before, token, functions)

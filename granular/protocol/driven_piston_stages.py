@@ -99,10 +99,6 @@ class Descend(Stage):
     duration: float = quantity("s", above=0.0)
     steepness: float = quantity("1", default=5.0, above=0.0)
 
-    def total_duration(self, height: float) -> float | None:
-        """Duration of the descent [s]; height [m]."""
-        return self.duration
-
     def motion(self, height: float, scales: Scales) -> Motion:
         """Exponential descent to ``to``, [D, 2.3.2]; height [m]."""
         return Motion(
@@ -185,10 +181,6 @@ class Oscillate(Stage):
                 f"{self.duration:g} s is less than a quarter of a period, {0.25 / self.frequency:g} s",
                 "duration",
             )
-
-    def total_duration(self, height: float) -> float | None:
-        """Duration of the oscillation [s]; height [m]."""
-        return self.duration
 
     def motion(self, height: float, scales: Scales) -> Motion:
         """Sine about the present height; height [m]."""

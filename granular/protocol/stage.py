@@ -99,13 +99,9 @@ class Stage(Section):
         -------
         float or None
             [s]; None is without end.
-
-        Raises
-        ------
-        NotImplementedError
-            In the base class.
         """
-        raise NotImplementedError
+        duration: float | None = getattr(self, "duration", None)
+        return duration
 
     def motion(self, height: float, scales: Scales) -> Motion:
         """Motion of the piston in the stage.
@@ -198,10 +194,6 @@ class SampledStage(Stage):
     driven_quantity: ClassVar[str] = "height"
 
     duration: float = quantity("s", above=0.0)
-
-    def total_duration(self, height: float) -> float | None:
-        """Duration of the stage [s]; height [m]."""
-        return self.duration
 
     def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         """Force of the function [N] at times since the stage's start [s]."""
