@@ -6,6 +6,7 @@ piston force.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -23,12 +24,21 @@ from granular.effects.wall_kernels import WallLaws
 from granular.effects.wall_side import SIDES
 from granular.effects.wall_slab import SlabWall
 from granular.schema.apparatus import Cell, Grains, Piston
-from granular.schema.field_kinds import FieldError, unknown_word_message
-from granular.schema.sections import Section, nested_section_field, quantity, text_field
+from granular.schema.field_kinds import FieldError, FieldKind, unknown_word_message
+from granular.schema.sections import Section, nested_section_field, quantity, section_field, text_field
 
 LAWS = ("experimental", "infinite", "slab", "discs")
 FORMULA = "formula"
 """Law of a wall whose energy is written as a formula."""
+
+
+@dataclasses.dataclass(frozen=True)
+class AlreadyParsedSection(FieldKind):
+    """A section that is made already."""
+
+    def parse(self, value: Any, diameter: float | None) -> Any:
+        """Return the section as it is; diameter [m]."""
+        return value
 
 
 class Wall(Section):
@@ -59,7 +69,7 @@ class Wall(Section):
     gap_start: float | None = quantity("m", least=0.0, default=None, optional=True)
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
     pitch: float | None = quantity("m", above=0.0, default=None, optional=True)
-    own: Any = nested_section_field(Section, default=None, optional=True)
+    own: Any = section_field(AlreadyParsedSection(True), default=None)
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Wall:
