@@ -52,7 +52,7 @@ RESULTS = {
         "Discovery",
     ),
     *("Calibration", "CalibratedValue", "DesignCheck", "DropScores", "DropScore", "FallSummary"),
-    *("ReadOptions", "RecordOverview"),
+    *("ReadOptions", "RecordOverview", "DerivedModel", "MotionError", "Instability"),
     *("ConvergenceResult", "WorkPrecision", "EnergyStudy", "HardCaseOutcome", "Recommendation"),
 }
 """Results and options of public functions, whose attributes users read off the reference pages."""

@@ -1,4 +1,5 @@
 from .calibration.calibrate import calibrate
+from .derived.derive import derive
 from .designs.damper import DamperCandidate
 from .designs.design import design
 from .designs.maps import DamperMaps, damper_maps
@@ -47,6 +48,7 @@ __all__ = [
     "compare",
     "cut_at_release",
     "damper_maps",
+    "derive",
     "design",
     "discover",
     "fit",

@@ -158,17 +158,23 @@ def settled_run(source: Scene | Trajectory | str | Path) -> Trajectory:
     return simulate(Scene.from_plain(plain), progress=False)
 
 
-def find_equilibrium(bed: BedForces, start: Float[np.ndarray, "q"], held: tuple[int, ...] = ()) -> Pencil:
+def find_equilibrium(
+    bed: BedForces,
+    start: Float[np.ndarray, "q"],
+    held: tuple[int, ...] = (),
+    near: Pencil | None = None,
+) -> Pencil:
     """Return the matrices about the equilibrium next to a start, with some coordinates held [m].
 
-    The first steps have the same matrix until one of them gains less than a factor of ten (chord method).
+    The first steps have the same matrix, that near the start if it is known, until one of them gains less
+    than a factor of ten (chord method).
     """
-    at, pencil = start, make_pencil(bed, start)
+    at, pencil = start, near or make_pencil(bed, start)
     held = (*held, *held_shifts(bed))
     free = np.delete(np.arange(bed.size), list(held))
     force = bed.forces(at)
     scale = max(bed.scales.force, bed.weight)
-    fresh = True
+    fresh = near is None
     for _ in range(MOST_ITERATIONS):
         size = _norm(force[free])
         if size <= REST * scale:

@@ -100,18 +100,34 @@ class Pencil:
 
     def lowest_stiffness(self, count: int) -> Float[np.ndarray, "k"]:
         """Lowest eigenvalues of the stiffness [N/m]."""
-        count = min(count, self.bed.size)
+        return self.lowest_modes(count)[0]
+
+    def lowest_modes(
+        self, count: int, held: tuple[int, ...] = ()
+    ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "q k"]]:
+        """Lowest eigenvalues of the stiffness [N/m], and their vectors, with some coordinates held."""
+        free = np.delete(np.arange(self.bed.size), list(held))
+        count = min(count, len(free))
+        vectors = np.zeros((self.bed.size, count))
         if self.exact:
             from scipy.linalg import eigh
 
-            return np.asarray(eigh(self.stiffness, eigvals_only=True, subset_by_index=[0, count - 1]))
+            values, vectors[free] = eigh(self.stiffness[free][:, free], subset_by_index=[0, count - 1])
+            return values, vectors
         from scipy.sparse.linalg import LinearOperator, eigsh
 
-        shape = (self.bed.size, self.bed.size)
-        inverse = LinearOperator(shape, lambda u: self.solve(0.0, u.reshape(-1, 1))[:, 0])
-        product = LinearOperator(shape, lambda u: self.times(0.0, u.ravel()))
-        values = eigsh(product, count, sigma=0.0, OPinv=inverse, return_eigenvectors=False, tol=1e-6)
-        return np.sort(values)
+        def on_free(function: Callable[[np.ndarray], np.ndarray], u: np.ndarray) -> np.ndarray:
+            extended = np.zeros(self.bed.size)
+            extended[free] = u.ravel()
+            return function(extended)[free]
+
+        shape = (len(free), len(free))
+        solve = functools.partial(on_free, lambda u: self.solve(0.0, u[:, None], held)[:, 0])
+        inverse = LinearOperator(shape, solve, dtype=float)
+        product = LinearOperator(shape, functools.partial(on_free, self.stiffness_times), dtype=float)
+        values, vectors[free] = eigsh(product, count, sigma=0.0, OPinv=inverse, tol=1e-6)
+        order = np.argsort(values)
+        return values[order], vectors[:, order]
 
 
 def make_pencil(bed: BedForces, at: Float[np.ndarray, "q"]) -> Pencil:

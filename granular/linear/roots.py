@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.linear.equilibrium import Equilibrium
+from granular.linear.equilibrium import Equilibrium, held_shifts
 from granular.linear.modes import normal_modes
 from granular.linear.pencil import Pencil
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
-    from jaxtyping import Complex
+    from jaxtyping import Complex, Float
 
 MASS_FRACTION = 0.05
 """Residue over the largest one from which a root counts as one of the piston's."""
@@ -135,16 +135,32 @@ def _slope_times(pencil: Pencil, s: complex, shape: Complex[np.ndarray, "q"]) ->
     return pencil.damping_times(shape) + 2.0 * s * (pencil.mass @ shape)
 
 
-def _static_start(pencil: Pencil, piston: int) -> complex:
-    """Root of the piston with all grains that follow its height at once [1/s]."""
+def static_shape(pencil: Pencil, piston: int) -> Float[np.ndarray, "q"]:
+    """Displacements of all coordinates over the piston's, if they follow its height at once."""
     unit = np.zeros(pencil.bed.size)
     unit[piston] = 1.0
     column = -pencil.times(0.0, unit)
     column[piston] = 0.0
-    shape = pencil.solve(0.0, column[:, None], (piston,))[:, 0] + unit
+    return np.asarray(pencil.solve(0.0, column[:, None], (piston, *held_shifts(pencil.bed)))[:, 0] + unit)
+
+
+def _static_start(pencil: Pencil, piston: int) -> complex:
+    """Root of the piston with all grains that follow its height at once [1/s]."""
+    shape = static_shape(pencil, piston)
     stiffness = float(shape @ pencil.times(0.0, shape))
     damping = float(shape @ pencil.damping_times(shape))
     return _root_of_oscillator(float(shape @ (pencil.mass @ shape)), damping, stiffness)
+
+
+def modal_coordinate(
+    pencil: Pencil, root: Root, displacement: Float[np.ndarray, "q"], velocity: Float[np.ndarray, "q"]
+) -> complex:
+    """Part a of a root in a state: the piston's displacement by it is 2 Re(a exp(s t)); [m], [m/s]."""
+    # By the left eigenvector, which is the shape itself as the matrices are symmetric.
+    inertia = _slope_times(pencil, root.s, root.shape)
+    weights = inertia - root.s * (pencil.mass @ root.shape)
+    state = (pencil.mass @ root.shape) @ velocity + weights @ displacement
+    return complex(state / (root.shape @ inertia))
 
 
 def _root_of_oscillator(mass: float, damping: float, stiffness: float) -> complex:

@@ -1,4 +1,4 @@
-"""The commands ``calibrate``, ``design`` and ``fall``: dampers by their scenes."""
+"""The commands ``calibrate``, ``design``, ``fall`` and ``derive``: dampers by their scenes."""
 
 from __future__ import annotations
 
@@ -282,3 +282,55 @@ def fall(options: Any) -> None:
     if predicted.simulated is not None:
         figures["simulated"] = predicted.simulated._asdict()
     print_result(figures, str(predicted), options.json)
+
+
+@command(
+    "derive",
+    "derive a damper's law from its equilibria and roots, without a fit",
+    option("source", metavar="SOURCE", help="a scene (name or TOML file), or a run directory"),
+    CHANGES,
+    option(
+        "--reach",
+        type=quantity_reader("m"),
+        metavar="R",
+        help="range to both sides of the equilibrium [m]; the scene's lift without, or 0.2 D",
+    ),
+    option("--order", type=int, metavar="N", help="order of the force; the lowest that suffices without"),
+    option(
+        "--against",
+        metavar="RECORD",
+        help="a free oscillation to compare with, a run directory or a record; the release of SOURCE without",
+    ),
+    option("-o", "--save", metavar="FILE", help="model, as JSON"),
+    IMPORT,
+    OUTPUT,
+    examples="""\
+examples:
+  %(prog)s runs/damper --reach '1.2 mm' --save model.json
+  %(prog)s damper --set piston.mass=9 --against runs/damper""",
+)
+def derive(options: Any) -> None:
+    """Derive a law, compare it with a free oscillation if there is one, and save it."""
+    from granular.commands.options import parse_changes
+    from granular.scene.scene import Scene
+    from granular.user_code import import_user_code
+    from reduced_models.derived.derive import derive as derive_law
+    from reduced_models.records.sources import open_source
+
+    import_user_code(options.user_files)
+    source: Any = open_source(options.source)
+    if isinstance(source, Scene):
+        source = source.replace(**parse_changes(options.changes))
+    else:
+        refuse_options(options, "a run, only with a scene", "changes")
+    model = derive_law(source, **pick_options(options, "reach", "order", "against"))
+    text = str(model)
+    if options.save is not None:
+        model.save(options.save)
+        text += f"\nmodel: {options.save}"
+    plain = {
+        "model": model.to_plain(),
+        "instabilities": [found._asdict() for found in model.instabilities],
+        "error": None if model.error is None else model.error._asdict(),
+    }
+    print_result(plain, text, options.json)

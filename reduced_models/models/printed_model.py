@@ -64,6 +64,8 @@ class PrintedModel(FittedLaw):
     @property
     def _error_text(self) -> str:
         """Errors on held-out cycles and of the fit, in words."""
+        if not self.quality.samples:
+            return "compared with no motion"
         residual = f"residual {format_percent(self.quality.relative)}"
         if self.quality.rounded:
             residual = f"within the rounding of the sensor, {residual}"

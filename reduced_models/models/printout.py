@@ -70,11 +70,12 @@ def figure_lines(
     if not rows:
         return []
     margin = sum(max(len(row[k]) for row in rows) for k in (0, 1)) + 6
-    return [
-        *(f"  {line}" for line in align_columns(rows).splitlines()),
-        *(wrap_words(amplitude, "  amplitude".ljust(margin), " " * margin) if amplitude else ()),
-        f"  {error_sources_text(figures, confidence)}",
-    ]
+    lines = [f"  {line}" for line in align_columns(rows).splitlines()]
+    if amplitude:
+        lines += wrap_words(amplitude, "  amplitude".ljust(margin), " " * margin)
+    if any(figure.total_error for figure in figures):
+        lines.append(f"  {error_sources_text(figures, confidence)}")
+    return lines
 
 
 def _damped_frequency_text(known: dict[str, QuantityWithError]) -> str:

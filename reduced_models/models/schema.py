@@ -240,7 +240,7 @@ _MODEL = _keyed_table_checker(
         "latex": _text_checker(100_000),
         "inputs": _list_checker(_text_checker(200)),
         "resolution": _integer_checker(1, _MOST_RESOLUTION),
-        "provenance": _table_checker(_text_checker()),
+        "provenance": _table_checker(_text_checker(lines=True)),
         "hidden": _table_checker(_number_checker()),
         "input_interpolation": _one_of_checker(INTERPOLATIONS),
         "angle": _check_flag,

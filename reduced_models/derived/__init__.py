@@ -1,0 +1,1 @@
+"""A damper's law from its equilibria and complex roots, without a time step."""

@@ -1,0 +1,166 @@
+"""The equilibria of a bed under its piston held at one height after the other, up to an instability.
+
+Each height starts from the one before, moved along the static response to the piston. A bed loses its
+equilibrium when the lowest eigenvalue of its stiffness goes through zero: beyond that height grains
+rearrange, and the piston's force jumps.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.linear.bed_forces import BedForces
+from granular.linear.equilibrium import find_equilibrium, held_shifts
+from granular.linear.pencil import Pencil
+from granular.linear.roots import refine_root, static_shape
+from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+RESOLUTION = 1e-4
+"""Shortest step of the piston [D], and so the error of an instability's height."""
+
+_KICK = 1e-2  # displacement along the unstable mode [D]: beyond what a saddle holds at the shortest step
+_MOVED = 0.25  # of the largest displacement, from which on a grain is said to rearrange
+# Numbers of FIRE as published (Bitzek et al. 2006, doi:10.1103/PhysRevLett.97.170201); the time step is over
+# the period of the stiffest coordinate alone.
+_FIRE_STEP, _LONGEST_FIRE_STEP, _MIXING, _LATENCY, _MOST_FIRE_STEPS = 0.1, 1.0, 0.1, 5, 20_000
+_RELAXED = 1e-6  # largest force over the first one, at which Newton's method takes over
+
+
+class HeldState(NamedTuple):
+    """An equilibrium with the piston held, and its oscillator (M + m) s^2 + c s + k = 0."""
+
+    height: float  # [m]
+    force: float  # F, that pulls the piston down over its own weight [N]
+    stiffness: float  # k = dF/dz [N/m]
+    mass: float  # M + m [kg]
+    damping: float  # c [N s/m]
+    root: complex  # s [1/s]
+
+
+class Instability(NamedTuple):
+    """A height at which the equilibrium under the held piston ends.
+
+    Attributes
+    ----------
+    height : float
+        Height of the piston [m], to 1e-4 D.
+    grains : tuple of int
+        Grains that move by a quarter of the largest displacement or more.
+    force_drop : float
+        Bed's force on the piston before grains rearrange, minus the one behind, at this height [N]; 0 if they
+        move away gradually.
+    """
+
+    height: float
+    grains: tuple[int, ...]
+    force_drop: float
+
+
+def held_state(pencil: Pencil, piston: int, s: complex) -> HeldState:
+    """Oscillator of a held equilibrium, whose root is next to s [1/s]."""
+    root, shape, height = refine_root(pencil, piston, s), static_shape(pencil, piston), pencil.at[piston]
+    if root is None:
+        raise InputError(
+            f"the piston has no oscillation at a height of {1e3 * height:.4g} mm; lower the drag or the reach"
+        )
+    stiffness, s = float(shape @ pencil.times(0.0, shape)), root.s
+    mass, damping = np.linalg.solve([[(s * s).real, s.real], [(s * s).imag, s.imag]], [-stiffness, 0.0])
+    force = -float(pencil.bed.forces(pencil.at)[piston])
+    return HeldState(float(height), force, stiffness, float(mass), float(damping), s)
+
+
+def follow_piston(
+    pencil: Pencil, piston: int, s: complex, step: float, count: int
+) -> tuple[list[HeldState], Instability | None]:
+    """Follow the equilibrium by ``count`` signed steps of the piston [m], up to the first instability."""
+    states: list[HeldState] = []
+    start = float(pencil.at[piston])
+    for k in range(1, count + 1):
+        pencil, reached = _advance(pencil, piston, start + k * step)
+        if not reached:
+            return states, _instability(pencil, piston, float(np.sign(step)))
+        states.append(held_state(pencil, piston, s))
+        s = states[-1].root
+    return states, None
+
+
+def _advance(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
+    """Matrices at the goal [m], or at the last height before an instability; which of both."""
+    size = goal - pencil.at[piston]
+    while (left := goal - pencil.at[piston]) != 0.0:
+        height = goal if abs(left) <= abs(size) else float(pencil.at[piston] + size)
+        found = _next_equilibrium(pencil, piston, height)
+        if found is not None:
+            pencil = found
+        elif abs(size) <= RESOLUTION * pencil.bed.length:
+            return pencil, False
+        else:
+            size *= 0.5
+    return pencil, True
+
+
+def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | None:
+    """Return the stable equilibrium at a height [m] that continues the present one, if there is one."""
+    step, held = height - float(pencil.at[piston]), _held(pencil.bed, piston)
+    start = pencil.at + step * static_shape(pencil, piston)
+    start[piston] = height
+    try:
+        found = find_equilibrium(pencil.bed, start, held, pencil)
+    except InputError:
+        return None
+    # Another branch is farther from the extrapolation than the piston's step, which the curvature is not.
+    if np.abs(found.at - start).max() > abs(step) or found.lowest_modes(1, held)[0][0] <= 0.0:
+        return None
+    return found
+
+
+def _held(bed: BedForces, piston: int) -> tuple[int, ...]:
+    return (piston, *held_shifts(bed))
+
+
+def _instability(pencil: Pencil, piston: int, direction: float) -> Instability:
+    """Find what happens beyond the last height before an instability."""
+    bed, held = pencil.bed, _held(pencil.bed, piston)
+    at, mode = pencil.at.copy(), pencil.lowest_modes(1, held)[1][:, 0]
+    at[piston] += direction * RESOLUTION * bed.length
+    side = 1.0 if mode @ bed.forces(at) >= 0.0 else -1.0
+    kick = side * _KICK * bed.length / float(np.abs(mode).max())
+    stiffest = float(np.max(pencil.stiffness.diagonal()))
+    relaxed = _relax(bed, at + kick * mode, held, stiffest)
+    moved = np.linalg.norm(bed.positions(relaxed) - bed.positions(pencil.at), axis=1)
+    grains = tuple(map(int, np.flatnonzero(moved >= _MOVED * moved.max())))
+    relaxed[piston] = pencil.at[piston]
+    after = find_equilibrium(bed, relaxed, held).at
+    drop = float(bed.forces(pencil.at)[piston] - bed.forces(after)[piston])
+    return Instability(float(pencil.at[piston]), grains, drop)
+
+
+def _relax(
+    bed: BedForces, start: Float[np.ndarray, "q"], held: tuple[int, ...], stiffest: float
+) -> Float[np.ndarray, "q"]:
+    """Coordinates that the forces lead to from a start [m], by the fast inertial relaxation engine."""
+    at, velocity = start, np.zeros_like(start)
+    step, longest = _FIRE_STEP / np.sqrt(stiffest), _LONGEST_FIRE_STEP / np.sqrt(stiffest)
+    mixing, downhill, first = _MIXING, 0, 0.0
+    for _ in range(_MOST_FIRE_STEPS):
+        force = bed.forces(at)
+        force[list(held)] = 0.0
+        size = float(np.linalg.norm(force))
+        first = first or size
+        if size <= _RELAXED * first:
+            break
+        if force @ velocity > 0.0:
+            velocity = (1.0 - mixing) * velocity + mixing * np.linalg.norm(velocity) * force / size
+            downhill += 1
+            if downhill > _LATENCY:
+                step, mixing = min(1.1 * step, longest), 0.99 * mixing
+        else:
+            velocity, step, mixing, downhill = np.zeros_like(at), 0.5 * step, _MIXING, 0
+        velocity = velocity + step * force
+        at = at + step * velocity
+    return at

@@ -1,0 +1,157 @@
+"""Law whose force, mass and damping are polynomials of the height, and its backbone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.shared.errors import InputError
+from reduced_models.derived.continuation import HeldState
+from reduced_models.laws.law import Law
+from reduced_models.models.printout import format_percent
+from reduced_models.records.backbone import Backbone
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+RESIDUAL = 1e-5
+"""Residual of a polynomial over its largest value (of the force and of its slope) that ends its growth."""
+
+HIGHEST_ORDER = 9
+
+LARGEST_RESIDUAL = 0.01
+"""Residual of a polynomial over its largest value from which on a law is refused: it would be as wrong."""
+
+_NODES = (
+    64  # of a half cycle: the midpoint rule of a smooth periodic function converges faster than any power
+)
+_MOST_STEPS = 50
+
+
+def polynomial_law(
+    states: Sequence[HeldState], middle: int, order: int | None
+) -> tuple[Law, dict[str, float], str]:
+    """Law with its values, and the orders and residuals of its polynomials in words."""
+    height, force, stiffness, mass, damping, _ = np.array(states).real.T
+    x, at = height - height[middle], states[middle]
+    less = None if order is None else order - 1
+    found = {
+        "force": _fit_polynomial(x, force, (0.0, at.stiffness), order, stiffness),
+        "mass": _fit_polynomial(x, mass, (at.mass,), less),
+        "damping": _fit_polynomial(x, damping, (at.damping,), less),
+    }
+    worst = max(found, key=lambda name: found[name][1])
+    if order is None and found[worst][1] > LARGEST_RESIDUAL:
+        raise InputError(
+            f"no polynomial of the height follows the {worst} from {1e3 * height[0]:.4g} to "
+            f"{1e3 * height[-1]:.4g} mm within {format_percent(LARGEST_RESIDUAL)}: the bed nearly rearranges "
+            "there; give a smaller reach"
+        )
+    k, m, c = (coefficients / at.mass for coefficients, _ in found.values())
+    values = {f"m{j}": float(m[j]) for j in range(1, len(m))} | {"rest": float(height[middle])}
+    values |= {f"c{j}": float(c[j]) for j in range(len(c))} | {f"k{j}": float(k[j]) for j in range(1, len(k))}
+    inertia = ["1", *(_term(f"m{j}", j) for j in range(1, len(m)))]
+    gradient = [_term(f"{j}*m{j}/2" if j > 1 else "m1/2", j - 1) for j in range(1, len(m))]
+    parts = [f"({' + '.join(inertia)})*z''", f"({' + '.join(gradient)})*z'**2"][: 1 + bool(gradient)]
+    parts += [f"({' + '.join(_term(f'c{j}', j) for j in range(len(c)))})*z'"]
+    parts += [_term(f"k{j}", j) for j in range(1, len(k))]
+    units = {"rest": "m", **{name: _unit(name[0], int(name[1:])) for name in values if name != "rest"}}
+    law = Law("derived", f"{' + '.join(parts)} = 0", units=units, source="equilibria and roots of the bed")
+    accuracy = (
+        f"{name} of order {len(coefficients) - 1}, residual {format_percent(residual)}"
+        for name, (coefficients, residual) in found.items()
+    )
+    return law, {name: values[name] for name in law.parameters}, ", ".join(accuracy)
+
+
+def _term(factor: str, power: int) -> str:
+    return factor + ("" if power == 0 else "*(z - rest)" if power == 1 else f"*(z - rest)**{power}")
+
+
+def _unit(kind: str, power: int) -> str:
+    """Return the unit of a coefficient of inertia, damping or force over the mass, by its power."""
+    seconds = {"m": 0, "c": 1, "k": 2}[kind]
+    metres = power - (kind == "k")
+    below = [f"{unit}^{size}" if size > 1 else unit for unit, size in (("m", metres), ("s", seconds)) if size]
+    return f"1/({' '.join(below)})" if len(below) > 1 else f"1/{below[0]}"
+
+
+def _fit_polynomial(
+    x: Float[np.ndarray, "n"],
+    values: Float[np.ndarray, "n"],
+    known: tuple[float, ...],
+    order: int | None,
+    slopes: Float[np.ndarray, "n"] | None = None,
+) -> tuple[Float[np.ndarray, "p"], float]:
+    """Coefficients of a polynomial of known lowest ones, and its largest residual over the largest value."""
+    reach = float(np.abs(x).max())
+    u = x / reach
+    target = values if slopes is None else np.concatenate([values, reach * slopes])
+    lowest, highest = len(known) - 1, min(HIGHEST_ORDER, len(target) // 2)
+    for degree in range(lowest, highest + 1) if order is None else [max(order, lowest)]:
+        powers = np.arange(degree + 1)
+        columns = u[:, None] ** powers
+        if slopes is not None:
+            columns = np.concatenate([columns, powers * u[:, None] ** np.maximum(powers - 1, 0)])
+        coefficients = np.zeros(degree + 1)
+        coefficients[: len(known)] = np.array(known) * reach ** powers[: len(known)]
+        left = target - columns @ coefficients
+        coefficients[len(known) :] = np.linalg.lstsq(columns[:, len(known) :], left, rcond=None)[0]
+        residual = float(np.abs(target - columns @ coefficients).max() / np.abs(target).max())
+        if residual <= RESIDUAL:
+            break
+    return coefficients / reach**powers, residual
+
+
+def energy_backbone(values: Mapping[str, float], amplitudes: Sequence[float]) -> Backbone:
+    """Backbone [m, rad/s] of the undamped law, and damping by the energy lost along its cycles."""
+    inertia, damping, force = (_polynomial_of(values, kind, lowest) for kind, lowest in _LOWEST.items())
+    rows = [_cycle(inertia, damping, force, amplitude) for amplitude in amplitudes]
+    frequency, ratio = np.array(rows).T
+    none = np.zeros(len(rows))
+    return Backbone("energy", np.asarray(amplitudes, dtype=float), frequency, ratio, none, none)
+
+
+_LOWEST: Mapping[str, tuple[float, ...]] = {"m": (1.0,), "c": (), "k": (0.0,)}
+"""Lowest coefficients, which are no parameters, of inertia, damping and force by the height over rest."""
+
+
+def _polynomial_of(
+    values: Mapping[str, float], kind: str, lowest: tuple[float, ...]
+) -> np.polynomial.Polynomial:
+    others = [value for name, value in values.items() if name[0] == kind]
+    return np.polynomial.Polynomial([*lowest, *others])
+
+
+def _cycle(
+    inertia: np.polynomial.Polynomial,
+    damping: np.polynomial.Polynomial,
+    force: np.polynomial.Polynomial,
+    amplitude: float,
+) -> tuple[float, float]:
+    """Angular frequency [rad/s] and damping ratio of a cycle of an amplitude [m]."""
+    if not amplitude > 0.0:
+        raise InputError(f"amplitude = {amplitude:g} m; give one above 0")
+    potential, centre = force.integ(), 0.0
+    for _ in range(_MOST_STEPS):  # Newton's method for extremes of one energy
+        low, high = centre - amplitude, centre + amplitude
+        change = (potential(high) - potential(low)) / (force(high) - force(low))
+        centre -= change
+        if abs(change) < 1e-14 * amplitude:
+            break
+    low, high = centre - amplitude, centre + amplitude
+    # With x = centre + amplitude sin(angle), energy less potential is (high - x)(x - low) times a polynomial.
+    quotient = (potential(high) - potential) // np.polynomial.Polynomial([-low * high, low + high, -1.0])
+    angles = math.pi * ((np.arange(_NODES) + 0.5) / _NODES - 0.5)
+    x = centre + amplitude * np.sin(angles)
+    if not (force(high) > 0.0 > force(low) and (quotient(x) > 0.0).all() and (inertia(x) > 0.0).all()):
+        raise InputError(
+            f"the force pulls no cycle of an amplitude of {amplitude:g} m back; give a smaller one"
+        )
+    pace = np.sqrt(2.0 * quotient(x) / inertia(x))  # speed over amplitude cos(angle)
+    omega = 1.0 / float((1.0 / pace).mean())
+    loss = 2.0 * math.pi * float((damping(x) * pace * np.cos(angles) ** 2).mean())
+    return omega, loss / (2.0 * math.pi * omega**2)

@@ -1,0 +1,184 @@
+"""The law that `derive` finds: its root, its motion against runs, what it is used for, what it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import Scene, Trajectory, damper, equilibrium, load_scene, simulate
+from granular.linear import piston_roots
+from granular.linear.equilibrium import Equilibrium
+from granular.shared.errors import InputError
+from reduced_models import PistonRecord, derive, load_model
+from reduced_models.__main__ import main
+from reduced_models.derived.derive import motion_error
+from reduced_models.laws.linearization import SmallSwing, small_swing
+
+LIFT = 1e-4  # [m]
+SETTLE = {
+    "protocol": [{"kind": "free", "name": "drop", "until": "rest", "window": 0.3}],
+    "output.record": "drop",
+}
+
+
+def released(rest: Equilibrium, lift: float, duration: float, out: Path | None = None) -> Trajectory:
+    """Run that starts from an equilibrium with a lift [m] and lasts [s]."""
+    plain = rest.scene.to_plain()
+    plain["protocol"] = [
+        {"kind": "lift", "name": "lift", "by": lift},
+        {"kind": "free", "name": "release", "duration": duration},
+    ]
+    plain["arrangement"] = {"positions": rest.positions.tolist()}
+    plain["piston"]["height"] = rest.piston_height
+    plain["output"]["record"] = "release"
+    return simulate(Scene.from_plain(plain), out=out, progress=False)
+
+
+def start_error(model, record: PistonRecord, start: tuple[float, float], cycles: int) -> float:
+    """Rms error over the rms displacement, in cycles from a record's first time and a start [m, m/s]."""
+    kept = record.time <= record.time[0] + cycles * model.at_rest.period
+    time, height = record.time[kept], record.height[kept]
+    difference = model.simulate(time, *start).height - height
+    return float(np.sqrt((difference**2).mean() / ((height - model.at_rest.height) ** 2).mean()))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Trajectory:
+    return released(
+        equilibrium(damper(count=48, drop=24.0, drag=1.0).replace(**SETTLE)),
+        LIFT,
+        2.3,
+        tmp_path_factory.mktemp("runs") / "bed",
+    )
+
+
+@pytest.fixture(scope="module")
+def model(run):
+    return derive(run)
+
+
+def test_small_motion_has_the_exact_root(run, model) -> None:
+    root = piston_roots(equilibrium(run))[0]
+    swing = small_swing(model.law, list(model.parameters.values()), model.at_rest.height)
+    assert isinstance(swing, SmallSwing)
+    assert 1.0 / swing.period == pytest.approx(root.frequency, rel=1e-6)
+    assert swing.damping_ratio == pytest.approx(root.damping_ratio, rel=1e-6)
+
+
+def test_stiffness_is_the_slope_of_the_force(model) -> None:
+    height, force, stiffness = np.array([state[:3] for state in model.states]).T
+    slope = np.polyder(np.poly1d(np.polyfit(height - height[4], force, 6)))
+    assert slope(height - height[4]) == pytest.approx(stiffness, rel=1e-7)
+
+
+def test_release_is_predicted(model) -> None:
+    assert model.error.relative < 1e-3
+    assert abs(model.error.mean_shift) < 1e-4 * LIFT
+    assert model.quality.relative == model.error.relative
+
+
+def test_jump_starts_by_projection_on_the_root(run, model) -> None:
+    record = run.piston("release")
+    projected, plain = (
+        start_error(model, record, start, 8) for start in (model.initial, (float(record.height[0]), 0.0))
+    )
+    assert projected < 4e-3
+    assert plain > 0.05
+
+
+def test_backbone_is_that_of_long_motions(model) -> None:
+    conservative = {name: 0.0 if name[0] == "c" else value for name, value in model.parameters.items()}
+    undamped = dataclasses.replace(model, parameters=conservative)
+    time = np.linspace(0.0, 20.0 * model.at_rest.period, 4001)
+    motion = undamped.simulate(time, model.at_rest.height + 5.0 * LIFT, 0.0)
+    middle = 0.5 * (motion.height.max() + motion.height.min())
+    upward = np.flatnonzero((motion.height[:-1] < middle) & (motion.height[1:] >= middle))
+    late = (middle - motion.height[upward]) / (motion.height[upward + 1] - motion.height[upward])
+    crossings = time[upward] + late * time[1]
+    counted = (len(crossings) - 1) / (crossings[-1] - crossings[0])
+    curve = model.backbone([0.5 * float(np.ptp(motion.height))])
+    frequency = float(curve.frequency[0]) / (2.0 * np.pi)
+    assert frequency * model.at_rest.period < 0.9999
+    assert frequency == pytest.approx(counted, rel=1e-6)
+
+
+def test_backbone_has_the_damping_of_its_cycles(model) -> None:
+    size, period = 5.0 * LIFT, model.at_rest.period
+    nearly = {name: 1e-4 * value if name[0] == "c" else value for name, value in model.parameters.items()}
+    motion = dataclasses.replace(model, parameters=nearly).simulate(
+        np.linspace(0.0, 50.0 * period, 50_001), model.at_rest.height + size, 0.0
+    )
+    tops = [float(motion.height[k : k + 1000].max()) for k in range(1000, 50_000, 1000)]
+    decay = -np.polyfit(np.arange(len(tops)), np.log(np.array(tops) - model.at_rest.height), 1)[0]
+    curve = model.backbone([0.5 * float(np.ptp(motion.height))])
+    assert decay / (2.0 * np.pi) == pytest.approx(1e-4 * float(curve.damping_ratio[0]), rel=0.02)
+
+
+def test_saved_model_prints_and_moves_the_same(model, tmp_path) -> None:
+    model.save(tmp_path / "model.json")
+    loaded = load_model(tmp_path / "model.json")
+    assert str(loaded) == str(model)
+    time = np.linspace(0.0, 1.0, 200)
+    assert (loaded.predict(time) == model.predict(time)).all()
+
+
+def test_exported_code_moves_the_same(model) -> None:
+    code: dict = {}
+    exec(model.numpy_source, code)
+    time = np.linspace(0.0, 1.0, 200)
+    assert code["simulate"](time) == pytest.approx(model.predict(time), abs=1e-6 * LIFT)
+
+
+def test_order_and_reach_are_those_asked_for(run) -> None:
+    model = derive(run, 5e-5, order=2)
+    low, high = model.domain["height"]
+    assert (high - model.at_rest.height, model.at_rest.height - low) == pytest.approx((5e-5, 5e-5))
+    assert [name for name in model.parameters if name != "rest"] == ["m1", "c0", "c1", "k1", "k2"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"reach": 0.0}, "reach = 0 m; give a number above 0"),
+        ({"reach": 0.03}, "below the piston's 0.02392 m"),
+        ({"order": 0}, "order = 0; give a number from 1 to 9"),
+    ],
+)
+def test_wrong_options_are_refused(run, options, words) -> None:
+    with pytest.raises(InputError, match=words):
+        derive(run, **options)
+
+
+def test_record_is_no_bed(run) -> None:
+    with pytest.raises(InputError, match="PistonRecord is no bed; give a scene or a run"):
+        derive(run.piston("release"))
+
+
+def test_command_prints_and_saves_the_model(run, tmp_path, capsys) -> None:
+    main(["derive", str(run.path), "--reach", "0.05 mm", "--save", str(tmp_path / "model.json"), "--json"])
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["error"]["relative"] < 1e-3
+    assert printed["instabilities"] == []
+    assert json.loads((tmp_path / "model.json").read_text()) == printed["model"]
+
+
+@pytest.mark.long
+def test_packaged_damper_is_predicted_to_a_thousandth() -> None:
+    """Limits are those asked of the law; 0.02 % each and 0.08 % of the projected start were seen."""
+    rest = equilibrium(load_scene("damper"))
+    model = derive(load_scene("damper"), 1.2e-3)
+    middle = model.states[len(model.states) // 2]
+    assert middle.mass - 7.5 == pytest.approx(0.0650, abs=1e-4)
+    assert middle.damping == pytest.approx(11.934, abs=1e-3)
+    for lift, limit in ((2e-5, 1e-3), (2e-4, 5e-3), (1.2e-3, 3e-2)):
+        run = released(rest, lift, 3.5)
+        error = motion_error(model, run.piston("release"))
+        assert error.relative < limit
+        assert abs(error.mean_shift) < 0.01 * lift
+        if lift == 2e-5:
+            jumped = derive(run, 2e-5)
+            assert start_error(jumped, run.piston("release"), jumped.initial, 10) < 2e-3
