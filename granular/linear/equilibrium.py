@@ -159,10 +159,7 @@ def settled_run(source: Scene | Trajectory | str | Path) -> Trajectory:
 
 
 def find_equilibrium(
-    bed: BedForces,
-    start: Float[np.ndarray, "q"],
-    held: tuple[int, ...] = (),
-    near: Pencil | None = None,
+    bed: BedForces, start: Float[np.ndarray, "q"], held: tuple[int, ...] = (), near: Pencil | None = None
 ) -> Pencil:
     """Return the matrices about the equilibrium next to a start, with some coordinates held [m].
 

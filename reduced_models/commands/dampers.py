@@ -330,7 +330,7 @@ def derive(options: Any) -> None:
         text += f"\nmodel: {options.save}"
     plain = {
         "model": model.to_plain(),
-        "instabilities": [found._asdict() for found in model.instabilities],
+        "instabilities": [item._asdict() for item in model.instabilities],
         "error": None if model.error is None else model.error._asdict(),
     }
     print_result(plain, text, options.json)

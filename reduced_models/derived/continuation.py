@@ -94,9 +94,9 @@ def _advance(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
     size = goal - pencil.at[piston]
     while (left := goal - pencil.at[piston]) != 0.0:
         height = goal if abs(left) <= abs(size) else float(pencil.at[piston] + size)
-        found = _next_equilibrium(pencil, piston, height)
-        if found is not None:
-            pencil = found
+        trial = _next_equilibrium(pencil, piston, height)
+        if trial is not None:
+            pencil = trial
         elif abs(size) <= RESOLUTION * pencil.bed.length:
             return pencil, False
         else:
@@ -110,13 +110,13 @@ def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | No
     start = pencil.at + step * static_shape(pencil, piston)
     start[piston] = height
     try:
-        found = find_equilibrium(pencil.bed, start, held, pencil)
+        result = find_equilibrium(pencil.bed, start, held, pencil)
     except InputError:
         return None
     # Another branch is farther from the extrapolation than the piston's step, which the curvature is not.
-    if np.abs(found.at - start).max() > abs(step) or found.lowest_modes(1, held)[0][0] <= 0.0:
+    if np.abs(result.at - start).max() > abs(step) or result.lowest_modes(1, held)[0][0] <= 0.0:
         return None
-    return found
+    return result
 
 
 def _held(bed: BedForces, piston: int) -> tuple[int, ...]:

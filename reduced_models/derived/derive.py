@@ -192,7 +192,7 @@ def derive(
         follow_piston(rest.pencil, piston, root.s, side * reach / count, count) for side in (-1.0, 1.0)
     )
     states = (*reversed(below[0]), held_state(rest.pencil, piston, root.s), *above[0])
-    instabilities = tuple(found for _, found in (below, above) if found is not None)
+    instabilities = tuple(end for _, end in (below, above) if end is not None)
     if len(states) < 3:
         raise InputError(f"the bed is not stable {1e3 * reach / count:.2g} mm off; give a smaller reach")
     law, values, accuracy = polynomial_law(states, len(below[0]), order)
@@ -286,12 +286,12 @@ def _small_motion(height: float, root: Root) -> AtRest:
 
 def _notes(rest: Equilibrium, instabilities: Sequence[Instability]) -> tuple[str, ...]:
     notes = []
-    for found in instabilities:
-        grains = f"{', '.join(map(str, found.grains[:NAMED]))}{' ...' * (len(found.grains) > NAMED)}"
-        drops = abs(found.force_drop) > GRADUAL * rest.pencil.bed.weight
-        how = f"its force on the piston drops by {found.force_drop:.3g} N" if drops else "gradually"
+    for end in instabilities:
+        grains = f"{', '.join(map(str, end.grains[:NAMED]))}{' ...' * (len(end.grains) > NAMED)}"
+        drops = abs(end.force_drop) > GRADUAL * rest.pencil.bed.weight
+        how = f"its force on the piston drops by {end.force_drop:.3g} N" if drops else "gradually"
         notes.append(
-            f"the range ends at {1e3 * found.height:.5g} mm, where the bed loses its equilibrium: grains "
+            f"the range ends at {1e3 * end.height:.5g} mm, where the bed loses its equilibrium: grains "
             f"{grains} rearrange, {how}"
         )
     if rest.pencil.bed.scene is not rest.scene:

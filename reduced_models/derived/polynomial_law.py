@@ -38,19 +38,19 @@ def polynomial_law(
     height, force, stiffness, mass, damping, _ = np.array(states).real.T
     x, at = height - height[middle], states[middle]
     less = None if order is None else order - 1
-    found = {
+    fits = {
         "force": _fit_polynomial(x, force, (0.0, at.stiffness), order, stiffness),
         "mass": _fit_polynomial(x, mass, (at.mass,), less),
         "damping": _fit_polynomial(x, damping, (at.damping,), less),
     }
-    worst = max(found, key=lambda name: found[name][1])
-    if order is None and found[worst][1] > LARGEST_RESIDUAL:
+    worst = max(fits, key=lambda name: fits[name][1])
+    if order is None and fits[worst][1] > LARGEST_RESIDUAL:
         raise InputError(
             f"no polynomial of the height follows the {worst} from {1e3 * height[0]:.4g} to "
             f"{1e3 * height[-1]:.4g} mm within {format_percent(LARGEST_RESIDUAL)}: the bed nearly rearranges "
             "there; give a smaller reach"
         )
-    k, m, c = (coefficients / at.mass for coefficients, _ in found.values())
+    k, m, c = (coefficients / at.mass for coefficients, _ in fits.values())
     values = {f"m{j}": float(m[j]) for j in range(1, len(m))} | {"rest": float(height[middle])}
     values |= {f"c{j}": float(c[j]) for j in range(len(c))} | {f"k{j}": float(k[j]) for j in range(1, len(k))}
     inertia = ["1", *(_term(f"m{j}", j) for j in range(1, len(m)))]
@@ -62,7 +62,7 @@ def polynomial_law(
     law = Law("derived", f"{' + '.join(parts)} = 0", units=units, source="equilibria and roots of the bed")
     accuracy = (
         f"{name} of order {len(coefficients) - 1}, residual {format_percent(residual)}"
-        for name, (coefficients, residual) in found.items()
+        for name, (coefficients, residual) in fits.items()
     )
     return law, {name: values[name] for name in law.parameters}, ", ".join(accuracy)
 
