@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.effects.gravity import GravityLaw
 from granular.effects.wall_side import TOP
 from granular.engine.far_field_forces import force_with_far_field
 from granular.engine.run_errors import report_arithmetic_errors_as
@@ -32,9 +33,15 @@ if TYPE_CHECKING:
 DISPLACEMENT = 5e-4
 """Largest displacement of a coordinate in a difference of forces [D]."""
 
+OF_OVERLAP, SMALLEST = 0.025, 1e-7
+"""And its largest value over the overlap or the gap of two grains where contact bends the force: two grains
+that move apart by it change Hertz's stiffness by 1e-6 of itself in the error of fourth order; its least [D]."""
+
 FLOW = 1e-5
 """Duration of the flow whose difference is the resistance [tau]: rounding over it, 1e-11, is as large as the
 square of decay rates of 5/tau times it, which is neglected."""
+
+_FRICTION = ("friction", "wall_friction")
 
 _ONE_STEP = StepSchedule(FLOW, FLOW, 1, 1, 1, 0)
 
@@ -48,6 +55,8 @@ class BedForces:
         self.bath_rate = 0.0 if bath is None else bath.rate
         self.scene = without_drive_and_friction(scene)
         self._run = RunState(plan(self.scene, threads=1))
+        if self.machine is not None and self.machine.free_cell_mass is not None:
+            self._turn_gravity()
         # A step of one kick and no drift: without forces, the flow of all that resists.
         self._run.tables = self._run.tables._replace(kicks=np.ones(1), drifts=np.zeros(0))
         self.scales = self._run.system.scales
@@ -64,6 +73,24 @@ class BedForces:
             self.weight = self._run.constants.piston_weight * self.scales.force
             if self.machine is not None and self.machine.weight_on_piston is not None:
                 self.weight = self.machine.weight_on_piston
+
+        self._displacement: tuple[np.ndarray | None, float] = (None, DISPLACEMENT)
+
+    def _turn_gravity(self) -> None:
+        """Turn the grains' weight to the piston, which carries the bed."""
+        constants = self._run.constants
+        laws = tuple(
+            law._replace(pull=-law.pull) if isinstance(law, GravityLaw) else law
+            for law in constants.acting.laws
+        )
+        self._run.constants = constants._replace(acting=constants.acting._replace(laws=laws))
+
+    @property
+    def forces_jump(self) -> bool:
+        """True if pairs end at a radius at which their force is not zero."""
+        acting = self._run.constants.acting
+        ends = (acting.cut, acting.listing, acting.nearest)
+        return bool(acting.dipole) and acting.far is None and any(end is not None for end in ends)
 
     @property
     def _fall(self) -> slice:
@@ -111,7 +138,32 @@ class BedForces:
         self, q: Float[np.ndarray, "q"], direction: Float[np.ndarray, "q"]
     ) -> Float[np.ndarray, "q"]:
         """Product of the stiffness -dF/dq at q [m] and a direction [N/m times its unit]."""
-        return -difference(self.forces, q, direction, DISPLACEMENT * self.length)
+        return -difference(self.forces, q, direction, self._displacement_at(q) * self.length)
+
+    def _displacement_at(self, q: Float[np.ndarray, "q"]) -> float:
+        """Displacement in a difference of forces [D]: smaller where grains are about to touch."""
+        grains = self.scene.grains
+        if self.scene.effects.contact is None and grains.magnets != "cylinders":
+            return DISPLACEMENT
+        if self._displacement[0] is not q:
+            smallest = OF_OVERLAP * self._smallest_overlap(q) / self.length
+            self._displacement = q, min(DISPLACEMENT, max(smallest, SMALLEST))
+        return self._displacement[1]
+
+    def _smallest_overlap(self, q: Float[np.ndarray, "q"]) -> float:
+        """Smallest overlap or gap of two grains [m]."""
+        from scipy.spatial import cKDTree
+
+        grains, periods = self.scene.grains, self.scene.cell.periods
+        radius = 0.5 * grains.diameters()
+        points = self.positions(q)
+        tree = cKDTree(points if periods is None else points % periods, boxsize=periods)
+        i, j = tree.query_pairs(2.1 * float(radius.max()), output_type="ndarray").T
+        apart = points[i] - points[j]
+        if periods is not None:
+            apart -= periods * np.round(apart / periods)
+        gaps = np.abs(np.hypot(*apart.T) - radius[i] - radius[j])
+        return float(gaps.min(initial=np.inf))
 
     def resistance_times(
         self, q: Float[np.ndarray, "q"], velocities: Float[np.ndarray, "q"]
@@ -193,7 +245,7 @@ def without_drive_and_friction(scene: Scene) -> Scene:
     taken: dict[str, Any] = {
         f"effects.{effect.key}": None
         for effect in scene.effects.acting
-        if effect.dry or effect.key in ("shaking", "bath", "host")
+        if effect.key in ("shaking", "bath", "host", *_FRICTION)
     }
     if scene.piston is not None and scene.piston.friction:
         taken["piston.friction"] = 0.0
@@ -203,7 +255,7 @@ def without_drive_and_friction(scene: Scene) -> Scene:
 def rubs_dry(scene: Scene) -> bool:
     """Return whether dry friction acts on grains or piston."""
     friction = 0.0 if scene.piston is None else scene.piston.friction
-    return friction > 0.0 or any(effect.dry for effect in scene.effects.acting)
+    return friction > 0.0 or any(effect.key in _FRICTION for effect in scene.effects.acting)
 
 
 def _misplaced_grain_error() -> InputError:

@@ -22,9 +22,12 @@ from granular.shared.errors import InputError
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-REST, ROUNDING = 1e-13, 1e-9
-"""Largest force at equilibrium, over the piston's weight or the force of a pair at one diameter; and the one
-that rounding, or the mesh of large beds, may leave."""
+REST = 1e-13
+"""Largest force at equilibrium, over the piston's weight or the force of a pair at one diameter."""
+
+SETTLED = 1e-7
+"""Largest distance to the equilibrium, by Newton's step, where rounding or a far field on a mesh keeps the
+force above `REST` [D]: the tables of discs and the mesh jump by 1e-7 of a pair's force at one diameter."""
 
 MOST_HALVINGS = 12
 """Most halvings of a step that does not lower the largest force."""
@@ -124,6 +127,11 @@ def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
 def equilibrium_from(scene: Scene, positions: Float[np.ndarray, "n 2"], height: float | None) -> Equilibrium:
     """Find the equilibrium next to positions and a height of the piston [m]."""
     bed = BedForces(scene)
+    if bed.forces_jump:
+        raise InputError(
+            f"pairs.method = {scene.pair_method!r}: pairs end at a distance where their force jumps, so forces "
+            "have no derivative; give 'direct', or 'mesh' in a periodic cell of 40 grains or more"
+        )
     pencil = find_equilibrium(bed, bed.coordinates(positions, height))
     at = pencil.at
     return Equilibrium(
@@ -184,8 +192,8 @@ def find_equilibrium(
             if _norm(moved[free]) < size:
                 break
         else:
-            if size <= ROUNDING * scale:
-                return pencil if fresh else make_pencil(bed, at)
+            if fresh and float(np.abs(step).max()) <= SETTLED * bed.length:
+                return pencil
             if fresh:
                 raise InputError(
                     f"no equilibrium is near: forces of {size:.3g} N stay; give a run that has come to rest"

@@ -98,6 +98,14 @@ class Pencil:
                 raise InputError("the bed's small motions have no solution here; give a bed that has settled")
         return result
 
+    def mass_at(self, coordinate: int) -> float:
+        """Force over acceleration of one coordinate, with all others free [kg]."""
+        from scipy.sparse.linalg import spsolve
+
+        unit = np.zeros(self.bed.size)
+        unit[coordinate] = 1.0
+        return 1.0 / float(spsolve(self.mass, unit)[coordinate])
+
     def lowest_stiffness(self, count: int) -> Float[np.ndarray, "k"]:
         """Lowest eigenvalues of the stiffness [N/m]."""
         return self.lowest_modes(count)[0]

@@ -47,7 +47,8 @@ class Root:
     residue : complex
         Residue of the piston's receptance [s/kg].
     mass_fraction : float
-        Twice |s| |residue| times the piston's mass: 1 if the piston moves by this root alone.
+        Twice |s| |residue| times the mass that resists a jerk of the piston, on a machine with its recoil: 1 if
+        the piston moves by this root alone.
     frequency : float
         Natural frequency |s|/(2 pi) [Hz].
     damping_ratio : float
@@ -125,7 +126,7 @@ def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
         change = value / slope
         s -= change
         if abs(change) < 1e-11 * abs(s):
-            mass_fraction = 2.0 * abs(s) * float(pencil.mass[piston, piston]) / abs(slope)
+            mass_fraction = 2.0 * abs(s) * pencil.mass_at(piston) / abs(slope)
             return Root(s, shape, 1.0 / slope, mass_fraction) if s.imag > 0.0 else None
     return None
 
