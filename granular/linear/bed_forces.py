@@ -24,7 +24,7 @@ from granular.run.engines import NO_TICKS, UNWATCHED
 from granular.run.plan import plan
 from granular.run.run_state import RunState
 from granular.scene.scene import Scene
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, RunError
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -118,8 +118,11 @@ class BedForces:
         state.y[: self.grains] = q[self._fall] / length
         height = self._height if self.piston is None else q[self.piston]
         state.piston[HEIGHT] = height / length
-        with report_arithmetic_errors_as(_misplaced_grain_error):
-            self._run.present_record("give a state whose grains are apart")
+        try:
+            with report_arithmetic_errors_as(_misplaced_grain_error):
+                self._run.present_record("")
+        except RunError:
+            raise _misplaced_grain_error() from None
 
     def forces(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"]:
         """Conservative forces on all coordinates [N]; q [m]."""

@@ -188,7 +188,7 @@ def find_equilibrium(
         step *= min(1.0, LONGEST_STEP * bed.length / float(np.abs(step).max()))
         for halving in range(MOST_HALVINGS):
             trial = at + 0.5**halving * step
-            moved = bed.forces(trial)
+            moved = _forces_or_infinite(bed, trial)
             if _norm(moved[free]) < size:
                 break
         else:
@@ -204,6 +204,14 @@ def find_equilibrium(
         if _norm(force[free]) > 0.1 * size:
             pencil, fresh = make_pencil(bed, at), True
     raise InputError(f"no equilibrium was found in {MOST_ITERATIONS} steps; give a run that has come to rest")
+
+
+def _forces_or_infinite(bed: BedForces, at: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"]:
+    """Forces [N]; infinite if a step has led a grain behind a wall or onto another one."""
+    try:
+        return bed.forces(at)
+    except InputError:
+        return np.full(bed.size, np.inf)
 
 
 def _norm(forces: np.ndarray) -> float:

@@ -28,8 +28,9 @@ DENSE = 4000
 NEIGHBOURS = 18
 """Neighbours in the matrix of near pairs: three shells of a triangular lattice."""
 
-PRECISION = 1e-10
-"""Residual over the right side at which GMRES ends; the noise of a product is 1e-11."""
+PRECISION, NOISE = 1e-10, 3e-11
+"""Residual at which GMRES ends: over the right side; or over the largest stiffness times the solution, where
+soft modes make that larger than the right side, since differences of forces are no better."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -80,6 +81,7 @@ class Pencil:
         from scipy.sparse.linalg import LinearOperator, gmres, splu
 
         near = splu(csc_matrix(matrix))
+        largest = float(np.abs(matrix.diagonal()).max())
 
         def product(u: np.ndarray) -> np.ndarray:
             extended = np.zeros(self.bed.size, u.dtype)
@@ -91,8 +93,9 @@ class Pencil:
         conditioner = LinearOperator(shape, near.solve, dtype=kind)
         for k in range(right.shape[1]):
             column = right[free, k].astype(kind)
+            noise = NOISE * largest * float(np.linalg.norm(near.solve(column)))
             result[free, k], failed = gmres(
-                operator, column, rtol=PRECISION, atol=0.0, restart=100, maxiter=3, M=conditioner
+                operator, column, rtol=PRECISION, atol=noise, restart=100, maxiter=3, M=conditioner
             )
             if failed:
                 raise InputError("the bed's small motions have no solution here; give a bed that has settled")

@@ -25,9 +25,9 @@ from granular.shared.errors import InputError
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-CHANGE = 3e-4
-"""Relative change of a parameter: the square of it times the cube of a power, 20 of r^-5, is 1e-5."""
-
+CHANGE, SHIFT = 3e-4, 5e-4
+"""Relative change of a parameter: the square of it times the cube of a power, 20 of r^-5, is 1e-5; and the
+largest change of a side of the cell, whose wall comes so much nearer to the grains [D]."""
 
 _PARTS = ("grains", "cell", "piston", "effects")
 _STARTS = ("piston.height", "grains.seed", "grains.count")
@@ -100,18 +100,23 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
     root = root or piston_roots(rest)[0]
     keys = tuple(number_keys(rest.scene)) if keys is None else tuple(keys)
     at = pencil.at
-    changed = [[_changed_bed(rest, key, sign) for sign in (1.0, -1.0)] for key in keys]
-    pushes = [(up.forces(at) - down.forces(at)) / (2.0 * CHANGE) for up, down in changed]
+    changes = [_relative_change(rest.scene, key) for key in keys]
+    changed = [
+        [_changed_bed(rest, key, 1.0 + sign * change) for sign in (1.0, -1.0)]
+        for key, change in zip(keys, changes, strict=True)
+    ]
+    pushes = [
+        (up.forces(at) - down.forces(at)) / (2.0 * change)
+        for (up, down), change in zip(changed, changes, strict=True)
+    ]
     moves = pencil.solve(0.0, np.stack(pushes, axis=1), held_shifts(pencil.bed))
     inertia = pencil.damping_times(root.shape) + 2.0 * root.s * (pencil.mass @ root.shape)
     stiffness = complex(root.shape @ inertia)
     values = np.empty((len(keys), 3))
-    for k, beds in enumerate(changed):
-        move = moves[:, k]
-        along = [
-            _work(bed, at + sign * CHANGE * move, root) for bed, sign in zip(beds, (1.0, -1.0), strict=True)
-        ]
-        relative = -(along[0] - along[1]) / (2.0 * CHANGE) / stiffness / root.s
+    for k, (up, down) in enumerate(changed):
+        move, change = moves[:, k], changes[k]
+        along = _work(up, at + change * move, root) - _work(down, at - change * move, root)
+        relative = -along / (2.0 * change) / stiffness / root.s
         # d ln |s| = Re(ds/s); zeta = -cos(arg s), so d zeta = sin(arg s) d arg s.
         damping = relative.imag * np.sin(np.angle(root.s)) / root.damping_ratio
         values[k] = move[piston] / at[piston], relative.real, damping
@@ -133,8 +138,15 @@ def _number_keys(plain: Any, path: str) -> list[str]:
     return [path] if counts and ".excitation." not in path else []
 
 
-def _changed_bed(rest: Equilibrium, key: str, sign: float) -> BedForces:
-    bed = BedForces(scaled_parameter(rest.scene, key, 1.0 + sign * CHANGE))
+def _relative_change(scene: Scene, key: str) -> float:
+    if not key.startswith("cell."):
+        return CHANGE
+    side = float(getattr(scene.cell, key.removeprefix("cell.")))
+    return min(CHANGE, SHIFT * scene.grains.species[0].diameter / side)
+
+
+def _changed_bed(rest: Equilibrium, key: str, factor: float) -> BedForces:
+    bed = BedForces(scaled_parameter(rest.scene, key, factor))
     bed.coordinates(rest.positions, rest.piston_height)
     return bed
 

@@ -7,6 +7,7 @@ the others, and all of them compiled, by ``python -m pytest -m long tests/plain_
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 import re
@@ -393,14 +394,18 @@ QUICK, QUICK_NEW = (), (0,)
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A scene, its bed as the sums take it, what each part brings, and to which error."""
+    """A scene, its bed as the sums take it, what each part brings to such a bed, and to which error."""
 
     scene: Scene
     bed: Bed
     velocities: np.ndarray
-    parts: dict[str, Sums]
+    sums_at: Callable[[Bed], dict[str, Sums]]
     errors: dict[str, float]
     loads: np.ndarray | None
+
+    @functools.cached_property
+    def parts(self) -> dict[str, Sums]:
+        return self.sums_at(self.bed)
 
 
 def draw_places(drawn: Drawn, random: np.random.Generator, diameters: np.ndarray, columns: int) -> np.ndarray:
@@ -492,9 +497,11 @@ def make_case(drawn: Drawn) -> Case:
     plain["arrangement"] = {"positions": places.tolist(), "velocities": velocities.tolist()}
     scene = Scene.from_plain(plain)
     bed = bed_of(scene, places)
-    parts = {"magnets": magnetic_sums(drawn, bed)} | {name: sums(bed) for name, sums in brute.items()}
-    for side, law in laws.items():
-        parts[side] = sum_wall(bed, side, law(bed))
+
+    def sums_at(bed: Bed) -> dict[str, Sums]:
+        found = {"magnets": magnetic_sums(drawn, bed)} | {name: sums(bed) for name, sums in brute.items()}
+        return found | {side: sum_wall(bed, side, law(bed)) for side, law in laws.items()}
+
     loads = None
     if "friction" in drawn.features:
         asked = sections["friction"]
@@ -505,7 +512,7 @@ def make_case(drawn: Drawn) -> Case:
             second=asked["torque"] == "second",
             cylinders="cylinders" in drawn.features,
         )
-    errors = {name: OF_LAWS if name in OWN_PAIR_LAWS else EXACT for name in parts}
+    errors = {name: OF_LAWS if name in OWN_PAIR_LAWS else EXACT for name in ("magnets", *brute, *laws)}
     if "cylinders" in drawn.features:
         errors["magnets"] = OF_DISCS
     if "mesh" in drawn.features:
@@ -513,7 +520,7 @@ def make_case(drawn: Drawn) -> Case:
     for side, section in sections.get("walls", {}).items():
         if section == ROW:
             errors[side] = OF_ROWS
-    return Case(scene, bed, velocities, parts, errors, loads)
+    return Case(scene, bed, velocities, sums_at, errors, loads)
 
 
 def reach_of(drawn: Drawn, bed: Bed) -> Reach:

@@ -1,0 +1,117 @@
+"""Equilibria of small beds, and sources that have none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granular import equilibrium, evaluate
+from granular.linear import normal_modes, piston_roots
+from granular.linear.equilibrium import equilibrium_from
+from granular.schema.natural_units import Scales
+from granular.shared.errors import InputError
+from tests.granular.linear.small_beds import D, at_rest, moved, small_damper
+from tests.granular.pairs.test_periodic import crystal
+
+MASS, GRAVITY = 0.05, 9.8
+
+
+def test_a_grain_between_walls_rests_and_moves_as_two_springs_do() -> None:
+    infinite = {side: {"law": "infinite"} for side in ("left", "right", "bottom", "top")}
+    scene = small_damper(
+        **{
+            "grains.count": 1,
+            "piston.mass": MASS,
+            "piston.drag": 0.02,
+            "effects.walls": infinite,
+            "arrangement": {"positions": [[0.04, 0.015]]},
+        }
+    )
+    rest = at_rest(scene)
+    grain, force = float(scene.grains.masses()[0]), Scales.from_grains(scene.grains).force
+    # F (D/w)^3 on either side; the piston's weight on one, and that of the grain on the other.
+    weights = np.array([MASS, MASS + grain]) * GRAVITY
+    over, under = D * (force / weights) ** (1.0 / 3.0)
+    np.testing.assert_allclose(rest.positions, [[0.5 * scene.cell.width, under]], rtol=1e-11)
+    assert rest.piston_height == pytest.approx(over + under, rel=1e-11)
+    upper, lower = 3.0 * weights / [over, under]
+    matrices = [
+        np.array([[upper + lower, -upper], [-upper, upper]]) / [[grain], [MASS]],
+        np.diag([scene.effects.drag.coefficient / grain, 0.02 / MASS]),
+    ]
+    rates = np.block([[np.zeros((2, 2)), np.eye(2)], [-matrices[0], -matrices[1]]])
+    wanted = np.linalg.eigvals(rates)
+    for root in piston_roots(rest):
+        assert np.abs(wanted - root.s).min() < 1e-8 * abs(root.s)
+
+
+def test_forces_at_the_equilibrium_vanish_by_an_evaluation_too() -> None:
+    rest = at_rest(small_damper())
+    found = evaluate(rest.scene, rest.positions, None, rest.piston_height)
+    assert rest.is_stable
+    assert not rest.frictionless
+    assert np.abs(found.force).max() < 1e-12
+    assert found.piston_force == pytest.approx(0.3 * GRAVITY, rel=1e-12)
+
+
+def test_a_bed_under_friction_has_the_equilibrium_of_one_without() -> None:
+    rest = at_rest(small_damper())
+    rubbed = moved(rest, **{"effects.drag": None, "effects.friction": True, "piston.friction": 0.1})
+    found = equilibrium_from(rubbed, rest.positions + 1e-4 * D, rest.piston_height)
+    assert found.frictionless
+    np.testing.assert_allclose(found.positions, rest.positions, atol=1e-10)
+    assert found.piston_height == pytest.approx(rest.piston_height, rel=1e-9)
+
+
+@pytest.mark.long  # compiles a mesh
+def test_a_periodic_cell_has_two_modes_without_force() -> None:
+    scene = crystal(10, 12, **{"pairs.method": "mesh", "arrangement.jitter": 0.02})
+    rest = equilibrium_from(scene, scene.initial_positions_and_velocities()[0], None)
+    assert rest.is_stable
+    squares = normal_modes(rest).squared_angular_frequencies
+    # The mesh holds the grains by its error of forces.
+    assert (np.abs(squares[:2]) < 3e-4 * squares[-1]).all()
+    assert squares[2] > 3e-3 * squares[-1]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"pairs": {"method": "cut-off"}}, "'cut-off': pairs end at a distance where their force jumps"),
+        ({"pairs": {"method": "verlet-list"}}, "'verlet-list': pairs end"),
+    ],
+)
+def test_pairs_that_end_with_a_force_are_refused(changes: dict[str, object], words: str) -> None:
+    scene = small_damper(**changes)
+    with pytest.raises(InputError, match=words):
+        equilibrium_from(scene, scene.initial_positions_and_velocities()[0], 0.03)
+
+
+def test_nearest_images_are_refused() -> None:
+    scene = crystal(4, 4)
+    with pytest.raises(InputError, match="give 'direct', or 'mesh' in a periodic cell"):
+        equilibrium_from(scene, scene.initial_positions_and_velocities()[0], None)
+
+
+def test_sources_without_a_bed_at_rest_are_refused() -> None:
+    with pytest.raises(InputError, match=r"give grains\.count"):
+        equilibrium(small_damper(**{"grains.count": 0}))
+    with pytest.raises(InputError, match="give one until = 'rest'"):
+        equilibrium(small_damper(**{"protocol": [{"name": "r", "kind": "hold", "duration": 1.0}]}))
+
+
+def test_a_bed_without_a_floor_is_refused() -> None:
+    scene = small_damper(**{"effects.walls": {"bottom": "none"}})
+    with pytest.raises(InputError, match="give a run that has come to rest"):
+        equilibrium_from(scene, scene.initial_positions_and_velocities()[0], 0.03)
+
+
+def test_a_held_piston_has_modes_and_no_roots() -> None:
+    rest = at_rest(
+        small_damper(**{"piston.mass": None, "protocol": [{"name": "r", "kind": "hold", "duration": 1.0}]})
+    )
+    assert rest.piston_height == 0.03
+    assert rest.pencil.bed.piston is None
+    assert len(normal_modes(rest).frequencies) == 24
+    with pytest.raises(InputError, match=r"give piston\.mass and effects\.walls\.top"):
+        piston_roots(rest)

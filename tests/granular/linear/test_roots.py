@@ -1,0 +1,91 @@
+"""Roots, modes and response of a small damper, each by another way."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from granular.linear import dynamic_stiffness, free_motion, normal_modes, piston_roots, transmissibility
+from granular.linear.equilibrium import Equilibrium, equilibrium_from
+from tests.granular.linear.small_beds import D, at_rest, small_damper
+
+
+@pytest.fixture(scope="module")
+def rest() -> Equilibrium:
+    return at_rest(small_damper())
+
+
+@pytest.fixture(scope="module")
+def light() -> Equilibrium:
+    """A bed under a piston that is as light as some grains: many modes share its motion."""
+    return at_rest(small_damper(**{"piston.mass": 0.004, "effects.drag.coefficient": 0.005}))
+
+
+def test_roots_solve_the_equations_of_motion(rest: Equilibrium, light: Equilibrium) -> None:
+    for one in (rest, light):
+        for root in piston_roots(one):
+            assert np.abs(one.pencil.times(root.s, root.shape)).max() < 1e-9 * abs(root.s) ** 2
+            assert root.shape[one.pencil.bed.piston] == 1.0
+
+
+def test_a_light_piston_moves_by_several_roots(light: Equilibrium) -> None:
+    """Their residues are those of all roots of the matrices."""
+    pencil, found = light.pencil, piston_roots(light)
+    size, piston = pencil.bed.size, pencil.bed.piston
+    inverse = np.diag(1.0 / pencil.mass.diagonal())
+    rates = np.block(
+        [
+            [np.zeros((size, size)), np.eye(size)],
+            [-inverse @ pencil.stiffness, -inverse @ pencil.damping.toarray()],
+        ]
+    )
+    roots, shapes = np.linalg.eig(rates)
+    # The answer to a unit impulse on the piston is the sum of residues times exp(s t).
+    residues = shapes[piston] * np.linalg.inv(shapes)[:, size + piston] * inverse[piston, piston]
+    chosen = (roots.imag > 0.0) & (np.abs(residues) >= 0.05 * np.abs(residues).max())
+    assert len(found) == chosen.sum() > 1
+    for root in found:
+        nearest = np.argmin(np.abs(roots - root.s))
+        assert roots[nearest] == pytest.approx(root.s, rel=1e-8)
+        assert residues[nearest] == pytest.approx(root.residue, rel=1e-6)
+    assert sum(root.mass_fraction for root in found) == pytest.approx(1.0, abs=0.2)
+
+
+def test_the_fractions_of_all_modes_add_up(rest: Equilibrium) -> None:
+    modes = normal_modes(rest)
+    piston = rest.pencil.bed.piston
+    assert len(modes.frequencies) == 25
+    assert (modes.shapes[piston] ** 2).sum() * 0.3 == pytest.approx(1.0, rel=1e-10)
+    few = normal_modes(rest, 3)
+    np.testing.assert_allclose(few.frequencies, modes.frequencies[:3], rtol=1e-10)
+
+
+def test_the_stiffness_at_rest_is_the_weight_over_the_sag(rest: Equilibrium) -> None:
+    heights = [
+        equilibrium_from(
+            rest.scene.replace(**{"piston.mass": 0.3 * (1.0 + change)}), rest.positions, rest.piston_height
+        ).piston_height
+        for change in (-1e-4, 1e-4)
+    ]
+    wanted = 2e-4 * 0.3 * 9.8 / (heights[0] - heights[1])
+    found = dynamic_stiffness(rest, np.array([0.0]))[0]
+    assert found.imag == 0.0
+    assert found.real == pytest.approx(wanted, rel=1e-6)
+
+
+def test_a_base_that_does_not_shake_takes_all_along(rest: Equilibrium) -> None:
+    found = transmissibility(rest, np.array([0.0, 1e4]))
+    assert found[0] == 1.0
+    assert abs(found[1]) < 1e-3
+
+
+def test_a_release_starts_where_it_is_let_go(rest: Equilibrium) -> None:
+    start = np.zeros(25)
+    start[24] = 1e-3 * D
+    period = 1.0 / piston_roots(rest)[0].frequency
+    motion = free_motion(rest, start, np.array([0.0, 0.5 * period, 40.0 * period]))
+    assert motion[0] == pytest.approx(start[24], rel=1e-9)
+    assert motion[1] < -0.8 * start[24]
+    assert abs(motion[2]) < math.exp(-3.0) * start[24]

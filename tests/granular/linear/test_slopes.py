@@ -1,0 +1,64 @@
+"""Slopes against paired differences of equilibrium and root of changed scenes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular.linear import piston_roots, slopes
+from granular.linear.bed_forces import scaled_parameter
+from granular.linear.equilibrium import Equilibrium, equilibrium_from
+from granular.shared.errors import InputError
+from tests.granular.linear.small_beds import at_rest, small_damper
+
+CHANGE = 1e-3
+SCENES: dict[str, dict[str, Any]] = {
+    "damper": {"piston.drag": 0.3},
+    "two species": {
+        "grains.species": [
+            {"name": "big", "diameter": "6 mm", "share": 0.6},
+            {"name": "small", "diameter": "5 mm", "share": 0.4},
+        ],
+        "effects.walls": {"bottom": {"law": "slab"}, "top": {"law": "infinite"}},
+    },
+    "machine": {
+        "effects.host": {
+            "bodies": [
+                {"mass": 0.5, "stiffness": 600.0, "damping": 0.4},
+                {"mass": 0.4, "stiffness": 900.0, "damping": 0.3},
+            ]
+        }
+    },
+}
+QUICK = ("damper",)
+
+
+def logarithms(rest: Equilibrium) -> np.ndarray:
+    root = piston_roots(rest)[0]
+    assert rest.piston_height is not None
+    return np.log([rest.piston_height, root.frequency, root.damping_ratio])
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.long) for name in SCENES]
+)
+def test_slopes_are_those_of_changed_scenes(name: str) -> None:
+    rest = at_rest(small_damper(**SCENES[name]))
+    found = slopes(rest)
+    assert {"grains.remanence", "grains.density", "cell.width", "piston.mass"} <= set(found.keys)
+    for key in found.keys:
+
+        def changed(steps: int, key: str = key) -> np.ndarray:
+            scene = scaled_parameter(rest.scene, key, float(np.exp(steps * CHANGE)))
+            return logarithms(equilibrium_from(scene, rest.positions, rest.piston_height))
+
+        wanted = (8.0 * (changed(1) - changed(-1)) - (changed(2) - changed(-2))) / (12.0 * CHANGE)
+        np.testing.assert_allclose(found.of(key), wanted, rtol=1e-5, atol=1e-5, err_msg=key)
+
+
+def test_a_key_that_is_no_number_is_refused() -> None:
+    rest = at_rest(small_damper())
+    with pytest.raises(InputError, match=r"'cell\.length' is no number"):
+        slopes(rest, ["grains.remanence"]).of("cell.length")

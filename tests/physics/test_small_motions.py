@@ -1,0 +1,140 @@
+"""Motion of beds that are let go a little off their equilibrium, or shaken, against their matrices."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from granular import simulate
+from granular.linear import Root, free_motion, piston_roots, transmissibility
+from granular.linear.equilibrium import Equilibrium
+from tests.granular.linear.small_beds import D, at_rest, moved, small_damper
+
+LIFT = 1e-4 * D
+"""[m]"""
+EASED = 0.15
+"""The grains' own motions have died out by then, by drag [s]."""
+
+TWO = [{"name": "big", "diameter": "6 mm", "share": 0.6}, {"name": "small", "diameter": "5 mm", "share": 0.4}]
+BODIES = [
+    {"mass": 0.5, "stiffness": 600.0, "damping": 0.4},
+    {"mass": 0.4, "stiffness": 900.0, "damping": 0.3},
+]
+OWN = {"energy": "a*q1*q2*exp(-r/l)/r", "a": "5e-5 J*m", "l": "4 mm"}
+EDDY = {"conductivity": 59.6e6, "thickness": 1e-3, "distance": 4e-3}
+CONTACT = {"modulus": "30 kPa", "restitution": 0.6}
+SCENES: dict[str, dict[str, Any]] = {
+    "dipoles": {},
+    "discs": {"grains.magnets": "cylinders"},
+    "two species": {"grains.species": TWO},
+    "scatter of moments": {"grains.spread": 0.1},
+    "machine that carries the cell": {"effects.host": {"bodies": BODIES}},
+    "piston on springs": {"effects.host": {"mount": "piston", "bodies": BODIES, "cell_mass": 0.3}},
+    "mutual eddy currents": {"effects.eddy": EDDY, "effects.drag": None},
+    "viscous contact": {
+        "effects.contact": CONTACT,
+        "cell.width": "6.6 D",
+        "piston.height": "8 D",
+        "arrangement.height": "7.8 D",
+        "piston.mass": 3.0,
+        "piston.drag": 0.5,
+    },
+    "cold bath": {"effects.bath": {"temperature": 0.0, "rate": 50.0}, "effects.drag": None},
+    "own pair law": {"effects.pair_law": [OWN], "effects.dipole": None},
+}
+QUICK = ("dipoles", "two species", "scatter of moments")
+OF_SECOND_ORDER = ("viscous contact", "cold bath")
+"""What no method of fourth order takes."""
+
+
+def quick_or_long(names: Any) -> list[Any]:
+    return [pytest.param(name, marks=() if name in QUICK else pytest.mark.long) for name in names]
+
+
+def released(name: str, rest: Equilibrium) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s], and displacements of the piston after it is let go from its lift [m]."""
+    assert rest.piston_height is not None
+    scene = moved(
+        rest,
+        **{
+            "piston.height": rest.piston_height + LIFT,
+            "protocol": [{"name": "release", "kind": "free", "duration": "0.8 s"}],
+            "output": {"scalars": "1 ms", "frames": "0.1 s"},
+        },
+    )
+    method = {} if name in OF_SECOND_ORDER else {"method": "pefrl"}
+    data = simulate(scene, dt="auto/4", progress=False, **method).dataset
+    return data.time.values, data.piston_height.values - rest.piston_height
+
+
+@pytest.mark.parametrize("name", quick_or_long(SCENES))
+def test_a_release_is_the_sum_over_the_roots(name: str) -> None:
+    rest = at_rest(small_damper(**SCENES[name]))
+    assert rest.is_stable
+    if name == "viscous contact":
+        assert smallest_gap(rest) < -0.01 * D
+    time, found = released(name, rest)
+    start = np.zeros(rest.pencil.bed.size)
+    start[rest.pencil.bed.piston] = LIFT
+    wanted = free_motion(rest, start, time)
+    assert rms(found - wanted) < 1e-3 * rms(wanted)
+    first = piston_roots(rest)[0]
+    if first.mass_fraction > 0.95 and name != "machine that carries the cell":
+        frequency, damping_ratio = fitted(time[time > EASED], found[time > EASED], first)
+        assert frequency == pytest.approx(first.frequency, rel=1e-4)
+        assert damping_ratio == pytest.approx(first.damping_ratio, rel=1e-3)
+
+
+def smallest_gap(rest: Equilibrium) -> float:
+    places, count = rest.positions, len(rest.positions)
+    distances = np.hypot(*(places[:, None] - places).T)[np.triu_indices(count, 1)]
+    return float(distances.min()) - D
+
+
+def fitted(time: np.ndarray, found: np.ndarray, near: Root) -> tuple[float, float]:
+    """Natural frequency [Hz] and damping ratio of the decaying cosine next to a motion."""
+
+    def off(s: np.ndarray) -> np.ndarray:
+        motions = np.exp(np.outer(time, [complex(*s)]))
+        columns = np.hstack([motions.real, motions.imag])
+        return np.asarray(columns @ np.linalg.lstsq(columns, found, rcond=None)[0] - found) / LIFT
+
+    s = complex(*least_squares(off, [near.s.real, near.s.imag], x_scale=[0.1, 1.0], xtol=1e-12).x)
+    return abs(s) / math.tau, -s.real / abs(s)
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@pytest.mark.parametrize(
+    "frequency",
+    [
+        pytest.param(f, marks=() if f == 5.0 else pytest.mark.long)
+        for f in (1.0, 3.0, 5.0, 5.8, 7.0, 9.0, 14.0, 25.0)
+    ],
+)
+def test_a_shaken_bed_answers_by_its_transmissibility(frequency: float) -> None:
+    rest = at_rest(small_damper())
+    scene = moved(
+        rest,
+        **{
+            "effects.shaking": {"amplitude": LIFT, "frequency": frequency},
+            "protocol": [{"name": "shake", "kind": "free", "duration": "2 s"}],
+            "output": {"scalars": "1 ms", "frames": "0.1 s"},
+        },
+    )
+    data = simulate(scene, dt="auto/4", method="pefrl", progress=False).dataset
+    time = data.time.values
+    late = time > EASED
+    # What is driven, and the piston's own motion that the start has called up.
+    phases = math.tau * frequency * time[late]
+    own = np.exp(piston_roots(rest)[0].s * time[late])
+    columns = np.stack([np.sin(phases), np.cos(phases), own.real, own.imag], axis=1)
+    along = np.linalg.lstsq(columns, data.piston_height.values[late] - rest.piston_height, rcond=None)[0]
+    wanted = transmissibility(rest, np.array([frequency]))[0]
+    assert abs(1.0 + complex(along[0], along[1]) / LIFT - wanted) < 1e-3 * abs(wanted)
