@@ -34,8 +34,8 @@ DISPLACEMENT = 5e-4
 """Largest displacement of a coordinate in a difference of forces [D]."""
 
 OF_OVERLAP, SMALLEST = 0.025, 1e-7
-"""And its largest value over the overlap or the gap of two grains where contact bends the force: two grains
-that move apart by it change Hertz's stiffness by 1e-6 of itself in the error of fourth order; its least [D]."""
+"""And its largest value over the overlap or the gap of two grains, where contact bends the force: the error
+of Hertz's stiffness, of two grains that move apart by it, is then 1e-6; its smallest value [D]."""
 
 FLOW = 1e-5
 """Duration of the flow whose difference is the resistance [tau]: rounding over it, 1e-11, is as large as the

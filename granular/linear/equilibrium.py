@@ -129,8 +129,8 @@ def equilibrium_from(scene: Scene, positions: Float[np.ndarray, "n 2"], height: 
     bed = BedForces(scene)
     if bed.forces_jump:
         raise InputError(
-            f"pairs.method = {scene.pair_method!r}: pairs end at a distance where their force jumps, so forces "
-            "have no derivative; give 'direct', or 'mesh' in a periodic cell of 40 grains or more"
+            f"pairs.method = {scene.pair_method!r}: pairs end at a distance where their force jumps, so "
+            "forces have no derivative; give 'direct', or 'mesh' in a periodic cell of 40 grains or more"
         )
     pencil = find_equilibrium(bed, bed.coordinates(positions, height))
     at = pencil.at
@@ -207,7 +207,7 @@ def find_equilibrium(
 
 
 def _forces_or_infinite(bed: BedForces, at: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"]:
-    """Forces [N]; infinite if a step has led a grain behind a wall or onto another one."""
+    """Return the forces [N]; infinite if a step has led a grain behind a wall or onto another one."""
     try:
         return bed.forces(at)
     except InputError:

@@ -47,8 +47,8 @@ class Root:
     residue : complex
         Residue of the piston's receptance [s/kg].
     mass_fraction : float
-        Twice |s| |residue| times the mass that resists a jerk of the piston, on a machine with its recoil: 1 if
-        the piston moves by this root alone.
+        Twice |s| |residue| times the mass that resists a jerk of the piston, on a machine with its
+        recoil: 1 if the piston moves by this root alone.
     frequency : float
         Natural frequency |s|/(2 pi) [Hz].
     damping_ratio : float

@@ -33,8 +33,8 @@ MOVED, NUDGE = 6, 2e-5
 """Grains that a direction moves: few, so that few pairs may pass the end of a cut-off; and largest shift that
 keeps them off it [m]."""
 APPROXIMATE = 3e-4
-"""Error of the mesh's forces (`granular.pairs.pair_sum_settings.TOLERANCE`), and of the stiffness of discs: their
-law is right to 9e-6, and goes over into its tables within a hundredth of a distance."""
+"""Error of the mesh's forces (`granular.pairs.pair_sum_settings.TOLERANCE`), and of the stiffness of discs:
+their law is right to 9e-6, and goes over into its tables within a hundredth of a distance."""
 QUICK = (2, 7, 10, 11, 18, 22, 24, 31)
 
 
@@ -89,7 +89,7 @@ def test_the_stiffness_of_every_effect_is_that_of_its_energy(name: str) -> None:
 def clear_of_ends(
     scene: Scene, bed: BedForces, start: np.ndarray, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and grains that may move there: none passes where a sum over pairs ends or turns to a mesh."""
+    """Coordinates and grains that may move there, none past the end of a sum over pairs."""
     sides, size = scene.cell.periods, scene.grains.species[0].diameter
     shorter = None if sides is None else min(sides) / size
     radius = scene.pairs.near_pair_radius(scene.pair_method, size, shorter)
