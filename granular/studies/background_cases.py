@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
+import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
-from typing import Any, NamedTuple, Self
+from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 from granular.scene.scene import Scene
 from granular.shared.progress_bars import progress_bar
@@ -14,12 +16,30 @@ from granular.studies.cases import Case, Measure, make_cases
 from granular.studies.executors import Outcome, ProcessPool, compute_case
 from granular.studies.sweep import compute_outcomes_with_retries, future_outcome
 
+T = TypeVar("T")
+
 
 class BackgroundCase(NamedTuple):
     """A case that was handed to an executor."""
 
     case: Case
     future: Future[Outcome]
+
+
+@dataclasses.dataclass(frozen=True)
+class BackgroundCall(Generic[T]):
+    """A call that was handed to a process; None: that its caller is to make."""
+
+    future: Future[T] | None
+    function: Callable[..., T]
+    args: tuple[Any, ...]
+
+    def result(self) -> T:
+        """Wait for the call, or make it here if no process has begun it, or its process died."""
+        if self.future is not None and not self.future.cancel():
+            with contextlib.suppress(BrokenExecutor):
+                return self.future.result()
+        return self.function(*self.args)
 
 
 class BackgroundCaseRunner:
@@ -55,6 +75,14 @@ class BackgroundCaseRunner:
             started.append(BackgroundCase(case, future))
         self._started += started
         return started
+
+    def submit_call(self, function: Callable[..., T], *args: Any, here: bool = False) -> BackgroundCall[T]:
+        """Hand a call to the processes of this machine; another executor is for runs alone."""
+        future: Future[T] | None = None
+        if self._own and not here:
+            with contextlib.suppress(BrokenExecutor):  # whoever asks for the result computes it
+                future = self._pool.submit(function, *args)
+        return BackgroundCall(future, function, args)
 
     def wait_for_outcomes(
         self, started: Sequence[BackgroundCase], title: str, progress: bool

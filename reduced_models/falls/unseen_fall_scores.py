@@ -236,7 +236,8 @@ def score_drops(
         raise InputError(f"rest = {quote(rest)}; give a finite number [m]")
     rest_height = float(record.height[-max(1, len(record) // 10) :].mean()) if rest is None else rest
     _check_falls(record, unseen, rest_height)  # before the fits, which take minutes
-    return score_fitted_laws(record, fit_laws_to_fall(record, laws, scene, starts), unseen, rest_height)
+    fits = [fit_law_to_fall(law, record, scene, starts) for law in laws]
+    return score_fitted_laws(record, fits, unseen, rest_height)
 
 
 def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], rest_height: float) -> None:
@@ -251,17 +252,10 @@ def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], rest_
             )
 
 
-def fit_laws_to_fall(
-    record: PistonRecord, laws: Sequence[str | Law], scene: Scene | None, starts: int
-) -> list[DropScore]:
-    """Fit laws to one fall from rest, without judging them yet; record [s, m]."""
-    return [_fit_law_to_fall(resolve_law(law, record), record, scene, starts) for law in laws]
-
-
 def score_fitted_laws(
     record: PistonRecord, fits: Sequence[DropScore], unseen: Mapping[str, PistonRecord], rest_height: float
 ) -> DropScores:
-    """Score the laws of `fit_laws_to_fall` on falls that they were not fitted to; record, rest_height [m]."""
+    """Score the laws of `fit_law_to_fall` on falls that they were not fitted to; record, rest_height [m]."""
     _check_falls(record, unseen, rest_height)
     rows = [
         row
@@ -280,7 +274,9 @@ def score_fitted_laws(
     return DropScores(record, rest_height, tuple(unseen), tuple(unseen.values()), tuple(rows), scatter)
 
 
-def _fit_law_to_fall(law: Law, record: PistonRecord, scene: Scene | None, starts: int) -> DropScore:
+def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, starts: int) -> DropScore:
+    """Fit a law to one fall from rest, without judging it yet; record [s, m]."""
+    law = resolve_law(name, record)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the model keeps its notes

@@ -193,6 +193,8 @@ def identify(
                 background = stack.enter_context(BackgroundCaseRunner(measure, executor))
             run, further = _run_beside_checks(opened, target, options, dt is None, background, lift)
             record = run.piston()
+            if further is not None and laws is None:
+                further.begin_fall_fits(run)
         mass = _moving_mass(mass, record, run)
         clock.lap("record" if run is None else "simulation")
         result = _fit_and_compare(record, run, laws, discovery, drive, mass, starts, budget, clock)
@@ -206,7 +208,7 @@ def identify(
             result.save(target)
         if further is None or run is None or not checkable:
             return result
-        result = _add_check_outcomes(result, run, further, progress, falls=laws is None)
+        result = _add_check_outcomes(result, run, further, progress)
     clock.lap("checks of step, random starts, lift and falls")
     result = dataclasses.replace(result, seconds=dict(clock.seconds))
     if target is not None:
@@ -429,11 +431,11 @@ def _frequency_error_notes(figures: Sequence[QuantityWithError]) -> tuple[str, .
 
 
 def _add_check_outcomes(
-    result: Identification, run: Trajectory, further: SceneChecks, progress: bool, falls: bool
+    result: Identification, run: Trajectory, further: SceneChecks, progress: bool
 ) -> Identification:
     """Judge laws on another lift and other falls; give figures step errors and scatter."""
     # Another lift is worth a run only if there are laws to choose from.
-    checks = further.wait_for_outcomes(run, falls, progress)
+    checks = further.wait_for_outcomes(run, progress)
     comparison, model, figures = result.comparison, result.model_of_figures, result.figures
     own, no_own = result.own, result.no_own
     record, mass = result.record, result.mass

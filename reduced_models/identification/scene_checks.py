@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError, RecordError
-from reduced_models.falls.unseen_fall_scores import FALL_LAWS, DropScores, fit_laws_to_fall, score_fitted_laws
+from reduced_models.falls.unseen_fall_scores import (
+    FALL_LAWS,
+    DropScore,
+    DropScores,
+    fit_law_to_fall,
+    score_fitted_laws,
+)
 from reduced_models.fitting.fit import fit
 from reduced_models.identification.measured_swing import MeasuredSwing, quantities_at_amplitudes
 from reduced_models.identification.rest_checks import (
@@ -29,7 +35,7 @@ from reduced_models.records.sources import FALL, RECORD
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
-    from granular.studies.background_cases import BackgroundCase, BackgroundCaseRunner
+    from granular.studies.background_cases import BackgroundCall, BackgroundCase, BackgroundCaseRunner
 
 CHECK_SEEDS = 2
 """Further random starts of the bed that are run to see the scatter."""
@@ -89,6 +95,8 @@ class SceneChecks:
     ) -> None:
         self._background, self._scene, self._settings = background, scene, settings
         self._release = release_stages(scene)
+        self._fall: PistonRecord | None = None
+        self._fall_fits: list[BackgroundCall[DropScore]] = []
         self._starts = self._start_runs(random_start_checks(scene))
         self._higher_lift = higher_lift_check(scene) if lift else None
         self._lift = [] if self._release else self._start_lift({})
@@ -115,14 +123,27 @@ class SceneChecks:
             self._lift = self._start_lift(begin)
         return derived, failures
 
-    def wait_for_outcomes(self, run: Trajectory, falls: bool, progress: bool) -> CheckOutcomes:
-        """Run what depends on the scene's own run, fit laws of its fall meanwhile, wait for all."""
+    def begin_fall_fits(self, run: Trajectory) -> None:
+        """Begin to fit laws of the whole fall to the one of the run."""
+        self._fall = first_fall(run)
+        if self._fall is not None:
+            fits = [(law, self._fall, self._scene, STARTS) for law in FALL_LAWS]
+            half = (
+                len(fits) // 2
+            )  # the caller makes the others; a process takes its calls before it comes to them
+            self._fall_fits = [
+                self._background.submit_call(fit_law_to_fall, *args, here=k >= half)
+                for k, args in enumerate(fits)
+            ]
+
+    def wait_for_outcomes(self, run: Trajectory, progress: bool) -> CheckOutcomes:
+        """Run what depends on the scene's own run, wait for all, and score the laws of its fall."""
         derived, doubts = self._derive_figures(run)
         step_check = choose_step_check(run) if derived is None else None
         other = [] if step_check is None else self._start_runs([step_check.check])
-        fall = first_fall(run) if falls else None
+        fall = self._fall
         drops = self._start_runs([] if fall is None else other_drop_checks(run, fall))
-        fits = [] if fall is None else fit_laws_to_fall(fall, FALL_LAWS, self._scene, STARTS)
+        fits = [call.result() for call in reversed(self._fall_fits)][::-1]
         order = [*other, *self._starts, *self._lift, *drops]
         outcomes = self._background.wait_for_outcomes([case for _, case in order], TITLE, progress)
         motions = iter([_records_of_case(*pair) for pair in zip(order, outcomes, strict=True)])
