@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from granular.linear.bed_forces import BedForces, rubs_dry
 from granular.linear.pencil import Pencil, make_pencil
+from granular.linear.relaxation import RELAXED, relax
 from granular.protocol.stage import TimedStage
 from granular.run.run_directory import is_run_directory
 from granular.run.simulation import simulate
@@ -32,8 +34,8 @@ force above `REST` [D]: the tables of discs and the mesh jump by 1e-7 of a pair'
 MOST_HALVINGS = 12
 """Most halvings of a step that does not lower the largest force."""
 
-MOST_ITERATIONS = 60
-"""Most solutions for Newton's steps; from a settled bed of 368 grains it takes three."""
+MOST_ITERATIONS, MOST_MATRICES = 60, 4
+"""Most of Newton's steps, and of matrices made for them; a settled bed of 368 grains takes three and two."""
 
 LONGEST_STEP = 0.1
 """Longest step of a coordinate [D]: beyond it a neighbour's force is another one."""
@@ -171,15 +173,31 @@ def find_equilibrium(
 ) -> Pencil:
     """Return the matrices about the equilibrium next to a start, with some coordinates held [m].
 
-    The first steps have the same matrix, that near the start if it is known, until one of them gains less
-    than a factor of ten (chord method).
+    A start from which Newton's method finds none is first relaxed downhill.
     """
-    at, pencil = start, near or make_pencil(bed, start)
     held = (*held, *held_shifts(bed))
+    first = near or make_pencil(bed, start)
+    try:
+        return _newton(bed, start, held, first, fresh=near is None)
+    except InputError as error:
+        stiffest = float(np.abs(first.stiffness.diagonal()).max())
+        with contextlib.suppress(InputError):  # a bed without a floor falls out of its cell
+            at = relax(bed, start, held, stiffest, RELAXED)
+            return _newton(bed, at, held, make_pencil(bed, at), fresh=True)
+        raise error from None
+
+
+def _newton(
+    bed: BedForces, at: Float[np.ndarray, "q"], held: tuple[int, ...], pencil: Pencil, *, fresh: bool
+) -> Pencil:
+    """Solve for the equilibrium by Newton's method; coordinates [m].
+
+    The first steps have the same matrix until one of them gains less than a factor of ten (chord method).
+    """
     free = np.delete(np.arange(bed.size), list(held))
     force = bed.forces(at)
     scale = max(bed.scales.force, bed.weight)
-    fresh = near is None
+    matrices = 0
     for _ in range(MOST_ITERATIONS):
         size = _norm(force[free])
         if size <= REST * scale:
@@ -190,20 +208,22 @@ def find_equilibrium(
             trial = at + 0.5**halving * step
             moved = _forces_or_infinite(bed, trial)
             if _norm(moved[free]) < size:
+                at, force = trial, moved
                 break
         else:
             if fresh and float(np.abs(step).max()) <= SETTLED * bed.length:
                 return pencil
             if fresh:
-                raise InputError(
-                    f"no equilibrium is near: forces of {size:.3g} N stay; give a run that has come to rest"
-                )
-            pencil, fresh = make_pencil(bed, at), True
-            continue
-        at, force, fresh = trial, moved, False
+                break
+        fresh = False
         if _norm(force[free]) > 0.1 * size:
+            matrices += 1
+            if matrices > MOST_MATRICES:
+                break
             pencil, fresh = make_pencil(bed, at), True
-    raise InputError(f"no equilibrium was found in {MOST_ITERATIONS} steps; give a run that has come to rest")
+    raise InputError(
+        f"no equilibrium is near: forces of {_norm(force[free]):.3g} N stay; give a run that has come to rest"
+    )
 
 
 def _forces_or_infinite(bed: BedForces, at: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"]:

@@ -7,28 +7,22 @@ rearrange, and the piston's force jumps.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.linear.bed_forces import BedForces
 from granular.linear.equilibrium import find_equilibrium, held_shifts
 from granular.linear.pencil import Pencil
+from granular.linear.relaxation import RELAXED, relax
 from granular.linear.roots import refine_root, static_shape
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 RESOLUTION = 1e-4
 """Shortest step of the piston [D], and so the error of an instability's height."""
 
 _KICK = 1e-2  # displacement along the unstable mode [D]: beyond what a saddle holds at the shortest step
 _MOVED = 0.25  # of the largest displacement, from which on a grain is said to rearrange
-# Numbers of FIRE as published (Bitzek et al. 2006, doi:10.1103/PhysRevLett.97.170201); the time step is over
-# the period of the stiffest coordinate alone.
-_FIRE_STEP, _LONGEST_FIRE_STEP, _MIXING, _LATENCY, _MOST_FIRE_STEPS = 0.1, 1.0, 0.1, 5, 20_000
-_RELAXED = 1e-6  # largest force over the first one, at which Newton's method takes over
 
 
 class HeldState(NamedTuple):
@@ -131,36 +125,10 @@ def _instability(pencil: Pencil, piston: int, direction: float) -> Instability:
     side = 1.0 if mode @ bed.forces(at) >= 0.0 else -1.0
     kick = side * _KICK * bed.length / float(np.abs(mode).max())
     stiffest = float(np.max(pencil.stiffness.diagonal()))
-    relaxed = _relax(bed, at + kick * mode, held, stiffest)
+    relaxed = relax(bed, at + kick * mode, held, stiffest, RELAXED)
     moved = np.linalg.norm(bed.positions(relaxed) - bed.positions(pencil.at), axis=1)
     grains = tuple(map(int, np.flatnonzero(moved >= _MOVED * moved.max())))
     relaxed[piston] = pencil.at[piston]
     after = find_equilibrium(bed, relaxed, held).at
     drop = float(bed.forces(pencil.at)[piston] - bed.forces(after)[piston])
     return Instability(float(pencil.at[piston]), grains, drop)
-
-
-def _relax(
-    bed: BedForces, start: Float[np.ndarray, "q"], held: tuple[int, ...], stiffest: float
-) -> Float[np.ndarray, "q"]:
-    """Coordinates that the forces lead to from a start [m], by the fast inertial relaxation engine."""
-    at, velocity = start, np.zeros_like(start)
-    step, longest = _FIRE_STEP / np.sqrt(stiffest), _LONGEST_FIRE_STEP / np.sqrt(stiffest)
-    mixing, downhill, first = _MIXING, 0, 0.0
-    for _ in range(_MOST_FIRE_STEPS):
-        force = bed.forces(at)
-        force[list(held)] = 0.0
-        size = float(np.linalg.norm(force))
-        first = first or size
-        if size <= _RELAXED * first:
-            break
-        if force @ velocity > 0.0:
-            velocity = (1.0 - mixing) * velocity + mixing * np.linalg.norm(velocity) * force / size
-            downhill += 1
-            if downhill > _LATENCY:
-                step, mixing = min(1.1 * step, longest), 0.99 * mixing
-        else:
-            velocity, step, mixing, downhill = np.zeros_like(at), 0.5 * step, _MIXING, 0
-        velocity = velocity + step * force
-        at = at + step * velocity
-    return at
