@@ -6,6 +6,7 @@ import sys
 
 from granular.commands.console import Program, launch
 from granular.commands.export import export
+from granular.commands.modes import modes
 from granular.commands.observe import defects, observe
 from granular.commands.render import render
 from granular.commands.response import response
@@ -21,7 +22,7 @@ a first run, looked at:
   %(prog)s show bed
   %(prog)s run bed --t-end 0.5 -o runs/bed
   %(prog)s render runs/bed -o speed.png --colour speed""",
-    (scenes, show, schema, run, observe, defects, export, render, sweep, response),
+    (scenes, show, schema, run, observe, defects, export, render, sweep, modes, response),
 )
 parser, main = PROGRAM.parser, PROGRAM.main
 

@@ -36,7 +36,7 @@ from validation.convergence_result import (
     convergence_verdict,
     show_convergence_section,
 )
-from validation.exact import NAMES, bounce, exact_problem
+from validation.exact import NAMES, bed_root, bounce, exact_problem
 from validation.exact.problem import ExactProblem, GrainStates
 from validation.report_tasks import Plain, Section, Task
 
@@ -70,6 +70,17 @@ NEIGHBOURS = 21
 # Three points would leave the slope one degree of freedom, and Student's t of 95 % is 12.7, not 4.3.
 _LEAST_POINTS = 4
 _SLACK = 0.98  # numbers of steps are whole, so a decade may be a little less
+
+FIRST_ROOT_STEP, MOST_ROOT_STEPS, ROOT_COARSE = 0.7, 20, 1e-2
+"""Longest step in radians of the root, number of steps, and relative error from which steps count."""
+
+NEAR = 1e-4
+"""Relative change of a step between errors whose second difference is rounding: of a smooth error of order 8
+it is 6e-7, as large as rounding over an error of 2e-4."""
+
+ROOT_ORDERS = {"symplectic-euler": 2}
+"""Order in a root where it is not the method's own: the kick and the drift of the symplectic Euler method are
+Verlet's from half a step later on, so both maps have the same multipliers."""
 
 Solver = Callable[[ExactProblem, int], GrainStates]
 """The grains at a problem's time, after that many equal steps."""
@@ -257,6 +268,37 @@ def _fit_line(steps: Sequence[float], errors: Sequence[float], first: int, last:
     return FittedSlope(value, (value - margin, value + margin), first, last)
 
 
+def root_convergence(method: str, exact: complex | None = None) -> ConvergenceResult:
+    """Measure the order of a method's root by two halvings of the step; exact root, if another one [1/s].
+
+    Errors are those of an oscillation of a diameter after a radian [m].
+    """
+    rest, root = bed_root.settled_root(method)
+    diameter = rest.scene.grains.species[0].diameter
+    steps, errors, seconds, rounding = [], [], [], 0.0
+    for k in range(MOST_ROOT_STEPS):
+        step = FIRST_ROOT_STEP / abs(root.s) * math.sqrt(0.5) ** k
+        started = time.perf_counter()
+        less, error, more = (
+            diameter * bed_root.root_error(method, step * by, exact) for by in (1.0 - NEAR, 1.0, 1.0 + NEAR)
+        )
+        noise = max(rounding, abs(less - 2.0 * error + more), float(np.spacing(diameter)))
+        if error > ROOT_COARSE * diameter and not steps:
+            continue
+        if error <= CLEAR * noise:
+            break
+        steps.append(step)
+        errors.append(error)
+        seconds.append((time.perf_counter() - started) / 3.0)
+        rounding = noise
+    order = ROOT_ORDERS.get(method, method_named(method).order)
+    last = len(steps) - 1
+    fit = _fit_line(steps, errors, last - 4, last) if last >= 4 else None
+    return ConvergenceResult(
+        bed_root.NAME, method, order, True, tuple(steps), tuple(errors), rounding, fit, tuple(seconds)
+    )
+
+
 # In the report ----------------------------------------------------------------------------------
 
 QUICK_METHODS = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
@@ -277,6 +319,15 @@ def convergence_tasks(full: bool) -> list[Task]:
         for method in METHODS
         if (full or method in QUICK_METHODS or name == QUICK_PROBLEM)
         and method_suits_problem(exact_problem(name), method)
+    ]
+    tasks += [
+        Task(
+            f"{method} on {bed_root.NAME}",
+            {"problem": bed_root.NAME, "method": method},
+            partial(_measure_root_convergence, method),
+        )
+        for method in METHODS
+        if (full or method in QUICK_METHODS) and not method_named(method).variable
     ]
     problems = OUTSIDE_PROBLEMS if full else OUTSIDE_PROBLEMS[:1]
     return tasks + [
@@ -316,6 +367,10 @@ def _measure_convergence(name: str, method: str, full: bool) -> Plain:
         )
         return convergence(problem, method, counts, solver=solve, order=order).to_plain()
     return convergence(problem, method).to_plain()
+
+
+def _measure_root_convergence(method: str) -> Plain:
+    return root_convergence(method).to_plain()
 
 
 def _is_shown_briefly(method: str) -> bool:

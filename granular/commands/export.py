@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from granular.commands.console import command, option, print_result
-from granular.commands.options import CHANGES, IMPORT, OUTPUT, parse_time_step, scene_from_options
+from granular.commands.options import CHANGES, IMPORT, OUTPUT, parse_time_step, scene_or_run_from_options
 from granular.shared.errors import InputError
 
 
@@ -52,14 +51,9 @@ def export(options: Any) -> None:
 
 def _export_lammps_deck(options: Any) -> None:
     from granular.export import to_lammps
-    from granular.run.run_directory import is_run_directory
 
-    at_run = is_run_directory(Path(options.run))
-    if at_run and options.changes:
-        raise InputError(f"--set changes a scene; {options.run} is a run, whose scene is fixed")
-    options.scene = options.run
     files = to_lammps(
-        options.run if at_run else scene_from_options(options),
+        scene_or_run_from_options(options, options.run),
         options.out,
         dt=parse_time_step(options.dt or "auto"),
         overwrite=options.force,

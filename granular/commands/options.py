@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import option, option_group
@@ -68,6 +69,19 @@ def scene_from_options(options: Any) -> Scene:
 
     import_user_code(getattr(options, "user_files", ()))
     return load_scene(options.scene).replace(**parse_changes(options.changes))
+
+
+def scene_or_run_from_options(options: Any, source: str) -> Scene | Path:
+    """Load the scene that a command was given, with its changes, or return the directory of a run."""
+    from granular.run.run_directory import is_run_directory
+
+    path = Path(source)
+    if not is_run_directory(path):
+        options.scene = source
+        return scene_from_options(options)
+    if options.changes:
+        raise InputError(f"--set changes a scene; {source} is a run, whose scene is fixed")
+    return path
 
 
 def parse_changes(items: Sequence[str]) -> dict[str, Any]:

@@ -260,9 +260,11 @@ def _run_frequency_sweep(options: Any, scene: Scene) -> FrequencyResponse:
 def _write_response(result: FrequencyResponse, path: Path) -> str:
     from granular.response.report_page import response_page
     from granular.response.response import save_response
+    from granular.response.small_amplitude import add_linear_response
     from granular.shared.plotting import figure
 
     make_directory(path)
+    result = add_linear_response(result)
     save_response(result, path)
     table = result.dataset.to_dataframe().reset_index()
     write_text(path / "response.csv", table.to_csv(index=False))

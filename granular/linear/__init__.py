@@ -7,17 +7,20 @@ from granular.linear.modes import NormalModes, normal_modes
 from granular.linear.response import dynamic_stiffness, free_motion, transmissibility
 from granular.linear.roots import Root, piston_roots
 from granular.linear.slopes import Slopes, slopes
+from granular.linear.small_motions import SmallMotions, small_motions
 from granular.linear.step_root import root_of_steps
 
 __all__ = [
     "NormalModes",
     "Root",
     "Slopes",
+    "SmallMotions",
     "dynamic_stiffness",
     "free_motion",
     "normal_modes",
     "piston_roots",
     "root_of_steps",
     "slopes",
+    "small_motions",
     "transmissibility",
 ]

@@ -62,9 +62,7 @@ class BedForces:
         self.scales = self._run.system.scales
         self.length = self.scales.length
         self.grains = self._run.constants.grains
-        mass = None if scene.piston is None else scene.piston.mass
-        walls: Any = scene.effects.walls
-        has_piston = mass is not None and walls is not None and walls.top is not None
+        has_piston = has_free_piston(scene)
         self.piston = 2 * self.grains if has_piston else None
         self.bodies = 2 * self.grains + has_piston
         self.size = self.bodies + (0 if self.machine is None else len(self.machine.masses))
@@ -253,6 +251,20 @@ def without_drive_and_friction(scene: Scene) -> Scene:
     if scene.piston is not None and scene.piston.friction:
         taken["piston.friction"] = 0.0
     return scene.replace(**taken) if taken else scene
+
+
+def has_free_piston(scene: Scene) -> bool:
+    """Return whether a bed carries a piston that is free to move."""
+    walls: Any = scene.effects.walls
+    return (
+        scene.piston is not None and scene.piston.mass is not None and walls is not None and bool(walls.top)
+    )
+
+
+def check_free_piston(scene: Scene) -> None:
+    """Refuse a scene without a free piston."""
+    if not has_free_piston(scene):
+        raise InputError("the scene has no free piston; give piston.mass and effects.walls.top")
 
 
 def rubs_dry(scene: Scene) -> bool:

@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import functools
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -97,7 +97,7 @@ def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
     ----------
     source : Scene, Trajectory, str or Path
         A run, or its directory, whose last frame is taken; or a scene, which is run through its protocol up
-        to the end of the first stage that ends at rest.
+        to the end of the first stage that ends at rest; on a machine, without it and to rest.
 
     Returns
     -------
@@ -116,14 +116,7 @@ def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
     >>> rest.is_stable, bool(rest.residual < 1e-9)  # [N]
     (True, True)
     """
-    run = settled_run(source)
-    positions = run.dataset["position"].values[-1]
-    if not np.isfinite(positions).all():
-        raise InputError(
-            "grains have left the cell; a bed with a gap has no equilibrium: close effects.walls.gap"
-        )
-    height = None if run.scene.piston is None else float(run.dataset["frame_height"].values[-1])
-    return equilibrium_from(run.scene, positions, height)
+    return equilibrium_from(*settled_state(source))
 
 
 def equilibrium_from(scene: Scene, positions: Float[np.ndarray, "n 2"], height: float | None) -> Equilibrium:
@@ -146,23 +139,39 @@ def equilibrium_from(scene: Scene, positions: Float[np.ndarray, "n 2"], height: 
     )
 
 
-def settled_run(source: Scene | Trajectory | str | Path) -> Trajectory:
-    """Return a run of a source: the one that it is, or one up to the first rest of a scene's protocol."""
-    if isinstance(source, Trajectory):
-        return source
-    if not isinstance(source, Scene):
-        if is_run_directory(Path(source)):
-            return load_trajectory(source)
-        source = load_scene(source)
-    if not source.grains.count:
+def settled_state(
+    source: Scene | Trajectory | str | Path,
+) -> tuple[Scene, Float[np.ndarray, "n 2"], float | None]:
+    """Return scene, positions and height [m] of a run's end, or of a scene's first rest."""
+    if not isinstance(source, Trajectory | Scene):
+        source = load_trajectory(source) if is_run_directory(Path(source)) else load_scene(source)
+    run = source if isinstance(source, Trajectory) else _settle(source)
+    positions = run.dataset["position"].values[-1]
+    if not np.isfinite(positions).all():
+        raise InputError(
+            "grains have left the cell; a bed with a gap has no equilibrium: close effects.walls.gap"
+        )
+    height = None if run.scene.piston is None else float(run.dataset["frame_height"].values[-1])
+    return source.scene if isinstance(source, Trajectory) else source, positions, height
+
+
+def _settle(scene: Scene) -> Trajectory:
+    """Run a scene up to the first rest of its protocol; on a machine, run the bed alone to rest."""
+    if not scene.grains.count:
         raise InputError("a scene without grains has no bed; give grains.count")
-    stages = source.protocol
-    rests = [isinstance(stage, TimedStage) and stage.until == "rest" for stage in stages]
+    host: Any = getattr(scene.effects, "host", None)
+    if host is not None:
+        free = [{"name": "settle", "kind": "free", "until": "rest"}]
+        changes: dict[str, Any] = {"effects.host": None, "protocol": free, "output.record": None}
+        if host.cell_mass is not None:
+            changes["piston.mass"] = host.cell_mass + float(scene.grains.masses().sum())
+        scene = scene.replace(**changes)
+    rests = [isinstance(stage, TimedStage) and stage.until == "rest" for stage in scene.protocol]
     if not any(rests):
         raise InputError(
             "no stage of the protocol ends at rest; give one until = 'rest', or a run's directory"
         )
-    plain = source.to_plain()
+    plain = scene.to_plain()
     plain["protocol"] = plain["protocol"][: rests.index(True) + 1]
     plain.get("output", {}).pop("record", None)
     return simulate(Scene.from_plain(plain), progress=False)

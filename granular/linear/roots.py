@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular.linear.bed_forces import check_free_piston
 from granular.linear.equilibrium import Equilibrium, held_shifts
 from granular.linear.modes import normal_modes
 from granular.linear.pencil import Pencil
@@ -107,8 +108,8 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
 
 def require_free_piston(rest: Equilibrium) -> int:
     """Return the index of the free piston's coordinate."""
-    if rest.pencil.bed.piston is None:
-        raise InputError("the scene has no free piston; give piston.mass and effects.walls.top")
+    check_free_piston(rest.scene)
+    assert rest.pencil.bed.piston is not None
     return rest.pencil.bed.piston
 
 

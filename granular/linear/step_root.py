@@ -52,7 +52,7 @@ def root_of_steps(
     Raises
     ------
     InputError
-        If a machine carries the bed, or the method's step has no fixed length.
+        If a machine carries the bed, the method's step has no fixed length, or it takes no drag.
     """
     bed = rest.pencil.bed
     if bed.machine is not None or bed.bath_rate:
@@ -62,6 +62,8 @@ def root_of_steps(
     chosen = plan(bed.scene, dt, method, threads=1)
     if chosen.method.variable:
         raise InputError(f"{chosen.method.name!r} varies its step; give a method of equal steps")
+    if chosen.method.tableau is not None and rest.pencil.damping.max() > 0.0:
+        raise InputError(f"{chosen.method.name!r} takes no drag; give 'stormer-verlet', or a bed without it")
     far = chosen.system.constants.acting.far
     steps = (far.every or 1) if far is not None else 1
     advance = functools.partial(_advance, RunState(chosen), bed, dt, steps)

@@ -14,15 +14,14 @@ from granular.observables.defects import Dislocations
 from granular.observables.forces import piston_force
 from granular.observables.statistics import Histogram
 from granular.observables.voronoi import VoronoiCells, cell_polygons, voronoi_cells
+from granular.scene.bed_drawing import style_as_map
 from granular.shared.plotting import COLOURS, GREY, SIDES, STYLES, axes_or_new, figure_label
 
 if TYPE_CHECKING:
     import xarray
-    from jaxtyping import Float
     from matplotlib.axes import Axes
 
     from granular.run.trajectory import Trajectory
-    from granular.scene.scene import Scene
 
 __all__ = [
     "plot_area_profile",
@@ -43,34 +42,6 @@ _PATHS = (COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[5], COLOURS[6])
 """Colours of paths, none of which is like a colour of the cells below them."""
 _TO_SCALE: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "color": "#333333"}
 """Look of arrows whose length is to scale."""
-
-
-def draw_bed(
-    axes: Axes, scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: float | None
-) -> None:
-    """Draw the grains to scale, the cell and the piston; positions, piston_height [m]."""
-    from matplotlib.collections import EllipseCollection
-
-    diameters = 1e3 * scene.grains.diameters()
-    grains = EllipseCollection(
-        diameters,
-        diameters,
-        np.zeros(len(diameters)),
-        units="xy",
-        offsets=1e3 * positions,
-        offset_transform=axes.transData,
-        linewidths=0.0,
-        facecolors=[COLOURS[k % len(COLOURS)] for k in scene.grains.species_indices()],
-    )
-    axes.add_collection(grains)
-    width = 1e3 * scene.cell.width
-    top = 1e3 * (piston_height if piston_height is not None else float(positions[:, 1].max()))
-    axes.plot([0.0, 0.0, width, width], [top, 0.0, 0.0, top], color="#333333", linewidth=1.5)
-    if piston_height is not None:
-        axes.plot([0.0, width], [top, top], color=COLOURS[1], linewidth=3.0)
-    _style_as_map(axes)
-    axes.set_xlim(-0.01 * width, 1.01 * width)
-    axes.set_ylim(-0.01 * width, top + 0.02 * width)
 
 
 def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = None) -> Axes:
@@ -121,7 +92,7 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = Non
         alignment="left",
         bbox_to_anchor=(1.0, 1.0),
     )
-    return _style_as_map(ax)
+    return style_as_map(ax)
 
 
 def plot_dislocations(dislocations: Dislocations, positions: np.ndarray, ax: Axes | None = None) -> Axes:
@@ -154,7 +125,7 @@ def plot_dislocations(dislocations: Dislocations, positions: np.ndarray, ax: Axe
             *(1e3 * dislocations.positions).T, *(1e3 * dislocations.burgers).T, **_TO_SCALE, width=0.003
         )
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    return _style_as_map(ax)
+    return style_as_map(ax)
 
 
 def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes | None = None) -> Axes:
@@ -207,7 +178,7 @@ def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes |
         if sides is not None:
             sides.set_clip_on(False)  # it stands next to the axes
             ax.add_artist(sides)
-    return _style_as_map(ax)
+    return style_as_map(ax)
 
 
 def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
@@ -386,7 +357,7 @@ def plot_forces(
                 width=0.0025,
                 scale=25.0,
             )
-    return _style_as_map(ax)
+    return style_as_map(ax)
 
 
 def plot_order_correlation(orders: np.ndarray, fractions: np.ndarray, ax: Axes | None = None) -> Axes:
@@ -480,14 +451,6 @@ def plot_response(responses: list[xarray.Dataset], ax: Axes | None = None) -> Ax
     unit = responses[0]["ratio"].attrs["units"]
     ax.set(xlabel="frequency of the drive [Hz]", ylabel=f"amplitude ratio [{unit}]")
     ax.legend()
-    return ax
-
-
-def _style_as_map(ax: Axes) -> Axes:
-    ax.set_aspect("equal")
-    ax.autoscale_view()
-    ax.grid(visible=False)
-    ax.set(xlabel="x [mm]", ylabel="y [mm]")
     return ax
 
 

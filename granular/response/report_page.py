@@ -48,6 +48,8 @@ def response_page(
     """Report of a response as an HTML page: the curves, the peaks, the damper's part and the settings."""
     page = HtmlPage(f"The response of scene {response.scene.name!r}", peak_summary_sentence(response))
     _add_curves(page, response, comparison)
+    if "no_linear" in response.dataset.attrs:
+        page.add_paragraph(f"No curve of small motions: {response.dataset.attrs['no_linear']}.")
     _add_peak_table(page, response)
     add_steadiness_notes(page, response)
     if comparison is not None:
@@ -93,6 +95,11 @@ def _add_curves(page: HtmlPage, response: FrequencyResponse, comparison: PageCom
             line.set(color=COLOURS[k % len(COLOURS)], linestyle="-", linewidth=1.6)
             if response.dataset.sizes["frequency"] < _DENSE:
                 line.set(marker="o", markersize=5)
+        if "linear" in response.dataset:
+            for k, curve in enumerate(response.dataset.linear.values):
+                look = {"color": COLOURS[k % len(COLOURS)], "linewidth": 1.0, "linestyle": (0, (4, 3))}
+                name = "small motions" if k == 0 else None
+                axes.plot(response.dataset.frequency, 1e3 * curve, label=name, **look)
         names = _draw_comparison_curves(axes, response, comparison)
         handles, words = axes.get_legend_handles_labels()
         drawing.legend(
@@ -128,6 +135,8 @@ def _curve_caption(response: FrequencyResponse, comparison: PageComparison | Non
         words = "Displacement of the load on the piston"
     if "alone" in response.dataset:
         words += ", with the damper, without it, and with Den Hartog's tuned mass in its place"
+    if "linear" in response.dataset:
+        words += "; dashed in the colour of each amplitude, by the bed's small motions about its equilibrium"
     if comparison is not None:
         words += f"; in the colour of each amplitude: {', '.join(comparison.curves)}"
     return f"{words}."
@@ -266,6 +275,7 @@ def _add_swing_table(page: HtmlPage, response: FrequencyResponse, size: float) -
     columns = {
         "Hz": (part.frequency, 1.0, 4),
         "mm": (part.displacement, 1e3, 3),
+        "small motions [mm]": (part.get("linear"), 1e3, 3),
         "piston [D]": (part.get("stroke"), 1.0 / diameter, 2),
         "added kg": (part.get("effective_mass"), 1.0, 3),
         "added kg/s": (part.get("added_damping"), 1.0, 3),

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.observables.plots import draw_bed
 from granular.run.piston_record import PistonRecord
+from granular.scene.bed_drawing import draw_bed
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, figure_label, line_style
 from reduced_models.falls.unseen_fall_scores import DropScores

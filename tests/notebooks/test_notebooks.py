@@ -180,6 +180,18 @@ def real_magnets(found: Numbers) -> None:
     assert 1.0 < ratios["dipoles"] < 1.3
 
 
+def small_motions(found: Numbers) -> None:
+    # The smallest lift is linear, and the largest one is not: errors grow with the amplitude.
+    assert abs(found["frequency_errors"][0]) < 1e-5
+    assert abs(found["damping_errors"][0]) < 1e-3
+    assert abs(found["frequency_errors"][-1]) == pytest.approx(0.0030, abs=0.0005)
+    assert abs(found["damping_errors"][-1]) == pytest.approx(0.048, abs=0.005)
+    # A change of 1 % has a second-order part of a few thousandths of the slope.
+    assert found["mass_slope"] == pytest.approx(found["exact_slope"], rel=3e-3)
+    orders = {"symplectic-euler": 2.0, "stormer-verlet": 2.0, "pefrl": 4.0}
+    assert found["halved"] == pytest.approx(orders, abs=0.05)
+
+
 CHECKS: dict[str, Callable[[Numbers], None]] = {
     "01_first_bed": first_bed,
     "02_compression_and_structure": compression,
@@ -194,6 +206,7 @@ CHECKS: dict[str, Callable[[Numbers], None]] = {
     "11_damper_at_work": damper_at_work,
     "12_defects_on_the_move": defects_on_the_move,
     "13_real_magnets": real_magnets,
+    "14_small_motions": small_motions,
 }
 KEEP = """
 import pickle as _pickle

@@ -1,0 +1,55 @@
+"""The command ``modes``: small motions of a settled bed, without a time step."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from granular.commands.console import command, option, print_result
+from granular.commands.options import CHANGES, IMPORT, OUTPUT, scene_or_run_from_options
+from granular.shared.files import make_directory
+
+
+@command(
+    "modes",
+    "equilibrium, roots, modes and slopes of a bed, without a time step",
+    option("source", metavar="SCENE|RUN", help="scene, which is settled first, or directory of a run"),
+    CHANGES,
+    option("-o", "--out", metavar="DIR", help="directory for report.html: modes on the bed, curves, slopes"),
+    IMPORT,
+    OUTPUT,
+    examples="""\
+examples:
+  %(prog)s damper
+  %(prog)s damper --set piston.mass=6.5 -o out/modes
+  %(prog)s runs/bed --json
+
+A scene is run up to its first rest; of a run, the last frame is taken. Both need a free piston.""",
+)
+def modes(options: Any) -> None:
+    """Print small motions of a scene's or run's bed, and write a page of them."""
+    from granular.linear.bed_forces import check_free_piston
+    from granular.linear.equilibrium import equilibrium_from, settled_state
+    from granular.linear.page import modes_page
+    from granular.linear.small_motions import small_motions
+    from granular.run.trajectory import load_trajectory
+
+    source = scene_or_run_from_options(options, options.source)
+    at_run = isinstance(source, Path)
+    source = load_trajectory(source) if isinstance(source, Path) else source
+    check_free_piston(source.scene if at_run else source)
+    started = time.perf_counter()
+    state = settled_state(source)
+    began = time.perf_counter()
+    found = small_motions(equilibrium_from(*state))
+    seconds = time.perf_counter() - began
+    lines = [str(found), f"computed in {seconds:.1f} s"]
+    if not at_run:
+        lines[-1] += f", after {began - started:.1f} s for a run of the scene to rest"
+    if options.out is not None:
+        make_directory(Path(options.out))
+        modes_page(found).save(Path(options.out) / "report.html")
+        lines.append(f"report: {options.out}/report.html")
+    figures = {"seconds": seconds, "settling_seconds": began - started, "out": options.out}
+    print_result(found.to_plain() | figures, "\n".join(lines), options.json)

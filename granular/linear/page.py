@@ -1,0 +1,112 @@
+"""The page of a bed's small motions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.linear.plots import (
+    plot_density_of_states,
+    plot_dynamic_stiffness,
+    plot_mode,
+    plot_transmissibility,
+)
+from granular.linear.response import dynamic_stiffness, transmissibility
+from granular.linear.small_motions import DRY_FRICTION, SmallMotions
+from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.plotting import READABLE, figure
+from granular.shared.version import versions
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+POINTS, FEW_POINTS = 80, 12
+"""Frequencies of a curve; fewer of beds whose matrices are not full, which take seconds a frequency."""
+
+REACH = 4.0
+"""Highest frequency of the curves over that of the last root, and lowest one below the first."""
+
+MODES = 3
+LISTED = 12
+"""Modes that are drawn, and rows of the table of the lowest ones."""
+
+
+def modes_page(found: SmallMotions) -> HtmlPage:
+    """Page of small motions: figures, modes on the bed, their density, curves and slopes."""
+    rest = found.rest
+    root, scene = found.roots[0], rest.scene
+    assert rest.piston_height is not None
+    page = HtmlPage(
+        f"Small motions of scene {scene.name!r}",
+        f"{scene.grains.count} magnets at equilibrium at {1e3 * rest.piston_height:.6g} mm: "
+        f"{root.frequency:.6g} Hz without damping, damping ratio {100.0 * root.damping_ratio:.4g} %. "
+        "Nothing is fitted: all follows from forces about the equilibrium, and holds for small amplitudes.",
+    )
+    if rest.frictionless:
+        page.add_warning(f"{DRY_FRICTION[0].upper()}{DRY_FRICTION[1:]}.")
+    if not rest.is_stable:
+        page.add_warning("The equilibrium is not stable: some small displacement lowers the energy.")
+    page.add_preformatted(str(found).split("\n  d ln")[0])
+    _add_modes(page, found)
+    _add_curves(page, found)
+    page.add_section("What a percent changes")
+    page.add_table(("d ln / d ln", "equilibrium", "frequency", "damping ratio"), found.slope_rows())
+    page.add_paragraph("Each number is changed alone, and the bed stays the same packing.")
+    page.add_section("Scene")
+    page.add_preformatted(scene.to_toml())
+    page.add_footer("Made with " + ", ".join(f"{name} {value}" for name, value in versions().items()))
+    return page
+
+
+def _add_modes(page: HtmlPage, found: SmallMotions) -> None:
+    page.add_section("Modes")
+    rest, modes = found.rest, found.modes
+    largest = np.argsort(-found.participation)[:MODES]
+    shapes = [
+        (f"root, {found.roots[0].frequency:.4g} Hz", found.roots[0].shape),
+        *((f"mode {k + 1}, {modes.frequencies[k]:.4g} Hz", modes.shapes[:, k]) for k in largest),
+    ]
+    assert rest.piston_height is not None
+    height = min(9.0, 3.6 * (rest.piston_height / rest.scene.cell.width) + 1.2)
+    with figure(len(shapes), 1, height=len(shapes) * height, size=READABLE) as (drawing, panels):
+        for axes, (title, shape) in zip(panels, shapes, strict=True):
+            plot_mode(rest, shape, axes)
+            axes.set_title(title)
+        page.add_figure(
+            drawing,
+            "Displacements of grains and piston, the longest 1.5 diameters: in the piston's first root (the "
+            "real part; the piston's arrow stands at the middle) and in the normal modes without damping in "
+            "which the piston takes part most.",
+        )
+    with figure(size=READABLE) as (drawing, axes):
+        plot_density_of_states(modes, axes)
+        part = "" if rest.pencil.exact else " Only the lowest modes of this large bed are computed."
+        page.add_figure(drawing, f"Density of states: {len(modes.frequencies)} normal modes.{part}")
+    rows = sorted({*range(min(LISTED, len(modes.frequencies))), *largest.tolist()})
+    page.add_table(
+        ("mode", "frequency [Hz]", "part of the piston's motion"),
+        [[k + 1, format_number(modes.frequencies[k], 6), f"{found.participation[k]:.5f}"] for k in rows],
+    )
+
+
+def _add_curves(page: HtmlPage, found: SmallMotions) -> None:
+    page.add_section("Response to a small harmonic motion")
+    rest, frequencies = found.rest, curve_frequencies(found)
+    with figure(2, 1, height=6.4, size=READABLE, sharex=True) as (drawing, both):
+        plot_transmissibility(frequencies, transmissibility(rest, frequencies), both[0])
+        plot_dynamic_stiffness(frequencies, dynamic_stiffness(rest, frequencies), both[1])
+        both[0].set_xlabel("")
+        page.add_figure(
+            drawing,
+            "Above: displacement of the piston over the displacement of the base, which moves up and down. "
+            "Below: force on the piston over its displacement, with all inertia.",
+        )
+
+
+def curve_frequencies(found: SmallMotions) -> Float[np.ndarray, "f"]:
+    """Frequencies of the curves, those of the roots among them [Hz]."""
+    roots = [root.frequency for root in found.roots]
+    count = POINTS if found.rest.pencil.exact else FEW_POINTS
+    grid = np.geomspace(min(roots) / REACH, max(roots) * REACH, count)
+    return np.unique(np.concatenate([grid, roots]))

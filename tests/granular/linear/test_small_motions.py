@@ -1,0 +1,206 @@
+"""The summary of small motions, its pictures, its page and its command."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Equilibrium, load_scene, simulate
+from granular.__main__ import main
+from granular.linear import (
+    SmallMotions,
+    dynamic_stiffness,
+    piston_roots,
+    slopes,
+    small_motions,
+    transmissibility,
+)
+from granular.linear.equilibrium import equilibrium_from, settled_state
+from granular.linear.page import modes_page
+from granular.linear.plots import plot_density_of_states, plot_mode
+from granular.response.linear_system import host_with_amplitude, linear_response
+from granular.response.response import FrequencyResponse, response_dataset
+from granular.response.small_amplitude import add_linear_response, linear_displacements
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+
+DRAG = 0.5
+SMALL = {"grains.count": 24, "cell.width": "20 D", "piston.mass": 2.5, "effects.drag.coefficient": DRAG}
+
+
+@pytest.fixture(scope="module")
+def settled() -> tuple[Scene, np.ndarray, float]:
+    """A bed of 24 magnets that has come to rest."""
+    scene, positions, height = settled_state(load_scene("damper").replace(**SMALL))
+    assert height is not None
+    return scene, positions, height
+
+
+@pytest.fixture(scope="module")
+def found(settled: tuple[Scene, np.ndarray, float]) -> SmallMotions:
+    return small_motions(equilibrium_from(*settled))
+
+
+Changed = Callable[..., Equilibrium]
+
+
+@pytest.fixture(scope="module")
+def changed(settled: tuple[Scene, np.ndarray, float]) -> Changed:
+    """Equilibrium of the same bed with another scene."""
+    scene, positions, height = settled
+    return lambda **changes: equilibrium_from(scene.replace(**changes), positions, height)
+
+
+def test_the_oscillator_of_the_figures_has_the_root(found: SmallMotions) -> None:
+    root, mass = found.roots[0], 2.5 + found.moving_mass
+    left = mass * root.s**2 + found.damping * root.s + found.stiffness
+    assert abs(left) < 1e-9 * found.stiffness
+    assert 0.0 < found.moving_mass < 24 * found.rest.scene.grains.masses()[0]
+    # A still piston has neither its own inertia nor drag: storage falls with the grains' inertia alone.
+    at_root = dynamic_stiffness(found.rest, np.array([root.frequency]))[0]
+    assert found.dynamic_stiffness - at_root == pytest.approx(
+        2.5 * (math.tau * root.frequency) ** 2, rel=1e-9
+    )
+
+
+def test_participation_is_of_all_modes(found: SmallMotions) -> None:
+    assert len(found.participation) == 49
+    assert found.participation.sum() == pytest.approx(1.0, abs=1e-9)
+    assert found.participation.max() == pytest.approx(found.roots[0].mass_fraction, abs=0.01)
+
+
+def test_losses_are_shared_by_drag_and_piston(changed: Changed) -> None:
+    found = small_motions(changed(**{"piston.drag": "3 kg/s"}))
+    moved = np.abs(found.roots[0].shape) ** 2
+    drag = DRAG * moved[:48].sum()
+    assert found.loss_shares == {
+        "piston": pytest.approx(3.0 / (3.0 + drag), rel=1e-6),
+        "drag": pytest.approx(drag / (3.0 + drag), rel=1e-6),
+    }
+
+
+@pytest.mark.long  # compiles a loop with eddy currents, and one without
+def test_losses_are_shared_by_two_flows(changed: Changed) -> None:
+    eddy: dict[str, Any] = {"effects.eddy_drag": {"conductivity": "3.5e7 S/m", "thickness": "2 mm"}}
+    found = small_motions(changed(**eddy))
+    moved = np.abs(found.roots[0].shape) ** 2
+    total = np.real(found.roots[0].shape.conj() @ found.rest.pencil.damping_times(found.roots[0].shape))
+    assert sum(found.loss_shares.values()) == pytest.approx(1.0)
+    assert found.loss_shares["drag"] == pytest.approx(DRAG * moved[:48].sum() / total, rel=1e-6)
+    assert found.loss_shares["eddy_drag"] > 0.01
+
+
+def test_friction_is_said_to_be_outside(changed: Changed, found: SmallMotions) -> None:
+    rubbed = small_motions(changed(**{"effects.friction": {"static": 0.3, "dynamic": 0.2}}))
+    assert "dry friction is not in the equilibrium" in str(rubbed)
+    assert "Dry friction is not in the equilibrium" in modes_page(rubbed).to_html()
+    assert rubbed.to_plain()["dry_friction"] is True
+    assert rubbed.roots[0].s == pytest.approx(found.roots[0].s, rel=1e-9)
+    assert "dry friction" not in str(found)
+
+
+def test_figures_are_strict_json(found: SmallMotions) -> None:
+    plain = json.loads(json.dumps(found.to_plain(), allow_nan=False))
+    assert plain["roots"][0]["frequency"] == found.roots[0].frequency
+    assert plain["slopes"]["piston.mass"] == slopes(found.rest, ["piston.mass"]).values[0].tolist()
+
+
+def test_pictures_show_all_grains_and_modes(found: SmallMotions) -> None:
+    axes = plot_mode(found.rest, found.roots[0].shape)
+    grains, piston = (part for part in axes.collections if hasattr(part, "U"))
+    assert len(grains.U) == 24
+    longest = max(np.hypot(grains.U, grains.V).max(), np.abs(piston.V).max())
+    assert longest == pytest.approx(1.5 * 6.0)  # [mm]
+    bars = plot_density_of_states(found.modes).patches
+    assert sum(bar.get_height() for bar in bars) == 49
+
+
+def test_the_page_has_its_sections(found: SmallMotions) -> None:
+    page = modes_page(found).to_html()
+    assert page.count("<svg") == 3
+    for words in ("Modes", "Response to a small harmonic motion", "What a percent changes", "piston.mass"):
+        assert words in page
+    assert "cell.separation" not in page  # has no part in any force
+    assert f"{found.roots[0].frequency:.6g} Hz" in page
+
+
+def test_command_on_a_run(
+    settled: tuple[Scene, np.ndarray, float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = settled[0].replace(protocol=settled[0].to_plain()["protocol"][:1], **{"output.record": None})
+    run, out = tmp_path / "run", tmp_path / "out"
+    simulate(scene, out=run, progress=False)
+    main(["modes", str(run), "-o", str(out), "--json"])
+    shown = json.loads(capsys.readouterr().out)
+    assert shown["is_stable"]
+    assert shown["roots"][0]["damping_ratio"] == pytest.approx(
+        piston_roots(equilibrium_from(*settled))[0].damping_ratio
+    )
+    assert (out / "report.html").stat().st_size > 10_000
+    with pytest.raises(InputError, match="is a run, whose scene is fixed"):
+        main(["modes", str(run), "--set", "piston.mass=2"])
+
+
+def test_a_scene_without_a_free_piston_is_refused_before_it_runs() -> None:
+    with pytest.raises(InputError, match="has no free piston"):
+        main(["modes", "bed"])
+    with pytest.raises(InputError, match="no stage of the protocol ends at rest"):
+        main(["modes", "damper", "--set", "protocol.drop.until=none", "--set", "protocol.drop.duration=1"])
+
+
+def test_a_machine_settles_without_its_drive(found: SmallMotions) -> None:
+    scene = load_scene("machine").replace(**SMALL, **{"piston.height": "20 D", "arrangement.height": "19 D"})
+    rest = equilibrium_from(*settled_state(scene))
+    assert rest.pencil.bed.machine is not None
+    assert rest.piston_height == pytest.approx(found.rest.piston_height, rel=1e-9)
+    moved = small_motions(rest)
+    assert math.isnan(moved.moving_mass)
+    assert moved.stiffness == pytest.approx(found.stiffness, rel=1e-6)
+    assert "moves along" not in str(moved)
+    assert moved.to_plain()["loss_shares"].keys() == {"host", "drag"}
+
+
+def response_of(scene: Scene, quantity: str) -> FrequencyResponse:
+    still = ("m", "amplitude", np.full((2, 3), 1e-3))
+    return FrequencyResponse(
+        scene, response_dataset(quantity, [1.0, 2.0], [2.0, 3.0, 4.0], {"displacement": still})
+    )
+
+
+def test_response_of_a_load_is_the_transmissibility(changed: Changed) -> None:
+    drive = {"kind": "sine", "displacement": "1 mm", "frequency": "3 Hz"}
+    rest = changed(**{"effects.host": {"mount": "base", "bodies": [], "excitation": drive}})
+    frequencies = np.array([1.0, 3.0, 9.0])
+    swing = linear_displacements(rest, "displacement", frequencies)
+    np.testing.assert_allclose(1.0 + swing, transmissibility(rest, frequencies), rtol=1e-9)
+    accelerated = linear_displacements(rest, "acceleration", frequencies)
+    np.testing.assert_allclose(-((math.tau * frequencies) ** 2) * accelerated, swing, rtol=1e-9)
+
+
+def test_response_of_a_machine_under_a_force_begins_at_its_spring(changed: Changed) -> None:
+    rest = changed(**{"effects.host": load_scene("machine").effects.host.to_plain()})
+    assert linear_displacements(rest, "force", np.array([1e-4]))[0] == pytest.approx(1.0 / 41.7e3, rel=1e-6)
+    # Of the bed in a cell that moves by 1, the inertia of all it holds is the force on the machine.
+    frequency = 3.1
+    alone, rate = changed().pencil, (math.tau * frequency) ** 2
+    uplift = changed().pencil.bed.frame_and_uplift()[1]
+    moved = alone.solve(2j * math.pi * frequency, (rate * (alone.mass @ uplift)).astype(complex)[:, None])[:, 0]
+    hung = -rate * (uplift @ (alone.mass @ (uplift + moved)))
+    host = rest.scene.effects.host
+    assert host is not None
+    one_newton = host_with_amplitude(host, "force", 1.0)
+    expected = linear_response(one_newton, [frequency], hung)[0, -1]
+    assert linear_displacements(rest, "force", np.array([frequency]))[0] == pytest.approx(expected, rel=1e-8)
+
+
+def test_no_curve_of_small_motions_says_why() -> None:
+    scene = load_scene("machine").replace(**{"grains.count": 0})
+    kept = add_linear_response(response_of(scene, "force"))
+    assert "linear" not in kept.dataset
+    assert "a scene without grains has no bed" in kept.dataset.attrs["no_linear"]
