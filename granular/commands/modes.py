@@ -42,14 +42,14 @@ def modes(options: Any) -> None:
     started = time.perf_counter()
     state = settled_state(source)
     began = time.perf_counter()
-    found = small_motions(equilibrium_from(*state))
+    motions = small_motions(equilibrium_from(*state))
     seconds = time.perf_counter() - began
-    lines = [str(found), f"computed in {seconds:.1f} s"]
+    lines = [str(motions), f"computed in {seconds:.1f} s"]
     if not at_run:
         lines[-1] += f", after {began - started:.1f} s for a run of the scene to rest"
     if options.out is not None:
         make_directory(Path(options.out))
-        modes_page(found).save(Path(options.out) / "report.html")
+        modes_page(motions).save(Path(options.out) / "report.html")
         lines.append(f"report: {options.out}/report.html")
     figures = {"seconds": seconds, "settling_seconds": began - started, "out": options.out}
-    print_result(found.to_plain() | figures, "\n".join(lines), options.json)
+    print_result(motions.to_plain() | figures, "\n".join(lines), options.json)

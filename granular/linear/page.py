@@ -13,7 +13,7 @@ from granular.linear.plots import (
     plot_transmissibility,
 )
 from granular.linear.response import dynamic_stiffness, transmissibility
-from granular.linear.small_motions import DRY_FRICTION, SmallMotions
+from granular.linear.small_motions import DRY_FRICTION, SmallMotions, slope_rows
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import READABLE, figure
 from granular.shared.version import versions
@@ -32,10 +32,10 @@ LISTED = 12
 """Modes that are drawn, and rows of the table of the lowest ones."""
 
 
-def modes_page(found: SmallMotions) -> HtmlPage:
+def modes_page(motions: SmallMotions) -> HtmlPage:
     """Page of small motions: figures, modes on the bed, their density, curves and slopes."""
-    rest = found.rest
-    root, scene = found.roots[0], rest.scene
+    rest = motions.rest
+    root, scene = motions.roots[0], rest.scene
     assert rest.piston_height is not None
     page = HtmlPage(
         f"Small motions of scene {scene.name!r}",
@@ -47,11 +47,11 @@ def modes_page(found: SmallMotions) -> HtmlPage:
         page.add_warning(f"{DRY_FRICTION[0].upper()}{DRY_FRICTION[1:]}.")
     if not rest.is_stable:
         page.add_warning("The equilibrium is not stable: some small displacement lowers the energy.")
-    page.add_preformatted(str(found).split("\n  d ln")[0])
-    _add_modes(page, found)
-    _add_curves(page, found)
+    page.add_preformatted(str(motions).split("\n  d ln")[0])
+    _add_modes(page, motions)
+    _add_curves(page, motions)
     page.add_section("What a percent changes")
-    page.add_table(("d ln / d ln", "equilibrium", "frequency", "damping ratio"), found.slope_rows())
+    page.add_table(("d ln / d ln", "equilibrium", "frequency", "damping ratio"), slope_rows(motions))
     page.add_paragraph("Each number is changed alone, and the bed stays the same packing.")
     page.add_section("Scene")
     page.add_preformatted(scene.to_toml())
@@ -59,12 +59,12 @@ def modes_page(found: SmallMotions) -> HtmlPage:
     return page
 
 
-def _add_modes(page: HtmlPage, found: SmallMotions) -> None:
+def _add_modes(page: HtmlPage, motions: SmallMotions) -> None:
     page.add_section("Modes")
-    rest, modes = found.rest, found.modes
-    largest = np.argsort(-found.participation)[:MODES]
+    rest, modes = motions.rest, motions.modes
+    largest = np.argsort(-motions.participation)[:MODES]
     shapes = [
-        (f"root, {found.roots[0].frequency:.4g} Hz", found.roots[0].shape),
+        (f"root, {motions.roots[0].frequency:.4g} Hz", motions.roots[0].shape),
         *((f"mode {k + 1}, {modes.frequencies[k]:.4g} Hz", modes.shapes[:, k]) for k in largest),
     ]
     assert rest.piston_height is not None
@@ -86,13 +86,13 @@ def _add_modes(page: HtmlPage, found: SmallMotions) -> None:
     rows = sorted({*range(min(LISTED, len(modes.frequencies))), *largest.tolist()})
     page.add_table(
         ("mode", "frequency [Hz]", "part of the piston's motion"),
-        [[k + 1, format_number(modes.frequencies[k], 6), f"{found.participation[k]:.5f}"] for k in rows],
+        [[k + 1, format_number(modes.frequencies[k], 6), f"{motions.participation[k]:.5f}"] for k in rows],
     )
 
 
-def _add_curves(page: HtmlPage, found: SmallMotions) -> None:
+def _add_curves(page: HtmlPage, motions: SmallMotions) -> None:
     page.add_section("Response to a small harmonic motion")
-    rest, frequencies = found.rest, curve_frequencies(found)
+    rest, frequencies = motions.rest, curve_frequencies(motions)
     with figure(2, 1, height=6.4, size=READABLE, sharex=True) as (drawing, both):
         plot_transmissibility(frequencies, transmissibility(rest, frequencies), both[0])
         plot_dynamic_stiffness(frequencies, dynamic_stiffness(rest, frequencies), both[1])
@@ -104,9 +104,9 @@ def _add_curves(page: HtmlPage, found: SmallMotions) -> None:
         )
 
 
-def curve_frequencies(found: SmallMotions) -> Float[np.ndarray, "f"]:
+def curve_frequencies(motions: SmallMotions) -> Float[np.ndarray, "f"]:
     """Frequencies of the curves, those of the roots among them [Hz]."""
-    roots = [root.frequency for root in found.roots]
-    count = POINTS if found.rest.pencil.exact else FEW_POINTS
+    roots = [root.frequency for root in motions.roots]
+    count = POINTS if motions.rest.pencil.exact else FEW_POINTS
     grid = np.geomspace(min(roots) / REACH, max(roots) * REACH, count)
     return np.unique(np.concatenate([grid, roots]))

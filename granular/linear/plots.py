@@ -52,9 +52,9 @@ def plot_mode(rest: Equilibrium, shape: Shaped[np.ndarray, "q"], ax: Axes | None
     look: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.002}
     ax.quiver(*(1e3 * rest.positions).T, *(scale * moves).T, color="#333333", **look)
     if bed.piston is not None:
-        place = 500.0 * rest.scene.cell.width, 1e3 * (rest.piston_height or 0.0)
-        ax.quiver(*place, 0.0, scale * real[bed.piston], color=COLOURS[1], **look | {"width": 0.006})
-        ax.set_ylim(top=place[1] + 1.1e3 * LONGEST_ARROW * rest.scene.grains.species[0].diameter)
+        middle = 500.0 * rest.scene.cell.width, 1e3 * (rest.piston_height or 0.0)
+        ax.quiver(*middle, 0.0, scale * real[bed.piston], color=COLOURS[1], **look | {"width": 0.006})
+        ax.set_ylim(top=middle[1] + 1.1e3 * LONGEST_ARROW * rest.scene.grains.species[0].diameter)
     return style_as_map(ax)
 
 

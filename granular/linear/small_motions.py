@@ -107,15 +107,6 @@ class SmallMotions:
             "slopes": dict(zip(self.slopes.keys, self.slopes.values.tolist(), strict=True)),
         }
 
-    def slope_rows(self) -> list[tuple[str, ...]]:
-        """Rows of the table of slopes, without numbers that change nothing."""
-        rows = zip(self.slopes.keys, self.slopes.values.tolist(), strict=True)
-        return [
-            (key, *(f"{value:+.4f}" for value in values))
-            for key, values in rows
-            if max(map(abs, values)) > NO_SLOPE
-        ]
-
     def __str__(self) -> str:
         """Figures in lines."""
         rest, scene, at_root = self.rest, self.rest.scene, self.dynamic_stiffness
@@ -125,26 +116,36 @@ class SmallMotions:
         lines = [
             f"{scene.name}: {scene.grains.count} magnets, small motions about the equilibrium",
             f"  equilibrium    z0    {1e3 * rest.piston_height:.7g} mm     forces left {rest.residual:.1g} N",
-            f"  stability            {stable}           lowest eigenvalues {lowest} N/m",
+            f"  stability            {stable:14}  lowest eigenvalues {lowest} N/m",
         ]
         lines += [
-            f"  root {k}         f0    {root.frequency:.7g} Hz    zeta {100.0 * root.damping_ratio:.5g} %, "
+            f"  root {k}         f0    {root.frequency:.7g} Hz     zeta {100.0 * root.damping_ratio:.5g} %, "
             f"fraction {root.mass_fraction:.4f}"
             for k, root in enumerate(self.roots, 1)
         ]
         lines.append(f"  stiffness      k     {self.stiffness:.6g} N/m")
         if not math.isnan(self.moving_mass):
-            lines[-1] += f"      storage {at_root.real:.5g}, loss {at_root.imag:.4g} N/m at f0"
+            lines[-1] += f"     storage {at_root.real:.5g}, loss {at_root.imag:.4g} N/m at f0"
             lines.append(
-                f"  moves along    m     {self.moving_mass:.4g} kg       damping c {self.damping:.5g} N s/m"
+                f"  moves along    m     {self.moving_mass:.4g} kg      damping c {self.damping:.5g} N s/m"
             )
-        losses = ", ".join(f"{name} {100.0 * share:.4g} %" for name, share in self.loss_shares.items())
+        losses = ", ".join(f"{name} {100.0 * part:.4g} %" for name, part in self.loss_shares.items())
         lines.append(f"  loss                 {losses}")
         header = ("d ln / d ln", "z0", "f0", "zeta")
-        lines += [f"  {line}" for line in align_columns([header, *self.slope_rows()]).splitlines()]
+        lines += [f"  {line}" for line in align_columns([header, *slope_rows(self)]).splitlines()]
         if rest.frictionless:
             lines.append(f"  note: {DRY_FRICTION}")
         return "\n".join(lines)
+
+
+def slope_rows(motions: SmallMotions) -> list[tuple[str, ...]]:
+    """Rows of the table of slopes, without numbers that change nothing."""
+    rows = zip(motions.slopes.keys, motions.slopes.values.tolist(), strict=True)
+    return [
+        (key, *(f"{value:+.4f}" for value in values))
+        for key, values in rows
+        if max(map(abs, values)) > NO_SLOPE
+    ]
 
 
 def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> SmallMotions:

@@ -30,8 +30,8 @@ def _settled_roots() -> dict[bool, tuple[Equilibrium, Root]]:
     scene, positions, height = settled_state(load_scene("damper").replace(**CHANGES))
     result = {}
     for drags in (False, True):
-        kept = scene if drags else scene.replace(**{"effects.drag": None})
-        rest = equilibrium_from(kept, positions, height)
+        variant = scene if drags else scene.replace(**{"effects.drag": None})
+        rest = equilibrium_from(variant, positions, height)
         result[drags] = rest, piston_roots(rest)[0]
     return result
 

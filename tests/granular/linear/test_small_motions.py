@@ -190,7 +190,8 @@ def test_response_of_a_machine_under_a_force_begins_at_its_spring(changed: Chang
     frequency = 3.1
     alone, rate = changed().pencil, (math.tau * frequency) ** 2
     uplift = changed().pencil.bed.frame_and_uplift()[1]
-    moved = alone.solve(2j * math.pi * frequency, (rate * (alone.mass @ uplift)).astype(complex)[:, None])[:, 0]
+    inertia = (rate * (alone.mass @ uplift)).astype(complex)
+    moved = alone.solve(2j * math.pi * frequency, inertia[:, None])[:, 0]
     hung = -rate * (uplift @ (alone.mass @ (uplift + moved)))
     host = rest.scene.effects.host
     assert host is not None
