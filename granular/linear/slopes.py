@@ -118,7 +118,9 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
         along = _work(up, at + change * move, root) - _work(down, at - change * move, root)
         relative = -along / (2.0 * change) / stiffness / root.s
         # d ln |s| = Re(ds/s); zeta = -cos(arg s), so d zeta = sin(arg s) d arg s.
-        damping = relative.imag * np.sin(np.angle(root.s)) / root.damping_ratio
+        # Without damping there is none to change.
+        ratio = root.damping_ratio
+        damping = relative.imag * np.sin(np.angle(root.s)) / ratio if ratio > 0.0 else 0.0
         values[k] = move[piston] / at[piston], relative.real, damping
     return Slopes(keys, values)
 

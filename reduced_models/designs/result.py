@@ -23,13 +23,15 @@ from reduced_models.models.quantities import DAMPING_RATIO, LEVEL, QuantityWithE
 from reduced_models.records.sources import make_directory
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.figure import Figure
 
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 """Relative errors that every check of a proposal may have."""
+_LISTS = ("times", "heights", "positions", "slopes")
+"""Fields of a check that no table shows."""
 
 
 class DesignCheck(NamedTuple):
@@ -52,6 +54,11 @@ class DesignCheck(NamedTuple):
         Error of the energy ledger over the energy turned over.
     times, heights : list of float
         The motion after the release [s], [m].
+    positions : list of pairs of float
+        Grains at rest [m].
+    slopes : mapping of str to list of float
+        d ln (rest, frequency, damping ratio) / d ln (number) of each part, by its key; empty for a bed
+        that has no equilibrium nearby.
     """
 
     seed: int
@@ -68,10 +75,12 @@ class DesignCheck(NamedTuple):
     ledger: float
     times: Sequence[float]
     heights: Sequence[float]
+    positions: Sequence[Sequence[float]]
+    slopes: Mapping[str, Sequence[float]]
 
 
 class DesignRound(NamedTuple):
-    """A proposal with its promise and its checks."""
+    """A proposal with its promise, by the maps or by steps from the bed before, and its checks."""
 
     damper: DamperCandidate
     promised_figures: PredictedFigures
@@ -96,7 +105,7 @@ class Design:
 
     @property
     def promised_figures(self) -> PredictedFigures:
-        """Its figures by the maps."""
+        """Its figures before its checks: by the maps, or by steps from the bed before."""
         return self.rounds[-1].promised_figures
 
     @property
@@ -143,18 +152,6 @@ class Design:
         """Least and greatest value of a figure over the random starts of the last round."""
         values = [getattr(check, name) for check in self.checks]
         return min(values), max(values)
-
-    def seeds_agree(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
-        """Tell whether random starts differ so little that all could meet the tolerances."""
-        pairs = (
-            ("frequency", frequency_tolerance * self.target.frequency),
-            ("damping_ratio", damping_tolerance * self.target.damping),
-        )
-        return all(
-            high - low <= 2.0 * workspace
-            for name, workspace in pairs
-            for low, high in [self.range_over_seeds(name)]
-        )
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -210,7 +207,7 @@ class Design:
             for check in self.checks
         ]
         lines.append(
-            f"  maps of earlier simulations: {self.promised_figures.frequency:.4g} Hz, "
+            f"  expected: {self.promised_figures.frequency:.4g} Hz, "
             f"{100.0 * self.promised_figures.damping_ratio:.3g} %; dampers simulated: {len(self.rounds)}"
         )
         return "\n".join([*lines, *caution_lines(self.notes)])
@@ -278,7 +275,7 @@ class Design:
         for note in self.notes:
             page.add_warning(note)
         page.add_table(
-            ("", "wanted", "maps", *(f"random start {check.seed}" for check in self.checks)),
+            ("", "wanted", "expected", *(f"random start {check.seed}" for check in self.checks)),
             [
                 (
                     "frequency of the undamped swing [Hz]",
@@ -336,7 +333,7 @@ class Design:
     def workshop_sheet_page(self) -> HtmlPage:
         """Sheet to build the damper from."""
         scatter = [
-            f"{words}: {low:.4g} to {high:.4g}{unit} from {len(self.checks)} random starts"
+            f"{words}: {low:.4g} to {high:.4g}{unit}, random starts: {len(self.checks)}"
             for words, name, unit in (
                 ("frequency", "frequency", " Hz"),
                 ("damping ratio", "damping_ratio", ""),
@@ -347,9 +344,10 @@ class Design:
         return workshop_sheet(
             self.scene,
             self.rest_height,
+            self.checks[0].slopes,
             title=f"Workshop sheet: {self.target.frequency:g} Hz, damping {self.target.damping:g}",
             lead=f"The piston swings at {self.frequency:.4g} Hz with a damping ratio of "
-            f"{self.damping_ratio:.4g}, mean of {len(self.checks)} simulations.",
+            f"{self.damping_ratio:.4g}; simulations: {len(self.checks)}.",
             scatter=scatter,
             notes=self.notes,
         )
@@ -369,4 +367,4 @@ def _deviation_text(value: float, wanted: float) -> str:
 
 
 def _without_record(check: DesignCheck) -> dict[str, Any]:
-    return {k: v for k, v in check._asdict().items() if k not in ("times", "heights")}
+    return {k: v for k, v in check._asdict().items() if k not in _LISTS}

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.linear.equilibrium import equilibrium_from
 from granular.run.piston_record import PistonRecord
 from granular.run.trajectory import Trajectory
 from granular.scene.published_beds import damper
@@ -23,6 +24,7 @@ from granular.shared.message_text import quote
 from granular.studies.cases import keep_measure_name
 from granular.studies.sweep import sweep
 from reduced_models.designs.damper import DamperCandidate, damper_at_coordinates
+from reduced_models.falls.workshop_sheet import slopes_by_part
 
 if TYPE_CHECKING:
     import pandas
@@ -180,21 +182,31 @@ def fit_motion_figures(motion: PistonRecord) -> dict[str, float]:
 def _least_gap(run: Trajectory) -> float:
     from scipy.spatial.distance import pdist
 
-    data = run.dataset
-    resting = int(np.abs(data["frame_time"].values - run.stage("drop").end).argmin())
-    positions = data["position"].values[resting]
+    positions = run.dataset["position"].values[_resting_frame(run)]
     radii = 0.5 * run.scene.grains.diameters()
     rows, columns = np.triu_indices(len(radii), 1)
     return float((pdist(positions) / (radii[rows] + radii[columns])).min())
 
 
-@keep_measure_name("reduced_models.designs.study:check_columns#e53515e8")
+def _resting_frame(run: Trajectory) -> int:
+    return int(np.abs(run.dataset["frame_time"].values - run.stage("drop").end).argmin())
+
+
+@keep_measure_name("reduced_models.designs.study:check_with_slopes#1")
 def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
-    """`measure_rest_and_gaps`, and the motion after the release as columns; nothing is fitted."""
+    """`measure_rest_and_gaps`, the motion after the release as columns, and slopes at the equilibrium."""
     columns = run.piston("release").with_time_from_zero().columns
+    positions, by_part = run.dataset["position"].values[_resting_frame(run)], {}
+    try:
+        rest = equilibrium_from(run.scene, positions, run.stage("drop").height)
+        positions, by_part = rest.positions, slopes_by_part(rest)
+    except InputError:  # some beds rearrange under the smallest push
+        pass
     return {
         **measure_rest_and_gaps(run),
         "motion": {name: values.tolist() for name, values in columns.items()},
+        "positions": positions.tolist(),
+        "slopes": by_part,
     }
 
 

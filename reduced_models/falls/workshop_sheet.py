@@ -1,23 +1,21 @@
 """The workshop sheet of a damper: what to build, what it costs to be off, and what to measure.
 
 The liquid shears between the faces of a grain and the plates: with gaps h on both sides and the
-face A a grain has the drag 2 eta A/h. Sensitivities are those of the law of `predict`, from the
-scene alone.
+face A a grain has the drag 2 eta A/h. What a percent costs are the slopes of the settled bed.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from granular.linear import slopes
+from granular.linear.equilibrium import Equilibrium
 from granular.scene.scene import Scene
-from granular.shared.errors import InputError
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
-from reduced_models.falls.predicted_law import OutsideRangeWarning, predict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,21 +44,27 @@ GRADES = {
 """Remanence of sintered NdFeB [T] (kjmagnetics.com/specs.asp)."""
 SIZES = ((3, 1), (4, 2), (5, 2), (5, 3), (6, 2), (6, 3), (8, 3), (10, 3))
 """Diameter and thickness of discs that many sellers stock [mm]."""
-CHANGE = 0.01
-"""Relative change of a part whose effect is told."""
 _BLANK = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
+_DRAG = "effects.drag.coefficient"
 _KEYS = {
     "mass of the piston": "piston.mass",
     "remanence of the discs": "grains.remanence",
-    "drag of a disc": "effects.drag.coefficient",
+    "drag of a disc": _DRAG,
     "width of the cell": "cell.width",
 }
 
 
 def workshop_sheet(
-    scene: Scene, rest: float, *, title: str, lead: str, scatter: Sequence[str], notes: Sequence[str] = ()
+    scene: Scene,
+    rest: float,
+    by_part: Mapping[str, Sequence[float]],
+    *,
+    title: str,
+    lead: str,
+    scatter: Sequence[str],
+    notes: Sequence[str] = (),
 ) -> HtmlPage:
-    """Page to build a damper from, for a screen or for paper; rest [m]."""
+    """Page to build a damper from, for a screen or for paper; rest [m], slopes of `slopes_by_part`."""
     page = HtmlPage(title, lead)
     for note in notes:
         page.add_warning(note)
@@ -100,21 +104,23 @@ def workshop_sheet(
             ),
         ],
     )
-    effects = swing_sensitivities(scene)
     page.add_section("Discs to buy")
     page.add_paragraph(_disc_sizes_text(scene))
     page.add_table(
-        ("grade", "remanence [T]", "frequency [%]", "damping ratio [%]"),
-        _grade_rows(scene, effects["remanence of the discs"]),
+        ("grade", "remanence [T]", "frequency [%]", "damping ratio [%]"), _grade_rows(scene, by_part)
     )
     page.add_section("What a percent costs")
     page.add_paragraph(
-        "By the law of the bed, without a simulation: changes of the undamped frequency and of the "
-        "damping ratio of the small swing about rest, where one part is one percent greater."
+        "Changes of the natural frequency and of the damping ratio of small motions of the settled bed, if "
+        "one part is one percent more: exact derivatives, of the stiffness of all its pairs."
     )
     page.add_table(
         ("one percent more", "frequency [%]", "damping ratio [%]"),
-        [(words, f"{rates[0]:+.2f}", f"{rates[1]:+.2f}") for words, rates in effects.items()],
+        [
+            (words, *(f"{rate:+.2f}" for rate in by_part[key][1:]))
+            for words, key in _KEYS.items()
+            if key in by_part
+        ],
     )
     page.add_section("Scatter")
     page.add_list(scatter)
@@ -140,35 +146,10 @@ def silicone_oil_viscosity_ratio(celsius: float) -> float:
     return float(10.0 ** (VISCOSITY_SLOPE * (1.0 / (celsius + 273.15) - 1.0 / 298.15)))
 
 
-def swing_sensitivities(scene: Scene) -> dict[str, tuple[float, float]]:
-    """Relative changes of frequency and damping ratio over that of each part, by the law."""
-    still = scene.replace(**{"effects.host": "none"}) if scene.effects.host else scene
-    result = {}
-    for words, key in _KEYS.items():
-        if key == "effects.drag.coefficient" and not _drag_coefficient(still):
-            continue
-        owner: object = still
-        for name in key.split("."):
-            owner = getattr(owner, name)
-        assert isinstance(owner, float)
-        high, low = (
-            _swing_frequency_and_damping(still.replace(**{key: owner * (1.0 + step)}))
-            for step in (CHANGE, -CHANGE)
-        )
-        changes = [math.log(h / other) / (2.0 * CHANGE) for h, other in zip(high, low, strict=True)]
-        result[words] = (changes[0], changes[1])
-    return result
-
-
-def _swing_frequency_and_damping(scene: Scene) -> tuple[float, float]:
-    """Undamped frequency [Hz] and damping ratio of the small swing, by the law."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", OutsideRangeWarning)  # the sheet has its notes
-        swing = predict(scene).at_rest
-    if swing is None or swing.period is None or swing.damping_ratio is None:
-        raise InputError("the piston has no swing about rest; give less effects.drag.coefficient")
-    ratio = swing.damping_ratio
-    return 1.0 / (swing.period * math.sqrt(1.0 - ratio**2)), ratio
+def slopes_by_part(bed: Equilibrium) -> dict[str, list[float]]:
+    """Return d ln (rest, natural frequency, damping ratio) / d ln (number) of each part, by its key."""
+    keys = [key for key in _KEYS.values() if key != _DRAG or _drag_coefficient(bed.scene)]
+    return dict(zip(keys, slopes(bed, keys).values.tolist(), strict=True))
 
 
 def _disc_sizes_text(scene: Scene) -> str:
@@ -183,17 +164,18 @@ def _disc_sizes_text(scene: Scene) -> str:
     return (
         "Usual sizes, diameter x thickness in mm, each within 0.1: "
         f"{', '.join(f'{d} x {h}' for d, h in SIZES)}{fits}. Grades (kjmagnetics.com/specs.asp), and what "
-        "the middle of each does to this damper by the law:"
+        "the middle of each does to this damper by the slope at its own remanence:"
     )
 
 
-def _grade_rows(scene: Scene, rates: tuple[float, float]) -> list[tuple[str, ...]]:
+def _grade_rows(scene: Scene, by_part: Mapping[str, Sequence[float]]) -> list[tuple[str, ...]]:
     """Each grade with its remanence [T], and the changes [%] that it makes in this damper."""
     own = float(scene.grains.species_values("remanence")[0])
+    rates = by_part.get("grains.remanence", ())[1:]
     rows = []
     for grade, (low, high) in GRADES.items():
         ratio = 0.5 * (low + high) / own
-        changes = (f"{100.0 * (ratio**rate - 1.0):+.1f}" for rate in rates)
+        changes = [f"{100.0 * (ratio**rate - 1.0):+.1f}" for rate in rates] or ["", ""]
         rows.append((grade, f"{low:.2f} to {high:.2f}", *changes))
     return rows
 

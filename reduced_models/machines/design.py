@@ -14,6 +14,7 @@ import numpy as np
 
 from granular.effects.excitation import Excitation
 from granular.effects.host_structure import Host
+from granular.linear.equilibrium import equilibrium
 from granular.response.linear_system import (
     dynamic_stiffness_of_hanging_mass,
     linear_response,
@@ -25,7 +26,7 @@ from granular.scene.published_beds import damper
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from reduced_models.falls.predicted_law import FEWEST, OutsideRangeWarning
-from reduced_models.falls.workshop_sheet import workshop_sheet
+from reduced_models.falls.workshop_sheet import slopes_by_part, workshop_sheet
 from reduced_models.machines.response import RANGE, CoupledSystem, PredictedResponse, solve_host_response
 
 if TYPE_CHECKING:
@@ -41,6 +42,11 @@ _DRAGS = (0.05, 0.1, 0.2, 0.3, 0.45, 0.65, 0.9)
 _FRACTIONS = (0.6, 0.8, 1.0)
 """Shares of the greatest mass, in the piston."""
 _COUNTS = (276, 368, 460, 552, 736)
+_HELD_STILL = {
+    "effects.host": None,
+    "protocol": [{"name": "drop", "kind": "free", "until": "rest", "tolerance": "1e-2 D"}],
+}
+"""Changes by which the machine is held still, and the bed comes to rest."""
 _FILLED = 0.55
 """Most of the cell's area below the piston at rest that grains may take."""
 POINTS, NEAR, MARGIN = 9, 0.6, 0.03
@@ -112,7 +118,7 @@ class DamperDesign:
         return f"{what}, take away {100.0 * self.reduction:.3g} % of the peak: {figures}"
 
     def workshop_sheet_page(self) -> HtmlPage:
-        """Sheet to build the damper from."""
+        """Sheet to build the damper from; its bed is settled for it, with the machine held still."""
         scatter = [
             "By the law alone: how far starts differ is not known, and where it was compared with "
             "simulations the peak was up to 10 % off; simulate=True puts a simulation beside it."
@@ -123,9 +129,12 @@ class DamperDesign:
                 f"Simulated from one start: {1e3 * self.simulated.peak:.3g} mm at the peak; by the "
                 f"law {1e3 * self.peak:.3g} mm ({100.0 * off:+.0f} %)."
             ]
+        bed = equilibrium(self.scene.replace(**_HELD_STILL))
+        assert bed.piston_height is not None
         return workshop_sheet(
             self.scene,
-            CoupledSystem.from_host_scene(self.scene).rest,
+            bed.piston_height,
+            slopes_by_part(bed),
             title=f"Workshop sheet: damper of {self.mass:.3g} kg",
             lead=f"{self.verdict}.",
             scatter=scatter,

@@ -1,40 +1,62 @@
-"""The workshop sheet: its figures are those of the scene and of the law."""
+"""The workshop sheet: its figures are those of the scene and of the settled bed."""
 
 from __future__ import annotations
 
+import functools
 import math
 import re
+from typing import Any
 
 import pytest
 
-from granular import damper, load_scene
+from granular import equilibrium, load_scene
+from granular.linear import piston_roots
+from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.shared.errors import InputError
-from reduced_models import DamperCandidate, predict
-from reduced_models.falls.workshop_sheet import (
-    silicone_oil_viscosity_ratio,
-    swing_sensitivities,
-    workshop_sheet,
-)
+from reduced_models import DamperCandidate
+from reduced_models.falls.workshop_sheet import silicone_oil_viscosity_ratio, slopes_by_part, workshop_sheet
 from reduced_models.machines.design import DamperDesign
 from reduced_models.machines.response import CoupledSystem, solve_host_response
 
-
-def test_sensitivities_are_those_of_a_heavier_piston() -> None:
-    told = swing_sensitivities(damper())["mass of the piston"]
-    before, after = (predict(damper(mass)).at_rest for mass in (7.5, 7.5 * 1.01))
-    assert before is not None
-    assert after is not None
-    assert math.log(after.damping_ratio / before.damping_ratio) / math.log(1.01) == pytest.approx(
-        told[1], rel=0.02
-    )
+COUNT = 92
+"""Grains of beds that settle in a second."""
 
 
-def test_a_weaker_bed_and_a_heavier_piston_change_the_rest_alike() -> None:
-    """A bed that follows at once: the height of rest goes with remanence^0.8, f with -0.4."""
-    told = swing_sensitivities(damper(drag=1e-4))
-    assert told["remanence of the discs"][0] == pytest.approx(-0.4, abs=0.01)
-    assert told["drag of a disc"][1] == pytest.approx(1.0, abs=0.01)
-    assert "drag of a disc" not in swing_sensitivities(damper().replace(**{"effects.drag": None}))
+@functools.cache
+def settled_bed() -> Equilibrium:
+    return equilibrium(DamperCandidate(3.75, COUNT, 0.2).scene())
+
+
+def bed(**changes: Any) -> Equilibrium:
+    """Make the settled bed with other numbers, which has an equilibrium nearby."""
+    rest = settled_bed()
+    return equilibrium_from(rest.scene.replace(**changes), rest.positions, rest.piston_height)
+
+
+def sheet_text(rest: Equilibrium) -> str:
+    assert rest.piston_height is not None
+    by_part = slopes_by_part(rest)
+    page = workshop_sheet(rest.scene, rest.piston_height, by_part, title="sheet", lead="", scatter=["so far"])
+    return page.to_html()
+
+
+DRAG, MASS, REMANENCE = "effects.drag.coefficient", "piston.mass", "grains.remanence"
+
+
+@pytest.mark.parametrize("drag", [0.2, 1.0])
+def test_slopes_by_part_are_those_of_beds_with_other_parts(drag: float) -> None:
+    """Also at strong damping, where a frequency divided by sqrt(1 - zeta^2) once more has other slopes."""
+    found = slopes_by_part(bed(**{DRAG: drag}))
+    parts = ((MASS, 3.75), (DRAG, drag), (REMANENCE, 1.3))
+    for key, value in parts:
+        high, low = (piston_roots(bed(**{DRAG: drag, key: x * value}))[0] for x in (1.001, 0.999))
+        frequency = math.log(high.frequency / low.frequency) / 0.002
+        damping = math.log(high.damping_ratio / low.damping_ratio) / 0.002
+        assert found[key][1:] == pytest.approx([frequency, damping], rel=1e-3, abs=1e-5)
+
+
+def test_a_bed_without_drag_has_no_line_for_it() -> None:
+    assert DRAG not in slopes_by_part(bed(**{"effects.drag": None}))
 
 
 def test_viscosity_falls_as_measured() -> None:
@@ -44,27 +66,22 @@ def test_viscosity_falls_as_measured() -> None:
 
 
 def test_a_grade_changes_a_damper_as_its_remanence_does() -> None:
-    scene = damper().replace(**{"grains.remanence": 1.3})
-    before, after = (predict(scene.replace(**{"grains.remanence": b})).at_rest for b in (1.3, 1.465))
-    assert before is not None
-    assert after is not None
-    frequency = 100.0 * (before.period / after.period - 1.0)
-    text = workshop_sheet(scene, 0.06, title="sheet", lead="", scatter=["so far"]).to_html()
-    row = re.search(r"<td>N52</td><td>1.45 to 1.48</td><td>([-+.\d]+)</td>", text)
+    rest = settled_bed()
+    before, after = (piston_roots(bed(**{REMANENCE: b}))[0].frequency for b in (1.3, 1.31))
+    text = sheet_text(rest)
+    row = re.search(r"<td>N42</td><td>1.30 to 1.32</td><td>([-+.\d]+)</td>", text)
     assert row is not None
-    assert float(row[1]) == pytest.approx(frequency, abs=0.1)
+    assert float(row[1]) == pytest.approx(100.0 * (after / before - 1.0), abs=0.06)  # printed to 0.1
     assert "is none of them" not in text
-    assert (
-        "5.5 x 3 is none of them"
-        in workshop_sheet(
-            scene.replace(**{"grains.species.0.diameter": "5.5 mm"}), 0.06, title="", lead="", scatter=[]
-        ).to_html()
-    )
+    odd = bed(**{"grains.species.0.diameter": "5.95 mm"})
+    assert "5.95 x 3 is none of them" in sheet_text(odd)
 
 
 def test_the_sheet_names_parts_and_command() -> None:
-    scene = DamperCandidate(4.0, 200, 0.2, small_share=0.3).scene()
-    text = workshop_sheet(scene, 0.06, title="sheet", lead="", scatter=["so far"]).to_html()
+    small = {"name": "small", "diameter": "5.95 mm", "share": 0.3}
+    rest = bed(**{"grains.species": [{"name": "large", "diameter": "6 mm", "share": 0.7}, small]})
+    scene = rest.scene
+    text = sheet_text(rest)
     masses = scene.grains.masses()
     assert f"{1e3 * masses.min():.3g} g each" in text
     assert f"{1e3 * masses.max():.3g} g each" in text
@@ -73,13 +90,16 @@ def test_the_sheet_names_parts_and_command() -> None:
 
 
 def test_a_design_for_a_machine_has_a_sheet() -> None:
-    scene = load_scene("machine")
-    law = solve_host_response(CoupledSystem.from_host_scene(scene), [2.8], 10.0)
+    machine = load_scene("machine")
+    law = solve_host_response(CoupledSystem.from_host_scene(machine), [2.8], 10.0)
+    scene = machine.replace(
+        **{"grains.count": 48, "cell.width": "22 D", "piston.mass": 2.7, "effects.drag.coefficient": 0.5}
+    )
     text = DamperDesign(scene, law, 24e-3, 1e-3, 9e-3, 7.7, "").workshop_sheet_page().to_html()
     assert "how far starts differ is not known" in text
     assert "remanence of the discs" in text
 
 
-def test_a_piston_that_does_not_swing_has_no_sensitivities() -> None:
-    with pytest.raises(InputError, match="no swing about rest"):
-        swing_sensitivities(damper(drag=50.0))
+def test_a_piston_that_does_not_oscillate_has_no_costs() -> None:
+    with pytest.raises(InputError, match="no oscillation about its equilibrium"):
+        slopes_by_part(bed(**{DRAG: 50.0}))
