@@ -107,9 +107,9 @@ def predict(scene: Scene) -> PredictedLaw:
     to the power -2.5 for dipoles and grows faster for discs, and a shear stress that yields; its
     derivation is "The laws, derived" in the documentation.
 
-    What a change of a part does is known only roughly: of the packaged damper the law has d ln f/d ln B = -0.40
-    and d ln f/d ln M = +0.20, its settled bed -0.23 and +0.11 (B remanence, M mass). Exact slopes need a
-    settled bed: ``granular.linear.slopes(granular.equilibrium(scene))``.
+    The law knows only roughly what a change of a part does: of the packaged damper it has
+    d ln f/d ln B = -0.40 and d ln f/d ln M = +0.20, the settled bed -0.23 and +0.11 (B remanence, M mass).
+    Exact slopes need a settled bed: ``granular.linear.slopes(granular.equilibrium(scene))``.
 
     Its motions from other heights: ``predict(scene).simulate(times, z0=0.15, v0=0.0)``.
 
