@@ -275,7 +275,10 @@ def root_convergence(method: str, exact: complex | None = None) -> ConvergenceRe
     """
     rest, root = bed_root.settled_root(method)
     diameter = rest.scene.grains.species[0].diameter
-    steps, errors, seconds, rounding = [], [], [], 0.0
+    steps: list[float] = []
+    errors: list[float] = []
+    seconds: list[float] = []
+    rounding = 0.0
     for k in range(MOST_ROOT_STEPS):
         step = FIRST_ROOT_STEP / abs(root.s) * math.sqrt(0.5) ** k
         started = time.perf_counter()

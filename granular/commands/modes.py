@@ -33,14 +33,14 @@ def modes(options: Any) -> None:
     from granular.linear.equilibrium import equilibrium_from, settled_state
     from granular.linear.page import modes_page
     from granular.linear.small_motions import small_motions
-    from granular.run.trajectory import load_trajectory
+    from granular.run.trajectory import Trajectory, load_trajectory
 
     source = scene_or_run_from_options(options, options.source)
     at_run = isinstance(source, Path)
-    source = load_trajectory(source) if isinstance(source, Path) else source
-    check_free_piston(source.scene if at_run else source)
+    bed = load_trajectory(source) if isinstance(source, Path) else source
+    check_free_piston(bed.scene if isinstance(bed, Trajectory) else bed)
     started = time.perf_counter()
-    state = settled_state(source)
+    state = settled_state(bed)
     began = time.perf_counter()
     motions = small_motions(equilibrium_from(*state))
     seconds = time.perf_counter() - began

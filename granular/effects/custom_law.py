@@ -156,7 +156,7 @@ def _main_error_line(error: BaseException) -> str:
     return one_line(shown[0] if shown else type(error).__name__)
 
 
-@numba.njit(**OPTIONS)  # type: ignore[untyped-decorator]
+@numba.njit(**OPTIONS)
 def _return_zero(*arguments: Any) -> int:
     return 0
 

@@ -65,7 +65,7 @@ def _exponential_descent(motion: Motion, time: float) -> tuple[float, float]:
 @compiled
 def _interpolate_linearly(times: Array, heights: Array, time: float) -> tuple[float, float]:
     """Straight lines from row to row; at a row the slope before it, which a piston released there keeps."""
-    k = min(max(np.searchsorted(times, time) - 1, 0), times.size - 2)
+    k = min(max(int(np.searchsorted(times, time)) - 1, 0), times.size - 2)
     speed = (heights[k + 1] - heights[k]) / (times[k + 1] - times[k])
     return heights[k] + speed * (time - times[k]), speed
 

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.scene.scene import Scene
 from granular.shared.plotting import COLOURS
 
 if TYPE_CHECKING:
     from jaxtyping import Float
     from matplotlib.axes import Axes
+
+    from granular.scene.scene import Scene
 
 
 def draw_bed(

@@ -149,10 +149,10 @@ def design(
     chosen = damper_maps() if maps is None else maps
     first = propose_design(chosen, target)  # refuses what the maps do not hold
     with case_executor(executor, min(len(seeds), workers or os.cpu_count() or 1)) as pool:
-        found = _search_damper(target, first, chosen.predict(first), seeds, out, pool, progress)
+        result = _search_damper(target, first, chosen.predict(first), seeds, out, pool, progress)
     if out is not None:
-        found.save(out, chosen)
-    return found
+        result.save(out, chosen)
+    return result
 
 
 def _search_damper(

@@ -48,11 +48,12 @@ def step_damper(target: DesignTarget, made: DesignRound) -> tuple[DamperCandidat
 def mean_damper(dampers: Sequence[DamperCandidate]) -> DamperCandidate:
     """Return the geometric mean of mass per width, number of grains and drag."""
     logarithms = [
-        np.log([one.mass / one.cell_width_ratio, one.grains, one.drag / one.grains**-0.75]) for one in dampers
+        np.log([damper.mass / damper.cell_width_ratio, damper.grains, damper.drag / damper.grains**-0.75])
+        for damper in dampers
     ]
     load, grains, drag = np.exp(np.mean(logarithms, axis=0)).tolist()
     mean = dampers[-1]._replace(grains=round(grains))
-    mass = mean.mass if len({one.mass for one in dampers}) == 1 else load * mean.cell_width_ratio
+    mass = mean.mass if len({damper.mass for damper in dampers}) == 1 else load * mean.cell_width_ratio
     return mean._replace(mass=mass, drag=drag * mean.grains**-0.75)
 
 

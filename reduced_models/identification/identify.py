@@ -35,9 +35,14 @@ from reduced_models.identification.comparison import (
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.measured_swing import MeasuredSwing, measure_swing
 from reduced_models.identification.residual_tests import residual_tests
-from reduced_models.identification.rest_checks import RecordsOfRest, release_stages
 from reduced_models.identification.result import Identification
-from reduced_models.identification.scene_checks import SceneChecks, add_check_errors, end_time_of_open_run
+from reduced_models.identification.scene_checks import (
+    RecordsOfRest,
+    SceneChecks,
+    add_check_errors,
+    end_time_of_open_run,
+    release_stages,
+)
 from reduced_models.identification.wells import well_quantities
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.law import Law

@@ -17,6 +17,7 @@ from reduced_models.falls.unseen_fall_scores import DropScores, format_percent_o
 from reduced_models.identification import page as blocks
 from reduced_models.identification import pictures
 from reduced_models.identification.comparison_table import Comparison
+from reduced_models.identification.derived_figures import FREQUENCY, DerivedFigures
 from reduced_models.identification.elliptic_averaging import (
     EllipticAveraging,
     average_elliptically,
@@ -25,7 +26,6 @@ from reduced_models.identification.elliptic_averaging import (
 )
 from reduced_models.identification.measured_swing import MeasuredSwing
 from reduced_models.identification.residual_tests import ResidualTests
-from reduced_models.identification.rest_checks import FREQUENCY, DerivedFigures
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.elliptic_motion import EllipticMotion

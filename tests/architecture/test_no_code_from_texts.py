@@ -44,6 +44,7 @@ ALLOWED = {
     ("granular/shared/user_file.py", "compile"): "the same file",
     ("granular/effects/registry.py", "import_module"): "the files of the package itself",
     ("granular/run/thread_count.py", "import_module"): "two modules of Numba, by names in the source",
+    ("granular/shared/errors.py", "import_module"): "libraries of the extras, by names in the source",
     (
         "granular/compiled/kernel_cache.py",
         "pickle.loads",

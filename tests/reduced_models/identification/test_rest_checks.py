@@ -9,7 +9,7 @@ from granular import Scene, Trajectory, simulate
 from granular.linear import piston_roots, root_of_steps
 from granular.run.piston_record import PistonRecord
 from reduced_models import fit
-from reduced_models.identification.rest_checks import (
+from reduced_models.identification.scene_checks import (
     COARSE_REST,
     RecordsOfRest,
     derive_figures,
