@@ -94,11 +94,12 @@ class WallLaws(NamedTuple):
         )
 
 
-@compiled
+@compiled(inline=True)
 def add_piston_stiffness(law: Any, bed: Bed, slopes: Float[Array, "m"]) -> None:
     """Add each grain's stiffness against the piston over its mass; slopes [1/tau^2]."""
     constants = bed.constants
-    _measure_wall_energy(law, sides_of_cell(bed)[TOP], bed, slopes)
+    if law is not None:
+        _measure_wall_energy(law, sides_of_cell(bed)[TOP], bed, slopes)
     multiply_by_moment_over_mass(slopes, constants.moments, constants.masses, constants.grains)
 
 

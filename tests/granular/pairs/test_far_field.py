@@ -231,7 +231,7 @@ def test_scene_chooses_the_mesh(bed: Scene, small_bed: Scene) -> None:
         for one in (TOLERANCE, 0.1 * TOLERANCE)
     ]
     assert radii == pytest.approx([RADIUS, RADIUS * 10.0 ** (1 / 3.36)])
-    with pytest.raises(SceneError, match=r"pairs\.method: the mesh of 'mesh' covers a closed"):
+    with pytest.raises(SceneError, match=r"pairs\.method: 'mesh' needs a closed cell"):
         small_bed.replace(**{"effects.walls.left": None, "pairs.method": "mesh"})
     with pytest.raises(SceneError, match=r"pairs\.far_every: only the methods 'mesh'"):
         small_bed.replace(**{"pairs": {"method": "cut-off", "far_every": 2}})
