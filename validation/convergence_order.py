@@ -82,6 +82,10 @@ ROOT_ORDERS = {"symplectic-euler": 2}
 """Order in a root where it is not the method's own: the kick and the drift of the symplectic Euler method are
 Verlet's from half a step later on, so both maps have the same multipliers."""
 
+STEEP_IN_ROOT = ("yoshida-6", "kahan-li-6")
+"""Methods that show no order in a root: down to where rounding begins their slopes still fall, at the finest
+steps 6.44, 6.23, 6.12 (kahan-li-6) and 6.13, 6.07, 6.04 (yoshida-6)."""
+
 Solver = Callable[[ExactProblem, int], GrainStates]
 """The grains at a problem's time, after that many equal steps."""
 
@@ -330,7 +334,9 @@ def convergence_tasks(full: bool) -> list[Task]:
             partial(_measure_root_convergence, method),
         )
         for method in METHODS
-        if (full or method in QUICK_METHODS) and not method_named(method).variable
+        if (full or method in QUICK_METHODS)
+        and not method_named(method).variable
+        and method not in STEEP_IN_ROOT
     ]
     problems = OUTSIDE_PROBLEMS if full else OUTSIDE_PROBLEMS[:1]
     return tasks + [

@@ -87,13 +87,15 @@ def test_losses_are_shared_by_drag_and_piston(changed: Changed) -> None:
 
 @pytest.mark.long  # compiles a loop with eddy currents, and one without
 def test_losses_are_shared_by_two_flows(changed: Changed) -> None:
-    eddy: dict[str, Any] = {"effects.eddy_drag": {"conductivity": "3.5e7 S/m", "thickness": "2 mm"}}
+    eddy: dict[str, Any] = {
+        "effects.eddy": {"conductivity": "3.5e7 S/m", "thickness": "2 mm", "distance": "2 mm"}
+    }
     found = small_motions(changed(**eddy))
     moved = np.abs(found.roots[0].shape) ** 2
     total = np.real(found.roots[0].shape.conj() @ found.rest.pencil.damping_times(found.roots[0].shape))
     assert sum(found.loss_shares.values()) == pytest.approx(1.0)
     assert found.loss_shares["drag"] == pytest.approx(DRAG * moved[:48].sum() / total, rel=1e-6)
-    assert found.loss_shares["eddy_drag"] > 0.01
+    assert found.loss_shares["eddy"] > 0.01
 
 
 def test_friction_is_said_to_be_outside(changed: Changed, found: SmallMotions) -> None:
