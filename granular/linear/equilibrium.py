@@ -31,6 +31,9 @@ SETTLED = 1e-7
 """Largest distance to the equilibrium, by Newton's step, where rounding or a far field on a mesh keeps the
 force above `REST` [D]: the tables of discs and the mesh jump by 1e-7 of a pair's force at one diameter."""
 
+NEAR = 1e-6
+"""Force over the same ones below which the equilibrium is near, and steps may have further matrices."""
+
 MOST_HALVINGS = 12
 """Most halvings of a step that does not lower the largest force."""
 
@@ -227,7 +230,7 @@ def _newton(
         fresh = False
         if _norm(force[free]) > 0.1 * size:
             matrices += 1
-            if matrices > MOST_MATRICES:
+            if matrices > MOST_MATRICES and _norm(force[free]) > NEAR * scale:
                 break
             pencil, fresh = make_pencil(bed, at), True
     raise InputError(

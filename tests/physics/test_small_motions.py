@@ -48,7 +48,7 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 QUICK = ("dipoles", "two species", "scatter of moments")
 OF_SECOND_ORDER = ("viscous contact", "cold bath")
-"""What no method of fourth order takes."""
+"""Effects that no method of fourth order takes."""
 
 
 def quick_or_long(names: Any) -> list[Any]:
