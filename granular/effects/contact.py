@@ -80,7 +80,10 @@ def _magnetic_energy_at_touch(context: EffectContext, diameters: Float[np.ndarra
     discs = discs_unless_dipoles(context.grains, context.scales.length)
     if not discs:
         return pair_energy(float(diameters.min()))
-    touching = [disc_energy_and_force(np.array([2.0 * disc.radius]), disc, disc)[0][0] for disc in discs]
+    touching = [
+        disc_energy_and_force(np.array([diameter]), disc, disc)[0][0]
+        for disc, diameter in zip(discs, diameters, strict=True)
+    ]
     return ENERGY * float(min(touching))
 
 

@@ -27,7 +27,6 @@ def discs_unless_dipoles(grains: Grains, length: float) -> tuple[Disc, ...]:
 
 
 def species_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Disc of each species' diameter and thickness; length [m]."""
-    heights = grains.species_values("thickness") / length
-    radii = [0.5 * species.diameter / length for species in grains.species]
-    return tuple(Disc(r, float(h)) for r, h in zip(radii, heights, strict=True))
+    """Magnet within a grain of each species, as a disc; length [m]."""
+    magnets = grains.magnets_in_species()
+    return tuple(Disc(0.5 * magnet.diameter / length, magnet.thickness / length) for magnet in magnets)

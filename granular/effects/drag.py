@@ -16,8 +16,9 @@ which holds for any c s: an overdamped grain moves at its terminal velocity a/c.
 
 from __future__ import annotations
 
+import copy
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,8 +30,13 @@ from granular.kernel_data.state import LOSSES, Bed, State
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
+from granular.parts.drags import counter_flow_factor, disc_drag
+from granular.parts.liquids import find_liquid
+from granular.schema.apparatus import Cell, Grains
+from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
-from granular.schema.sections import quantity
+from granular.schema.sections import quantity, text_field
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -42,7 +48,17 @@ class Drag(DissipativeEffect):
     Attributes
     ----------
     coefficient : float
-        gamma [kg/s] of a grain of the first species; of others it goes with the area of a face.
+        gamma [kg/s] of a grain of the first species; of others it goes with the area of a face. 0.1
+        kg/s without liquid and viscosity, of which it follows otherwise (`granular.parts.drags`).
+    liquid : str or None
+        Liquid in the cell by name, such as ``"silicone oil 350 cSt"``, at ``grains.temperature``.
+    viscosity : float or None
+        Viscosity of the liquid [Pa s], instead of its name.
+    offset : float
+        Distance of the grains' mid-planes from the middle of the gap [m].
+    packing : float or None
+        Area fraction of grains that move together, between which the liquid flows back; without, nothing
+        flows back.
     """
 
     key = "drag"
@@ -51,7 +67,72 @@ class Drag(DissipativeEffect):
     takes_along = ()
     loss_record = energy_variable("drag_loss", "energy lost to viscous drag")
 
-    coefficient: float = quantity("kg/s", default=0.1, least=0.0)
+    coefficient: float = quantity("kg/s", default=None, least=0.0, optional=True)
+    liquid: str | None = text_field(default=None, optional=True)
+    viscosity: float | None = quantity("Pa s", default=None, above=0.0, optional=True)
+    offset: float | None = quantity("m", default=None, least=0.0, optional=True)
+    packing: float | None = quantity("1", default=None, least=0.0, most=0.9, optional=True)
+
+    def validate(self) -> None:
+        """Check that one key gives the drag; set the default of a drag without a liquid."""
+        if sum(value is not None for value in (self.coefficient, self.liquid, self.viscosity)) > 1:
+            raise FieldError("give one of coefficient, liquid and viscosity")
+        if self.liquid is not None or self.viscosity is not None:
+            return
+        if self.offset is not None or self.packing is not None:
+            raise FieldError("offset and packing are those of a liquid; give liquid or viscosity")
+        if self.coefficient is None:
+            object.__setattr__(self, "coefficient", 0.1)
+
+    def to_plain(self) -> dict[str, Any]:
+        """Plain data as of `Section.to_plain`, without what follows from the liquid."""
+        plain = super().to_plain()
+        if self.liquid is not None:
+            plain.pop("viscosity", None)
+        if self.liquid is not None or self.viscosity is not None:
+            plain.pop("coefficient", None)
+        return plain
+
+    def resolve_parts(self, grains: Grains, cell: Cell) -> Drag:
+        """Return the drag of a disc in its liquid, with its viscosity and coefficient."""
+        viscosity = self.viscosity
+        if self.liquid is not None:
+            try:
+                viscosity = find_liquid(self.liquid, grains.liquid_temperature).viscosity
+            except InputError as error:
+                raise FieldError(str(error), "effects", "drag", "liquid") from None
+        if viscosity is None:
+            return self
+        area = 0.25 * math.pi * grains.species[0].diameter ** 2
+        coefficient = disc_drag(viscosity, area, self.films(grains, cell)) * self.packing_factor(grains, cell)
+        result = copy.copy(self)
+        object.__setattr__(result, "viscosity", viscosity)
+        object.__setattr__(result, "coefficient", coefficient)
+        return result
+
+    def packing_factor(self, grains: Grains, cell: Cell) -> float:
+        """Factor of a disc's drag by the liquid that flows back between discs; 1 without a packing."""
+        if self.packing is None:
+            return 1.0
+        thickness = float(grains.species_values("thickness")[0])
+        return counter_flow_factor(self.packing, thickness, self.films(grains, cell))
+
+    def films(self, grains: Grains, cell: Cell) -> tuple[float, float]:
+        """Thickness of the liquid on both faces of a grain [m]."""
+        thickness = grains.species_values("thickness")
+        if (thickness != thickness[0]).any():
+            raise FieldError(
+                "grains of several thicknesses have no common film; give the coefficient", "effects", "drag"
+            )
+        middle, offset = 0.5 * (cell.separation - float(thickness[0])), self.offset or 0.0
+        if not middle > offset:
+            raise FieldError(
+                f"{cell.separation:g} m leaves no film on grains of {thickness[0]:g} m that are "
+                f"{offset:g} m off its middle; give a wider gap",
+                "cell",
+                "separation",
+            )
+        return middle - offset, middle + offset
 
     def decay_rate(self, scales: Scales) -> float:
         """Decay rate c = gamma/m of a grain of the first species [1/tau]."""

@@ -165,6 +165,10 @@ class Effect(Section):
         """
         raise NotImplementedError
 
+    def resolve_parts(self, grains: Grains, cell: Cell) -> Effect:
+        """Return the effect with the numbers that follow from the parts of grains and cell."""
+        return self
+
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:

@@ -167,9 +167,11 @@ def _grain_species(species: Array | None, i: int) -> int:
 
 
 @functools.cache
-def disc_wall_tables(discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch: float) -> DiscWallTables:
-    """Sum the row of magnets once for each species, and table it; pitch [D]."""
-    depth, wave = magnet.radius, 2.0 * np.pi / pitch
+def disc_wall_tables(
+    discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch: float, depth: float | None = None
+) -> DiscWallTables:
+    """Sum the row of magnets once for each species, and table it; pitch, depth of its middle line [D]."""
+    depth, wave = depth or magnet.radius, 2.0 * np.pi / pitch
     v = np.linspace(0.0, 1.0 / depth, PIECES + 1)
     amplitudes = [_fourier_amplitudes(v, disc, magnet, pitch) for disc in discs]
     touch = [int(np.argmin(np.abs(v - 1.0 / (depth + disc.radius)))) for disc in discs]

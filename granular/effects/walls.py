@@ -6,9 +6,10 @@ piston force.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -50,7 +51,8 @@ class Wall(Section):
         ``"experimental"``: force ~ distance^-3.5 [D, eq. 2.8]; ``"infinite"``: ~ distance^-3
         [D, eq. 3.3]; ``"slab"``: a magnetic slab of finite length [D, eq. 3.17]; ``"discs"``: an
         endless row of magnets of the first species (`granular.effects.wall_discs`), to which grains
-        are discs whatever ``grains.magnets`` is.
+        are discs whatever ``grains.magnets`` is. A side that is not named has a row of touching
+        magnets if grains are discs, ``"experimental"`` else.
     length : float or None
         Length of a slab [m], from the corner at the origin. Must be given for a slab at the side;
         the bottom and the piston are as long as the cell is wide.
@@ -121,7 +123,8 @@ class Wall(Section):
             return InfiniteWall()
         if self.pitch is not None:
             discs = species_discs(context.grains, scales.length)
-            tables = disc_wall_tables(discs, discs[0], 1.0, self.pitch / scales.length)
+            # Coated magnets lie as deep as bare ones: by half a diameter, here 1/2 D.
+            tables = disc_wall_tables(discs, discs[0], 1.0, self.pitch / scales.length, 0.5)
             # Each wall has its own, since grains that leave are taken out of it.
             return DiscWall(tables, context.species.copy() if len(discs) > 1 else None)
         ends = [0.0, width if self.length is None else self.length]
@@ -131,17 +134,35 @@ class Wall(Section):
         return SlabWall(natural[::2].copy(), natural[1::2].copy(), not self.has_gap)
 
 
+_UNNAMED = Wall()
+"""Wall of a side that a scene does not name, known by its identity: others may be equal."""
+
+
 class Walls(ForceEffect):
     """The four walls; the top is the piston. ``"none"`` leaves a side open."""
 
     key = "walls"
     rank = 2
     energy_record = energy_variable("wall_energy", "energy of the grains at the walls")
+    unnamed: ClassVar[tuple[str, ...]] = ()  # sides whose law follows from the grains
 
-    left: Wall | None = nested_section_field(Wall, default=Wall(), optional=True)
-    right: Wall | None = nested_section_field(Wall, default=Wall(), optional=True)
-    bottom: Wall | None = nested_section_field(Wall, default=Wall(), optional=True)
-    top: Wall | None = nested_section_field(Wall, default=Wall(), optional=True)
+    left: Wall | None = nested_section_field(Wall, default=_UNNAMED, optional=True)
+    right: Wall | None = nested_section_field(Wall, default=_UNNAMED, optional=True)
+    bottom: Wall | None = nested_section_field(Wall, default=_UNNAMED, optional=True)
+    top: Wall | None = nested_section_field(Wall, default=_UNNAMED, optional=True)
+
+    def resolve_parts(self, grains: Grains, cell: Cell) -> Walls:
+        """Return the walls with rows of the grains' magnets on unnamed sides, where grains are discs."""
+        unnamed = self.unnamed or tuple(side for side in SIDES if getattr(self, side) is _UNNAMED)
+        if not unnamed:
+            return self
+        result, wall = copy.copy(self), _UNNAMED
+        if grains.magnets == "cylinders":
+            wall = Wall(law="discs", pitch=grains.species[0].diameter)
+        for side in unnamed:
+            object.__setattr__(result, side, wall)
+        object.__setattr__(result, "unnamed", unnamed)
+        return result
 
     def validate(self) -> None:
         """Check that a gap is in the bottom, and that slabs at the sides alone have a length."""

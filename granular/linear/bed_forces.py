@@ -24,7 +24,9 @@ from granular.run.engines import NO_TICKS, UNWATCHED
 from granular.run.plan import plan
 from granular.run.run_state import RunState
 from granular.scene.scene import Scene
+from granular.schema.sections import find_field
 from granular.shared.errors import InputError, RunError
+from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -278,8 +280,8 @@ def _misplaced_grain_error() -> InputError:
 
 
 def scaled_parameter(scene: Scene, key: str, factor: float) -> Scene:
-    """Multiply the number at a dotted key of a scene."""
-    plain: Any = scene.to_plain()
-    for part in key.split("."):
-        plain = plain[int(part)] if isinstance(plain, list) else plain[part]
-    return scene.replace(**{key: float(plain) * factor})
+    """Multiply the number at a dotted key of a scene, also one that follows from parts."""
+    value, _ = find_field(scene, key) or (None, None)
+    if not isinstance(value, float):
+        raise InputError(f"{quote(key)} is no number of the scene {quote(scene.name)}; give another key")
+    return scene.replace(**{key: value * factor})

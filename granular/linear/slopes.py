@@ -136,7 +136,8 @@ def _number_keys(plain: Any, path: str) -> list[str]:
         return [key for name, part in plain.items() for key in _number_keys(part, f"{path}.{name}")]
     if isinstance(plain, list):
         return [key for index, part in enumerate(plain) for key in _number_keys(part, f"{path}.{index}")]
-    counts = isinstance(plain, float) and plain != 0.0 and not path.endswith(".share")
+    # Magnets of a row that touch leave no room for a smaller pitch.
+    counts = isinstance(plain, float) and plain != 0.0 and not path.endswith((".share", ".pitch"))
     return [path] if counts and ".excitation." not in path else []
 
 

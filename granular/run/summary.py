@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from granular.run.trajectory import Trajectory
+from granular.scene.part_lines import part_lines
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.schema.section_text import describe_fields
@@ -63,7 +64,8 @@ def scene_text(scene: Scene) -> str:
     str
         Lines: name; number and diameter [mm] of each species; natural units D [mm], m [g], F* [N] and tau
         [ms]; width of the cell and height of the piston or the periodic cell [mm] and [D], with the
-        piston's mass [kg] and the packing fraction [D, eq. 2.2]; effects and stages with their values.
+        piston's mass [kg] and the packing fraction [D, eq. 2.2]; effects with their values; the steps from
+        parts that are named to moment [A m^2] and drags [kg/s]; stages with their values.
 
     Examples
     --------
@@ -100,6 +102,7 @@ def scene_text(scene: Scene) -> str:
     lines += [
         f"    {effect.key}: {said}" for effect in scene.effects.acting if (said := describe_fields(effect))
     ]
+    lines += [f"  {line}" for line in part_lines(scene)]
     for stage in scene.protocol:
         said = describe_fields(stage, without=("name",))
         lines.append(f"  stage {stage.name!r}: {type(stage).__name__.lower()}, {said}")

@@ -24,6 +24,7 @@ from granular.shared.result_cache import digest
 
 if TYPE_CHECKING:
     from granular.effects.dipole import Dipole
+    from granular.effects.drag import Drag
     from granular.effects.friction import Friction
     from granular.effects.host_structure import Host
     from granular.effects.shaking import Shaking
@@ -37,6 +38,7 @@ class Effects(Section):
 
     if TYPE_CHECKING:
         dipole: Dipole | None
+        drag: Drag | None
         walls: Walls | None
         friction: Friction | None
         shaking: Shaking | None
@@ -109,6 +111,21 @@ def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str,
     return result
 
 
+_INSTEAD_OF = {
+    "arrangement.positions": GRID,
+    "grains.grade": ("remanence", "moment", "permeability"),
+    "grains.remanence": ("moment",),
+    "grains.moment": ("remanence",),
+    "effects.drag.coefficient": ("liquid", "viscosity", "offset", "packing"),
+    "effects.drag.liquid": ("coefficient", "viscosity"),
+    "effects.drag.viscosity": ("coefficient", "liquid"),
+    "piston.drag": ("blade", "guide"),
+    "piston.blade": ("drag",),
+    "piston.guide": ("drag",),
+}
+"""Keys, and those beside them that they stand instead of."""
+
+
 class Scene(Section):
     """A complete description of a run, in SI. See the attributes' classes for their keys and units.
 
@@ -165,6 +182,7 @@ class Scene(Section):
         SceneError
             If grains overlap each other or a wall at the start, or have no room.
         """
+        self._resolve_parts()
         self._check_piston()
         acting = {effect.key: effect for effect in self.effects.acting}
         for effect in acting.values():
@@ -182,6 +200,15 @@ class Scene(Section):
             )
         self._check_pair_method()
         self.initial_positions_and_velocities()
+
+    def _resolve_parts(self) -> None:
+        """Set what follows from the parts that the scene names: laws of walls, drags of grains and piston."""
+        resolved = (effect.resolve_parts(self.grains, self.cell) for effect in self.effects.acting)
+        object.__setattr__(self, "effects", Effects(**{effect.key: effect for effect in resolved}))
+        if self.piston is not None:
+            viscosity = None if self.effects.drag is None else self.effects.drag.viscosity
+            piston = self.piston.resolve_parts(self.grains, self.cell, viscosity)
+            object.__setattr__(self, "piston", piston)
 
     def _check_joint_kicks(self) -> None:
         """Check that the last effect that is solved with the forces knows the others."""
@@ -304,8 +331,9 @@ class Scene(Section):
         **changes
             Dotted keys, given as ``**{"grains.count": 92, "piston.mass": "7.5 kg"}``. Numbers are in SI,
             texts have a unit, as "3 mm" or "30 D" (diameters of the first species). An item of a list is
-            named by its index or its ``name``. None takes an optional part away, and
-            ``arrangement.positions`` what was said of the grid, which they stand instead of.
+            named by its index or its ``name``. None takes an optional part away. A key takes away
+            those that it stands instead of: ``arrangement.positions`` the grid, ``grains.grade`` the
+            remanence, ``effects.drag.liquid`` the coefficient.
 
         Returns
         -------
@@ -325,9 +353,17 @@ class Scene(Section):
         (92, 0.18)
         """
         plain = self.to_plain()
-        if "arrangement.positions" in changes:
-            for name in GRID:
-                plain["arrangement"].pop(name, None)
+        walls = self.effects.walls
+        for side in () if walls is None else walls.unnamed:
+            if f"effects.walls.{side}.pitch" not in changes:
+                del plain["effects"]["walls"][side]
+        for key, others in _INSTEAD_OF.items():
+            if any(f"{change}.".startswith(f"{key}.") for change in changes):
+                section = plain
+                for name in key.split(".")[:-1]:
+                    section = section.get(name, {})
+                for name in others:
+                    section.pop(name, None)
         for key, value in changes.items():
             _set_nested_key(plain, key.split("."), value)
         return Scene.from_plain(plain)

@@ -6,20 +6,29 @@ and what is done to them the protocol.
 
 from __future__ import annotations
 
+import copy
+import math
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.parts.drags import blade_drag, guide_drag
+from granular.parts.grades import RECOIL_PERMEABILITY, find_grade
+from granular.parts.liquids import find_liquid
+from granular.parts.moment import Magnet, make_magnet, remanence_of_moment
 from granular.schema.field_kinds import FieldError
 from granular.schema.sections import (
     Section,
     choice_field,
     integer_field,
+    nested_section_field,
     quantity,
     section_list_field,
+    temperature_field,
     text_field,
 )
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -60,7 +69,20 @@ class Grains(Section):
     density : float
         [kg/m^3]
     remanence : float
-        Residual magnetisation Br [T].
+        Residual magnetisation Br [T], at 20 degrees Celsius; 1.3 T if neither grade nor moment is given.
+    moment : float or None
+        Moment of a lone disc [A m^2], as measured at 20 degrees Celsius, instead of the remanence.
+    grade : str or None
+        Grade of the magnets, such as ``"N42"``: remanence (the middle of its range), permeability and
+        highest temperature, where they are not given.
+    coating : float or None
+        Thickness of the coating, on faces and rim, which is no magnet [m]; the sizes are with it.
+    permeability : float or None
+        Relative recoil permeability, by which the fields of itself and of neighbours weaken a magnet.
+    spacing : float or None
+        Distance of nearest neighbours whose fields weaken a magnet so [m]; without, no neighbours do.
+    temperature : float or None
+        Temperature of magnets and liquid [deg C]; without, magnets have 20 and a liquid 25.
     spread : float
         Standard deviation of the single grains' moments about their species', over it, cut at three
         of it. De Paula explains an asymmetry of the experiment by such a spread.
@@ -83,14 +105,20 @@ class Grains(Section):
     # The magnets of [D]: of 6 mm, 0.625 g and 0.0877 A m^2.
     thickness: float = quantity("m", default=0.003, above=0.0)
     density: float = quantity("kg/m^3", default=7368.0, above=0.0)
-    remanence: float = quantity("T", default=1.3, above=0.0)
+    remanence: float = quantity("T", default=None, above=0.0, optional=True)
+    moment: float | None = quantity("A m^2", default=None, above=0.0, optional=True)
+    grade: str | None = text_field(default=None, optional=True)
+    coating: float | None = quantity("m", default=None, least=0.0, optional=True)
+    permeability: float | None = quantity("1", default=None, least=1.0, optional=True)
+    spacing: float | None = quantity("m", default=None, above=0.0, optional=True)
+    temperature: float | None = temperature_field()
     spread: float = quantity("1", default=0.0, least=0.0, most=0.3)
     seed: int = integer_field(default=1)
     mixing: str = choice_field("interspersed", "every-kth", default="interspersed")
     magnets: str = choice_field("dipoles", "cylinders", default="dipoles")
 
     def validate(self) -> None:
-        """Check that the shares add up to 1, and that the mixing fits the number of species."""
+        """Check shares, mixing and parts; set the remanence that grade or moment stand for."""
         total = sum(specy.share for specy in self.species)
         if abs(total - 1.0) > 1e-9:
             raise FieldError(f"the shares add up to {total:g}; they must add up to 1", "species")
@@ -100,15 +128,82 @@ class Grains(Section):
             raise FieldError(
                 f"'every-kth' mixes 2 species, not {len(self.species)}; take 'interspersed'", "mixing"
             )
+        self._check_magnets()
+        self._set_remanence()
+
+    def _check_magnets(self) -> None:
+        thinnest = min(float(self.species_values("thickness").min()), *(s.diameter for s in self.species))
+        if self.coating is not None and 2.0 * self.coating >= thinnest:
+            raise FieldError(f"{self.coating:g} m leaves no magnet within {thinnest:g} m", "coating")
+        if self.spacing is not None and self.spacing < self.species[0].diameter:
+            raise FieldError(
+                f"{self.spacing:g} m must be at least the discs' diameter, {self.species[0].diameter:g} m",
+                "spacing",
+            )
+        if self.grade is None:
+            return
+        try:
+            grade = find_grade(self.grade)
+        except InputError as error:
+            raise FieldError(str(error), "grade") from None
+        if self.temperature is not None and self.temperature > grade.highest_temperature:
+            raise FieldError(
+                f"{self.temperature:g} °C must be at most {grade.highest_temperature:g} °C, the limit of "
+                f"{grade.name}; take a grade for higher ones, such as N42M",
+                "temperature",
+            )
+        if self.permeability is None:
+            object.__setattr__(self, "permeability", RECOIL_PERMEABILITY)
+
+    def _set_remanence(self) -> None:
+        given, value = self.remanence, 1.3  # of [D]
+        if self.moment is not None:
+            if len(self.species) > 1:
+                raise FieldError("is for one species; give each species its remanence", "moment")
+            lone = self._magnet(self.species[0], 1.0, cold=True)
+            value = remanence_of_moment(self.moment, lone)
+            if given is not None and not math.isclose(given, value):
+                raise FieldError("stands instead of the remanence; give one of the two", "moment")
+        elif given is not None:
+            return
+        elif self.grade is not None:
+            value = find_grade(self.grade).remanence
+        object.__setattr__(self, "remanence", value)
+
+    def _magnet(self, species: Species, remanence: float, *, cold: bool = False) -> Magnet:
+        return make_magnet(
+            species.diameter,
+            self.thickness if species.thickness is None else species.thickness,
+            remanence,
+            coating=self.coating,
+            permeability=self.permeability,
+            spacing=self.spacing,
+            temperature=None if cold else self.temperature,
+        )
+
+    def magnets_in_species(self) -> tuple[Magnet, ...]:
+        """Magnet within a grain of each species, with its moment."""
+        values = self.species_values("remanence").tolist()
+        return tuple(self._magnet(specy, value) for specy, value in zip(self.species, values, strict=True))
 
     def to_plain(self) -> dict[str, Any]:
         """Plain data as of `Section.to_plain`; spread and discs are written where there are any."""
         plain = super().to_plain()
+        grade = None if self.grade is None else find_grade(self.grade)
+        if self.moment is not None or (grade is not None and self.remanence == grade.remanence):
+            del plain["remanence"]
+        if grade is not None and self.permeability == RECOIL_PERMEABILITY:
+            del plain["permeability"]
         if self.magnets == "dipoles":
             del plain["magnets"]
         if self.spread == 0.0:
             del plain["spread"], plain["seed"]
         return plain
+
+    @property
+    def liquid_temperature(self) -> float:
+        """Temperature of a liquid in the cell [deg C]."""
+        return 25.0 if self.temperature is None else self.temperature
 
     def species_counts(self) -> tuple[int, ...]:
         """Return the number of grains of each species."""
@@ -163,7 +258,10 @@ class Grains(Section):
 
     def moment_ratios(self) -> Float[np.ndarray, "s"]:
         """Magnetic moment of a grain of each species, without spread, over that of the first."""
-        return self._ratios_to_first_species("remanence")
+        if self.coating is None and self.permeability is None:
+            return self._ratios_to_first_species("remanence")
+        moments = np.array([magnet.moment for magnet in self.magnets_in_species()])
+        return moments / moments[0]
 
     def _ratios_to_first_species(self, name: str) -> np.ndarray:
         thickness, strength = self.species_values("thickness"), self.species_values(name)
@@ -250,6 +348,64 @@ class Cell(Section):
         return plain
 
 
+class Blade(Section):
+    """The part of the piston that dips into the liquid, between the plates and as wide as the cell.
+
+    Attributes
+    ----------
+    depth : float
+        Depth that it dips in [m].
+    film : float
+        Thickness of the liquid between each of its faces and the plate [m].
+    """
+
+    depth: float = quantity("m", above=0.0)
+    film: float = quantity("m", above=0.0)
+
+    def drag(self, cell: Cell, viscosity: float) -> float:
+        """Drag of both faces [kg/s]; viscosity of the liquid [Pa s]."""
+        return blade_drag(viscosity, cell.width, self.depth, self.film)
+
+
+class Guide(Section):
+    """Rods in bushes that guide the piston.
+
+    Attributes
+    ----------
+    diameter, length : float
+        Diameter of a rod, and length of its bush [m].
+    clearance : float
+        Radius of the bush less that of the rod [m].
+    eccentricity : float
+        Distance of their axes over the clearance.
+    count : int
+        Number of rods.
+    liquid : str or None
+        Liquid in the bush; that of the cell without.
+    """
+
+    diameter: float = quantity("m", above=0.0)
+    length: float = quantity("m", above=0.0)
+    clearance: float = quantity("m", above=0.0)
+    eccentricity: float = quantity("1", default=0.0, least=0.0, below=1.0)
+    count: int = integer_field(default=1, least=1)
+    liquid: str | None = text_field(default=None, optional=True)
+
+    def drag(self, grains: Grains, viscosity: float | None) -> float:
+        """Drag of all rods [kg/s]; viscosity of the liquid in the cell [Pa s]."""
+        if self.liquid is not None:
+            try:
+                viscosity = find_liquid(self.liquid, grains.liquid_temperature).viscosity
+            except InputError as error:
+                raise FieldError(str(error), "piston", "guide", "liquid") from None
+        if viscosity is None:
+            raise FieldError(
+                "must be given where the cell holds no liquid by name", "piston", "guide", "liquid"
+            )
+        one = guide_drag(viscosity, self.diameter, self.length, self.clearance, self.eccentricity)
+        return self.count * one
+
+
 class Piston(Section):
     """The piston, the cell's top wall.
 
@@ -260,15 +416,54 @@ class Piston(Section):
     mass : float or None
         [kg]; needed where a stage lets it move freely.
     drag : float
-        Viscous drag of the free piston [kg/s].
+        Viscous drag of the free piston [kg/s]; 0 without blade and guide, of which it follows otherwise.
+    blade : Blade or None
+        What dips into the liquid.
+    guide : Guide or None
+        What guides it.
     friction : float
         Coulomb friction of the free piston [N].
     """
 
     height: float = quantity("m", above=0.0)
     mass: float | None = quantity("kg", above=0.0, default=None, optional=True)
-    drag: float = quantity("kg/s", default=0.0, least=0.0)
+    drag: float = quantity("kg/s", default=None, least=0.0, optional=True)
     friction: float = quantity("N", default=0.0, least=0.0)
+    blade: Blade | None = nested_section_field(Blade, default=None, optional=True)
+    guide: Guide | None = nested_section_field(Guide, default=None, optional=True)
+
+    def validate(self) -> None:
+        """Check that blade and guide give the drag alone; set it where there are none."""
+        if self.drag is None:
+            object.__setattr__(self, "drag", 0.0)
+        elif self.has_parts:
+            raise FieldError("follows from blade and guide; leave it out", "drag")
+
+    @property
+    def has_parts(self) -> bool:
+        """True where blade or guide give the drag."""
+        return self.blade is not None or self.guide is not None
+
+    def resolve_parts(self, grains: Grains, cell: Cell, viscosity: float | None) -> Piston:
+        """Return the piston with the drag of blade and guide; viscosity of the liquid [Pa s]."""
+        if not self.has_parts:
+            return self
+        result, drag = copy.copy(self), 0.0
+        if self.blade is not None:
+            if viscosity is None:
+                raise FieldError("needs a liquid in the cell; give effects.drag.liquid", "piston", "blade")
+            drag += self.blade.drag(cell, viscosity)
+        if self.guide is not None:
+            drag += self.guide.drag(grains, viscosity)
+        object.__setattr__(result, "drag", drag)
+        return result
+
+    def to_plain(self) -> dict[str, Any]:
+        """Plain data as of `Section.to_plain`, without what follows from blade and guide."""
+        plain = super().to_plain()
+        if self.has_parts:
+            del plain["drag"]
+        return plain
 
 
 class Output(Section):

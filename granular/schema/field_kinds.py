@@ -19,6 +19,7 @@ from granular.shared.message_text import quote, sanitize
 _LONGEST = 200  # characters of a name
 _MOST_SHOWN = 30  # known words in a message
 _DIGITS = re.compile(r"[+-]?[0-9]{1,30}")
+_TEMPERATURE = re.compile(r"\s*([+-]?[0-9]{1,6}(?:\.[0-9]{0,20})?)\s*(°C|degC|K|)\s*")
 
 
 class FieldError(SceneError):
@@ -158,6 +159,19 @@ class QuantityKind(FieldKind):
             if limit is not None and not fits(number, limit):
                 raise FieldError(f"{number:g}{unit} must be {words} {limit:g}{unit}")
         return number
+
+
+@dataclasses.dataclass(frozen=True)
+class TemperatureKind(QuantityKind):
+    """A temperature in degrees Celsius, also as text in that unit or in kelvin."""
+
+    unit: str = "degC"
+
+    def parse(self, value: Any, diameter: float | None) -> float:
+        """Read a temperature [deg C]; diameter [m]."""
+        if isinstance(value, str) and (match := _TEMPERATURE.fullmatch(value)):
+            value = float(match[1]) - (273.15 if match[2] == "K" else 0.0)
+        return super().parse(_parse_number(value), diameter)
 
 
 @dataclasses.dataclass(frozen=True)

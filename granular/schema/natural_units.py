@@ -10,11 +10,9 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from granular.parts.moment import MAGNETIC_CONSTANT
 from granular.schema.apparatus import Grains
 from granular.schema.units import unit_size
-
-MAGNETIC_CONSTANT = 4e-7 * math.pi
-"""Permeability of free space [H/m], the value of [D, Table 4.3]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,10 +55,9 @@ class Scales:
             Sizes of the natural units in SI.
         """
         diameter = grains.species[0].diameter
-        names = ("thickness", "density", "remanence")
-        thickness, density, remanence = (float(grains.species_values(name)[0]) for name in names)
+        thickness, density = (float(grains.species_values(name)[0]) for name in ("thickness", "density"))
         volume = math.pi * thickness * diameter**2 / 4.0
-        moment = remanence * volume / MAGNETIC_CONSTANT
+        moment = grains.magnets_in_species()[0].moment
         force = MAGNETIC_CONSTANT * moment**2 / (math.pi * diameter**4)
         return cls(diameter, density * volume, force, moment / diameter**2)
 

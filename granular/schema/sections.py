@@ -20,6 +20,7 @@ from granular.schema.field_kinds import (
     QuantityKind,
     QuantityListKind,
     SectionListKind,
+    TemperatureKind,
     TextKind,
     unknown_word_message,
 )
@@ -80,6 +81,11 @@ def quantity(
     return section_field(kind, default)
 
 
+def temperature_field() -> Any:
+    """Declare an optional temperature of a section [deg C]."""
+    return section_field(TemperatureKind(True, above=-273.15), None)
+
+
 def integer_field(
     *, default: Any = dataclasses.MISSING, least: int = 0, most: int = 2**63 - 1, optional: bool = False
 ) -> Any:
@@ -127,6 +133,7 @@ def section_list_field(section: type[Section], *, least: int = 0) -> Any:
     field_specifiers=(
         section_field,
         quantity,
+        temperature_field,
         integer_field,
         choice_field,
         text_field,

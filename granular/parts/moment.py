@@ -1,0 +1,89 @@
+"""The moment of a disc among others, from what is bought or measured.
+
+A coating is no part of the magnet. The core, of the volume V, has the magnetisation Br/mu0 + chi H, with
+chi the recoil permeability less 1. H is its own demagnetising field -N M and the field of neighbours beside
+it, on average -S m/(4 pi a^3) in a triangular lattice of dipoles at the spacing a, S = 11.0342 the lattice
+sum of r^-3. So
+
+    m = (Br V/mu0) / (1 + chi (N + S V/(4 pi a^3))).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from granular.parts.grades import REFERENCE_TEMPERATURE, REMANENCE_SLOPE
+
+MAGNETIC_CONSTANT = 4e-7 * math.pi
+"""Permeability of free space [H/m], the value of [D, Table 4.3]."""
+LATTICE_SUM = 11.034175
+"""Sum of r^-3 over the triangular lattice of spacing 1 (Topping 1927, doi:10.1098/rspa.1927.0025)."""
+
+
+class Magnet(NamedTuple):
+    """A disc and the steps to its moment."""
+
+    diameter: float  # of the core [m]
+    thickness: float
+    remanence: float  # at the temperature [T]
+    demagnetisation: float  # chi N
+    neighbours: float  # chi S V/(4 pi a^3)
+
+    @property
+    def volume(self) -> float:
+        """Volume of the core [m^3]."""
+        return math.pi * self.thickness * self.diameter**2 / 4.0
+
+    @property
+    def lone_moment(self) -> float:
+        """Moment far from all others [A m^2]."""
+        return self.remanence * self.volume / MAGNETIC_CONSTANT / (1.0 + self.demagnetisation)
+
+    @property
+    def moment(self) -> float:
+        """Moment among its neighbours [A m^2]."""
+        reduction = 1.0 + self.demagnetisation + self.neighbours
+        return self.remanence * self.volume / MAGNETIC_CONSTANT / reduction
+
+
+def make_magnet(
+    diameter: float,
+    thickness: float,
+    remanence: float,
+    *,
+    coating: float | None = None,
+    permeability: float | None = None,
+    spacing: float | None = None,
+    temperature: float | None = None,
+) -> Magnet:
+    """Return the magnet in a disc; lengths [m], remanence at 20 deg C [T], temperature [deg C]."""
+    if coating is not None:
+        diameter, thickness = diameter - 2.0 * coating, thickness - 2.0 * coating
+    if temperature is not None:
+        remanence *= 1.0 + REMANENCE_SLOPE * (temperature - REFERENCE_TEMPERATURE)
+    magnet = Magnet(diameter, thickness, remanence, 0.0, 0.0)
+    if permeability is None:
+        return magnet
+    chi = permeability - 1.0
+    beside = 0.0 if spacing is None else LATTICE_SUM * magnet.volume / (4.0 * math.pi * spacing**3)
+    own = demagnetising_factor(diameter, thickness)
+    return magnet._replace(demagnetisation=chi * own, neighbours=chi * beside)
+
+
+def remanence_of_moment(moment: float, magnet: Magnet) -> float:
+    """Remanence by which a lone disc has this moment [T]; moment at 20 deg C [A m^2]."""
+    return moment * MAGNETIC_CONSTANT / magnet.volume * (1.0 + magnet.demagnetisation)
+
+
+def demagnetising_factor(diameter: float, height: float) -> float:
+    """Demagnetising factor of a cylinder along its axis, averaged over its volume."""
+    # The mean field of a uniformly magnetised cylinder is that of a solenoid of its shape, mu0 M times
+    # Nagaoka's coefficient (Joseph 1966, doi:10.1063/1.1703091).
+    from scipy.special import ellipe, ellipk
+
+    square = diameter**2 / (diameter**2 + height**2)
+    rest, k = 1.0 - square, math.sqrt(square)
+    first, second = float(ellipk(square)), float(ellipe(square))
+    nagaoka = 4.0 / (3.0 * math.pi * math.sqrt(rest)) * (rest / square * (first - second) + second - k)
+    return 1.0 - nagaoka

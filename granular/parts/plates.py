@@ -1,0 +1,30 @@
+"""How far the plates bow: long strips between the side walls, under a load that is spread evenly."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+GLASS_MODULUS, GLASS_RATIO = 70e9, 0.22
+"""Young's modulus [Pa] and Poisson's ratio of float glass (EN 572-1: 70 GPa, 0.2 to 0.23)."""
+
+
+class Bow(NamedTuple):
+    """Deflection of the middle of a plate [m]: edges clamped, and edges that can turn; others lie between."""
+
+    clamped: float
+    supported: float
+
+
+def bow_of_plate(
+    load: float,
+    width: float,
+    height: float,
+    thickness: float,
+    modulus: float = GLASS_MODULUS,
+    ratio: float = GLASS_RATIO,
+) -> Bow:
+    """Return how far a plate bows under a load [N] on width times height [m]; modulus [Pa]."""
+    # Timoshenko and Woinowsky-Krieger 1959, sections 1 and 2: q b^4/(384 D) and 5 q b^4/(384 D) of a strip.
+    stiffness = modulus * thickness**3 / (12.0 * (1.0 - ratio**2))
+    clamped = load / (width * height) * width**4 / (384.0 * stiffness)
+    return Bow(clamped, 5.0 * clamped)

@@ -1,0 +1,147 @@
+"""Keys of a scene for liquids, blade, guide and walls."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from granular import Scene, evaluate, load_scene, scene_text
+from granular.effects.wall_discs import disc_wall_tables
+from granular.pairs.disc_law import Disc
+from granular.parts.liquids import find_liquid
+from granular.shared.errors import InputError
+
+LIQUID = "effects.drag.liquid"
+
+
+def damper(**changes: object) -> Scene:
+    return load_scene("damper").replace(**changes)
+
+
+def test_scenes_without_parts_are_what_they_were() -> None:
+    """Digests of the version before parts had keys: runs on disk are found under them."""
+    digests = {name: load_scene(name).digest() for name in ("bed", "damper")}
+    assert digests == {"bed": "a2363bd9bb9ea27b", "damper": "be80f988c909b380"}
+
+
+def test_drag_of_a_disc_by_hand() -> None:
+    scene = damper(
+        **{LIQUID: "silicone oil 350 cSt", "grains.temperature": 35.0, "cell.separation": "3.4 mm"}
+    )
+    ratio = 10.0 ** (763.1 * (1.0 / 308.15 - 1.0 / 298.15))
+    viscosity = 350e-6 * ratio * 970.0 / (1.0 + 9.5e-4 * 10.0)
+    area = math.pi / 4.0 * 0.006**2
+    assert scene.effects.drag is not None
+    assert scene.effects.drag.coefficient == pytest.approx(2.0 * viscosity * area / 0.2e-3, rel=1e-9)
+    shifted = scene.replace(**{"effects.drag.offset": "0.1 mm", "effects.drag.packing": 0.4}).effects.drag
+    assert shifted is not None
+    films = 1.0 / 0.1e-3 + 1.0 / 0.3e-3
+    back = 1.0 + 3.0 * 0.4 / 0.6 * 0.0064**2 / 0.0034**3 / films
+    assert shifted.coefficient == pytest.approx(viscosity * area * films * back, rel=1e-9)
+
+
+def test_drag_of_blade_and_guide_by_hand() -> None:
+    scene = damper(
+        **{
+            "effects.drag.viscosity": 0.1,
+            "piston.blade": {"depth": "10 mm", "film": "0.05 mm"},
+            "piston.guide": {"diameter": "12 mm", "length": "30 mm", "clearance": "50 um", "count": 2},
+        }
+    )
+    assert scene.piston is not None
+    blade = 2.0 * 0.1 * 0.36 * 0.01 / 5e-5
+    guide = 2.0 * math.pi * 0.1 * 0.03 / math.log(6.05 / 6.0)
+    assert scene.piston.drag == pytest.approx(blade + 2.0 * guide, rel=1e-9)
+    words = scene_text(scene)
+    assert f"blade {blade:.5g} kg/s" in words
+    assert f"in all {scene.piston.drag:.5g} kg/s" in words
+    assert Scene.from_plain(scene.to_plain()) == scene
+
+
+def test_a_key_takes_away_what_it_stands_instead_of() -> None:
+    oil = damper(
+        **{
+            LIQUID: "silicone oil 350 cSt",
+            "piston.guide": dict.fromkeys(("diameter", "length"), 0.01) | {"clearance": 1e-4},
+        }
+    )
+    assert "coefficient" not in oil.to_plain()["effects"]["drag"]
+    plain = oil.replace(**{"effects.drag.coefficient": 0.2, "piston.drag": 1.0})
+    assert plain.to_plain() == damper(**{"effects.drag.coefficient": 0.2, "piston.drag": 1.0}).to_plain()
+    thick = oil.replace(**{"effects.drag.viscosity": 0.5}).effects.drag
+    assert thick is not None
+    assert (thick.liquid, thick.viscosity) == (None, 0.5)
+    cold = oil.replace(**{"grains.temperature": 5.0}).effects.drag
+    assert cold is not None
+    assert cold.viscosity == find_liquid("silicone oil 350 cSt", 5.0).viscosity
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({LIQUID: "honey"}, "effects.drag.liquid: unknown liquid"),
+        ({LIQUID: "water", "effects.drag.coefficient": 0.1}, "effects.drag: give one of"),
+        ({LIQUID: "air", "cell.separation": "3 mm"}, "cell.separation: .* no film"),
+        ({"piston.blade": {"depth": 0.01, "film": 1e-4}}, "piston.blade: needs a liquid"),
+        ({"effects.drag.offset": 1e-5}, "effects.drag: .* give liquid or viscosity"),
+    ],
+)
+def test_liquids_that_do_not_fit_are_refused(changes: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        damper(**changes)
+
+
+def laws(scene: Scene) -> list[str]:
+    assert scene.effects.walls is not None
+    return [wall.law for _, wall in scene.effects.walls.present_walls]
+
+
+def test_unnamed_walls_of_discs_are_rows_of_their_magnets() -> None:
+    assert laws(load_scene("magnets")) == ["discs"] * 4
+    assert laws(load_scene("damper")) == ["experimental"] * 4
+    discs = damper(**{"grains.magnets": "cylinders", "grains.species.0.diameter": "5 mm"})
+    assert discs.effects.walls is not None
+    assert [wall.pitch for _, wall in discs.effects.walls.present_walls] == [0.005] * 4
+    assert discs.replace(**{"grains.magnets": "dipoles", "grains.species.0.diameter": "6 mm"}) == damper()
+
+
+def test_named_walls_stay() -> None:
+    before = damper().to_plain() | {"name": "saved"}
+    before["grains"]["magnets"] = "cylinders"
+    saved = Scene.from_plain(before)  # as a run of before is on disk
+    assert laws(saved) == ["experimental"] * 4
+    assert laws(saved.replace(**{"grains.remanence": 1.2})) == ["experimental"] * 4
+    mixed = load_scene("magnets").replace(
+        **{"effects.walls.left": "none", "effects.walls.right.law": "infinite"}
+    )
+    assert laws(mixed) == ["infinite", "discs", "discs"]
+    wide = load_scene("magnets").replace(**{"effects.walls.left.pitch": "7 mm"}).effects.walls
+    assert wide is not None
+    assert [wall.pitch for _, wall in wide.present_walls] == [0.007, 0.006, 0.006, 0.006]
+
+
+def test_coating_weakens_discs_and_keeps_their_places() -> None:
+    """A coated disc pushes the row as its smaller core does, half of its whole diameter behind the face."""
+    coat = 0.1  # of the diameter, to see it
+    scene = load_scene("magnets").replace(
+        **{
+            "grains.count": 1,
+            "grains.coating": f"{coat} D",
+            "effects.gravity": None,
+            "effects.drag": None,
+            "arrangement": {"positions": [[0.18, 0.009]]},
+        }
+    )
+    from granular.effects.wall_discs import energy_and_forces
+    from granular.schema import Scales
+
+    scales, core = Scales.from_grains(scene.grains), Disc(0.5 - coat, 0.5 - 2.0 * coat)
+    tables = disc_wall_tables((core,), core, 1.0, 1.0, 0.5)
+    below = energy_and_forces(tables, 0, 1.5, 30.0)[1]
+    above = energy_and_forces(tables, 0, 18.5, 30.0)[1]
+    found = evaluate(scene, np.array([[0.18, 0.009]]), np.zeros((1, 2)), 0.12).force[0, 1]
+    assert found == pytest.approx((below - above) * scales.force, rel=1e-9)
+    magnet = 1.3 * math.pi / 4.0 * (0.8 * 0.006) ** 2 * 0.0018 / (4e-7 * math.pi)
+    assert scales.current * scales.length**2 == pytest.approx(magnet, rel=1e-9)
