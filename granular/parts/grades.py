@@ -24,7 +24,7 @@ _HIGHEST = {"": 80.0, "M": 100.0}
 REMANENCE_SLOPE = -1.2e-3
 """Relative change of the remanence with temperature [1/K], of all grades of that table."""
 RECOIL_PERMEABILITY = 1.05
-"""Over that of free space, of all grades of that table."""
+"""Ratio to free space, of all grades of that table."""
 REFERENCE_TEMPERATURE = 20.0
 """Temperature of the remanence of a grade [deg C]."""
 

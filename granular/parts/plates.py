@@ -1,4 +1,4 @@
-"""How far the plates bow: long strips between the side walls, under a load that is spread evenly."""
+"""Bow of the plates: long strips between the side walls, under a load that is spread evenly."""
 
 from __future__ import annotations
 

@@ -40,8 +40,8 @@ def _moment_lines(scene: Scene) -> Iterator[str]:
             own = 1.0 / (1.0 + magnet.demagnetisation)
             yield f"  own field at a permeability of {grains.permeability:g}: {own:.5g}"
         if magnet.neighbours:
-            share = magnet.moment / magnet.lone_moment
-            yield f"  field of neighbours at {1e3 * (grains.spacing or 0.0):.4g} mm: {share:.5g}"
+            ratio = magnet.moment / magnet.lone_moment
+            yield f"  field of neighbours at {1e3 * (grains.spacing or 0.0):.4g} mm: {ratio:.5g}"
         yield f"  moment {magnet.moment:.5g} A m^2"
 
 

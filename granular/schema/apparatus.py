@@ -402,8 +402,8 @@ class Guide(Section):
             raise FieldError(
                 "must be given where the cell holds no liquid by name", "piston", "guide", "liquid"
             )
-        one = guide_drag(viscosity, self.diameter, self.length, self.clearance, self.eccentricity)
-        return self.count * one
+        rod = guide_drag(viscosity, self.diameter, self.length, self.clearance, self.eccentricity)
+        return self.count * rod
 
 
 class Piston(Section):

@@ -212,7 +212,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
     swing = _SmallSwing(weight, rest, gravity, lattice.power, modulus)
     late = _lateness_number(resistance, swing)
     outside = _outside_range_text(scene, late)
-    if outside and refuse_outside_range:
+    if outside and refuse_outside_range and not outside.startswith("the walls of"):
         raise InputError(f"{outside}, or fit the law to a fall instead")
     if outside:
         words = f"{outside}; what the law says there was compared with nothing: simulate the scene"

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 from granular.linear import slopes
 from granular.linear.equilibrium import Equilibrium
+from granular.parts.grades import GRADES, REMANENCE_SLOPE
+from granular.parts.liquids import silicone_oil_viscosity_ratio
 from granular.scene.scene import Scene
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
@@ -25,23 +27,6 @@ GAPS = (1e-4, 2e-4, 5e-4, 1e-3)
 """Between a face of a grain and its plate [m]."""
 TEMPERATURES = (5.0, 15.0, 25.0, 35.0, 45.0)
 """[deg C]"""
-VISCOSITY_SLOPE = 763.1
-"""Coefficients of the decimal logarithm of a silicone oil's viscosity by 1/T [K], from
-100 mm^2/s on (Shin-Etsu, Silicone
-Fluid KF-96, Performance Test Results)."""
-REMANENCE_SLOPE = -1.2e-3
-"""Relative change of the remanence of sintered NdFeB by temperature [1/K] (shanghaimagnet.com)."""
-GRADES = {
-    "N35": (1.17, 1.21),
-    "N38": (1.22, 1.26),
-    "N40": (1.26, 1.29),
-    "N42": (1.30, 1.32),
-    "N45": (1.33, 1.37),
-    "N48": (1.38, 1.42),
-    "N50": (1.41, 1.45),
-    "N52": (1.45, 1.48),
-}
-"""Remanence of sintered NdFeB [T] (kjmagnetics.com/specs.asp)."""
 SIZES = ((3, 1), (4, 2), (5, 2), (5, 3), (6, 2), (6, 3), (8, 3), (10, 3))
 """Diameter and thickness of discs that many sellers stock [mm]."""
 _BLANK = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
@@ -140,12 +125,6 @@ def workshop_sheet(
     return page
 
 
-def silicone_oil_viscosity_ratio(celsius: float) -> float:
-    """Viscosity of a silicone oil over that at 25 degrees Celsius; celsius [deg C]."""
-    # From 100 mm^2/s on (Shin-Etsu, Silicone Fluid KF-96, Performance Test Results).
-    return float(10.0 ** (VISCOSITY_SLOPE * (1.0 / (celsius + 273.15) - 1.0 / 298.15)))
-
-
 def slopes_by_part(bed: Equilibrium) -> dict[str, list[float]]:
     """Return d ln (rest, natural frequency, damping ratio) / d ln (number) of each part, by its key."""
     keys = [key for key in _KEYS.values() if key != _DRAG or _drag_coefficient(bed.scene)]
@@ -163,7 +142,7 @@ def _disc_sizes_text(scene: Scene) -> str:
     fits = f"; {' and '.join(odd)} is none of them, so have it made" if odd else ""
     return (
         "Usual sizes, diameter x thickness in mm, each within 0.1: "
-        f"{', '.join(f'{d} x {h}' for d, h in SIZES)}{fits}. Grades (kjmagnetics.com/specs.asp), and what "
+        f"{', '.join(f'{d} x {h}' for d, h in SIZES)}{fits}. Grades (shanghaimagnet.com), and what "
         "the middle of each does to this damper by the slope at its own remanence:"
     )
 
@@ -173,10 +152,12 @@ def _grade_rows(scene: Scene, by_part: Mapping[str, Sequence[float]]) -> list[tu
     own = float(scene.grains.species_values("remanence")[0])
     rates = by_part.get("grains.remanence", ())[1:]
     rows = []
-    for grade, (low, high) in GRADES.items():
-        ratio = 0.5 * (low + high) / own
+    for name, grade in GRADES.items():
+        if not name[-1].isdigit():
+            continue  # the same remanence, for higher temperatures
+        ratio = grade.remanence / own
         changes = [f"{100.0 * (ratio**rate - 1.0):+.1f}" for rate in rates] or ["", ""]
-        rows.append((grade, f"{low:.2f} to {high:.2f}", *changes))
+        rows.append((name, f"{grade.lowest:.2f} to {grade.highest:.2f}", *changes))
     return rows
 
 
@@ -225,7 +206,7 @@ def _part_rows(scene: Scene, rest: float) -> list[tuple[str, str, str, str]]:
 
 def _grade_text(remanence: float) -> str:
     """Grade that has this remanence [T], in brackets; empty where none has."""
-    grades = [name for name, (low, high) in GRADES.items() if low <= remanence <= high]
+    grades = [grade.name for grade in GRADES.values() if grade.lowest <= remanence <= grade.highest]
     return f" ({grades[0]})" if grades else ""
 
 
