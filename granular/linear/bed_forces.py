@@ -141,9 +141,9 @@ class BedForces:
         self, q: Float[np.ndarray, "q"], direction: Float[np.ndarray, "q"]
     ) -> Float[np.ndarray, "q"]:
         """Product of the stiffness -dF/dq at q [m] and a direction [N/m times its unit]."""
-        return -difference(self.forces, q, direction, self._displacement_at(q) * self.length)
+        return -difference(self.forces, q, direction, self.displacement_at(q) * self.length)
 
-    def _displacement_at(self, q: Float[np.ndarray, "q"]) -> float:
+    def displacement_at(self, q: Float[np.ndarray, "q"]) -> float:
         """Displacement in a difference of forces [D]: smaller where grains are about to touch."""
         grains = self.scene.grains
         if self.scene.effects.contact is None and grains.magnets != "cylinders":

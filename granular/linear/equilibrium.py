@@ -62,9 +62,9 @@ class Equilibrium:
     residual : float
         Largest force that is not balanced [N].
     lowest_stiffness : float64 (k,)
-        Lowest eigenvalues of the stiffness matrix [N/m].
+        Lowest eigenvalues of the stiffness matrix, in a periodic cell with one grain held [N/m].
     is_stable : bool
-        Whether every small displacement raises the energy.
+        Whether every small displacement raises the energy, but for shifts of a periodic cell.
     frictionless : bool
         Whether dry friction acts in the scene: it holds a bed anywhere within its force over the stiffness,
         and this is the equilibrium without it.
@@ -82,13 +82,12 @@ class Equilibrium:
     @functools.cached_property
     def lowest_stiffness(self) -> Float[np.ndarray, "k"]:
         """Lowest eigenvalues of the stiffness matrix [N/m]."""
-        return self.pencil.lowest_stiffness(EIGENVALUES)
+        return self.pencil.lowest_modes(EIGENVALUES, held_shifts(self.pencil.bed))[0]
 
     @property
     def is_stable(self) -> bool:
-        """True where every small displacement raises the energy; shifts of a periodic cell keep it."""
-        shifts = 0 if self.scene.cell.periods is None else 2
-        return bool(self.lowest_stiffness[shifts] > 0.0)
+        """True if every small displacement raises the energy; shifts of a periodic cell keep it."""
+        return bool(self.lowest_stiffness[0] > 0.0)
 
 
 def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
@@ -126,9 +125,10 @@ def equilibrium_from(scene: Scene, positions: Float[np.ndarray, "n 2"], height: 
     """Find the equilibrium next to positions and a height of the piston [m]."""
     bed = BedForces(scene)
     if bed.forces_jump:
+        remedy = "'direct'" if scene.cell.periods is None else "'mesh', which takes 40 grains or more"
         raise InputError(
             f"pairs.method = {scene.pair_method!r}: pairs end at a distance where their force jumps, so "
-            "forces have no derivative; give 'direct', or 'mesh' in a periodic cell of 40 grains or more"
+            f"forces have no derivative; give {remedy}"
         )
     pencil = find_equilibrium(bed, bed.coordinates(positions, height))
     at = pencil.at

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 LOWEST = 40
 """Modes of a bed whose matrices are not full."""
 
+BELOW = 1e-6
+"""Shift of the search for them, below zero, over the largest stiffness of a coordinate and its mass."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class NormalModes:
@@ -64,9 +67,14 @@ def normal_modes(rest: Equilibrium, count: int | None = None) -> NormalModes:
 
         last = pencil.bed.size if count is None else min(count, pencil.bed.size)
         return NormalModes(*eigh(pencil.stiffness, pencil.mass.toarray(), subset_by_index=[0, last - 1]))
+    from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import LinearOperator, eigsh
 
     shape = (pencil.bed.size, pencil.bed.size)
-    inverse = LinearOperator(shape, lambda u: pencil.solve(0.0, u.reshape(-1, 1))[:, 0])
+    undamped = dataclasses.replace(pencil, damping=csc_matrix(shape), damping_is_full=True)
+    scale = float(np.abs(pencil.stiffness.diagonal()).max() / pencil.mass.diagonal().max())
+    # Below zero, since the shifts of a periodic cell have no stiffness.
+    sigma = -BELOW * scale
+    inverse = LinearOperator(shape, lambda u: undamped.solve(math.sqrt(-sigma), u.reshape(-1, 1))[:, 0])
     product = LinearOperator(shape, lambda u: pencil.times(0.0, u.ravel()))
-    return NormalModes(*eigsh(product, count or LOWEST, M=pencil.mass, sigma=0.0, OPinv=inverse, tol=1e-8))
+    return NormalModes(*eigsh(product, count or LOWEST, M=pencil.mass, sigma=sigma, OPinv=inverse, tol=1e-8))

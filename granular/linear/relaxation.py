@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 _STEP, _LONGEST_STEP, _MIXING, _LATENCY, _MOST_STEPS = 0.1, 1.0, 0.1, 5, 20_000
+_LONGEST_MOVE = 0.05
+"""Longest move of a grain in a step [D], so that none passes through another one or a wall."""
 
 RELAXED = 1e-6
 """Largest force over the first one at which Newton's method takes over."""
@@ -46,5 +48,6 @@ def relax(
         else:
             velocity, step, mixing, downhill = np.zeros_like(at), 0.5 * step, _MIXING, 0
         velocity = velocity + step * force
-        at = at + step * velocity
+        move = step * velocity
+        at = at + move * min(1.0, _LONGEST_MOVE * bed.length / float(np.abs(move).max()))
     return at

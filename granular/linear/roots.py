@@ -31,6 +31,12 @@ MASS_FRACTION = 0.05
 MOST_ROOTS = 8
 """Number of undamped modes that a search of roots begins with."""
 
+SMALLEST_FRACTION = 0.5
+"""Sum of the roots' fractions below which the piston creeps more than it oscillates."""
+
+REAL = 1e-6
+"""Im s over |s| below which rounding alone makes a root complex: two real ones merge as its square root."""
+
 MOST_STEPS = 30
 """Most of Newton's steps to a root; from the oscillator of the static shape it takes five."""
 
@@ -48,8 +54,8 @@ class Root:
     residue : complex
         Residue of the piston's receptance [s/kg].
     mass_fraction : float
-        Twice |s| |residue| times the mass that resists a jerk of the piston, on a machine with its
-        recoil: 1 if the piston moves by this root alone.
+        Twice Re(s residue) times the mass that resists a jerk of the piston, on a machine with its recoil:
+        over all roots, real ones with half of it, these fractions add up to 1.
     frequency : float
         Natural frequency |s|/(2 pi) [Hz].
     damping_ratio : float
@@ -69,7 +75,7 @@ class Root:
     @property
     def damping_ratio(self) -> float:
         """Damping over the critical one."""
-        return -self.s.real / abs(self.s)
+        return -self.s.real / abs(self.s) + 0.0
 
 
 def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
@@ -89,19 +95,29 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
     Raises
     ------
     InputError
-        If the bed has no free piston, or is not stable.
+        If the bed has no free piston, is not stable, or is damped so much that real roots hold half of the
+        piston's motion or more.
     """
     pencil, piston = rest.pencil, require_free_piston(rest)
+    if pencil.exact and not rest.is_stable:
+        lowest = rest.lowest_stiffness[0]
+        raise InputError(
+            f"the equilibrium is not stable: an eigenvalue of the stiffness is {lowest:.3g} N/m; give a bed "
+            "that has settled"
+        )
     first = refine_root(pencil, piston, _static_start(pencil, piston))
     roots = [] if first is None else [first]
-    # The fractions of all roots add up to one: a root with 0.95 of it leaves no other a twentieth.
+    # The fractions of all roots add up to one: beside one of 0.95 no other has a twentieth.
     if pencil.exact and (first is None or first.mass_fraction < 1.0 - MASS_FRACTION):
         for start in _mode_starts(rest, piston):
             root = refine_root(pencil, piston, start)
             if root is not None and not any(abs(root.s - other.s) < 1e-6 * abs(root.s) for other in roots):
                 roots.append(root)
-    if not roots:
-        raise InputError("the piston has no oscillation about its equilibrium; lower the drag")
+    fraction = sum(root.mass_fraction for root in roots)
+    if not roots or (pencil.exact and fraction < SMALLEST_FRACTION):
+        raise InputError(
+            f"oscillations hold {fraction:.2g} of the piston's motion and creep the rest; lower the drag"
+        )
     roots.sort(key=lambda root: -abs(root.residue))
     return tuple(root for root in roots if abs(root.residue) >= MASS_FRACTION * abs(roots[0].residue))
 
@@ -127,8 +143,8 @@ def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
         change = value / slope
         s -= change
         if abs(change) < 1e-11 * abs(s):
-            mass_fraction = 2.0 * abs(s) * pencil.mass_at(piston) / abs(slope)
-            return Root(s, shape, 1.0 / slope, mass_fraction) if s.imag > 0.0 else None
+            mass_fraction = 2.0 * (s / slope).real * pencil.mass_at(piston)
+            return Root(s, shape, 1.0 / slope, mass_fraction) if s.imag > REAL * abs(s) else None
     return None
 
 

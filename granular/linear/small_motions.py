@@ -130,7 +130,8 @@ class SmallMotions:
                 f"  moves along    m     {self.moving_mass:.4g} kg      damping c {self.damping:.5g} N s/m"
             )
         losses = ", ".join(f"{name} {100.0 * part:.4g} %" for name, part in self.loss_shares.items())
-        lines.append(f"  loss                 {losses}")
+        if losses:
+            lines.append(f"  loss                 {losses}")
         header = ("d ln / d ln", "z0", "f0", "zeta")
         lines += [f"  {line}" for line in align_columns([header, *slope_rows(self)]).splitlines()]
         if rest.frictionless:
@@ -177,8 +178,6 @@ def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> Smal
     rest = source if isinstance(source, Equilibrium) else equilibrium(source)
     piston = require_free_piston(rest)
     roots, modes = piston_roots(rest), normal_modes(rest)
-    unit = np.zeros(rest.pencil.bed.size)
-    unit[piston] = 1.0
     stiffness = float(dynamic_stiffness(rest, np.zeros(1))[0].real)
     frequency, alone = roots[0].frequency, rest.pencil.bed.machine is None
     mass = float(rest.pencil.mass[piston, piston]) if alone else math.nan
@@ -187,21 +186,16 @@ def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> Smal
         rest,
         roots,
         modes,
-        modes.shapes[piston] ** 2 / _mobility(rest, unit),
+        modes.shapes[piston] ** 2 * rest.pencil.mass_at(piston),
         stiffness,
-        complex(dynamic_stiffness(rest, np.array([frequency]))[0] + (2.0 * np.pi * frequency) ** 2 * mass),
+        complex(dynamic_stiffness(rest, np.array([frequency]))[0]) + (2.0 * np.pi * frequency) ** 2 * mass
+        if alone
+        else complex(math.nan, math.nan),
         total - mass,
-        -2.0 * roots[0].s.real * total if alone else math.nan,
+        -2.0 * roots[0].s.real * total + 0.0 if alone else math.nan,
         loss_shares(rest, roots[0]),
         slopes(rest, root=roots[0]),
     )
-
-
-def _mobility(rest: Equilibrium, unit: Float[np.ndarray, "q"]) -> float:
-    """Diagonal entry of the inverse mass matrix [1/kg]."""
-    from scipy.sparse.linalg import spsolve
-
-    return float(unit @ spsolve(rest.pencil.mass, unit))
 
 
 def loss_shares(rest: Equilibrium, root: Root) -> dict[str, float]:

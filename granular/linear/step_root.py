@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.kernel_data.state import HEIGHT, SPEED
-from granular.linear.bed_forces import DISPLACEMENT, BedForces, difference
+from granular.linear.bed_forces import BedForces, difference
 from granular.linear.equilibrium import Equilibrium
 from granular.linear.pencil import of_parts
 from granular.linear.roots import Root
@@ -69,7 +69,8 @@ def root_of_steps(
     advance = functools.partial(_advance, RunState(chosen), bed, dt, steps)
     motion = np.concatenate([root.shape, root.s * root.shape * bed.scales.time])
     start = np.concatenate([rest.pencil.at, np.zeros(bed.size)])
-    mapped = of_parts(lambda w: difference(advance, start, w, DISPLACEMENT * bed.length), motion)
+    displacement = bed.displacement_at(rest.pencil.at) * bed.length
+    mapped = of_parts(lambda w: difference(advance, start, w, displacement), motion)
     left = np.concatenate(
         [
             root.s * (rest.pencil.mass @ root.shape) + rest.pencil.damping_times(root.shape),

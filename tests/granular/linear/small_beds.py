@@ -9,6 +9,8 @@ import numpy as np
 from granular import load_scene
 from granular.linear.bed_forces import BedForces
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
+from granular.linear.pencil import make_pencil
+from granular.linear.relaxation import RELAXED, relax
 from granular.scene.scene import Scene
 
 D = 6e-3
@@ -29,31 +31,13 @@ def small_damper(**changes: Any) -> Scene:
     )
 
 
-def relax(bed: BedForces, start: np.ndarray) -> np.ndarray:
-    """Lead coordinates near to a stable equilibrium (FIRE, Bitzek et al. 2006) [m]."""
-    at, velocity, step, mix, downhill = start.copy(), np.zeros(bed.size), 0.02, 0.1, 0
-    for _ in range(20_000):
-        force = bed.forces(at) / bed.scales.force
-        if np.abs(force).max() < 1e-6:
-            break
-        if force @ velocity > 0.0:
-            downhill += 1
-            velocity = (1.0 - mix) * velocity + mix * np.linalg.norm(velocity) * force / np.linalg.norm(force)
-            if downhill > 5:
-                step, mix = min(1.1 * step, 0.2), 0.99 * mix
-        else:
-            velocity[:], step, mix, downhill = 0.0, 0.5 * step, 0.1, 0
-        velocity += step * force
-        move = step * velocity
-        at += bed.length * move * min(1.0, 0.05 / np.abs(move).max())
-    return at
-
-
 def at_rest(scene: Scene) -> Equilibrium:
     """Equilibrium that the scene's arrangement relaxes to."""
     bed = BedForces(scene)
     height = None if scene.piston is None else scene.piston.height
-    at = relax(bed, bed.coordinates(scene.initial_positions_and_velocities()[0], height))
+    start = bed.coordinates(scene.initial_positions_and_velocities()[0], height)
+    stiffest = float(np.abs(make_pencil(bed, start).stiffness.diagonal()).max())
+    at = relax(bed, start, (), stiffest, RELAXED)
     return equilibrium_from(scene, bed.positions(at), height if bed.piston is None else float(at[bed.piston]))
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from granular import equilibrium, evaluate
 from granular.linear import normal_modes, piston_roots
+from granular.linear import pencil as pencils
 from granular.linear.equilibrium import equilibrium_from
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
@@ -64,7 +67,7 @@ def test_a_bed_under_friction_has_the_equilibrium_of_one_without() -> None:
 
 
 @pytest.mark.long  # compiles a mesh
-def test_a_periodic_cell_has_two_modes_without_force() -> None:
+def test_a_periodic_cell_has_two_modes_without_force(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = crystal(10, 12, **{"pairs.method": "mesh", "arrangement.jitter": 0.02})
     rest = equilibrium_from(scene, scene.initial_positions_and_velocities()[0], None)
     assert rest.is_stable
@@ -72,6 +75,18 @@ def test_a_periodic_cell_has_two_modes_without_force() -> None:
     # The mesh holds the grains by its error of forces.
     assert (np.abs(squares[:2]) < 3e-4 * squares[-1]).all()
     assert squares[2] > 3e-3 * squares[-1]
+    mode = normal_modes(rest).shapes[:, 5]
+    falling = rest.pencil.stiffness - 1.1 * squares[5] * np.outer(
+        rest.pencil.mass @ mode, rest.pencil.mass @ mode
+    )
+    pencil = dataclasses.replace(rest.pencil, stiffness=falling)
+    assert not dataclasses.replace(rest, pencil=pencil).is_stable
+    monkeypatch.setattr(pencils, "DENSE", 0)
+    large = equilibrium_from(scene, rest.positions, None)
+    assert large.is_stable
+    np.testing.assert_allclose(large.lowest_stiffness, rest.lowest_stiffness, rtol=1e-4)
+    low = normal_modes(large, 5).squared_angular_frequencies
+    np.testing.assert_allclose(low[2:], squares[2:5], rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +104,7 @@ def test_pairs_that_end_with_a_force_are_refused(changes: dict[str, object], wor
 
 def test_nearest_images_are_refused() -> None:
     scene = crystal(4, 4)
-    with pytest.raises(InputError, match="give 'direct', or 'mesh' in a periodic cell"):
+    with pytest.raises(InputError, match="give 'mesh', which takes 40 grains or more"):
         equilibrium_from(scene, scene.initial_positions_and_velocities()[0], None)
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from granular.linear import dynamic_stiffness, free_motion, normal_modes, piston_roots, transmissibility
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
+from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import D, at_rest, small_damper
 
 
@@ -50,7 +51,29 @@ def test_a_light_piston_moves_by_several_roots(light: Equilibrium) -> None:
         nearest = np.argmin(np.abs(roots - root.s))
         assert roots[nearest] == pytest.approx(root.s, rel=1e-8)
         assert residues[nearest] == pytest.approx(root.residue, rel=1e-6)
-    assert sum(root.mass_fraction for root in found) == pytest.approx(1.0, abs=0.2)
+    fractions = 2.0 * pencil.mass[piston, piston] * np.real(roots * residues)
+    assert fractions.sum() == pytest.approx(2.0, rel=1e-9)  # each root and its conjugate
+    for root in found:
+        assert root.mass_fraction == pytest.approx(fractions[np.argmin(np.abs(roots - root.s))], rel=1e-6)
+
+
+@pytest.mark.parametrize("drag", [1.2, 10.0])
+def test_a_piston_that_creeps_is_refused(drag: float) -> None:
+    """Its roots are real, though grains about it oscillate."""
+    heavy = at_rest(small_damper(**{"piston.mass": 0.02, "piston.drag": drag}))
+    with pytest.raises(InputError, match=r"oscillations hold \S+ of the piston's motion"):
+        piston_roots(heavy)
+
+
+def test_a_saddle_is_refused() -> None:
+    """One grain above another: each step aside lowers the energy."""
+    scene = small_damper(**{"grains.count": 2})
+    width = scene.cell.width
+    column = np.array([[0.5 * width, 2.0 * D], [0.5 * width, 4.0 * D]])
+    saddle = equilibrium_from(scene, column, 6.0 * D)
+    assert not saddle.is_stable
+    with pytest.raises(InputError, match="not stable: an eigenvalue of the stiffness is -"):
+        piston_roots(saddle)
 
 
 def test_the_fractions_of_all_modes_add_up(rest: Equilibrium) -> None:
