@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium, equilibrium
-from granular.linear.roots import Root, modal_coordinate, piston_roots, require_free_piston
+from granular.linear.roots import MASS_FRACTION, Root, modal_coordinate, piston_roots, require_free_piston
 from granular.protocol.driven_piston_stages import Lift
 from granular.run.piston_record import PistonRecord
 from granular.run.trajectory import Trajectory
@@ -159,9 +159,9 @@ def derive(
     Raises
     ------
     InputError
-        If the bed has no free piston, no equilibrium or no oscillation, the reach is not above 0 and below
-        the piston's height, the order is another one, nothing is left of the range, or no polynomial follows
-        mass, damping and force there within a hundredth.
+        If the bed has no free piston, no equilibrium or no oscillation, or a machine carries it, the reach is
+        not above 0 and below the piston's height, the order is another one, nothing is left of the range, or
+        no polynomial follows mass, damping and force there within a hundredth.
     RecordError
         If ``against`` has fewer than two extremes.
 
@@ -178,6 +178,8 @@ def derive(
         raise InputError(f"{type(opened).__name__} is no bed; give a scene or a run")
     rest = equilibrium(opened)
     bed, piston = rest.pencil.bed, require_free_piston(rest)
+    if bed.machine is not None:
+        raise InputError("a piston on a machine has no law of its height alone; take effects.host away")
     if reach is None:
         lifts = [abs(stage.by) for stage in rest.scene.protocol if isinstance(stage, Lift)]
         reach = lifts[-1] if lifts else REACH * bed.length
@@ -206,7 +208,7 @@ def derive(
         at_rest=_small_motion(height, root),
         quality=Quality(0.0, 0.0, None, (), 0, 0, 0, 0.0),
         domain={"height": (states[0].height, states[-1].height)},
-        notes=_notes(rest, instabilities),
+        notes=_notes(rest, root, instabilities),
         states=states,
         instabilities=instabilities,
     )
@@ -284,8 +286,11 @@ def _small_motion(height: float, root: Root) -> AtRest:
     return AtRest(*figures, intervals=exact)
 
 
-def _notes(rest: Equilibrium, instabilities: Sequence[Instability]) -> tuple[str, ...]:
+def _notes(rest: Equilibrium, root: Root, instabilities: Sequence[Instability]) -> tuple[str, ...]:
     notes = []
+    if root.mass_fraction < 1.0 - MASS_FRACTION:
+        share = f"{100.0 * root.mass_fraction:.2g} %"
+        notes.append(f"the law has {share} of the piston's small motions; other modes have the rest")
     for end in instabilities:
         grains = f"{', '.join(map(str, end.grains[:NAMED]))}{' ...' * (len(end.grains) > NAMED)}"
         drops = abs(end.force_drop) > GRADUAL * rest.pencil.bed.weight

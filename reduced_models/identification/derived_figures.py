@@ -22,7 +22,15 @@ class DerivedFigures(NamedTuple):
     level: float  # [m]
     frequency: float  # [Hz]
     damping_ratio: float
-    step_error: float  # largest relative error, of frequency or damping ratio, that the run's time step makes
+    step_errors: tuple[float, float] | None
+    """Relative errors of frequency and damping ratio by the run's time step; None if it has no root."""
+
+    def step_error(self, figure: QuantityWithError) -> float:
+        """Error of a figure by the time step: none at rest; a bound for other numbers of a law."""
+        assert self.step_errors is not None
+        of_frequency, of_damping = self.step_errors
+        relative = {FREQUENCY: of_frequency, DAMPING_RATIO: of_damping, LEVEL: 0.0, "rest": 0.0}
+        return abs(figure.value) * relative.get(figure.name, 2.0 * of_frequency + of_damping)
 
     def text(self, figures: Sequence[QuantityWithError]) -> str:
         """Figures in words, each with the relative difference of the fitted one, beyond its error or not."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
@@ -23,7 +24,7 @@ from reduced_models.identification.derived_figures import DerivedFigures
 from reduced_models.identification.measured_swing import MeasuredSwing, quantities_at_amplitudes
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
-from reduced_models.models.quantities import LEVEL, QuantityWithError, add_step_and_start_errors
+from reduced_models.models.quantities import QuantityWithError, add_step_and_start_errors
 from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.sources import FALL, RECORD, piston_record_columns
 
@@ -157,12 +158,14 @@ def derive_figures(run: Trajectory, rest: Equilibrium) -> DerivedFigures:
     from granular.linear import piston_roots, root_of_steps
 
     exact = piston_roots(rest)[0]
-    root = root_of_steps(rest, exact, run.settings()["longest_step"], run.method)
-    errors = [abs(root) / abs(exact.s) - 1.0]
-    if exact.damping_ratio > 0.0:
-        errors.append(-root.real / abs(root) / exact.damping_ratio - 1.0)
+    errors = None
+    with contextlib.suppress(InputError):  # steps of varying length have no root
+        root = root_of_steps(rest, exact, run.settings()["longest_step"], run.method)
+        ratio = -root.real / abs(root)
+        of_damping = ratio / exact.damping_ratio - 1.0 if exact.damping_ratio > 0.0 else 0.0
+        errors = abs(abs(root) / abs(exact.s) - 1.0), abs(of_damping)
     assert rest.piston_height is not None
-    return DerivedFigures(rest.piston_height, exact.frequency, exact.damping_ratio, max(map(abs, errors)))
+    return DerivedFigures(rest.piston_height, exact.frequency, exact.damping_ratio, errors)
 
 
 class SceneChecks:
@@ -217,7 +220,7 @@ class SceneChecks:
     def wait_for_outcomes(self, run: Trajectory, progress: bool) -> CheckOutcomes:
         """Run what depends on the scene's own run, wait for all, and score the laws of its fall."""
         derived, doubts = self._derive_figures(run)
-        step_check = choose_step_check(run) if derived is None else None
+        step_check = choose_step_check(run) if derived is None or derived.step_errors is None else None
         other = [] if step_check is None else self._start_runs([step_check.check])
         fall = self._fall
         drops = self._start_runs([] if fall is None else other_drop_checks(run, fall))
@@ -313,10 +316,11 @@ def add_check_errors(
         known: Sequence[QuantityWithError], others: Sequence[Sequence[QuantityWithError] | None]
     ) -> tuple[QuantityWithError, ...]:
         if check is not None:
-            step = _richardson_errors(known, others[0], check.factor)
-            return add_step_and_start_errors(known, step, *others[1:])
+            return add_step_and_start_errors(
+                known, _richardson_errors(known, others[0], check.factor), *others[1:]
+            )
         assert derived is not None
-        return add_step_and_start_errors(known, _relative_errors(known, derived.step_error), *others)
+        return add_step_and_start_errors(known, [derived.step_error(figure) for figure in known], *others)
 
     if measured is not None:
         read = [
@@ -329,11 +333,6 @@ def add_check_errors(
     failed = [outcome for outcome in fits if isinstance(outcome, CheckFailure)]
     every = with_errors(every, refitted)
     return every[: len(figures)], every[len(figures) :], measured, failed
-
-
-def _relative_errors(figures: Sequence[QuantityWithError], relative: float) -> list[float]:
-    """Step errors of figures by that of a root; the equilibrium is the same at any step."""
-    return [0.0 if figure.name == LEVEL else relative * abs(figure.value) for figure in figures]
 
 
 def _richardson_errors(

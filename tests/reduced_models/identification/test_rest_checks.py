@@ -17,6 +17,7 @@ from reduced_models.identification.scene_checks import (
     release_stages,
     rest_of,
 )
+from reduced_models.models.quantities import DAMPING_RATIO, QuantityWithError
 from reduced_models.records.sources import FALL, RECORD
 
 
@@ -59,6 +60,10 @@ def test_derived_figures_are_those_of_a_fit_to_a_small_release(scene: Scene, run
     )
     assert model.at_rest.damping_ratio == pytest.approx(derived.damping_ratio, rel=0.03)
     assert model.at_rest.height == pytest.approx(derived.level, rel=1e-6)
+    assert derived.step_errors is not None
+    sizes = [(0.06, 0.0), (7.0, derived.step_errors[1])]
+    for name, (value, relative) in zip(("rest", DAMPING_RATIO), sizes, strict=True):
+        assert derived.step_error(QuantityWithError(name, name, "", value, {})) == value * relative
     text = derived.text(())
     assert text.startswith(f"f0 {derived.frequency:.5g} Hz, zeta ")
 
