@@ -258,7 +258,8 @@ def _sampled_near_energy(discs: tuple[Disc, Disc], begin: float, c: float) -> Sa
     constant = float((windowed(np.array([begin])) - difference(np.array([begin]))[0])[0])
 
     def sampled(u: Samples) -> tuple[Samples, Samples]:
-        r = np.minimum(np.sqrt(u), end)
+        # Tables of all species begin at their smallest contact, where rho^2 of larger discs is below zero.
+        r = np.clip(np.sqrt(u), 0.9 * CLOSEST * contact_distance(*discs), end)
         energy, _, magnitude = difference(r)
         last = r > begin
         energy = energy + constant
