@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,14 @@ from granular.shared.files import make_directory
     option("source", metavar="SCENE|RUN", help="scene, which is settled first, or directory of a run"),
     CHANGES,
     option("-o", "--out", metavar="DIR", help="directory for report.html: modes on the bed, curves, slopes"),
+    option("--beds", type=int, metavar="N", help="means of the slopes over N settled beds, ± deviation"),
     IMPORT,
     OUTPUT,
     examples="""\
 examples:
   %(prog)s damper
   %(prog)s damper --set piston.mass=6.5 -o out/modes
+  %(prog)s damper --beds 4
   %(prog)s runs/bed --json
 
 A scene is run up to its first rest; of a run, the last frame is taken. Both need a free piston.""",
@@ -34,16 +37,25 @@ def modes(options: Any) -> None:
     from granular.linear.page import modes_page
     from granular.linear.small_motions import small_motions
     from granular.run.trajectory import Trajectory, load_trajectory
+    from granular.studies.bed_slopes import settled_beds, slopes_over_beds
 
     source = scene_or_run_from_options(options, options.source)
     at_run = isinstance(source, Path)
     bed = load_trajectory(source) if isinstance(source, Path) else source
-    check_free_piston(bed.scene if isinstance(bed, Trajectory) else bed)
-    started = time.perf_counter()
-    state = settled_state(bed)
+    scene = bed.scene if isinstance(bed, Trajectory) else bed
+    check_free_piston(scene)
+    started, over = time.perf_counter(), None
+    if options.beds is not None:
+        over = slopes_over_beds(scene, options.beds, progress=not options.quiet)
+    reuse = over is not None and not at_run
+    state = settled_beds(scene, 1, progress=False)[0] if reuse else settled_state(bed)
     began = time.perf_counter()
     motions = small_motions(equilibrium_from(*state))
     seconds = time.perf_counter() - began
+    plain = motions.to_plain()
+    if over is not None:
+        motions = dataclasses.replace(motions, slopes=over.mean, deviation=over.deviation)
+        plain["over_beds"] = over.to_plain()
     lines = [str(motions), f"computed in {seconds:.1f} s"]
     if not at_run:
         lines[-1] += f", after {began - started:.1f} s for a run of the scene to rest"
@@ -52,4 +64,4 @@ def modes(options: Any) -> None:
         modes_page(motions).save(Path(options.out) / "report.html")
         lines.append(f"report: {options.out}/report.html")
     figures = {"seconds": seconds, "settling_seconds": began - started, "out": options.out}
-    print_result(motions.to_plain() | figures, "\n".join(lines), options.json)
+    print_result(plain | figures, "\n".join(lines), options.json)

@@ -52,7 +52,8 @@ def modes_page(motions: SmallMotions) -> HtmlPage:
     _add_curves(page, motions)
     page.add_section("What a percent changes")
     page.add_table(("d ln / d ln", "equilibrium", "frequency", "damping ratio"), slope_rows(motions))
-    page.add_paragraph("Each number is changed alone, and the bed stays the same packing.")
+    spread = "" if motions.deviation is None else " Means over settled beds, ± standard deviation."
+    page.add_paragraph(f"Each number is changed alone, and the bed stays the same packing.{spread}")
     page.add_section("Scene")
     page.add_preformatted(scene.to_toml())
     page.add_footer("Made with " + ", ".join(f"{name} {value}" for name, value in versions().items()))

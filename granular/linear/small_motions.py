@@ -60,6 +60,8 @@ class SmallMotions:
         Share of each effect in the energy that the first root loses.
     slopes : Slopes
         Logarithmic slopes of equilibrium height, frequency and damping ratio.
+    deviation : float64 (k, 3) or None
+        Standard deviation of the slopes from bed to bed, if they are means over beds.
     """
 
     rest: Equilibrium
@@ -72,6 +74,7 @@ class SmallMotions:
     damping: float
     loss_shares: dict[str, float]
     slopes: Slopes
+    deviation: Float[np.ndarray, "k 3"] | None = None
 
     def to_plain(self) -> dict[str, Any]:
         """Return the figures as plain data, in SI.
@@ -141,12 +144,12 @@ class SmallMotions:
 
 def slope_rows(motions: SmallMotions) -> list[tuple[str, ...]]:
     """Rows of the table of slopes, without numbers that change nothing."""
-    rows = zip(motions.slopes.keys, motions.slopes.values.tolist(), strict=True)
-    return [
-        (key, *(f"{value:+.4f}" for value in values))
-        for key, values in rows
-        if max(map(abs, values)) > NO_SLOPE
-    ]
+    values = motions.slopes.values
+    texts = np.char.mod("%+.4f", values)
+    if motions.deviation is not None:
+        texts = np.char.add(texts, np.char.mod(" ± %.4f", motions.deviation))
+    rows = zip(motions.slopes.keys, np.abs(values).max(axis=1), texts.tolist(), strict=True)
+    return [(key, *text) for key, largest, text in rows if largest > NO_SLOPE]
 
 
 def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> SmallMotions:

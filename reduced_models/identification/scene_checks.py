@@ -51,11 +51,6 @@ TITLE = "checks of step, random starts, lift and falls"
 _STILL = 0.05  # of the drop: what falls less far is a nudge
 
 
-COARSE_REST = 0.01
-"""Rest [D] at which the fall of a further start ends. From 1e-4 to 0.1 D three starts of the packaged damper
-have the same equilibrium to 1e-9; they fall for 9 s instead of 15 s at 0.01 D."""
-
-
 class RunCheck(NamedTuple):
     """A further run of a scene."""
 
@@ -396,11 +391,10 @@ def choose_step_check(run: Trajectory) -> TimeStepCheck:
 
 def random_start_checks(scene: Scene) -> list[RunCheck]:
     """Give the checks of a scene from other random starts; beds that come to rest are released from there."""
-    first, changes = scene.arrangement.seed + 1, {}
-    if release_stages(scene):
-        fall = scene.to_plain()["protocol"][0]
-        fall["tolerance"] = max(fall.get("tolerance", 0.0), COARSE_REST * scene.grains.species[0].diameter)
-        changes = {"protocol": [fall], "output.record": None}
+    from granular.linear.equilibrium import COARSE_REST, settling_changes
+
+    first = scene.arrangement.seed + 1
+    changes = settling_changes(scene, COARSE_REST) if release_stages(scene) else {}
     return [
         RunCheck(f"random start {seed}", {"arrangement.seed": seed, **changes})
         for seed in range(first, first + CHECK_SEEDS)

@@ -7,10 +7,10 @@ import pytest
 
 from granular import Scene, Trajectory, simulate
 from granular.linear import piston_roots, root_of_steps
+from granular.linear.equilibrium import COARSE_REST, settling_changes
 from granular.run.piston_record import PistonRecord
 from reduced_models import fit
 from reduced_models.identification.scene_checks import (
-    COARSE_REST,
     RecordsOfRest,
     derive_figures,
     release_from,
@@ -34,9 +34,7 @@ def run(scene: Scene) -> Trajectory:
 def test_a_release_from_equilibrium_is_the_release_of_the_run(scene: Scene, run: Trajectory) -> None:
     """The run has come to rest within 1e-4 D, the other release starts from rest: they agree as closely."""
     stages = release_stages(scene)
-    fall = scene.to_plain()["protocol"][:1]
-    fall[0]["tolerance"] = COARSE_REST * scene.grains.species[0].diameter
-    settled = simulate(scene.replace(**{"protocol": fall, "output.record": None}), progress=False)
+    settled = simulate(scene.replace(**settling_changes(scene, COARSE_REST)), progress=False)
     assert settled.stages[-1].end < run.stages[0].end
     records = {
         name: PistonRecord.from_columns(columns) for name, columns in RecordsOfRest(stages)(settled).items()
