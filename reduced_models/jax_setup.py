@@ -11,10 +11,10 @@ import hashlib
 import os
 import pickle
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Generic, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -89,35 +89,65 @@ def jax_call() -> Iterator[None]:
         _within.call = False
 
 
-def jit(function: Callable[P, T], form: object = None) -> Callable[P, T]:
-    """Compile a function by JAX, to be called by `jax_call`; with a form, which names it, kept on disk."""
-    compiled = jax.jit(function)
-    label = f"{function.__module__}.{function.__qualname__} {form!r}"
-    programs: dict[Any, Callable[P, T]] = {}
+class Compiled(Generic[P, T]):
+    """A function that JAX compiles for each form of its arguments."""
 
-    @functools.wraps(function)
-    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+    def __init__(self, function: Callable[P, T], form: object) -> None:
+        functools.update_wrapper(self, function)
+        self._compiled, self._form = jax.jit(function), form
+        self._label = f"{function.__module__}.{function.__qualname__} {form!r}"
+        self._programs: dict[Any, Callable[P, T]] = {}
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
+        """Call the program for arguments of these types."""
         with jax_call():
             leaves, tree = jax.tree.flatten((args, kwargs))
-            if form is None or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-                result: T = compiled(*args, **kwargs)
+            if self._form is None or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+                result: T = self._compiled(*args, **kwargs)
                 return result
-            types = tree, *((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves)
-            if types not in programs:
-                programs[types] = _load_or_compile(f"{label} {types}", compiled, args, kwargs)
-            return programs[types](*args, **kwargs)
+            types = _types_of(leaves, tree)
+            if types not in self._programs:
+                label = _full_label(f"{self._label} {types}")
+                self._programs[types] = _load_or_compile(label, self._compiled, args, kwargs)
+            return self._programs[types](*args, **kwargs)
 
-    return call
+    def compile_ahead(self, *args: P.args, **kwargs: P.kwargs) -> None:
+        """Put the program for arguments of these types on disk, if it does not lie there."""
+        with jax_call():
+            types = _types_of(*jax.tree.flatten((args, kwargs)))
+            label = _full_label(f"{self._label} {types}")
+            if label is not None and not _program_path(label).exists():
+                self._programs[types] = _load_or_compile(label, self._compiled, args, kwargs)
 
 
-def _load_or_compile(label: str, compiled: Any, args: Any, kwargs: Any) -> Any:
-    """Read a program for arguments of these types from its file; else compile it, and write the file."""
-    # JAX's own cache finds compiled code only after tracing, which takes longer than to load it.
+def _types_of(leaves: Sequence[Any], tree: Any) -> tuple[Any, ...]:
+    return tree, *((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves)
+
+
+def jit(function: Callable[P, T], form: object = None) -> Compiled[P, T]:
+    """Compile a function by JAX, to be called by `jax_call`; with a form, which names it, kept on disk."""
+    return Compiled(function, form)
+
+
+def _full_label(label: str) -> str | None:
+    """Label of a program's file, by all that the program depends on; None where none is kept."""
     processor = _processor()
     if _folder is None or processor is None or jax.default_backend() != "cpu":
+        return None
+    return label + processor + _digest_of_surroundings()
+
+
+def _program_path(label: str) -> Path:
+    assert _folder is not None
+    return _folder / f"{hashlib.sha256(label.encode()).hexdigest()}.program"
+
+
+def _load_or_compile(label: str | None, compiled: Any, args: Any, kwargs: Any) -> Any:
+    """Read a program for arguments of these types from its file; else compile it, and write the file."""
+    # JAX's own cache finds compiled code only after tracing, which takes longer than to load it.
+    if label is None:
         return compiled
-    label += processor + _digest_of_surroundings()
-    path = _folder / f"{hashlib.sha256(label.encode()).hexdigest()}.program"
+    path = _program_path(label)
     body = read_sealed_file(path, label)
     if body is not None:
         return deserialize_and_load(*pickle.loads(body))

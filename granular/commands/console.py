@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import io
 import json
 import os
@@ -72,6 +73,8 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         with handle_sigterm(last=arguments is None), rare_garbage_collection():
             command(sys.argv[1:] if arguments is None else arguments)
             sys.stdout.flush()
+        if arguments is None:
+            gc.freeze()  # at its end Python would look for garbage in all that was compiled, for 2 s
     except InputError as error:
         return _print_error(str(error), BAD_INPUT)
     except GranularError as error:

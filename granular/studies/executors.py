@@ -26,6 +26,10 @@ T = TypeVar("T")
 LOOK_SECONDS = 1.0
 """Time between checks that the process that started this one still lives."""
 
+_GROWTH_VARIABLE = "LOKY_MAX_MEMORY_LEAK_SIZE"
+GROWTH = "2e9"
+"""Memory [bytes] by which a process grows before loky starts another; two compiled laws pass its own 3e8."""
+
 
 class ExecutorLostError(GranularError):
     """The executor is gone, with all its workers."""
@@ -48,7 +52,10 @@ class ProcessPool(Executor):
         from loky import ProcessPoolExecutor
 
         self._pool = ProcessPoolExecutor(
-            max_workers=self.count, initializer=exit_with_parent, initargs=(os.getpid(),)
+            max_workers=self.count,
+            initializer=exit_with_parent,
+            initargs=(os.getpid(),),
+            env={_GROWTH_VARIABLE: os.environ.get(_GROWTH_VARIABLE, GROWTH)},
         )
         first: Future[T] = self._pool.submit(function, *arguments, **keywords)
         return first

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.fitting.problem import FitProblem, TrainingData
 from reduced_models.fitting.refinement import (
@@ -32,6 +33,8 @@ from reduced_models.fitting.start_values import (
     swing_form_unknowns,
 )
 from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.law import Law
+from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
 from reduced_models.least_squares.joint_records import (
     JointRecords,
     joint_normal_equations,
@@ -46,10 +49,10 @@ from reduced_models.least_squares.levenberg_marquardt import (
     levenberg_marquardt,
     promising_starts,
 )
-from reduced_models.least_squares.residuals import GriddedRecord, normal_equations
+from reduced_models.least_squares.residuals import GriddedRecord, Loss, normal_equations, residual_function
 from reduced_models.least_squares.samples import grid_over_record, means_on_grid, samples_on_grid
 from reduced_models.least_squares.unknowns import Unknowns, theta_bounds
-from reduced_models.records.inputs import has_inputs_besides_time
+from reduced_models.records.inputs import StepGrid, has_inputs_besides_time
 
 _TRIALS, _TOLERANCE = 60, 1e-4  # of all horizons but the last: what lags behind loses its phase
 _RIVAL_TRIALS = 20  # of an unchanged law, next to its fit with a map
@@ -80,6 +83,23 @@ def multistart_search(problem: FitProblem) -> SearchResult:
     if vectors[1].min() > limit:
         return mapped
     return min(refine_best_start(problem, joint, vectors), mapped, key=_bayesian_criterion)
+
+
+def compile_fit_ahead(law: Law, starts: int) -> None:
+    """Put programs on disk that a fit of a law without inputs needs for a record of few periods."""
+    points = padded_step_count(0) + 1
+    still = PistonRecord(np.arange(float(points)), np.zeros(points))
+    samples = means_on_grid(still, StepGrid(1.0, points - 1), (), "spline")
+    forms = [(law, None if law.mapped else HeightMap())]
+    if law.swing_form is not None:
+        forms.append((law.swing_form.law, HeightMap()))
+    for form, height_map in forms:
+        unknowns = Unknowns(form, height_map, (1.0,) * len(form.parameters), 0.0, 1.0, 1.0)
+        theta = np.zeros((starts, len(unknowns.prior)))
+        residual_function(unknowns, "normal").compile_ahead(
+            theta, samples, unknowns.scales, Loss().compiled_arguments
+        )
+    compile_solution_ahead(law)
 
 
 def _bayesian_criterion(result: SearchResult) -> float:

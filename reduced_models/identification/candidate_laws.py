@@ -43,6 +43,8 @@ CANDIDATES = (
 """Laws that can win on a free swing; the others of the package are special cases or have memory."""
 REFERENCE = "linear"
 """Is fitted in any case: what a better law is better than."""
+LIKELY = (REFERENCE, "polynomial-spring")
+"""Laws that a glance leaves of the packaged damper's motion."""
 _SPREAD = 1.5  # of the logarithm of a gain's start values
 
 

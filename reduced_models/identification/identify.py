@@ -40,6 +40,7 @@ from reduced_models.identification.scene_checks import (
     RecordsOfRest,
     SceneChecks,
     add_check_errors,
+    compile_fits_ahead,
     end_time_of_open_run,
     release_stages,
 )
@@ -196,6 +197,8 @@ def identify(
                 scene = opened if isinstance(opened, Scene) else opened.scene
                 measure = RecordsOfRest(release_stages(scene))
                 background = stack.enter_context(BackgroundCaseRunner(measure, executor))
+                if laws is None and scene is opened:
+                    compile_fits_ahead(background, scene, starts)
             run, further = _run_beside_checks(opened, target, options, dt is None, background, lift)
             record = run.piston()
             if further is not None and laws is None:

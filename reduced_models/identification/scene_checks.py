@@ -20,8 +20,11 @@ from reduced_models.falls.unseen_fall_scores import (
     score_fitted_laws,
 )
 from reduced_models.fitting.fit import fit
+from reduced_models.fitting.search import compile_fit_ahead
+from reduced_models.identification.candidate_laws import LIKELY
 from reduced_models.identification.derived_figures import DerivedFigures
 from reduced_models.identification.measured_swing import MeasuredSwing, quantities_at_amplitudes
+from reduced_models.laws.catalogue import law_named
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.models.quantities import QuantityWithError, add_step_and_start_errors
@@ -161,6 +164,13 @@ def derive_figures(run: Trajectory, rest: Equilibrium) -> DerivedFigures:
         errors = abs(abs(root) / abs(exact.s) - 1.0), abs(of_damping)
     assert rest.piston_height is not None
     return DerivedFigures(rest.piston_height, exact.frequency, exact.damping_ratio, errors)
+
+
+def compile_fits_ahead(background: BackgroundCaseRunner, scene: Scene, starts: int) -> None:
+    """Compile the likely fits while this process compiles the simulation, for which all runs wait."""
+    falls = FALL_LAWS if begins_with_fall(scene) else ()
+    for name, count in [*((name, starts) for name in LIKELY), *((name, STARTS) for name in falls)]:
+        background.submit_call(compile_fit_ahead, law_named(name), count)
 
 
 class SceneChecks:
@@ -419,18 +429,20 @@ def end_time_of_open_run(run: Trajectory) -> float | None:
     return float(run.dataset["time"].values[-1])
 
 
-def first_fall(run: Trajectory) -> PistonRecord | None:
-    """Record of the fall with which a run begins."""
+def begins_with_fall(scene: Scene) -> bool:
+    """Return whether a scene's first stage leaves the piston to gravity."""
     from granular.protocol.free_piston_stages import Free
 
-    scene = run.scene
-    if scene.piston is None or scene.effects.gravity is None or not scene.protocol:
-        return None
-    first = scene.protocol[0]
-    if not isinstance(first, Free):
+    falls = scene.piston is not None and scene.effects.gravity is not None
+    return falls and bool(scene.protocol) and isinstance(scene.protocol[0], Free)
+
+
+def first_fall(run: Trajectory) -> PistonRecord | None:
+    """Record of the fall with which a run begins."""
+    if not begins_with_fall(run.scene):
         return None
     try:
-        record = run.piston(first.name)
+        record = run.piston(run.scene.protocol[0].name)
         total = run.piston()
         period = first_guesses(total.time, total.height).period
     except RecordError:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular.shared.errors import RecordError
-from reduced_models.jax_setup import jax, jit
+from reduced_models.jax_setup import Compiled, jax, jit
 from reduced_models.laws.equation import PROGRAMS, compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import Interpolation, piecewise_cubics
@@ -97,7 +97,7 @@ def padded_step_count(steps: int) -> int:
 
 CHUNK = 64
 """Grid steps that are solved together; every grid has an integer of such chunks."""
-_LEAST_STEPS, _LEAST_TIMES = 512, 4096
+_LEAST_STEPS, _LEAST_TIMES = 512, 8192
 """Least lengths that code is compiled for: what is left empty costs less than another compilation."""
 
 
@@ -180,7 +180,7 @@ class Solution:
 
 
 @functools.lru_cache(maxsize=PROGRAMS)
-def _adaptive_solver(equation: str, budget: int) -> Callable[..., tuple[jax.Array, ...]]:
+def _adaptive_solver(equation: str, budget: int) -> Compiled[..., tuple[jax.Array, ...]]:
     rates = compile_rates(equation)
 
     def field(t: object, state: States, parameters: Parameters) -> States:
@@ -249,6 +249,14 @@ def solve_law(
             break
     ending: Ending = "complete" if complete else ("blow-up" if blown_up else "steps")
     return Solution(np.asarray(z)[:count], np.asarray(v)[:count], ending)
+
+
+def compile_solution_ahead(law: Law) -> None:
+    """Compile what `solve_law` calls for a law without inputs and the usual number of times."""
+    start, parameters = (0.0,) * (2 + len(law.hidden)), ((0.0,) * len(law.parameters), 0.0)
+    _adaptive_solver(law.equation, STEP_BUDGETS[0]).compile_ahead(
+        np.zeros(_LEAST_TIMES), start, parameters, 0.0
+    )
 
 
 _DRIVEN_TOLERANCE = 1e-7

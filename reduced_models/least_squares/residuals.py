@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from reduced_models.jax_setup import jax, jit
+from reduced_models.jax_setup import Compiled, jax, jit
 from reduced_models.laws.equation import PROGRAMS, compile_rates
 from reduced_models.laws.solution import hermite_interpolate, solve_on_grid
 from reduced_models.least_squares.levenberg_marquardt import Normal
@@ -105,7 +105,7 @@ class SensorForm(NamedTuple):
     entries: int  # of the sensor, at the end of the search vector
 
 
-def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
+def residual_function(unknowns: Unknowns, kind: Kind) -> Compiled[..., Any]:
     """Compiled normal equations, or residuals (n,) with derivatives (p, n), of search vectors."""
     # "normal": (theta (s, p), samples, scales, loss) -> costs (s,), gradients J'r (s, p), matrices J'J (s, p,
     # p). "linear": (theta (p,), samples, scales) -> weighted residuals (n,) and derivatives (p, n).
@@ -135,7 +135,7 @@ def _compile_residuals(
     logarithmic: tuple[bool, ...],
     fits_map: bool,
     sensor: SensorForm | None,
-) -> Callable[..., Any]:
+) -> Compiled[..., Any]:
     field = compile_rates(equation, inputs)
 
     def residuals(vectors: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene
-from reduced_models import Law, fit, predict
+from reduced_models import Law, fit, jax_setup, predict
 from reduced_models.fitting.residual_diagnostics import (
     diagnose_residuals,
     fit_autoregression,
     gradient_covariance,
 )
-from reduced_models.laws.solution import solve_law
-from reduced_models.least_squares.residuals import add_random_walk, remove_random_walk
+from reduced_models.fitting.search import compile_fit_ahead
+from reduced_models.laws import law_named
+from reduced_models.laws.solution import _adaptive_solver, solve_law
+from reduced_models.least_squares.residuals import _compile_residuals, add_random_walk, remove_random_walk
 from reduced_models.records.derivatives import spectral_peak_frequency
 from reduced_models.records.first_guesses import first_guesses
 
@@ -224,3 +228,35 @@ def test_a_fall_is_fitted_alike_by_every_seed() -> None:
     left = np.array([model.quality.residual for model in found])
     np.testing.assert_allclose(left, left[0], rtol=1e-3)
     assert left[0] < 0.09 * np.ptp(fall.height)
+
+
+@pytest.mark.parametrize("name", ["linear", pytest.param("van-der-pol-like", marks=pytest.mark.long)])
+def test_programs_that_are_compiled_ahead_are_those_of_the_fit(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fit then compiles only the residuals of all samples; a second time nothing is compiled ahead."""
+    monkeypatch.setattr(jax_setup, "_folder", tmp_path)
+    compiled: list[str] = []
+
+    def follow(label: str, *args: Any) -> Any:
+        if not jax_setup._program_path(label).exists():
+            compiled.append(label.split("<locals>.")[1].split(maxsplit=1)[0])
+        return load_or_compile(label, *args)
+
+    load_or_compile = jax_setup._load_or_compile
+    monkeypatch.setattr(jax_setup, "_load_or_compile", follow)
+    law = law_named(name)
+    for expected in (["normal_equations"] * (1 + law.mapped) + ["solve"], []):
+        forget_programs()
+        compiled.clear()
+        compile_fit_ahead(law, 4)
+        assert compiled == expected
+    forget_programs()
+    fit(PistonRecord(TIME, np.exp(-0.05 * TIME) * np.cos(TIME)), law, starts=4, map="fitted")
+    assert compiled == ["linear"]
+    forget_programs()
+
+
+def forget_programs() -> None:
+    _compile_residuals.cache_clear()
+    _adaptive_solver.cache_clear()
