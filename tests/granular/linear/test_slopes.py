@@ -15,6 +15,7 @@ from tests.granular.linear.small_beds import at_rest, small_damper
 
 SCENES: dict[str, dict[str, Any]] = {
     "damper": {"piston.drag": 0.3},
+    "discs": {"grains.magnets": "cylinders"},
     "two species": {
         "grains.species": [
             {"name": "big", "diameter": "6 mm", "share": 0.6},
