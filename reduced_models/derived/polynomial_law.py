@@ -35,23 +35,22 @@ def polynomial_law(
     states: Sequence[HeldState], middle: int, order: int | None
 ) -> tuple[Law, dict[str, float], str]:
     """Law with its values, and the orders and residuals of its polynomials in words."""
-    height, force, stiffness, mass, damping, _ = np.array(states).real.T
-    x, at = height - height[middle], states[middle]
-    less = None if order is None else order - 1
-    fits = {
-        "force": _fit_polynomial(x, force, (0.0, at.stiffness), order, stiffness),
-        "mass": _fit_polynomial(x, mass, (at.mass,), less),
-        "damping": _fit_polynomial(x, damping, (at.damping,), less),
-    }
+    heights, at = np.array([state.height for state in states]), states[middle]
+    distances = np.abs(heights - at.height)
+    fits = _fits(states, at, order)
     worst = max(fits, key=lambda name: fits[name][1])
     if order is None and fits[worst][1] > LARGEST_RESIDUAL:
+        for reach in np.unique(distances)[::-1]:
+            near = [state for state, away in zip(states, distances, strict=True) if away <= reach]
+            if max(residual for _, residual in _fits(near, at, order).values()) <= LARGEST_RESIDUAL:
+                break
         raise InputError(
-            f"no polynomial of the height follows the {worst} from {1e3 * height[0]:.4g} to "
-            f"{1e3 * height[-1]:.4g} mm within {format_percent(LARGEST_RESIDUAL)}: the bed nearly rearranges "
-            "there; give a smaller reach"
+            f"no polynomial of the height follows the {worst} from {1e3 * heights[0]:.4g} to "
+            f"{1e3 * heights[-1]:.4g} mm within {format_percent(LARGEST_RESIDUAL)}: the bed nearly rearranges "
+            f"there; give a reach of {0.995e3 * reach:.3g} mm"
         )
     k, m, c = (coefficients / at.mass for coefficients, _ in fits.values())
-    values = {f"m{j}": float(m[j]) for j in range(1, len(m))} | {"rest": float(height[middle])}
+    values = {f"m{j}": float(m[j]) for j in range(1, len(m))} | {"rest": at.height}
     values |= {f"c{j}": float(c[j]) for j in range(len(c))} | {f"k{j}": float(k[j]) for j in range(1, len(k))}
     inertia = ["1", *(_term(f"m{j}", j) for j in range(1, len(m)))]
     gradient = [_term(f"{j}*m{j}/2" if j > 1 else "m1/2", j - 1) for j in range(1, len(m))]
@@ -65,6 +64,19 @@ def polynomial_law(
         for name, (coefficients, residual) in fits.items()
     )
     return law, {name: values[name] for name in law.parameters}, ", ".join(accuracy)
+
+
+def _fits(
+    states: Sequence[HeldState], at: HeldState, order: int | None
+) -> dict[str, tuple[Float[np.ndarray, "p"], float]]:
+    """Coefficients and residuals of force, mass and damping about a state."""
+    height, force, stiffness, mass, damping, _ = np.array(states).real.T
+    x, less = height - at.height, None if order is None else order - 1
+    return {
+        "force": _fit_polynomial(x, force, (0.0, at.stiffness), order, stiffness),
+        "mass": _fit_polynomial(x, mass, (at.mass,), less),
+        "damping": _fit_polynomial(x, damping, (at.damping,), less),
+    }
 
 
 def _term(factor: str, power: int) -> str:

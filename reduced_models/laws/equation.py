@@ -91,14 +91,15 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
     symbols = {"z": z, "z'": v, "z''": a}
     try:
         left, right, *rates = (algebra.sympy_expression(tree, symbols) for tree in trees.all_trees)
-        difference = sympy.expand(left - right)
     except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be read: {error}") from None
-    factor = difference.coeff(a, 1)
-    rest = sympy.expand(difference - factor * a)
-    if factor == 0 or rest.has(a) or factor.has(a):
+    # Powers of z - rest are not expanded: their terms cancel, by 1e8 times the rounding in fifth order.
+    factor = (left - right).diff(a)
+    if factor.has(a):
+        factor = sympy.expand(factor)
+    if factor == 0 or factor.has(a):
         raise InputError(f"{law} must be linear in z''; write it as z'' = ..., or with m*z''")
-    acceleration = -rest / factor
+    acceleration = -(left - right).subs(a, 0) / factor
     try:
         for value in (acceleration, *rates):
             algebra.check_finite_numbers(value)

@@ -15,7 +15,9 @@ from granular.linear.equilibrium import Equilibrium
 from granular.shared.errors import InputError
 from reduced_models import PistonRecord, derive, load_model
 from reduced_models.__main__ import main
+from reduced_models.derived.continuation import HeldState
 from reduced_models.derived.derive import motion_error
+from reduced_models.derived.polynomial_law import polynomial_law
 from reduced_models.laws.linearization import SmallSwing, small_swing
 
 LIFT = 1e-4  # [m]
@@ -138,6 +140,23 @@ def test_order_and_reach_are_those_asked_for(run) -> None:
     low, high = model.domain["height"]
     assert (high - model.at_rest.height, model.at_rest.height - low) == pytest.approx((5e-5, 5e-5))
     assert [name for name in model.parameters if name != "rest"] == ["m1", "c0", "c1", "k1", "k2"]
+
+
+def test_wide_range_of_high_order_is_compared(run) -> None:
+    """Its powers of z - rest cancelled when they were expanded, and the solution ran out of steps."""
+    model = derive(run, 1e-3)
+    assert "k6" in model.parameters
+    assert model.error.relative < 1e-3
+
+
+def test_range_that_no_polynomial_follows_names_the_reach_that_one_does() -> None:
+    """The damping jumps 3 mm below the equilibrium, at 30 mm."""
+    states = [
+        HeldState(0.03 + x, 500.0 * x, 500.0, 7.5, 20.0 if x < -3e-3 else 10.0, 8j)
+        for x in np.linspace(-4e-3, 4e-3, 9)
+    ]
+    with pytest.raises(InputError, match=r"the damping from 26 to 34 mm .* give a reach of 2\.9"):
+        polynomial_law(states, 4, None)
 
 
 @pytest.mark.parametrize(
