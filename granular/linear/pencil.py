@@ -8,6 +8,7 @@ differences at once for grains that are far apart (Curtis, Powell and Reid 1974,
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 from collections.abc import Callable
@@ -116,6 +117,16 @@ class Pencil:
         unit = np.zeros(self.bed.size)
         unit[coordinate] = 1.0
         return 1.0 / float(spsolve(self.mass, unit)[coordinate])
+
+    def is_stable(self, held: tuple[int, ...]) -> bool:
+        """Return whether the stiffness with some coordinates held is positive definite."""
+        if not self.exact:
+            return bool(self.lowest_modes(1, held)[0][0] > 0.0)
+        free = np.delete(np.arange(self.bed.size), list(held))
+        with contextlib.suppress(np.linalg.LinAlgError):
+            np.linalg.cholesky(self.stiffness[free][:, free])
+            return True
+        return False
 
     def lowest_modes(
         self, count: int, held: tuple[int, ...] = ()

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.linear.bed_forces import BedForces
 from granular.observables.frame import check_vectors, is_present
-from granular.observables.interactions import effects_of_unknown_pair_force, relative_magnetic_moments
+from granular.observables.interactions import SILENT, relative_magnetic_moments
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
@@ -177,6 +178,10 @@ STRAINS = (np.diag([1.0, 1.0]), np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0
 """Swelling, and the two shears at constant area."""
 
 _POINTS = 64
+_ROOMY = 4.0
+"""Spacing in an arrangement that any grains fit into [largest diameter]."""
+_FAR_AWAY = 1e3
+"""Distance of absent grains [reach]: dipoles there act 1e-15 times as stiffly as a neighbour."""
 
 
 class BedModuli(NamedTuple):
@@ -191,12 +196,13 @@ class BedModuli(NamedTuple):
 def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> BedModuli:
     """Pressure, bulk and shear modulus of the inner part of a bed, as if it went on without end.
 
-    Inner grains are those with an interior cell that stand ``reach`` mean spacings or more inside
-    of the box of the outermost centres. The sums over their partners pass smoothly into a
-    continuum of the mean density at that distance. Energies of dipoles fall as r^-3 wherever they
-    stand, so that under affine strains B = 5 p/2 and, as a mean over directions, mu = p/4 for any
-    arrangement. In a crystal nothing else happens; in a bed without its order grains also move
-    against the strain, which the relaxed moduli know: mu and B are less by
+    Every pair has the second derivative of its energy by differences of the simulation's forces, as the
+    matrices of small motions, whatever its law. Inner grains are those with an interior cell that stand
+    ``reach`` mean spacings or more inside of the box of the outermost centres. The sums over their partners
+    pass smoothly into a continuum of dipoles of the mean density at that distance; other forces end there.
+    Affine moduli are those under small strains that all grains follow, mu as a mean over directions; of
+    dipoles B = 5 p/2 and mu = p/4 for any arrangement. In a crystal nothing else happens; in a bed without
+    its order grains also move against the strain, which the relaxed moduli know: mu and B are less by
 
         (1/(4 A)) df . H^-1 df,
 
@@ -208,7 +214,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     Parameters
     ----------
     scene : Scene
-        Scene that the grains belong to. Only dipoles count: contact, walls and weight are left out.
+        Scene that the grains belong to. Forces between grains count, walls and weight do not.
     positions : float (n, 2)
         Positions of the grains [m]; NaN for absent grains.
     reach : float
@@ -222,31 +228,27 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     Raises
     ------
     InputError
-        If the shape is not that of the scene's grains, ``reach`` is not above 1, an effect acts between
-        grains by another law than dipole and contact, the scene has no dipoles or has discs
-        (``grains.magnets = "cylinders"``), or no grain stands so far inside.
+        If the shape is not that of the scene's grains, ``reach`` is not above 1, no force acts between
+        grains, or no grain stands so far inside.
     """
     positions = check_vectors(positions)
     if len(positions) != scene.grains.count:
         raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
-    if foreign := effects_of_unknown_pair_force(scene):
-        raise InputError(f"effects.{foreign[0]}: its stiffness is not known here; leave it out")
-    if scene.grains.magnets != "dipoles":
-        raise InputError("grains.magnets = 'cylinders': moduli are those of dipoles; take 'dipoles'")
-    if scene.effects.dipole is None:
-        raise InputError("the scene has no dipoles between grains; add [effects] dipole = true")
     if not reach > 1.0:
         raise InputError(f"reach {reach:g} is not above 1 mean spacing; give more, such as 6")
     inner, area, length = _interior_grains_and_reach(positions, reach)
-    here = np.flatnonzero(is_present(positions))
-    moments = relative_magnetic_moments(scene)
-    strength = dipole_pair_strength(first_species_moment(scene))
     density = len(inner) / area
-    energies, forces, matrix = _strained_lattice_sums(positions, moments, here, inner, length, density)
-    affine = _affine_moduli(strength, energies, area)
+    slope, bend, forces, matrix = _strained_pair_sums(scene, positions, inner, length)
+    if not matrix.any():
+        raise InputError("no force acts between grains; add one, such as [effects] dipole = true")
+    beyond = _dipole_energy_beyond(scene, positions, inner, length, density)
+    slope, bend = slope - 3.0 * beyond, bend + 12.0 * beyond
+    affine = Moduli(-0.5 * slope / area, 0.25 * (bend - slope) / area, (0.125 * bend + 0.375 * slope) / area)
     # At rest again, d2E/ds2 is less by f.K^-1.f. A strain s of each kind is an area or shear strain of 2 s,
-    # hence 1/4.
-    lost = 0.25 / area * strength * np.einsum("ik,ik->k", forces, np.linalg.solve(matrix, forces))
+    # hence 1/4. Grains without a neighbour have no stiffness, and no force.
+    stiff = np.flatnonzero(matrix.diagonal())
+    forces, matrix = forces[stiff], matrix[np.ix_(stiff, stiff)]
+    lost = 0.25 / area * np.einsum("ik,ik->k", forces, np.linalg.solve(matrix, forces))
     relaxed = Moduli(affine.pressure, affine.bulk - lost[0], affine.shear - 0.5 * (lost[1] + lost[2]))
     return BedModuli(affine, relaxed, density, len(inner))
 
@@ -293,43 +295,68 @@ def _tail_integral(reach: float) -> float:
     return 2.0 * math.pi * (ramp + 1.0 / reach)
 
 
-def _strained_lattice_sums(
-    positions: np.ndarray,
-    moments: np.ndarray,
-    here: np.ndarray,
-    inner: np.ndarray,
-    reach: float,
-    density: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Energy of each inner grain, forces after each strain and their matrix, all over C."""
+def _dipole_energy_beyond(
+    scene: Scene, positions: np.ndarray, inner: np.ndarray, reach: float, density: float
+) -> float:
+    """Energy of the inner grains with a continuum of dipoles beyond the reach [m]; density [1/m^2]; [J]."""
+    if scene.effects.dipole is None:
+        return 0.0
+    moments = relative_magnetic_moments(scene)
+    strength = dipole_pair_strength(first_species_moment(scene))
+    mean = float(moments[is_present(positions)].mean())
+    return 0.5 * strength * density * mean * float(moments[inner].sum()) * _tail_integral(reach)
+
+
+def _strained_pair_sums(
+    scene: Scene, positions: np.ndarray, inner: np.ndarray, reach: float
+) -> tuple[float, float, np.ndarray, np.ndarray]:
+    """Sum r U' and r^2 U'' [J]; also forces after each strain [N] and their matrix [N/m]."""
+    here, n = is_present(positions), len(positions)
+    # Absent grains stand too far away to act.
+    far = np.nanmax(np.abs(positions)) + _FAR_AWAY * reach * np.arange(1.0, n + 1.0)
+    bed = BedForces(_pairs_alone(scene))
+    at = bed.coordinates(np.where(here[:, None], positions, far[:, None]), None)
     count = len(inner)
-    position = np.full(len(positions), -1)
+    position = np.full(n, -1)
     position[inner] = np.arange(count)
     matrix = np.zeros((count, 2, count, 2))
     forces = np.zeros((count, 2, len(STRAINS)))
-    energies = np.zeros(count)
-    beyond = density * float(moments[here].mean()) * _tail_integral(reach)
+    slope = bend = 0.0
     for k, i in enumerate(inner):
-        branch = positions[i] - positions[here]
+        branch = positions[i] - positions
         r = np.linalg.norm(branch, axis=1)
-        near = (r < reach) & (r > 0.0)
-        branch, r, others = branch[near], r[near], here[near]
-        both = moments[i] * moments[others] * _cutoff_weight(r, reach)
-        energies[k] = 0.5 * (float((both / r**3).sum()) + moments[i] * beyond)
-        along = branch / r[:, None]
-        # The Hessian of r^-3 is (15 n n^T - 3)/r^5.
-        blocks = (both / r**5)[:, None, None] * (
-            15.0 * along[:, :, None] * along[:, None, :] - 3.0 * np.eye(2)
-        )
+        near = here & (r < reach) & (r > 0.0)
+        columns = [bed.stiffness_times(at, np.eye(1, bed.size, i + axis * n)[0]) for axis in (0, 1)]
+        blocks = -np.stack(columns, axis=1).reshape(2, n, 2).transpose(1, 0, 2)
+        branch, r, others = branch[near], r[near], np.flatnonzero(near)
+        blocks = _cutoff_weight(r, reach)[:, None, None] * blocks[near]
+        # The second derivative of U(r) is U'' along the branch, and U'/r across it.
+        across = np.stack([-branch[:, 1], branch[:, 0]], axis=1)
+        slope += 0.5 * float(np.einsum("ja,jab,jb->", across, blocks, across))
+        bend += 0.5 * float(np.einsum("ja,jab,jb->", branch, blocks, branch))
         matrix[k, :, k, :] += blocks.sum(axis=0)
         known = position[others] >= 0
         matrix[k, :, position[others[known]], :] -= blocks[known]
         for mode, strain in enumerate(STRAINS):
             forces[k, :, mode] = np.einsum("jab,jb->a", blocks, branch @ strain)
     size = 2 * count
-    return energies, forces.reshape(size, len(STRAINS)), matrix.reshape(size, size)
+    return slope, bend, forces.reshape(size, len(STRAINS)), matrix.reshape(size, size)
 
 
-def _affine_moduli(strength: float, energies: np.ndarray, area: float) -> Moduli:
-    pressure = 1.5 * strength * float(energies.sum()) / area
-    return Moduli(pressure, BULK_OF_PRESSURE * pressure, SHEAR_OF_PRESSURE * pressure)
+def _pairs_alone(scene: Scene) -> Scene:
+    """Return a scene with the forces between grains alone, of all pairs."""
+    others = {
+        f"effects.{effect.key}": None for effect in scene.effects.acting if effect.key in (*SILENT, "walls")
+    }
+    side = _ROOMY * math.sqrt(scene.grains.count) * float(scene.grains.diameters().max())
+    return scene.replace(
+        **others,
+        **{
+            "piston": None,
+            "cell": {"width": side},
+            "arrangement": {"height": side},
+            "pairs": {"method": "direct"},
+            "output.record": None,
+            "protocol": [{"kind": "hold", "name": "rest", "duration": 1.0}],
+        },
+    )

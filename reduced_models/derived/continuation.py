@@ -108,7 +108,7 @@ def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | No
     except InputError:
         return None
     # Another branch is farther from the extrapolation than the piston's step, which the curvature is not.
-    if np.abs(result.at - start).max() > abs(step) or result.lowest_modes(1, held)[0][0] <= 0.0:
+    if np.abs(result.at - start).max() > abs(step) or not result.is_stable(held):
         return None
     return result
 

@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import fsolve
 
 from granular import Scene, evaluate
+from granular.effects.dipole import discs_unless_dipoles
 from granular.observables import (
     bed_moduli,
     crystal_moduli,
@@ -18,12 +19,16 @@ from granular.observables import (
     melting_theory_modulus,
 )
 from granular.observables.moduli import Moduli, hexagonal_lattice_sum, lattice_spacing
+from granular.pairs.dipole_law import ENERGY
+from granular.pairs.disc_law import disc_energy_and_force
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 
 from .conftest import hexagonal
 
 SPACING = 0.0115
+CONTACT = {"contact": {"modulus": 1e7}}
+"""Modulus [Pa]."""
 
 
 def scene_of(bed: Scene, count: int, **changes: object) -> Scene:
@@ -33,7 +38,7 @@ def scene_of(bed: Scene, count: int, **changes: object) -> Scene:
             "cell.width": 2.0,
             "piston": None,
             "effects": {"dipole": True},
-            "arrangement.height": 2.0,
+            "arrangement": {"height": 2.0},
             "protocol": [{"kind": "hold", "name": "rest", "duration": 1.0}],
             **changes,
         }
@@ -75,7 +80,7 @@ def test_crystal_follows_the_power_and_the_known_limits() -> None:
 
 @pytest.mark.parametrize("reach", [3.0, 6.0, 10.0])
 def test_patch_of_a_crystal_has_the_moduli_of_the_lattice(bed: Scene, reach: float) -> None:
-    points = hexagonal(30, 34, SPACING)
+    points = hexagonal(int(2.0 * reach) + 10, int(2.4 * reach) + 10, SPACING)
     scene = scene_of(bed, len(points))
     found = bed_moduli(scene, points, reach)
     density = 2.0 / math.sqrt(3.0) / SPACING**2
@@ -120,6 +125,65 @@ def test_affine_moduli_are_the_curvature_of_the_engines_energy(
     # In the logarithm of a length, with p A = -E'/2: B A = (E'' - 2 E')/4.
     assert (bend - 2.0 * slope) / 4.0 == pytest.approx(15.0 / 4.0 * start, rel=1e-5)
     assert -0.5 * slope == pytest.approx(1.5 * start, rel=1e-5)
+
+
+def test_affine_moduli_of_dipoles_follow_from_the_pressure(bed: Scene, random: np.random.Generator) -> None:
+    points = SPACING * (hexagonal(11, 12) + 0.06 * random.normal(size=(132, 2)))
+    points[0] = np.nan
+    affine = bed_moduli(scene_of(bed, 132), points, 3.0).affine
+    assert affine.bulk == pytest.approx(2.5 * affine.pressure, rel=1e-8)
+    assert affine.shear == pytest.approx(0.25 * affine.pressure, rel=1e-8)
+
+
+def test_grains_in_contact_have_the_moduli_of_a_deformed_cell(bed: Scene) -> None:
+    """Energy of a periodic crystal of pressed grains, whose cell is deformed by 3e-4."""
+    spacing, step = 0.97 * 0.006, 3e-4
+    height = math.sqrt(3.0) * spacing
+
+    def energy(wide: float, high: float) -> float:
+        points = hexagonal(6, 6, 1.0)
+        points = (points - points.min(axis=0) + 0.25) * [wide * spacing, high * spacing]
+        cell = {"sides": "periodic", "width": 6.0 * wide * spacing, "height": 3.0 * high * height}
+        scene = scene_of(bed, 36, effects=CONTACT, cell=cell, arrangement={"positions": points.tolist()})
+        return evaluate(scene, points).potential_energy
+
+    area, start = 18.0 * spacing * height, energy(1.0, 1.0)
+    up, down = (energy(math.exp(s), math.exp(s)) for s in (step, -step))
+    slope, bend = (up - down) / (2.0 * step), (up + down - 2.0 * start) / step**2
+    sheared = energy(math.exp(step), math.exp(-step)) + energy(math.exp(-step), math.exp(step))
+    points = hexagonal(14, 16, spacing)
+    found = bed_moduli(scene_of(bed, len(points), effects=CONTACT), points, 3.0)
+    shear = (sheared - 2.0 * start) / step**2
+    wanted = np.array([-2.0 * slope, bend - 2.0 * slope, shear]) / (4.0 * area)
+    for moduli in (found.affine, found.relaxed):
+        np.testing.assert_allclose(moduli, wanted, rtol=3e-5)
+
+
+def test_discs_have_the_moduli_of_their_lattice(bed: Scene) -> None:
+    """Energy of a lattice of discs out to 30 spacings, and of dipoles beyond, over its spacing."""
+    reach, step = 30, 1e-3
+    i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-2 * reach, 2 * reach + 1))
+    squares, times = np.unique(i * i + i * j + j * j, return_counts=True)
+    shells = (squares > 0) & (squares < reach**2)
+    r, times = np.sqrt(squares[shells]), times[shells]
+    points = hexagonal(22, 24, SPACING)
+    scene = scene_of(bed, len(points), **{"grains.magnets": "cylinders"})
+    scales = Scales.from_grains(scene.grains)
+    (disc,) = discs_unless_dipoles(scene.grains, scales.length)
+    unit = SPACING / scales.length
+
+    def energy(stretch: float) -> float:
+        beyond = 2.0 * math.pi * 2.0 / math.sqrt(3.0) / reach / (stretch * unit) ** 3
+        total = float(times @ disc_energy_and_force(stretch * unit * r, disc, disc)[0]) + beyond
+        return 0.5 * scales.force * scales.length * ENERGY * total
+
+    start, up, down = energy(1.0), energy(math.exp(step)), energy(math.exp(-step))
+    slope, bend = (up - down) / (2.0 * step), (up + down - 2.0 * start) / step**2
+    found = bed_moduli(scene, points).affine
+    density = 2.0 / math.sqrt(3.0) / SPACING**2
+    assert found.pressure == pytest.approx(-0.5 * slope * density, rel=1e-3)
+    assert found.bulk == pytest.approx((bend - 2.0 * slope) / 4.0 * density, rel=1e-3)
+    assert found.bulk > 2.51 * found.pressure
 
 
 def test_relaxing_gives_back_what_a_solver_finds(bed: Scene, random: np.random.Generator) -> None:
