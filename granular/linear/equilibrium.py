@@ -31,14 +31,12 @@ SETTLED = 1e-7
 """Largest distance to the equilibrium, by Newton's step, where rounding or a far field on a mesh keeps the
 force above `REST` [D]: the tables of discs and the mesh jump by 1e-7 of a pair's force at one diameter."""
 
-NEAR = 1e-6
-"""Force over the same ones below which the equilibrium is near, and steps may have further matrices."""
-
 MOST_HALVINGS = 12
 """Most halvings of a step that does not lower the largest force."""
 
 MOST_ITERATIONS, MOST_MATRICES = 60, 4
-"""Most of Newton's steps, and of matrices made for them; a settled bed of 368 grains takes three and two."""
+"""Most of Newton's steps; and of matrices made for them, unless each of the next ones halves the largest force:
+a settled bed of 368 grains takes three and two, and where an equilibrium has just vanished none halves it."""
 
 LONGEST_STEP = 0.1
 """Longest step of a coordinate [D]: beyond it a neighbour's force is another one."""
@@ -223,7 +221,7 @@ def _newton(
     free = np.delete(np.arange(bed.size), list(held))
     force = bed.forces(at)
     scale = max(bed.scales.force, bed.weight)
-    matrices = 0
+    matrices, before = 0, np.inf
     for _ in range(MOST_ITERATIONS):
         size = _norm(force[free])
         if size <= REST * scale:
@@ -244,8 +242,9 @@ def _newton(
         fresh = False
         if _norm(force[free]) > 0.1 * size:
             matrices += 1
-            if matrices > MOST_MATRICES and _norm(force[free]) > NEAR * scale:
+            if matrices > MOST_MATRICES and _norm(force[free]) > 0.5 * before:
                 break
+            before = _norm(force[free])
             pencil, fresh = make_pencil(bed, at), True
     raise InputError(
         f"no equilibrium is near: forces of {_norm(force[free]):.3g} N stay; give a run that has come to rest"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import pytest
 from granular import equilibrium, evaluate
 from granular.linear import normal_modes, piston_roots
 from granular.linear import pencil as pencils
-from granular.linear.equilibrium import equilibrium_from
+from granular.linear.equilibrium import _newton, equilibrium_from
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import D, at_rest, moved, small_damper
@@ -130,3 +132,22 @@ def test_a_held_piston_has_modes_and_no_roots() -> None:
     assert len(normal_modes(rest).frequencies) == 24
     with pytest.raises(InputError, match=r"give piston\.mass and effects\.walls\.top"):
         piston_roots(rest)
+
+
+def test_newton_ends_where_an_equilibrium_has_just_vanished(monkeypatch) -> None:
+    """Force -(q^2 + 1e-8) of one coordinate: it is smallest at 0, and never 0."""
+
+    def matrices(at: np.ndarray) -> SimpleNamespace:
+        made.append(at)
+        return SimpleNamespace(solve=lambda s, force, held: force / (2.0 * at[0]))
+
+    bed: Any = SimpleNamespace(
+        size=1, length=1.0, weight=0.0, scales=SimpleNamespace(force=1.0), forces=lambda at: -(at**2 + 1e-8)
+    )
+    made: list[np.ndarray] = []
+    monkeypatch.setattr("granular.linear.equilibrium.make_pencil", lambda bed, at: matrices(at))
+    start = np.array([1e-2])
+    first: Any = matrices(start)
+    with pytest.raises(InputError, match=r"no equilibrium is near: forces of 1\.?\d*e-08 N stay"):
+        _newton(bed, start, (), first, fresh=True)
+    assert len(made) <= 8
