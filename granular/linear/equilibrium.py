@@ -35,8 +35,8 @@ MOST_HALVINGS = 12
 """Most halvings of a step that does not lower the largest force."""
 
 MOST_ITERATIONS, MOST_MATRICES = 60, 4
-"""Most of Newton's steps; and of matrices made for them, unless each of the next ones halves the largest force:
-a settled bed of 368 grains takes three and two, and where an equilibrium has just vanished none halves it."""
+"""Most of Newton's steps; and of matrices made for them, unless each further one halves the largest force: a
+settled bed of 368 grains takes three and two, and where an equilibrium has just vanished none halves it."""
 
 LONGEST_STEP = 0.1
 """Longest step of a coordinate [D]: beyond it a neighbour's force is another one."""
@@ -116,7 +116,7 @@ def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
     Examples
     --------
     >>> from granular import damper, equilibrium
-    >>> rest = equilibrium(damper(count=24))
+    >>> rest = equilibrium(damper(count=48, drop=24.0))
     >>> rest.is_stable, bool(rest.residual < 1e-9)  # [N]
     (True, True)
     """

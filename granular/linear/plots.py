@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium
 from granular.linear.modes import NormalModes
 from granular.scene.bed_drawing import draw_bed, style_as_map
-from granular.shared.plotting import COLOURS, GREY, axes_or_new, label_log_axis_plainly
+from granular.shared.plotting import ARROWS_TO_SCALE, COLOURS, GREY, axes_or_new, label_log_axis_plainly
 
 if TYPE_CHECKING:
     from jaxtyping import Complex, Float, Shaped
@@ -49,11 +49,11 @@ def plot_mode(rest: Equilibrium, shape: Shaped[np.ndarray, "q"], ax: Axes | None
     if bed.piston is not None:
         largest = max(largest, abs(float(real[bed.piston])))
     scale = 1e3 * LONGEST_ARROW * rest.scene.grains.species[0].diameter / largest
-    look: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.002}
-    ax.quiver(*(1e3 * rest.positions).T, *(scale * moves).T, color="#333333", **look)
+    ax.quiver(*(1e3 * rest.positions).T, *(scale * moves).T, **ARROWS_TO_SCALE, width=0.002)
     if bed.piston is not None:
         middle = 500.0 * rest.scene.cell.width, 1e3 * (rest.piston_height or 0.0)
-        ax.quiver(*middle, 0.0, scale * real[bed.piston], color=COLOURS[1], **look | {"width": 0.006})
+        look = ARROWS_TO_SCALE | {"color": COLOURS[1]}
+        ax.quiver(*middle, 0.0, scale * real[bed.piston], **look, width=0.006)
         ax.set_ylim(top=middle[1] + 1.1e3 * LONGEST_ARROW * rest.scene.grains.species[0].diameter)
     return style_as_map(ax)
 

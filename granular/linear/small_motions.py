@@ -174,7 +174,7 @@ def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> Smal
     --------
     >>> from granular import damper
     >>> from granular.linear import small_motions
-    >>> found = small_motions(damper(count=24))
+    >>> found = small_motions(damper(count=48, drop=24.0))
     >>> found.loss_shares
     {'drag': 1.0}
     """
@@ -226,4 +226,4 @@ def loss_shares(rest: Equilibrium, root: Root) -> dict[str, float]:
         losses[key] = float(np.real(shape.conj() @ lost)) - outside
     if flows:
         losses[flows[-1]] = total - sum(losses.values())
-    return {name: value / total for name, value in losses.items() if abs(value) > 1e-9 * abs(total)}
+    return {name: float(value / total) for name, value in losses.items() if abs(value) > 1e-9 * abs(total)}

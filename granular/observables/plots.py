@@ -15,7 +15,7 @@ from granular.observables.forces import piston_force
 from granular.observables.statistics import Histogram
 from granular.observables.voronoi import VoronoiCells, cell_polygons, voronoi_cells
 from granular.scene.bed_drawing import style_as_map
-from granular.shared.plotting import COLOURS, GREY, SIDES, STYLES, axes_or_new, figure_label
+from granular.shared.plotting import ARROWS_TO_SCALE, COLOURS, GREY, SIDES, STYLES, axes_or_new, figure_label
 
 if TYPE_CHECKING:
     import xarray
@@ -40,8 +40,6 @@ __all__ = [
 
 _PATHS = (COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[5], COLOURS[6])
 """Colours of paths, none of which is like a colour of the cells below them."""
-_TO_SCALE: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "color": "#333333"}
-"""Look of arrows whose length is to scale."""
 
 
 def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = None) -> Axes:
@@ -122,7 +120,7 @@ def plot_dislocations(dislocations: Dislocations, positions: np.ndarray, ax: Axe
         ax.plot(*chosen.T, marker, color=colour, markersize=5.0, linestyle="none", label=label)
     if len(dislocations.pairs):
         ax.quiver(
-            *(1e3 * dislocations.positions).T, *(1e3 * dislocations.burgers).T, **_TO_SCALE, width=0.003
+            *(1e3 * dislocations.positions).T, *(1e3 * dislocations.burgers).T, **ARROWS_TO_SCALE, width=0.003
         )
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return style_as_map(ax)
@@ -165,7 +163,7 @@ def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes |
         ax.plot(*path[-1], "x", color=colour, markersize=5.0, path_effects=border)
         arrow = 1e3 * tracked["burgers"].values[track]
         if kind == "dislocation":
-            ax.quiver(*path[-1], *arrow, **_TO_SCALE, width=0.004, zorder=4)
+            ax.quiver(*path[-1], *arrow, **ARROWS_TO_SCALE, width=0.004, zorder=4)
     if shown:
         looks: dict[str, Any] = {"color": "#333333", "linestyle": "none", "markersize": 6.0}
         signs = [("o", "first seen"), ("x", "last seen"), (r"$\rightarrow$", "Burgers vector")]

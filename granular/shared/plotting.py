@@ -20,6 +20,8 @@ SIDES = {"4 or fewer": "#b35806", "5": "#f1a340", "6": "#e4e2da", "7": "#998ec3"
 """Colours of Voronoi cells by their number of sides, from orange to purple."""
 READABLE = 13.5
 """Size of letters [pt] that can be read on a phone, where a figure is half as wide."""
+ARROWS_TO_SCALE: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "color": "#333333"}
+"""Look of arrows whose length is to scale."""
 STYLES = ("-", "--", "-.", ":")
 GREY = "#9aa5b1"
 _LONGEST_LABEL = 60

@@ -46,8 +46,8 @@ def polynomial_law(
                 break
         raise InputError(
             f"no polynomial of the height follows the {worst} from {1e3 * heights[0]:.4g} to "
-            f"{1e3 * heights[-1]:.4g} mm within {format_percent(LARGEST_RESIDUAL)}: the bed nearly rearranges "
-            f"there; give a reach of {0.995e3 * reach:.3g} mm"
+            f"{1e3 * heights[-1]:.4g} mm within {format_percent(LARGEST_RESIDUAL)}: the bed nearly "
+            f"rearranges there; give a reach of {0.995e3 * reach:.3g} mm"
         )
     k, m, c = (coefficients / at.mass for coefficients, _ in fits.values())
     values = {f"m{j}": float(m[j]) for j in range(1, len(m))} | {"rest": at.height}
