@@ -11,6 +11,7 @@ import numpy as np
 from granular.shared.errors import InputError
 from reduced_models.derived.continuation import HeldState
 from reduced_models.laws.law import Law
+from reduced_models.models.ports import DERIVED
 from reduced_models.models.printout import format_percent
 from reduced_models.records.backbone import Backbone
 
@@ -58,7 +59,7 @@ def polynomial_law(
     parts += [f"({' + '.join(_term(f'c{j}', j) for j in range(len(c)))})*z'"]
     parts += [_term(f"k{j}", j) for j in range(1, len(k))]
     units = {"rest": "m", **{name: _unit(name[0], int(name[1:])) for name in values if name != "rest"}}
-    law = Law("derived", f"{' + '.join(parts)} = 0", units=units, source="equilibria and roots of the bed")
+    law = Law(DERIVED, f"{' + '.join(parts)} = 0", units=units, source="equilibria and roots of the bed")
     accuracy = (
         f"{name} of order {len(coefficients) - 1}, residual {format_percent(residual)}"
         for name, (coefficients, residual) in fits.items()

@@ -33,6 +33,8 @@ from reduced_models.models.source_code import (
 if TYPE_CHECKING:
     import sympy
 
+DERIVED = "derived"
+"""Name of the laws that `derive` finds."""
 GRAVITY = 9.8
 """[m/s^2], that of the packaged scenes, where nothing else is given."""
 _PYTHON = '''\
@@ -186,6 +188,11 @@ def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -
     """Return a law of a record as an element; mass [kg], gravity [m/s^2]."""
     if model.angle:
         raise InputError("the law is one of an angle; a force between two bodies needs a height")
+    if model.law.name == DERIVED:
+        raise InputError(
+            "the bed's mass moves along in a derived law, so its force depends on the acceleration; export "
+            "the whole model, or fit a law to a run"
+        )
     if mass is None or not mass > 0.0:
         raise InputError(
             "the law of a record tells accelerations, not forces; give the mass of the piston that "

@@ -16,6 +16,8 @@ import pytest
 
 from granular.shared.errors import InputError
 from reduced_models import ReducedModel, load_model
+from reduced_models.derived.continuation import HeldState
+from reduced_models.derived.polynomial_law import polynomial_law
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import law_from_text
@@ -48,14 +50,23 @@ LAWS = {
         HeightMap(),
     ),
 }
+HELD = [
+    HeldState(0.059 + x, 70.0 * np.sinh(50.0 * x), 3500.0 * np.cosh(50.0 * x), 7.56 - 0.6 * x, 12.0 + x, 8j)
+    for x in np.linspace(-4e-3, 4e-3, 17)
+]
+"""States of a piston held at heights, of which a law is derived: a hardening spring about 59 mm."""
 
 
 def model_of(name: str) -> ReducedModel:
     """A law with numbers, as a model."""
-    parameters, initial, height_map = LAWS[name]
+    if name == "derived":
+        law, parameters, _ = polynomial_law(HELD, 8, None)
+        initial, height_map = (0.0615, 0.0), HeightMap()
+    else:
+        law, (parameters, initial, height_map) = law_named(name), LAWS[name]
     return dataclasses.replace(
         load_model(SAVED),
-        law=law_named(name),
+        law=law,
         parameters=parameters,
         initial=initial,
         map=height_map,
@@ -81,7 +92,7 @@ def close(found: np.ndarray, model: ReducedModel) -> bool:
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", [*LAWS, "derived"])
 def test_the_c_function_gives_the_same_motion(name: str, tmp_path: Path) -> None:
     model = with_step(model_of(name))
     model.export(tmp_path / "model.c")
@@ -131,7 +142,7 @@ def test_the_matlab_function_gives_the_same_motion(name: str, tmp_path: Path) ->
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
 @pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="there is no FMPy")
-@pytest.mark.parametrize("name", ["linear", "power-law-spring", "bouc-wen"])
+@pytest.mark.parametrize("name", ["linear", "power-law-spring", "bouc-wen", "derived"])
 def test_the_fmu_gives_the_same_motion(name: str, tmp_path: Path) -> None:
     import fmpy
     from fmpy.validation import validate_fmu

@@ -361,3 +361,8 @@ def test_a_port_needs_a_mass() -> None:
     with pytest.raises(InputError, match="give the mass of the piston"):
         force_port(model_of("linear"), None)
     assert force_port(model_of("linear"), MASS).model.map == HeightMap()
+
+
+def test_a_derived_law_is_no_port() -> None:
+    with pytest.raises(InputError, match="the bed's mass moves along in a derived law"):
+        force_port(model_of("derived"), MASS)
