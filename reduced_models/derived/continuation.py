@@ -129,6 +129,9 @@ def _instability(pencil: Pencil, piston: int, direction: float) -> Instability:
     moved = np.linalg.norm(bed.positions(relaxed) - bed.positions(pencil.at), axis=1)
     grains = tuple(map(int, np.flatnonzero(moved >= _MOVED * moved.max())))
     relaxed[piston] = pencil.at[piston]
-    after = find_equilibrium(bed, relaxed, held).at
+    try:
+        after = find_equilibrium(bed, relaxed, held).at
+    except InputError:  # the bed is about to rearrange again
+        after = relax(bed, relaxed, held, stiffest, RELAXED)
     drop = float(bed.forces(pencil.at)[piston] - bed.forces(after)[piston])
     return Instability(float(pencil.at[piston]), grains, drop)
