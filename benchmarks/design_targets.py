@@ -20,7 +20,8 @@ FREQUENCIES, DAMPINGS = (2.4, 5.6), (0.024, 0.25)
 
 def drawn_targets(count: int) -> list[tuple[float, float]]:
     """Frequencies [Hz] and damping ratios within the range of the maps."""
-    random, maps, result = np.random.default_rng(67), damper_maps(), []
+    random, maps = np.random.default_rng(67), damper_maps()
+    result: list[tuple[float, float]] = []
     while len(result) < count:
         frequency = random.uniform(*FREQUENCIES)
         damping = math.exp(random.uniform(*np.log(DAMPINGS)))
@@ -46,7 +47,7 @@ def main(first: int, last: int, own_falls: bool) -> None:
             seconds, check = time.process_time() - started, made.checks[0]
             found = [(check.frequency, check.damping_ratio)]
             if own_falls:
-                rest = fit(simulate(made.scene, progress=False)).at_rest
+                rest = fit(simulate(made.scene, progress=False).piston("release")).at_rest
                 assert rest is not None
                 found.append((1.0 / rest.period, rest.damping_ratio))
             errors = ", ".join(

@@ -134,7 +134,7 @@ def test_a_held_piston_has_modes_and_no_roots() -> None:
         piston_roots(rest)
 
 
-def test_newton_ends_where_an_equilibrium_has_just_vanished(monkeypatch) -> None:
+def test_newton_ends_where_an_equilibrium_has_just_vanished(monkeypatch: pytest.MonkeyPatch) -> None:
     """Force -(q^2 + 1e-8) of one coordinate: it is smallest at 0, and never 0."""
 
     def matrices(at: np.ndarray) -> SimpleNamespace:
