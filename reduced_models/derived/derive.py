@@ -289,8 +289,8 @@ def _small_motion(height: float, root: Root) -> AtRest:
 def _notes(rest: Equilibrium, root: Root, instabilities: Sequence[Instability]) -> tuple[str, ...]:
     notes = []
     if root.mass_fraction < 1.0 - MASS_FRACTION:
-        share = f"{100.0 * root.mass_fraction:.2g} %"
-        notes.append(f"the law has {share} of the piston's small motions; other modes have the rest")
+        part = f"{100.0 * root.mass_fraction:.2g} %"
+        notes.append(f"the law has {part} of the piston's small motions; other modes have the rest")
     for end in instabilities:
         grains = f"{', '.join(map(str, end.grains[:NAMED]))}{' ...' * (len(end.grains) > NAMED)}"
         drops = abs(end.force_drop) > GRADUAL * rest.pencil.bed.weight
