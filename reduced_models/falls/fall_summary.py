@@ -134,8 +134,8 @@ def whole_fall(
     Warns
     -----
     OutsideRangeWarning
-        With too few grains for what was measured, walls of discs, more drag over the piston's mass
-        than was compared with falls, or a fall that presses discs together.
+        With too few grains for what was measured, rows of discs that do not touch, more drag over
+        the piston's mass than was compared with falls, or a fall that presses discs together.
     """
     if height is not None and not isinstance(height, Real):
         raise InputError(f"height = {quote(height)}; give a number [m]")

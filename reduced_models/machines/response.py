@@ -31,8 +31,10 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.falls.lattice_pressure import POWER
 from reduced_models.falls.predicted_law import (
+    ROWS,
     OutsideRangeWarning,
     accelerated_mass,
+    has_rows,
     lattice_at_rest,
     predict_bed_parameters,
 )
@@ -99,6 +101,7 @@ class CoupledSystem(NamedTuple):
         drag = 0.0 if scene.effects.drag is None else scene.effects.drag.coefficient
         grains, faces = scene.grains, scene.grains.face_area_ratios()[scene.grains.species_indices()]
         lattice = lattice_at_rest(still)
+        softer, factor, _ = ROWS if has_rows(still) else (0.0, 1.0, 1.0)
         return cls(
             host=math.inf,
             stiffness=0.0,
@@ -109,8 +112,8 @@ class CoupledSystem(NamedTuple):
             drag=drag * float(faces.sum()) / 3.0 + piston.drag,
             gravity=0.0 if gravity is None else gravity.acceleration,
             rest=parameters["rest"],
-            modulus=MODULUS * lattice.relative_shear_modulus,
-            power=lattice.power,
+            modulus=factor * MODULUS * lattice.relative_shear_modulus,
+            power=lattice.power + softer,
         )
 
     @property

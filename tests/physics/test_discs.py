@@ -22,7 +22,9 @@ NO_CONTACT = {"effects.contact": None}
 
 
 def discs(scene: Scene, **changes: Any) -> Scene:
-    return scene.replace(**{"grains.magnets": "cylinders", **CONTACT, **changes})
+    walls = scene.effects.walls  # the same as of dipoles
+    named = {} if walls is None else {"effects.walls": walls.to_plain()}
+    return scene.replace(**{"grains.magnets": "cylinders", **named, **CONTACT, **changes})
 
 
 def lattice(count: int, columns: int, spacing: float, seed: int = 3) -> np.ndarray:

@@ -77,11 +77,11 @@ def test_published_damper_is_in_the_maps():
 
 
 def test_discs_are_proposed_by_theory_from_the_maps_of_dipoles():
-    """The packaged damper of discs as simulated: 63.5 mm, 0.2845 s; and what is asked for is promised."""
+    """As simulated from two starts: 64.4 and 62.7 mm, 3.25 and 3.33 Hz; what is asked for is promised."""
     maps = damper_maps()
     said = maps.predict(DamperCandidate(7.5, 368, 0.1, magnets="cylinders"))
-    assert said.rest_height == pytest.approx(0.0635, rel=0.01)
-    assert said.frequency == pytest.approx(1.0 / 0.2845, rel=0.015)
+    assert said.rest_height == pytest.approx(0.0636, rel=0.015)
+    assert said.frequency == pytest.approx(3.29, rel=0.03)
     found = propose_design(maps, DesignTarget(3.5, 0.05, magnets="cylinders"))
     assert found.scene().grains.magnets == "cylinders"
     promise = maps.predict(found)

@@ -101,10 +101,13 @@ def test_discs_are_stiffer_and_a_design_is_made_of_them() -> None:
     assert found.is_worthwhile
     of_dipoles = found.scene.replace(**{"grains.magnets": "dipoles"})
     discs, dipoles = (CoupledSystem.from_host_scene(scene) for scene in (found.scene, of_dipoles))
-    assert discs.power > dipoles.power == 2.5
     assert discs.rest > dipoles.rest
-    # Stiffer by more than the higher bed is softer.
-    assert discs.small_swing.omega > dipoles.small_swing.omega
+    # Stiffer by more than the higher bed is softer, but between rows of discs.
+    walls = of_dipoles.effects.walls
+    assert walls is not None
+    named = CoupledSystem.from_host_scene(found.scene.replace(**{"effects.walls": walls.to_plain()}))
+    assert named.power > dipoles.power == 2.5
+    assert named.small_swing.omega > dipoles.small_swing.omega > discs.small_swing.omega
 
 
 @pytest.mark.parametrize(
