@@ -33,9 +33,9 @@ of 0.1 and 0.2 kg/s, heights of 17, 20, 24 and 28 D (masses and heights times sq
 
 Between rows of discs a bed is softer: with the power less by 0.172, the modulus 0.785 and the strength 0.892
 times as large the law follows falls of discs to 1.0 to 2.1 % of the drop (rms), without to 4.7 to
-7.4 %. These three were fitted to five falls from 20 and 24 D, of 276 and 368 grains under 5 and 7.5 kg; two others, of 552
-grains and from 18 D, are followed to 1.9 and 3.1 %. The height at rest, which scatters by
-1.5 % from bed to bed, is the same within that.
+7.4 %. These three were fitted to five falls from 20 and 24 D, of 276 and 368 grains under 5 and
+7.5 kg; two others, of 552 grains and from 18 D, are followed to 1.9 and 3.1 %. The height at rest,
+which scatters by 1.5 % from bed to bed, is the same within that.
 """
 
 from __future__ import annotations

@@ -32,6 +32,7 @@ pytestmark = [
 ]
 
 STEP, STEPS = 4e-5, 4
+WALLS = dict.fromkeys(("left", "right", "bottom", "top"), "experimental")
 
 
 class DiscErrors:
@@ -231,7 +232,7 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
     species = [{"name": "big", "diameter": "6 mm", "share": 1.0 if row["species"] == 1 else 0.6}]
     if row["species"] == 2:
         species.append({"name": "small", "diameter": "4 mm", "share": 0.4})
-    acting: dict[str, Any] = {"dipole": True} | ({} if around else {"walls": True})
+    acting: dict[str, Any] = {"dipole": True} | ({} if around else {"walls": WALLS})
     acting |= {key.get(name, name): ACTING[name]}
     if row["mount"] != "none":
         acting["host"] = MACHINES[row["mount"]] | {"mount": row["mount"]}

@@ -90,6 +90,7 @@ SPECIES = {
 
 DISCS = {
     "grains.magnets": "cylinders",
+    "effects.walls": dict.fromkeys(("left", "right", "bottom", "top"), "experimental"),
     "grains.species": [
         {"name": "big", "diameter": "6 mm", "share": 0.5},
         {"name": "small", "diameter": "4 mm", "thickness": "2 mm", "share": 0.5},

@@ -141,7 +141,10 @@ def contact_forces(scene: Scene) -> np.ndarray:
 @pytest.mark.parametrize("magnets", ["dipoles", "cylinders"])
 @pytest.mark.parametrize("name", ["bed", "mixed", "unlike"])
 def test_forces_agree(request: pytest.FixtureRequest, tmp_path: Path, name: str, magnets: str) -> None:
-    scene = static(request.getfixturevalue(name)).replace(**{"grains.magnets": magnets})
+    scene = static(request.getfixturevalue(name))
+    # Of rows of discs LAMMPS has no wall.
+    named = {"effects.walls": scene.effects.walls.to_plain()}
+    scene = scene.replace(**{"grains.magnets": magnets}, **named)
     to_lammps(scene, tmp_path)
     (frame,) = lammps(tmp_path)
     positions, _ = scene.initial_positions_and_velocities()
@@ -176,7 +179,9 @@ def test_tables_and_masses_are_those_of_the_material(unlike: Scene, tmp_path: Pa
 
 def test_tables_of_discs_are_their_law(unlike: Scene, tmp_path: Path) -> None:
     """Also below contact, where the force goes on with its slope."""
-    scene = static(unlike).replace(**{"grains.magnets": "cylinders"})
+    walls = unlike.effects.walls
+    assert walls is not None
+    scene = static(unlike).replace(**{"grains.magnets": "cylinders", "effects.walls": walls.to_plain()})
     to_lammps(scene, tmp_path, dt=2.5e-5)
     scales = Scales.from_grains(scene.grains)
     pair = discs_unless_dipoles(scene.grains, scales.length)
