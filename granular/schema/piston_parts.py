@@ -1,0 +1,72 @@
+"""Parts of the piston from which its viscous drag follows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from granular.parts.drags import blade_drag, guide_drag
+from granular.parts.liquids import find_liquid
+from granular.schema.field_kinds import FieldError
+from granular.schema.sections import Section, integer_field, quantity, text_field
+from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from granular.schema.apparatus import Cell, Grains
+
+
+class Blade(Section):
+    """The part of the piston that dips into the liquid, between the plates and as wide as the cell.
+
+    Attributes
+    ----------
+    depth : float
+        Depth that it dips in [m].
+    film : float
+        Thickness of the liquid between each of its faces and the plate [m].
+    """
+
+    depth: float = quantity("m", above=0.0)
+    film: float = quantity("m", above=0.0)
+
+    def drag(self, cell: Cell, viscosity: float) -> float:
+        """Drag of both faces [kg/s]; viscosity of the liquid [Pa s]."""
+        return blade_drag(viscosity, cell.width, self.depth, self.film)
+
+
+class Guide(Section):
+    """Rods in bushes that guide the piston.
+
+    Attributes
+    ----------
+    diameter, length : float
+        Diameter of a rod, and length of its bush [m].
+    clearance : float
+        Radius of the bush less that of the rod [m].
+    eccentricity : float
+        Distance of their axes over the clearance.
+    count : int
+        Number of rods.
+    liquid : str or None
+        Liquid in the bush; that of the cell without.
+    """
+
+    diameter: float = quantity("m", above=0.0)
+    length: float = quantity("m", above=0.0)
+    clearance: float = quantity("m", above=0.0)
+    eccentricity: float = quantity("1", default=0.0, least=0.0, below=1.0)
+    count: int = integer_field(default=1, least=1)
+    liquid: str | None = text_field(default=None, optional=True)
+
+    def drag(self, grains: Grains, viscosity: float | None) -> float:
+        """Drag of all rods [kg/s]; viscosity of the liquid in the cell [Pa s]."""
+        if self.liquid is not None:
+            try:
+                viscosity = find_liquid(self.liquid, grains.liquid_temperature).viscosity
+            except InputError as error:
+                raise FieldError(str(error), "piston", "guide", "liquid") from None
+        if viscosity is None:
+            raise FieldError(
+                "must be given where the cell holds no liquid by name", "piston", "guide", "liquid"
+            )
+        rod = guide_drag(viscosity, self.diameter, self.length, self.clearance, self.eccentricity)
+        return self.count * rod
