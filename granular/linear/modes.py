@@ -62,16 +62,16 @@ def normal_modes(rest: Equilibrium, count: int | None = None) -> NormalModes:
         Solutions of K u = omega^2 M u.
     """
     pencil = rest.pencil
-    if pencil.exact:
+    if pencil.has_all_modes:
         from scipy.linalg import eigh
 
         last = pencil.bed.size if count is None else min(count, pencil.bed.size)
-        return NormalModes(*eigh(pencil.stiffness, pencil.mass.toarray(), subset_by_index=[0, last - 1]))
+        return NormalModes(*eigh(pencil.full_stiffness, pencil.mass.toarray(), subset_by_index=[0, last - 1]))
     from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import LinearOperator, eigsh
 
     shape = (pencil.bed.size, pencil.bed.size)
-    undamped = dataclasses.replace(pencil, damping=csc_matrix(shape), damping_is_full=True)
+    undamped = dataclasses.replace(pencil, damping=csc_matrix(shape), damping_is_diagonal=True)
     scale = float(np.abs(pencil.stiffness.diagonal()).max() / pencil.mass.diagonal().max())
     # Below zero, since the shifts of a periodic cell have no stiffness.
     sigma = -BELOW * scale

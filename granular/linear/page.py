@@ -82,7 +82,7 @@ def _add_modes(page: HtmlPage, motions: SmallMotions) -> None:
         )
     with figure(size=READABLE) as (drawing, axes):
         plot_density_of_states(modes, axes)
-        part = "" if rest.pencil.exact else " Only the lowest modes of this large bed are computed."
+        part = "" if rest.pencil.has_all_modes else " Only the lowest modes of this large bed are computed."
         page.add_figure(drawing, f"Density of states: {len(modes.frequencies)} normal modes.{part}")
     rows = sorted({*range(min(LISTED, len(modes.frequencies))), *largest.tolist()})
     page.add_table(
@@ -108,6 +108,6 @@ def _add_curves(page: HtmlPage, motions: SmallMotions) -> None:
 def curve_frequencies(motions: SmallMotions) -> Float[np.ndarray, "f"]:
     """Frequencies of the curves, those of the roots among them [Hz]."""
     roots = [root.frequency for root in motions.roots]
-    count = POINTS if motions.rest.pencil.exact else FEW_POINTS
+    count = POINTS if motions.rest.pencil.has_all_modes else FEW_POINTS
     grid = np.geomspace(min(roots) / REACH, max(roots) * REACH, count)
     return np.unique(np.concatenate([grid, roots]))

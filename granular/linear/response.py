@@ -103,14 +103,14 @@ def free_motion(
         If the bed is too large, or has no free piston.
     """
     pencil, piston = rest.pencil, require_free_piston(rest)
-    if not pencil.exact:
+    if not pencil.has_all_modes:
         raise InputError(f"a bed of {pencil.bed.grains} grains has too many roots to sum; simulate it")
     size = pencil.bed.size
     inverse_mass = np.linalg.inv(pencil.mass.toarray())
     rates = np.block(
         [
             [np.zeros((size, size)), np.eye(size)],
-            [-inverse_mass @ pencil.stiffness, -inverse_mass @ pencil.damping],
+            [-inverse_mass @ pencil.full_stiffness, -inverse_mass @ pencil.full_damping],
         ]
     )
     roots, shapes = np.linalg.eig(rates)

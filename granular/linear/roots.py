@@ -99,7 +99,7 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
         piston's motion or more.
     """
     pencil, piston = rest.pencil, require_free_piston(rest)
-    if pencil.exact and not rest.is_stable:
+    if pencil.has_all_modes and not rest.is_stable:
         lowest = rest.lowest_stiffness[0]
         raise InputError(
             f"the equilibrium is not stable: an eigenvalue of the stiffness is {lowest:.3g} N/m; give a bed "
@@ -108,13 +108,13 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
     first = refine_root(pencil, piston, _static_start(pencil, piston))
     roots = [] if first is None else [first]
     # The fractions of all roots add up to one: beside one of 0.95 no other has a twentieth.
-    if pencil.exact and (first is None or first.mass_fraction < 1.0 - MASS_FRACTION):
+    if pencil.has_all_modes and (first is None or first.mass_fraction < 1.0 - MASS_FRACTION):
         for start in _mode_starts(rest, piston):
             root = refine_root(pencil, piston, start)
             if root is not None and not any(abs(root.s - other.s) < 1e-6 * abs(root.s) for other in roots):
                 roots.append(root)
     fraction = sum(root.mass_fraction for root in roots)
-    if not roots or (pencil.exact and fraction < SMALLEST_FRACTION):
+    if not roots or (pencil.has_all_modes and fraction < SMALLEST_FRACTION):
         raise InputError(
             f"oscillations hold {fraction:.2g} of the piston's motion and creep the rest; lower the drag"
         )
@@ -138,7 +138,7 @@ def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
         column = -pencil.times(s, unit.astype(complex))
         column[piston] = 0.0
         shape = pencil.solve(s, column[:, None], (piston,))[:, 0] + unit
-        value = complex(pencil.times(s, shape)[piston])
+        value = complex(shape @ pencil.times(s, shape))
         slope = complex(shape @ _slope_times(pencil, s, shape))
         change = value / slope
         s -= change

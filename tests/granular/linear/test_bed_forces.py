@@ -30,8 +30,8 @@ def test_two_dipoles_have_the_stiffness_of_their_law() -> None:
     force = 0.75 * Scales.from_grains(scene.grains).force * (D / r) ** 4
     block = force / r * (4.0 * np.outer(along, along) - (np.eye(2) - np.outer(along, along)))
     wanted = np.kron(block, [[1.0, -1.0], [-1.0, 1.0]])
-    np.testing.assert_allclose(pencil.stiffness, wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max())
-    np.testing.assert_allclose(pencil.damping.toarray(), 0.1 * np.eye(4), atol=1e-9)
+    np.testing.assert_allclose(pencil.full_stiffness, wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max())
+    np.testing.assert_allclose(pencil.full_damping, 0.1 * np.eye(4), atol=1e-9)
 
 
 def test_contact_keeps_its_stiffness_at_a_small_overlap() -> None:
@@ -48,13 +48,13 @@ def test_contact_keeps_its_stiffness_at_a_small_overlap() -> None:
     pencil = make_pencil(bed := BedForces(scene), bed.coordinates(places, None))
     spring = 4.0 / 3.0 * modulus * np.sqrt(0.25 * D)
     stiffness = 1.5 * spring * np.sqrt(overlap)
-    assert pencil.stiffness[0, 0] == pytest.approx(stiffness, rel=1e-6)
-    assert pencil.stiffness[0, 1] == pytest.approx(-stiffness, rel=1e-6)
+    assert pencil.full_stiffness[0, 0] == pytest.approx(stiffness, rel=1e-6)
+    assert pencil.full_stiffness[0, 1] == pytest.approx(-stiffness, rel=1e-6)
     reduced, logarithm = 0.5 * scene.grains.masses()[0], np.log(0.5)
     alpha = -np.sqrt(5.0) * logarithm / np.hypot(logarithm, np.pi)
     dashpot = alpha * np.sqrt(reduced * spring) * overlap**0.25
-    assert pencil.damping[0, 0] == pytest.approx(dashpot, rel=1e-6)
-    assert pencil.damping[0, 1] == pytest.approx(-dashpot, rel=1e-6)
+    assert pencil.full_damping[0, 0] == pytest.approx(dashpot, rel=1e-6)
+    assert pencil.full_damping[0, 1] == pytest.approx(-dashpot, rel=1e-6)
 
 
 def test_a_grain_behind_a_wall_is_refused() -> None:

@@ -39,7 +39,7 @@ def test_a_light_piston_moves_by_several_roots(light: Equilibrium) -> None:
     rates = np.block(
         [
             [np.zeros((size, size)), np.eye(size)],
-            [-inverse @ pencil.stiffness, -inverse @ pencil.damping.toarray()],
+            [-inverse @ pencil.full_stiffness, -inverse @ pencil.full_damping],
         ]
     )
     roots, shapes = np.linalg.eig(rates)
