@@ -30,7 +30,7 @@ NEIGHBOURS = 18
 """Neighbours in the matrix of near pairs: three shells of a triangular lattice."""
 
 CYCLE, MOST_CYCLES = 100, 3
-"""Steps and cycles of GMRES; beds of 368 to 1,472 dipoles take one cycle of 35 steps."""
+"""Steps and cycles of GMRES; settled beds of 368 to 1,472 dipoles take one cycle of about 35 steps."""
 
 PRECISION, NOISE = 1e-10, 3e-11
 """Residual at which GMRES ends: over the right side; or over the largest stiffness times the largest
