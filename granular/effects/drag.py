@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -48,8 +48,8 @@ class Drag(DissipativeEffect):
     Attributes
     ----------
     coefficient : float
-        gamma [kg/s] of a grain of the first species; of others it goes with the area of a face. 0.1
-        kg/s without liquid and viscosity, of which it follows otherwise (`granular.parts.drags`).
+        gamma [kg/s] of a grain of the first species; of others it goes with the area of a face. If it is
+        not given it follows from the liquid (`granular.parts.drags`), and is 0.1 kg/s without one.
     liquid : str or None
         Liquid in the cell by name, such as ``"silicone oil 350 cSt"``, at ``grains.temperature``.
     viscosity : float or None
@@ -67,6 +67,8 @@ class Drag(DissipativeEffect):
     takes_along = ()
     loss_record = energy_variable("drag_loss", "energy lost to viscous drag")
 
+    follows: ClassVar[bool] = False  # from the liquid: the coefficient
+
     coefficient: float = quantity("kg/s", default=None, least=0.0, optional=True)
     liquid: str | None = text_field(default=None, optional=True)
     viscosity: float | None = quantity("Pa s", default=None, above=0.0, optional=True)
@@ -74,22 +76,23 @@ class Drag(DissipativeEffect):
     packing: float | None = quantity("1", default=None, least=0.0, most=0.9, optional=True)
 
     def validate(self) -> None:
-        """Check that one key gives the drag; set the default of a drag without a liquid."""
-        if sum(value is not None for value in (self.coefficient, self.liquid, self.viscosity)) > 1:
-            raise FieldError("give one of coefficient, liquid and viscosity")
-        if self.liquid is not None or self.viscosity is not None:
-            return
-        if self.offset is not None or self.packing is not None:
-            raise FieldError("offset and packing are those of a liquid; give liquid or viscosity")
-        if self.coefficient is None:
+        """Check that keys do not contradict each other; set the default of a drag without a liquid."""
+        if self.liquid is not None and self.viscosity is not None:
+            raise FieldError("give liquid or viscosity, not both")
+        lone = self.liquid is None and self.viscosity is None
+        film = self.offset is not None or self.packing is not None
+        if film and (lone or self.coefficient is not None):
+            raise FieldError("offset and packing give the drag by a liquid; give liquid or viscosity alone")
+        if lone and self.coefficient is None:
             object.__setattr__(self, "coefficient", 0.1)
+        object.__setattr__(self, "follows", self.coefficient is None)
 
     def to_plain(self) -> dict[str, Any]:
         """Plain data as of `Section.to_plain`, without what follows from the liquid."""
         plain = super().to_plain()
         if self.liquid is not None:
             plain.pop("viscosity", None)
-        if self.liquid is not None or self.viscosity is not None:
+        if self.follows:
             plain.pop("coefficient", None)
         return plain
 
@@ -103,11 +106,12 @@ class Drag(DissipativeEffect):
                 raise FieldError(str(error), "effects", "drag", "liquid") from None
         if viscosity is None:
             return self
-        area = 0.25 * math.pi * grains.species[0].diameter ** 2
-        coefficient = disc_drag(viscosity, area, self.films(grains, cell)) * self.packing_factor(grains, cell)
         result = copy.copy(self)
         object.__setattr__(result, "viscosity", viscosity)
-        object.__setattr__(result, "coefficient", coefficient)
+        if self.follows:
+            area = 0.25 * math.pi * grains.species[0].diameter ** 2
+            alone = disc_drag(viscosity, area, self.films(grains, cell))
+            object.__setattr__(result, "coefficient", alone * self.packing_factor(grains, cell))
         return result
 
     def packing_factor(self, grains: Grains, cell: Cell) -> float:

@@ -116,14 +116,14 @@ _INSTEAD_OF = {
     "grains.grade": ("remanence", "moment", "permeability"),
     "grains.remanence": ("moment",),
     "grains.moment": ("remanence",),
-    "effects.drag.coefficient": ("liquid", "viscosity", "offset", "packing"),
+    "effects.drag.coefficient": ("offset", "packing"),
     "effects.drag.liquid": ("coefficient", "viscosity"),
     "effects.drag.viscosity": ("coefficient", "liquid"),
     "piston.drag": ("blade", "guide"),
     "piston.blade": ("drag",),
     "piston.guide": ("drag",),
 }
-"""Keys, and those beside them that they stand instead of."""
+"""Keys, and those of the same section that they stand instead of."""
 
 
 class Scene(Section):
