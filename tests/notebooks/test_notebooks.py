@@ -172,7 +172,7 @@ def defects_on_the_move(found: Numbers) -> None:
 def real_magnets(found: Numbers) -> None:
     # By the lattices; starts scatter by a few tenths of a per cent.
     assert found["higher"] == pytest.approx(1.074, abs=0.015)
-    assert found["faster"] == pytest.approx(1.02, abs=0.02)
+    assert found["faster"] == pytest.approx(0.94, abs=0.03)
     assert max(found["fall_errors"].values()) < 0.03
     # A bed that is squeezed resists shear as well, of either kind.
     ratios = found["over_lattice"]
