@@ -97,8 +97,8 @@ faster = rests["dipoles"].period / rests["discs"].period
 # ## Compression
 #
 # A piston that is pushed down at 10 cm/s, and the lattice of each kind of magnets: its pressure times the
-# width of the cell. Both beds push more than their lattice, by 9 and 15 %: one that is squeezed in one direction
-# resists shear as well. Most of what discs have beyond dipoles is what their lattices say.
+# width of the cell. Both beds push more than their lattice, by 9 and 15 %: one that is squeezed in one
+# direction resists shear as well. Most of what discs have beyond dipoles is what their lattices say.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
@@ -133,8 +133,8 @@ print({name: f"{ratio:.3f} of the lattice at the end" for name, ratio in over_la
 # - It swings more slowly, by 6 % here: the walls are rows of the same discs, next to which the bed is softer.
 # - Where the piston hits the bed hard, discs touch; dipoles pass through each other.
 #
-# Left out of both: tilt as a motion, and walls of other things than magnets. What coating and permeability take
-# from the moment can be named: see the guide to parts.
+# Left out of both: tilt as a motion, and walls of other things than magnets. What coating and permeability
+# take from the moment can be named: see the guide to parts.
 
 # %%
 print(f"higher by {100 * (higher - 1):.1f} %, faster by {100 * (faster - 1):.1f} %")
