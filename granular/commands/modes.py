@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.commands.console import command, option, print_result
-from granular.commands.options import CHANGES, IMPORT, OUTPUT, scene_or_run_from_options
+from granular.commands.options import CHANGES, IMPORT, OUTPUT, quantity_reader, scene_or_run_from_options
 from granular.shared.files import make_directory
 
 
@@ -17,6 +17,13 @@ from granular.shared.files import make_directory
     "equilibrium, roots, modes and slopes of a bed, without a time step",
     option("source", metavar="SCENE|RUN", help="scene, which is settled first, or directory of a run"),
     CHANGES,
+    option(
+        "--friction",
+        type=quantity_reader("1"),
+        metavar="MU",
+        help="static coefficient of the grains on the plates, with a dynamic one of 3/4 of it; the scene's "
+        "without",
+    ),
     option("-o", "--out", metavar="DIR", help="directory for report.html: modes on the bed, curves, slopes"),
     option("--beds", type=int, metavar="N", help="means of the slopes over N settled beds, ± deviation"),
     IMPORT,
@@ -25,7 +32,13 @@ from granular.shared.files import make_directory
 examples:
   %(prog)s damper
   %(prog)s damper --set piston.mass=6.5 -o out/modes
-  %(prog)s damper --beds 4
+    plain = motions.to_plain()
+    if friction is not None:
+        plain["friction"] = friction.to_plain()
+    if over is not None:
+        motions = dataclasses.replace(motions, slopes=over.mean, deviation=over.deviation)
+        plain["over_beds"] = over.to_plain()
+    lines = [str(motions), *([] if friction is None else [str(friction)]), f"computed in {seconds:.1f} s"]
   %(prog)s runs/bed --json
 
 A scene is run up to its first rest; of a run, the last frame is taken. Both need a free piston.""",
@@ -34,6 +47,7 @@ def modes(options: Any) -> None:
     """Print small motions of a scene's or run's bed, and write a page of them."""
     from granular.linear.bed_forces import check_free_piston
     from granular.linear.equilibrium import equilibrium_from, settled_state
+    from granular.linear.friction import motion_friction
     from granular.linear.page import modes_page
     from granular.linear.small_motions import small_motions
     from granular.run.trajectory import Trajectory, load_trajectory
@@ -51,12 +65,16 @@ def modes(options: Any) -> None:
     state = settled_beds(scene, 1, progress=False)[0] if reuse else settled_state(bed)
     began = time.perf_counter()
     motions = small_motions(equilibrium_from(*state))
+    rubs = motions.rest.scene.effects.friction is not None or options.friction is not None
+    friction = motion_friction(motions.rest, options.friction, motions.roots[0]) if rubs else None
     seconds = time.perf_counter() - began
     plain = motions.to_plain()
+    if friction is not None:
+        plain["friction"] = friction.to_plain()
     if over is not None:
         motions = dataclasses.replace(motions, slopes=over.mean, deviation=over.deviation)
         plain["over_beds"] = over.to_plain()
-    lines = [str(motions), f"computed in {seconds:.1f} s"]
+    lines = [str(motions), *([] if friction is None else [str(friction)]), f"computed in {seconds:.1f} s"]
     if not at_run:
         lines[-1] += f", after {began - started:.1f} s for a run of the scene to rest"
     if options.out is not None:

@@ -3,6 +3,7 @@
 `granular.equilibrium` gives the state that all of them are about.
 """
 
+from granular.linear.friction import MotionFriction, motion_friction
 from granular.linear.modes import NormalModes, normal_modes
 from granular.linear.response import dynamic_stiffness, free_motion, transmissibility
 from granular.linear.roots import Root, piston_roots
@@ -11,12 +12,14 @@ from granular.linear.small_motions import SmallMotions, small_motions
 from granular.linear.step_root import root_of_steps
 
 __all__ = [
+    "MotionFriction",
     "NormalModes",
     "Root",
     "Slopes",
     "SmallMotions",
     "dynamic_stiffness",
     "free_motion",
+    "motion_friction",
     "normal_modes",
     "piston_roots",
     "root_of_steps",

@@ -199,7 +199,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
         what = ", ".join(others) or "friction of the piston, or no dipoles"
         raise InputError(
             f"the scene {quote(scene.name)} has {what}; the law of a fall is known for dipoles or discs, "
-            "walls, gravity, drag and contact: fit it to a fall instead"
+            "walls, gravity, drag and contact: fit it to a fall instead (friction: the command modes)"
         )
     if unknown := ", ".join(_unknown_keys(scene)):
         raise InputError(

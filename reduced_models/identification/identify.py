@@ -42,6 +42,7 @@ from reduced_models.identification.scene_checks import (
     add_check_errors,
     compile_fits_ahead,
     end_time_of_open_run,
+    friction_of,
     release_stages,
 )
 from reduced_models.identification.wells import well_quantities
@@ -330,6 +331,7 @@ def _fit_and_compare(
         + (_frequency_error_notes(figures) if run is None and not best.notes else ()),
         seconds=dict(clock.seconds),
         mass=mass,
+        friction=None if run is None else friction_of(run),
         left_out=left_out,
         residuals={
             model.law.name: residual_tests(model, record.time, record.signal, model.simulate_signal(record))

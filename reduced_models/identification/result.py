@@ -35,6 +35,7 @@ from reduced_models.models.quantities import DAMPING_RATIO, ERROR_SOURCES, LEVEL
 from reduced_models.records.sources import describe_record, time_step_text
 
 if TYPE_CHECKING:
+    from granular.linear import MotionFriction
     from granular.run.trajectory import Trajectory
 
 LINES = 24
@@ -78,6 +79,8 @@ class Identification:
         Laws of the whole fall, judged on falls that no law has seen.
     own : MeasuredSwing or None
         Frequency and damping against amplitude of the record itself, without a law.
+    friction : MotionFriction or None
+        Dry friction along the piston's motion, by the bed at its first rest, of a scene that names it.
     """
 
     record: PistonRecord
@@ -98,6 +101,7 @@ class Identification:
     parameters: tuple[QuantityWithError, ...] = ()  # of the best law, with errors of further runs
     derived: DerivedFigures | None = None  # of a simulated bed, without a fit
     no_own: str = ""
+    friction: MotionFriction | None = None
 
     @property
     def best(self) -> ReducedModel:
@@ -191,6 +195,7 @@ class Identification:
             "advice": list(self.advice),
             "falls": None if self.falls is None else self.falls.to_plain(),
             "derived": None if self.derived is None else self.derived._asdict(),
+            "friction": None if self.friction is None else self.friction.to_plain(),
         }
 
     @property
@@ -226,10 +231,11 @@ class Identification:
 
     @property
     def _derived_lines(self) -> list[str]:
-        """Figures that the bed's stiffness gives without a fit."""
-        if self.derived is None:
-            return []
-        return wrap_words(f"derived without a fit: {self.derived.text(self.figures)}", "  ")
+        """Figures that the bed's stiffness and load give without a fit."""
+        lines = [] if self.friction is None else str(self.friction).splitlines()
+        if self.derived is not None:
+            lines += wrap_words(f"derived without a fit: {self.derived.text(self.figures)}", "  ")
+        return lines
 
     @property
     def _closed_form_lines(self) -> list[str]:

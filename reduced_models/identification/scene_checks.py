@@ -32,6 +32,7 @@ from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.sources import FALL, RECORD, piston_record_columns
 
 if TYPE_CHECKING:
+    from granular.linear import MotionFriction
     from granular.linear.equilibrium import Equilibrium
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
@@ -149,6 +150,18 @@ def rest_of(run: Trajectory) -> Equilibrium:
     frame = int(np.argmin(np.abs(times - run.stages[0].end)))
     height = float(run.dataset["frame_height"].values[frame])
     return equilibrium_from(run.scene, run.dataset["position"].values[frame], height)
+
+
+def friction_of(run: Trajectory) -> MotionFriction | None:
+    """Dry friction along the piston's motion, by the bed at its first rest; None if nothing tells it."""
+    from granular.linear import motion_friction
+
+    if run.scene.effects.friction is None or not is_rest(run.scene, 0):
+        return None
+    try:
+        return motion_friction(rest_of(run))
+    except GranularError:  # no equilibrium is near, or the piston does not oscillate
+        return None
 
 
 def derive_figures(run: Trajectory, rest: Equilibrium) -> DerivedFigures:

@@ -145,6 +145,10 @@ def test_command_on_a_run(
         piston_roots(equilibrium_from(*settled))[0].damping_ratio
     )
     assert (out / "report.html").stat().st_size > 10_000
+    assert "friction" not in shown
+    main(["modes", str(run), "--friction", "0.02", "--json"])
+    rubbing = json.loads(capsys.readouterr().out)["friction"]
+    assert rubbing["force"] == pytest.approx(0.015 * rubbing["moving_load"])
     with pytest.raises(InputError, match="is a run, whose scene is fixed"):
         main(["modes", str(run), "--set", "piston.mass=2"])
 
