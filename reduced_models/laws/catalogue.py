@@ -17,6 +17,7 @@ from reduced_models.laws.polynomial_spring import POLYNOMIAL_SPRING
 from reduced_models.laws.power_law_spring import POWER_LAW_SPRING
 from reduced_models.laws.quadratic_drag import QUADRATIC_DRAG, VISCOUS_QUADRATIC
 from reduced_models.laws.relaxing_column import RELAXING_COLUMN
+from reduced_models.laws.rubbing_bed import RUBBING_BED
 from reduced_models.laws.van_der_pol import VAN_DER_POL
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 
@@ -36,6 +37,7 @@ _ALL = (
     PENDULUM_COULOMB,
     PENDULUM_QUADRATIC,
     BOUC_WEN,
+    RUBBING_BED,
     ELASTOPLASTIC_BED,
     ANNEALING_BED,
 )
