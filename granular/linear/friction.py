@@ -58,6 +58,8 @@ class MotionFriction:
         k', derivative of the stiffness by the height [N/m^2]; below zero, as a squeezed bed is stiffer.
     damping_ratio : float
         zeta, without friction.
+    frequency : float
+        Natural frequency without friction [Hz].
     """
 
     load: float
@@ -66,6 +68,7 @@ class MotionFriction:
     stiffness: float
     bending: float
     damping_ratio: float
+    frequency: float
 
     @property
     def sticking_amplitude(self) -> float:
@@ -219,6 +222,7 @@ def motion_friction(
     moving = float(loads @ np.hypot(shape[:n], shape[n : 2 * n]))
     dynamic = 0.0 if friction is None else friction.dynamic
     # The third derivative along the static shape is that of the relaxed energy (the 2n + 1 theorem).
+    root = root or piston_roots(rest)[0]
     step = STRAIN * pencil.bed.length
     both = pencil.bed.forces(pencil.at + step * shape) + pencil.bed.forces(pencil.at - step * shape)
     return MotionFriction(
@@ -227,5 +231,6 @@ def motion_friction(
         force=dynamic * moving + scene.piston.friction,
         stiffness=float(shape @ pencil.times(0.0, shape)),
         bending=-float(shape @ both) / step**2,
-        damping_ratio=(root or piston_roots(rest)[0]).damping_ratio,
+        damping_ratio=root.damping_ratio,
+        frequency=root.frequency,
     )

@@ -6,7 +6,7 @@ import dataclasses
 import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,13 @@ from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
+from reduced_models.laws.rubbing_bed import RUBBING_BED, rubbing_bed_near
+from reduced_models.records.derivatives import fit_local_cubics, noise_level
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.inputs import column_names, input_column
+
+if TYPE_CHECKING:
+    from granular.linear import MotionFriction
 
 CANDIDATES = (
     "linear",
@@ -41,6 +46,11 @@ CANDIDATES = (
     "duffing",
 )
 """Laws that can win on a free swing; the others of the package are special cases or have memory."""
+_NODES_A_PERIOD = 32
+_LEAST_STROKE, _NOISES = 0.02, 10.0
+"""Strokes between turning points that are looked at, over the largest one and over the noise."""
+_FASTER = 0.9
+"""Time of the last of them over the first one: a bed without friction changes it by 1 % at 1 D."""
 REFERENCE = "linear"
 """Is fitted in any case: what a better law is better than."""
 LIKELY = (REFERENCE, "polynomial-spring")
@@ -73,14 +83,38 @@ class CandidateLaws(NamedTuple):
         return f"at a glance it leaves {excess} times what the best law leaves (limit {HOPELESS:g})"
 
 
-def choose_candidate_laws(record: PistonRecord, drive: str | None = None) -> CandidateLaws:
-    """Laws that can win on a record, driven by one of its columns where that is named."""
+def choose_candidate_laws(
+    record: PistonRecord, drive: str | None = None, known: MotionFriction | None = None
+) -> CandidateLaws:
+    """Laws that can win on a record, driven by one of its columns where that is named; known dry friction."""
     laws = tuple(LAWS[name] for name in CANDIDATES)
     if drive is not None:
         return CandidateLaws(tuple(driven_law(law, record, drive) for law in laws), LawScreening({}, 1.0))
     screening = screen_laws_by_weak_form(record, laws)
     saved = tuple(law for law in laws if law.name == REFERENCE or not screening.is_hopeless(law.name))
+    if known is not None or frequency_rises(record):
+        saved = (*saved, RUBBING_BED if known is None else rubbing_bed_near(known))
     return CandidateLaws(saved, screening, bool(record.height.min() <= 0.0 <= record.height.max()))
+
+
+def frequency_rises(record: PistonRecord) -> bool:
+    """Return whether a free motion oscillates faster by a tenth or more as it dies, as if grains stick."""
+    try:
+        guess = first_guesses(record.time, record.height)
+        count = int(_NODES_A_PERIOD * float(np.ptp(record.time)) / guess.shortest_swing_period)
+        nodes = np.linspace(record.time[0], record.time[-1], max(count, _NODES_A_PERIOD))
+        z, speed, _, time = fit_local_cubics(record.time, record.height, guess.shortest_swing_period, nodes)
+    except GranularError:
+        return False
+    turns = np.flatnonzero(speed[:-1] * speed[1:] < 0.0)
+    # The first one ends what a release stirs up; small ones are noise.
+    strokes, times = np.abs(np.diff(z[turns])), np.diff(time[turns])
+    small = strokes < max(
+        _LEAST_STROKE * strokes.max(initial=0.0), _NOISES * noise_level(record.height, record.time)
+    )
+    if small.any():
+        times = times[: int(np.argmax(small))]
+    return len(times) > 1 and bool(times[-1] < _FASTER * times[0])
 
 
 def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:

@@ -272,8 +272,9 @@ def _fit_and_compare(
 ) -> Identification:
     """Laws of a record, fitted and compared; arguments as of `identify`."""
     left_out: tuple[str, ...] = ()
+    friction = None if run is None else friction_of(run)
     if laws is None:
-        chosen = choose_candidate_laws(record, drive)
+        chosen = choose_candidate_laws(record, drive, friction)
         wanted: list[Any] = list(chosen.laws)
         left_out = chosen.exclusion_texts
         # Noise that was integrated is no measure of what terms leave.
@@ -331,7 +332,7 @@ def _fit_and_compare(
         + (_frequency_error_notes(figures) if run is None and not best.notes else ()),
         seconds=dict(clock.seconds),
         mass=mass,
-        friction=None if run is None else friction_of(run),
+        friction=friction,
         left_out=left_out,
         residuals={
             model.law.name: residual_tests(model, record.time, record.signal, model.simulate_signal(record))
@@ -524,7 +525,7 @@ def suggest_next_steps(
     if discovery is None:
         words.append("let a law be discovered: --discover sindy")
     words += [
-        "try a law with memory, as hysteresis has: --law bouc-wen",
+        "try a law with memory, as hysteresis has: --law bouc-wen, or --law rubbing-bed",
         "write down a law of your own: --law \"z'' + c*z' + k*(z - r)**3 = 0\"",
     ]
     return tuple(words)

@@ -19,6 +19,7 @@ from granular.shared.registry import Registry
 from reduced_models.laws.height_map import check_digits
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.laws.printing import round_expression
+from reduced_models.laws.rubbing_bed import CREEP, RUBBING_BED, SLIP_FORCE, slip_states
 
 _LEFT = re.compile(r"\s*force\s*=(?!=)")
 ACCELERATION = "acceleration"
@@ -215,6 +216,13 @@ _ALL = (
         positive=("rho", "sigma"),
         units={"c": "N s/m", "friction": "N", "rho": "1/m", "sigma": "1", **_SPRING},
         source="F. Ikhouane, J. Rodellar 2005, doi:10.1007/s11071-005-0069-3",
+    ),
+    ForceLaw(
+        "rubbing-bed",
+        f"force = c*z' + k*z + {SLIP_FORCE} + zero; " + slip_states(f"{CREEP}*Abs(z')/travel"),
+        positive=("friction", "travel", "spread"),
+        units={"c": "N s/m", "friction": "N", "travel": "m", "spread": "1", **_SPRING},
+        source=RUBBING_BED.source,
     ),
     ForceLaw(
         "elastoplastic-bed",

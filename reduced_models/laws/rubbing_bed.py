@@ -18,11 +18,17 @@ does (residuals of records of simulated beds, within 2 %).
 
 from __future__ import annotations
 
+import dataclasses
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from reduced_models.laws.law import Law
 from reduced_models.laws.linear import split_damping
 from reduced_models.records.first_guesses import FirstGuesses
+
+if TYPE_CHECKING:
+    from granular.linear import MotionFriction
 
 ELEMENTS = 6
 """Four leave 1.3 times as much of simulated records, eight as much as six."""
@@ -53,20 +59,21 @@ def _share(k: int) -> str:
     return f"min(max(w{k}, -1), 1)"
 
 
-def _yield_travel(k: int) -> str:
-    return f"(travel*{(k - 0.5) / ELEMENTS:.6g}**spread)"
+def slip_states(rate: str) -> str:
+    """Rates of the hidden states, with the rate at which an element that has slipped falls back."""
+    return "; ".join(
+        f"w{k}' = z'/(travel*{(k - 0.5) / ELEMENTS:.6g}**spread) - {rate}*(w{k} - {_share(k)})"
+        for k in range(1, ELEMENTS + 1)
+    )
 
 
-_STATES = range(1, ELEMENTS + 1)
+SLIP_FORCE = f"friction*({' + '.join(_share(k) for k in range(1, ELEMENTS + 1))})/{ELEMENTS}"
 
 RUBBING_BED = Law(
     name="rubbing-bed",
-    equation="; ".join(
-        [
-            "z'' + 2*lam*z' + omega**2*(z - rest)*(1 + bend*(z - rest)) "
-            f"+ friction*({' + '.join(map(_share, _STATES))})/{ELEMENTS} = 0",
-            *(f"w{k}' = z'/{_yield_travel(k)} - {CREEP}*omega*(w{k} - {_share(k)})" for k in _STATES),
-        ]
+    equation=(
+        f"z'' + 2*lam*z' + omega**2*(z - rest)*(1 + bend*(z - rest)) + {SLIP_FORCE} = 0; "
+        + slip_states(f"{CREEP}*omega")
     ),
     start=_draw_start_values,
     positive=("lam", "omega", "friction", "travel", "spread"),
@@ -82,3 +89,23 @@ RUBBING_BED = Law(
     source="W. D. Iwan 1966, doi:10.1115/1.3625199",
     resolution=4,
 )
+
+
+def rubbing_bed_near(known: MotionFriction) -> Law:
+    """Law whose fits start at the friction of a known bed."""
+    omega = 2.0 * np.pi * known.frequency
+    travel = known.force / known.stiffness
+    values = {
+        "lam": known.damping_ratio * omega,
+        "omega": omega,
+        "bend": 0.5 * known.bending / known.stiffness,
+        "friction": travel * omega**2,
+        "travel": travel,
+        "spread": COLUMN_SPREAD,
+    }
+
+    def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+        near = {name: value * np.exp(0.1 * random.normal(size=count)) for name, value in values.items()}
+        return _draw_start_values(guesses, random, count) | near
+
+    return dataclasses.replace(RUBBING_BED, start=start)

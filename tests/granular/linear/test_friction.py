@@ -76,7 +76,7 @@ def test_friction_of_the_scene_and_of_the_piston_count(rest: Equilibrium) -> Non
 @pytest.fixture
 def straight() -> MotionFriction:
     """Friction on a straight spring, of an amplitude of 0.1 mm."""
-    return MotionFriction(40.0, 20.0, 0.36, 3600.0, 0.0, 0.04)
+    return MotionFriction(40.0, 20.0, 0.36, 3600.0, 0.0, 0.04, 3.5)
 
 
 def test_amplitudes(straight: MotionFriction) -> None:
@@ -100,7 +100,7 @@ def test_turning_points_of_a_straight_spring(straight: MotionFriction) -> None:
 
 
 def test_turning_points_of_a_bent_spring_keep_its_energy() -> None:
-    free = MotionFriction(0.0, 0.0, 0.0, 3600.0, -2e5, 0.0)
+    free = MotionFriction(0.0, 0.0, 0.0, 3600.0, -2e5, 0.0, 3.5)
     up, down = free.turning_points(6e-3, 1)
     energies = [1800.0 * z**2 - 2e5 / 6.0 * z**3 for z in (up, down)]
     assert energies[1] == pytest.approx(energies[0], rel=1e-9)

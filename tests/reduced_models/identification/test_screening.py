@@ -18,6 +18,7 @@ from reduced_models.identification.candidate_laws import (
     choose_candidate_laws,
     drive_option_text,
     driven_law,
+    frequency_rises,
     screen_laws_by_weak_form,
     unused_columns,
 )
@@ -37,7 +38,9 @@ def clean(name: str) -> np.ndarray:
     def slopes(state: np.ndarray, _: float) -> tuple[float, ...]:
         return (float(state[1]), *field(*map(float, state), *numbers))
 
-    return np.asarray(odeint(slopes, [start, 0.0], TIME, rtol=1e-9, atol=1e-11)[:, 0])
+    return np.asarray(
+        odeint(slopes, [start, 0.0, *(0.0,) * len(law.hidden)], TIME, rtol=1e-9, atol=1e-11)[:, 0]
+    )
 
 
 @pytest.mark.parametrize("level", [0.01, *(pytest.param(one, marks=pytest.mark.long) for one in (0.0, 0.1))])
@@ -56,6 +59,12 @@ def test_laws_that_are_far_off_are_left_out_and_said_to_be(made: Any) -> None:
     assert names == ["linear", "polynomial-spring", "duffing"]
     assert len(found.exclusion_texts) == len(CANDIDATES) - len(names)
     assert any("--law coulomb" in words for words in found.exclusion_texts)
+
+
+def test_a_record_that_sticks_gets_the_law_of_rubbing_beds() -> None:
+    assert choose_candidate_laws(PistonRecord(TIME, clean("rubbing-bed"))).laws[-1].name == "rubbing-bed"
+    for name in ("linear", "viscous-coulomb", "quadratic-drag"):
+        assert not frequency_rises(PistonRecord(TIME, clean(name))), name
 
 
 def test_a_record_without_its_law_asks_for_a_discovery(made: Any) -> None:
