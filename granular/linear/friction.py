@@ -118,10 +118,10 @@ class MotionFriction:
         """
         from scipy.optimize import brentq
 
-        found, decay = [amplitude], math.exp(-2.0 * math.pi * self.damping_ratio)
+        points, decay = [amplitude], math.exp(-2.0 * math.pi * self.damping_ratio)
         gained = 2.0 / 3.0 * self.force**2 / self.stiffness
-        while len(found) <= count:
-            start = found[-1]
+        while len(points) <= count:
+            start = points[-1]
             side = -math.copysign(1.0, start)
             # Friction of constant direction moves the equilibrium.
             curved = self.stiffness**2 - 2.0 * side * self.force * self.bending
@@ -137,8 +137,8 @@ class MotionFriction:
             least = start + side * max(2.0 * self.force / self.stiffness, abs(start))
             if self._energy(least, side) >= left:
                 break
-            found.append(brentq(lambda z, side=side, left=left: self._energy(z, side) - left, least, far))
-        return np.array(found)
+            points.append(brentq(lambda z, side=side, left=left: self._energy(z, side) - left, least, far))
+        return np.array(points)
 
     def _energy(self, height: float, side: float) -> float:
         """Energy [J] at a height above the equilibrium [m], with that given to friction from there."""

@@ -55,19 +55,19 @@ def _draw_start_values(
     return split_damping(values, "friction", guesses, random)
 
 
-def _share(k: int) -> str:
+def _clipped(k: int) -> str:
     return f"min(max(w{k}, -1), 1)"
 
 
 def slip_states(rate: str) -> str:
     """Rates of the hidden states, with the rate at which an element that has slipped falls back."""
     return "; ".join(
-        f"w{k}' = z'/(travel*{(k - 0.5) / ELEMENTS:.6g}**spread) - {rate}*(w{k} - {_share(k)})"
+        f"w{k}' = z'/(travel*{(k - 0.5) / ELEMENTS:.6g}**spread) - {rate}*(w{k} - {_clipped(k)})"
         for k in range(1, ELEMENTS + 1)
     )
 
 
-SLIP_FORCE = f"friction*({' + '.join(_share(k) for k in range(1, ELEMENTS + 1))})/{ELEMENTS}"
+SLIP_FORCE = f"friction*({' + '.join(_clipped(k) for k in range(1, ELEMENTS + 1))})/{ELEMENTS}"
 
 RUBBING_BED = Law(
     name="rubbing-bed",

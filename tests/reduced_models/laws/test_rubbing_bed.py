@@ -19,7 +19,7 @@ from reduced_models.records.first_guesses import first_guesses
 from tests.reduced_models.fitting.made_strokes import made_stroke
 
 D, NOISE = 6e-3, 2e-6
-CASES = ((0.02, 0.2), (0.1, 1.0), (0.6, 1.0))
+CASES = ((0.02, 0.2), (0.1, 1.0))
 """Static coefficients of friction, and lifts of the record that is fitted [D]."""
 LOOP = {"c": 0.0, "k": 500.0, "friction": 3.0, "zero": 0.0, "travel": 2e-3, "spread": 1.5}
 
