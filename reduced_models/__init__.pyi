@@ -2,9 +2,7 @@ from .calibration.calibrate import calibrate
 from .derived.derive import derive
 from .designs.damper import DamperCandidate
 from .designs.design import design
-from .designs.maps import DamperMaps, damper_maps
 from .designs.proposal import DesignTarget, propose_design
-from .designs.study import run_design_study
 from .discovery.discover import discover
 from .falls.fall_summary import whole_fall
 from .falls.predicted_law import predict, valid_shaking_range
@@ -33,7 +31,6 @@ from .records.sources import read_record, read_releases
 __all__ = [
     "Comparison",
     "DamperCandidate",
-    "DamperMaps",
     "DesignTarget",
     "FirstGuesses",
     "ForceLaw",
@@ -47,7 +44,6 @@ __all__ = [
     "calibrate",
     "compare",
     "cut_at_release",
-    "damper_maps",
     "derive",
     "design",
     "discover",
@@ -62,7 +58,6 @@ __all__ = [
     "read_record",
     "read_releases",
     "roll_out",
-    "run_design_study",
     "sample_posterior",
     "score_drops",
     "valid_shaking_range",

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from granular.commands.console import (
     command,
@@ -28,12 +27,8 @@ from granular.commands.options import (
     scene_from_options,
 )
 from granular.shared.errors import InputError
-from granular.shared.files import write_text
 from granular.shared.message_text import quote
 from reduced_models.commands.records import READING, parse_reading_options, print_result_and_report_path
-
-if TYPE_CHECKING:
-    from reduced_models.designs.maps import DamperMaps
 
 OUT = option(
     "-o",
@@ -41,11 +36,6 @@ OUT = option(
     metavar="DIR",
     help="directory for report, scene and simulations; the same one again goes on",
 )
-POINTS = 128
-"""Dampers of a study next to sixteen corners, if not given."""
-
-SLIDERS = "sliders.html"
-"""Next to the report of maps: the same, under sliders."""
 
 
 @command(
@@ -132,26 +122,6 @@ def calibrate(options: Any) -> None:
         help="fraction of grains of 0.6 D (0)",
     ),
     option("--magnets", choices=("dipoles", "cylinders"), default="dipoles", help="what repels (dipoles)"),
-    option(
-        "--study",
-        metavar="FILE",
-        help="study.csv that '--maps --simulate' wrote; if not given, the package's own",
-    ),
-    option(
-        "--maps",
-        action="store_true",
-        help="in place of a design, show frequency and damping over mass, grains, drag and "
-        "mixture: report.html, sliders.html and study.csv in DIR",
-    ),
-    option(
-        "--simulate", action="store_true", help="simulate the study behind the maps anew (about half an hour)"
-    ),
-    option(
-        "--points",
-        type=int,
-        metavar="N",
-        help=f"dampers of that study next to sixteen corners, a power of two ({POINTS})",
-    ),
     OUT,
     WORKERS,
     OUTPUT,
@@ -159,85 +129,25 @@ def calibrate(options: Any) -> None:
 examples:
   %(prog)s --frequency 3.2 --damping 0.1 -o out
   %(prog)s --frequency 4 --damping 0.05 --mass 5 -o out
-  %(prog)s --frequency 3.2 --damping 0.05 --magnets cylinders -o out
-  %(prog)s --maps -o out              # those that come with the package
-  %(prog)s --maps --simulate -o out   # the study behind them, anew""",
+  %(prog)s --frequency 3.2 --damping 0.05 --magnets cylinders -o out""",
 )
 def design(options: Any) -> None:
-    """Propose a damper and check it, or show the maps."""
+    """Propose a damper and check it."""
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}; give 1 or more")
-    if options.maps:
-        refuse_options(options, "--maps", "frequency", "damping", "grains", "mass", "study")
-        require_options(options, out="-o/--out")
-        _map_dampers(options)
-    else:
-        require_options(options, frequency="--frequency", damping="--damping")
-        refuse_options(options, "a design, only with --maps", "simulate", "points")
-        _design_damper(options)
-
-
-def _design_damper(options: Any) -> None:
+    require_options(options, frequency="--frequency", damping="--damping")
     from reduced_models.designs.design import design as design_damper
-    from reduced_models.designs.maps import damper_maps
     from reduced_models.records.sources import make_directory
 
-    maps = None if options.study is None else damper_maps(Path(options.study))
     with _say_where_results_are(options.out):
         result = design_damper(
             options.frequency,
             options.damping,
-            maps=maps,
             out=make_directory(options.out),
             progress=not options.quiet,
             **pick_options(options, "grains", "mass", "small_share", "magnets", "workers"),
         )
     print_result_and_report_path(result, options)
-
-
-def _map_dampers(options: Any) -> None:
-    """Show the maps, of the package's study or of one made anew."""
-    from reduced_models.designs.page import maps_page
-    from reduced_models.records.sources import make_directory
-
-    target = make_directory(options.out)
-    assert target is not None
-    maps = _run_map_study(options, target) if options.simulate else _packaged_maps(options, target)
-    write_text(target / "study.csv", maps.study.to_csv(index=False))
-    maps.interactive_page().save(target / SLIDERS)
-    maps_page(maps, SLIDERS).save(target / "report.html")
-    errors = {name: surface.error for name, surface in maps.surfaces.items()}
-    lines = [f"maps of {len(maps.dampers)} dampers; errors of prediction (leave-one-out):"]
-    lines += [
-        f"  {name.replace('_', ' ')}: {100.0 * errors[name]:.2g} %"
-        for name in ("rest_height", "frequency", "damping_ratio")
-    ]
-    text = "\n".join([*lines, f"report: {options.out}/report.html"])
-    print_result({"dampers": len(maps.dampers), "errors": errors}, text, options.json)
-
-
-def _packaged_maps(options: Any, target: Path) -> DamperMaps:
-    from reduced_models.designs.maps import damper_maps
-    from reduced_models.records.sources import shortened_path_text
-
-    refuse_options(options, "the package's own maps, only with --simulate", "points")
-    if (target / "cases").is_dir():
-        raise InputError(
-            f"{shortened_path_text(target)} holds a study of its own; add --simulate, or give another -o"
-        )
-    return damper_maps()
-
-
-def _run_map_study(options: Any, target: Path) -> DamperMaps:
-    from reduced_models.designs.maps import DamperMaps
-    from reduced_models.designs.study import run_design_study
-
-    points = POINTS if options.points is None else options.points
-    with _say_where_results_are(options.out):
-        study = run_design_study(target, points=points, workers=options.workers, progress=not options.quiet)
-    # Written before it is mapped, so that it is there where it cannot be.
-    write_text(target / "study.csv", study.to_csv(index=False))
-    return DamperMaps(study)
 
 
 @contextlib.contextmanager

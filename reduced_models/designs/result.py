@@ -1,4 +1,4 @@
-"""A design: the damper, what the maps promised, and what the simulations said."""
+"""A design: the damper, the figures expected of it, and those of its simulations."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.scene.scene import Scene
+from granular.shared.errors import InputError
 from granular.shared.files import write_json
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
-from reduced_models.designs.damper import ASPECT, DIAMETER, DamperCandidate
-from reduced_models.designs.maps import DamperMaps, PredictedFigures
-from reduced_models.designs.page import add_map_legend, draw_contour_map
+from reduced_models.designs.damper import ASPECT, DIAMETER, DamperCandidate, PredictedFigures
 from reduced_models.designs.proposal import DesignTarget
-from reduced_models.falls.workshop_sheet import workshop_sheet
+from reduced_models.falls.workshop_sheet import slopes_by_part, workshop_sheet
 from reduced_models.models.printout import caution_lines, figure_lines, wrap_words
 from reduced_models.models.quantities import DAMPING_RATIO, LEVEL, QuantityWithError, student_half_width
 from reduced_models.records.sources import make_directory
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from matplotlib.figure import Figure
 
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 """Relative errors that every check of a proposal may have."""
-_LISTS = ("times", "heights", "positions", "slopes")
+_LISTS = ("times", "heights", "positions")
 """Fields of a check that no table shows."""
 
 
@@ -56,9 +56,6 @@ class DesignCheck(NamedTuple):
         The motion after the release [s], [m].
     positions : list of pairs of float
         Grains at rest [m].
-    slopes : mapping of str to list of float
-        d ln (rest, frequency, damping ratio) / d ln (number) of each part, by its key; empty for a bed
-        that has no equilibrium nearby.
     """
 
     seed: int
@@ -76,11 +73,14 @@ class DesignCheck(NamedTuple):
     times: Sequence[float]
     heights: Sequence[float]
     positions: Sequence[Sequence[float]]
-    slopes: Mapping[str, Sequence[float]]
+
+    def equilibrium(self, damper: DamperCandidate) -> Equilibrium:
+        """Equilibrium next to the state of rest; refused if the bed has none nearby."""
+        return equilibrium_from(damper.scene(self.seed), np.array(self.positions), self.rest_height)
 
 
 class DesignRound(NamedTuple):
-    """A proposal with its promise, by the maps or by steps from the bed before, and its checks."""
+    """A proposal with its expected figures, by scaling laws or a step from the bed before, and its checks."""
 
     damper: DamperCandidate
     promised_figures: PredictedFigures
@@ -105,7 +105,7 @@ class Design:
 
     @property
     def promised_figures(self) -> PredictedFigures:
-        """Its figures before its checks: by the maps, or by steps from the bed before."""
+        """Figures expected before its checks: by scaling laws, or by a step from the bed before."""
         return self.rounds[-1].promised_figures
 
     @property
@@ -231,39 +231,24 @@ class Design:
             "notes": list(self.notes),
         }
 
-    def plot(self, maps: DamperMaps) -> Figure:
-        """Draw the map that the design lies on, and the motions of its checks [kg, kg/s, mm, s]."""
-        with figure(1, 2, width=9.0, height=3.8) as (drawing, (left, right)):
-            draw_contour_map(left, maps, self.damper.grains, self.damper.small_share)
-            for k, round_ in enumerate(self.rounds):
-                last = k == len(self.rounds) - 1
-                if round_.damper.grains != self.damper.grains:
-                    continue  # lies on another map
-                left.plot(
-                    round_.damper.mass,
-                    round_.damper.drag,
-                    "*" if last else "o",
-                    color="black",
-                    markersize=14 if last else 5,
-                )
-            add_map_legend(drawing)
-            left.set_ylabel("drag of a grain [kg/s]")
-            left.set_title(f"{self.damper.grains} grains; star: the design", fontsize=10)
+    def plot(self) -> Figure:
+        """Draw the motions of its checks [mm, s]."""
+        with figure(width=7.0, height=3.4) as (drawing, axes):
             for colour, check in zip(COLOURS, self.checks, strict=False):
-                right.plot(
+                axes.plot(
                     check.times,
                     1e3 * np.array(check.heights),
                     color=colour,
                     linewidth=0.9,
                     label=f"random start {check.seed}",
                 )
-            right.axhline(1e3 * self.rest_height, color=GREY, linestyle=":")
-            right.set_xlabel("time [s]")
-            right.set_ylabel("height of the piston [mm]")
-            right.legend()
+            axes.axhline(1e3 * self.rest_height, color=GREY, linestyle=":")
+            axes.set_xlabel("time [s]")
+            axes.set_ylabel("height of the piston [mm]")
+            axes.legend()
             return drawing
 
-    def page(self, maps: DamperMaps) -> HtmlPage:
+    def page(self) -> HtmlPage:
         """Design as a page."""
         chosen, target = self.damper, self.target
         page = HtmlPage(
@@ -319,12 +304,7 @@ class Design:
                 ("viscosity of the liquid, by Stokes's law", format_number(chosen.viscosity, 3), "Pa s"),
             ],
         )
-        page.add_figure(
-            self.plot(maps),
-            "Left: frequency, damping ratio and height of rest over mass and drag; dots are "
-            "earlier proposals with as many grains. Right: the simulated motions after a lift of "
-            "0.2 D.",
-        )
+        page.add_figure(self.plot(), "The simulated motions after a lift of 0.2 D.")
         page.add_section("The scene")
         page.add_preformatted(self.scene.to_toml())
         page.add_footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
@@ -341,10 +321,14 @@ class Design:
             )
             for low, high in [self.range_over_seeds(name)]
         ]
+        try:
+            by_part = slopes_by_part(self.checks[0].equilibrium(self.damper))
+        except InputError:  # some beds rearrange under the smallest push
+            by_part = {}
         return workshop_sheet(
             self.scene,
             self.rest_height,
-            self.checks[0].slopes,
+            by_part,
             title=f"Workshop sheet: {self.target.frequency:g} Hz, damping {self.target.damping:g}",
             lead=f"The piston swings at {self.frequency:.4g} Hz with a damping ratio of "
             f"{self.damping_ratio:.4g}; simulations: {len(self.checks)}.",
@@ -352,13 +336,13 @@ class Design:
             notes=self.notes,
         )
 
-    def save(self, out: str | Path, maps: DamperMaps) -> None:
+    def save(self, out: str | Path) -> None:
         """Write report.html, workshop.html, design.json and scene.toml."""
         folder = make_directory(out)
         assert folder is not None
         write_json(folder / "design.json", self.to_plain())
         self.scene.save(folder / "scene.toml")
-        self.page(maps).save(folder / "report.html")
+        self.page().save(folder / "report.html")
         self.workshop_sheet_page().save(folder / "workshop.html")
 
 
