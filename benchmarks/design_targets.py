@@ -11,22 +11,22 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from granular import InputError, simulate
-from reduced_models import DesignTarget, damper_maps, design, fit, propose_design
+from reduced_models import DesignTarget, design, fit, propose_design
 from reduced_models.designs.design import DesignError
 
 FREQUENCIES, DAMPINGS = (2.4, 5.6), (0.024, 0.25)
-"""Box of the targets [Hz, 1]; those that the maps refuse are drawn again."""
+"""Box of the targets [Hz, 1]; those out of reach are drawn again."""
 
 
 def drawn_targets(count: int) -> list[tuple[float, float]]:
-    """Frequencies [Hz] and damping ratios within the range of the maps."""
-    random, maps = np.random.default_rng(67), damper_maps()
+    """Frequencies [Hz] and damping ratios within the range that `design` states."""
+    random = np.random.default_rng(67)
     result: list[tuple[float, float]] = []
     while len(result) < count:
         frequency = random.uniform(*FREQUENCIES)
         damping = math.exp(random.uniform(*np.log(DAMPINGS)))
         try:
-            propose_design(maps, DesignTarget(frequency, damping))
+            propose_design(DesignTarget(frequency, damping))
         except InputError:
             continue
         result.append((round(frequency, 3), round(damping, 4)))

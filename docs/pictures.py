@@ -32,8 +32,7 @@ from granular.run.work_precision import FLOORS, SceneWorkPrecision, starts_for_t
 from granular.run.work_precision import load_work_precision_scenes as prices
 from granular.schema.natural_units import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
-from reduced_models import damper_maps, fit, predict, whole_fall
-from reduced_models.designs.page import plot_maps
+from reduced_models import fit, predict, whole_fall
 from reduced_models.falls.predicted_law import lattice_at_rest
 from reduced_models.machines import design_for, predicted_response
 from reduced_models.machines.response import CoupledSystem, LinearSwing, solve_host_response
@@ -407,16 +406,6 @@ def draw_misprints() -> None:
         axes.set(yscale="log", xlabel="diameter of the grains [mm]", ylabel="load of a neighbour, $K$")
         axes.legend(title="[D, eq. 4.10]")
         keep(drawing, "misprints")
-
-
-def draw_maps() -> None:
-    """The maps of designs."""
-    keep(plot_maps(damper_maps()), "maps")
-
-
-def write_sliders() -> None:
-    """The maps under sliders: a page that needs no Python."""
-    damper_maps().interactive_page().save(IMAGES / "sliders.html")
 
 
 def write_whole_falls() -> None:
@@ -960,8 +949,6 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "pendulum": draw_pendulum,
     "limits": draw_limits,
     "misprints": draw_misprints,
-    "maps": draw_maps,
-    "sliders": write_sliders,
     "whole-fall": write_whole_falls,
     "defects": draw_defects,
     "machine": draw_machine,

@@ -16,8 +16,7 @@
 # # 9. Designing a damper
 #
 # A machine wants a damper of a certain frequency and damping. Which piston, how many grains, what
-# liquid? Maps from a study of simulated dampers propose one; slopes of its settled bed lead to the wanted
-# one, and a fall confirms it.
+# liquid? Scaling laws propose one; slopes of its settled bed lead to the wanted one, and a fall confirms it.
 
 # %%
 # %matplotlib inline
@@ -26,57 +25,16 @@ import warnings
 
 from granular import InputError, simulate
 from granular.render import still
-from reduced_models import DamperCandidate, DesignTarget, damper_maps, design, fit, propose_design
-from reduced_models.designs.page import plot_maps
+from reduced_models import DesignTarget, design, fit, propose_design
 
 QUICK = True  # False: 368 grains for the first design, the published number
 
 # %% [markdown]
-# ## The maps
-#
-# They hold how high the piston rests, how fast it swings, and how strongly that swing is
-# damped, over mass of the piston, number of grains, drag of a grain and share of small grains.
-# Each error is that of predicting a damper that the maps did not see; most of that of the damping
-# is the scatter over random starts.
-
-# %%
-maps = damper_maps()
-print(f"{len(maps.dampers)} simulated dampers")
-for name in ("rest_height", "frequency", "damping_ratio"):
-    print(f"{name:14} predicted to {100 * maps.surfaces[name].error:.2g} %")
-plot_maps(maps)
-
-# %% [markdown]
-# Half of the grains small: the bed is softer, the piston rests lower and swings faster.
-
-# %%
-plot_maps(maps, 0.5)
-
-# %% [markdown]
-# The same under sliders: move them, and see figures and swing change. (The page is self-contained:
-# it works in a browser, without a kernel and without further packages.)
-
-# %%
-maps.interactive_page()
-
-# %% [markdown]
-# ## What the maps say of one damper
-#
-# The published one: 7.5 kg on 368 grains with a drag of 0.1 kg/s each. The maps also hold the law
-# of its motion, z'' + 2 lam z' + k1 (z - h) + k2 (z - h)² + k3 (z - h)³ = 0.
-
-# %%
-published = maps.predict(DamperCandidate(mass=7.5, grains=368, drag=0.1))
-print(f"rests at {published.rest_height / 0.006:.2f} D")
-print(f"{published.frequency:.3f} Hz, damping ratio {published.damping_ratio:.4f}")
-print(f"lam = {published.lam:.3g} 1/s, k1 = {published.k1:.4g} 1/s², k2 = {published.k2:.3g} 1/(m s²)")
-
-# %% [markdown]
 # ## A design
 #
-# A frequency and a damping ratio are wished for. The proposal falls; Newton's method steps mass and drag
-# along the exact slopes of its settled bed, and a fall of the stepped damper confirms it, to 1 % in frequency
-# and 3 % in damping.
+# A frequency and a damping ratio are wished for. The proposal falls; mass and drag are stepped along the exact
+# slopes of its settled bed, and a fall of the stepped damper confirms it, to 1 % in frequency and 3 % in
+# damping.
 
 # %%
 wanted_frequency, wanted_damping = (3.9, 0.12) if QUICK else (3.3, 0.12)
@@ -84,7 +42,7 @@ found = design(wanted_frequency, wanted_damping, grains=184 if QUICK else None, 
 print(found)
 
 # %%
-found.plot(maps)
+found.plot()
 
 # %% [markdown]
 # ## Checked once more, by hand
@@ -110,14 +68,14 @@ still(run, colour="force")
 # With the mass fixed, the number of grains is what is free. Only the proposal, without a check:
 
 # %%
-loaded = propose_design(maps, DesignTarget(frequency=3.6, damping=0.1, mass=4.0))
+loaded = propose_design(DesignTarget(frequency=3.6, damping=0.1, mass=4.0))
 print(f"{loaded.mass:g} kg on {loaded.grains} grains, {loaded.drag:.3g} kg/s each")
 print(f"a liquid of {loaded.viscosity:.2g} Pa s, by Stokes's law")
 
 # %% [markdown]
 # ## What cannot be had
 #
-# Outside the maps `design` says no, and what can be had instead.
+# Outside of the limits `design` says no, and what can be had instead.
 
 # %%
 refusals = []

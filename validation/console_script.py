@@ -39,7 +39,6 @@ _FORMER = {
     "impulse": "response --impulse",
     "laws": "fit --laws",
     "response-law": "compare --response",
-    "maps": "design --maps",
     "glance": "report --overview",
     "source-experiment": "convergence --depaula",
 }

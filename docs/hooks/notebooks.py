@@ -22,7 +22,7 @@ SOURCE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["p
 LINK = re.compile(r"\]\(\.\./\.\./notebooks/(\w+)\.ipynb\)")
 PICTURES = {"image/png": "png", "image/gif": "gif"}
 FRAME = re.compile(r'<iframe srcdoc="([^"]*)"')
-"""A page that a cell shows: sliders, or a run in motion."""
+"""A page that a cell shows: a run in motion."""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -84,7 +84,7 @@ def shown(output: dict[str, Any], stem: str, pictures: dict[str, bytes]) -> Iter
     if found := FRAME.search(page):
         name = f"{stem}_{len(pictures) + 1}.html"
         pictures[name] = html.unescape(found[1]).encode()
-        yield f'<iframe src="{name}" title="sliders" class="live"></iframe>'
+        yield f'<iframe src="{name}" title="a run in motion" class="live"></iframe>'
         return
     if text := "".join(output.get("text", data.get("text/plain", ""))).rstrip():
         yield f"```text\n{text}\n```"

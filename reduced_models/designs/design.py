@@ -29,7 +29,7 @@ from granular.shared.message_text import quote
 from granular.studies.executors import case_executor
 from granular.studies.sweep import sweep
 from reduced_models.designs.checks import figures_of_design_check, measure_design_check
-from reduced_models.designs.damper import POWERS, DamperCandidate, figures_of, scaled_logarithms
+from reduced_models.designs.damper import DamperCandidate, figures_of, scaled_logarithms
 from reduced_models.designs.proposal import DesignTarget, propose_design
 from reduced_models.designs.result import (
     DAMPING_TOLERANCE,
@@ -55,6 +55,9 @@ MOST = 8
 
 STEPPED = ("piston.mass", "effects.drag.coefficient")
 """Numbers of a scene that go with the slopes of a bed."""
+USUAL = np.array([[-0.35, 0.11, -1.09], [0.0, 0.0, 1.0]])
+"""Slopes by these numbers, of the packaged damper: for beds about to rearrange. Of eight beds of 92 and 120
+grains seven had -0.65 to -1.10 for the damping ratio by mass, one -3.9, and the next fall not again."""
 
 
 class DesignError(GranularError, RuntimeError):
@@ -203,9 +206,10 @@ def _search_damper(
 def _bed_slopes(made: DesignRound) -> np.ndarray:
     """Slopes of the logarithms of rest, frequency and damping ratio by mass and drag, of the first bed."""
     try:
-        return slopes(made.checks[0].equilibrium(made.damper), STEPPED).values
-    except InputError:  # some beds rearrange under the smallest push
-        return POWERS[[0, 2]]
+        found = slopes(made.checks[0].equilibrium(made.damper), STEPPED).values
+    except InputError:
+        return USUAL
+    return found if 0.5 < found[0, 2] / USUAL[0, 2] < 2.0 else USUAL
 
 
 def _is_met(target: DesignTarget, made: DesignRound) -> bool:

@@ -25,7 +25,7 @@ class Step(NamedTuple):
 
     damper: DamperCandidate
     logarithms: Float[np.ndarray, "3"]  # of its expected rest height [m], frequency [Hz] and damping ratio
-    is_cut: bool  # at the longest step
+    cut: int  # 1 or -1 if the longest step up or down ended it, else 0
 
 
 def step_damper(
@@ -49,7 +49,7 @@ def step_damper(
         by_grains = POWERS[1] if target.mass is None else POWERS[1] - 0.5 * by_mass
         by_number = by_mass if name == "mass" else by_grains
         change = float(np.linalg.solve(np.array([by_number, by_drag])[:, 1:].T, _miss(target, logarithms))[0])
-        is_cut = abs(change) > longest
+        cut = int(np.sign(change)) if abs(change) > longest else 0
         factor = math.exp(min(max(change, -longest), longest))
         if name == "mass":
             low, high = LOADS if len(free) > 1 else (0.0, math.inf)
@@ -66,7 +66,7 @@ def step_damper(
         damper = after
         if low < number < high:
             break
-    return Step(*meet_damping(target, damper, logarithms, by_drag), is_cut)
+    return Step(*meet_damping(target, damper, logarithms, by_drag), cut)
 
 
 def meet_damping(
@@ -80,11 +80,11 @@ def meet_damping(
 def mean_damper(steps: Sequence[Step]) -> DamperCandidate:
     """Return the geometric mean of mass per width, number of grains and drag of steps to one target.
 
-    Steps that were cut lead on, but not to the target: they count only if the last one is of them, alone.
+    First steps that were cut do not lead to the target: they count from the last before a step back on.
     """
-    dampers = [step.damper for step in steps if not step.is_cut]
-    if steps[-1].is_cut:
-        return steps[-1].damper
+    while len(steps) > 1 and steps[0].cut and steps[1].cut != -steps[0].cut:
+        steps = steps[1:]
+    dampers = [step.damper for step in steps]
     powers = [
         np.log([damper.mass / damper.cell_width_ratio, damper.grains, damper.drag / damper.grains**-0.75])
         for damper in dampers

@@ -126,7 +126,7 @@ def own_effect_and_law(found: Numbers) -> None:
 
 
 def designing_a_damper(found: Numbers) -> None:
-    # What `design` promises, for a random start that neither the maps nor its checks used.
+    # What `design` promises, for a random start that neither the scaling laws nor its checks used.
     assert found["own_frequency"] == pytest.approx(found["wanted_frequency"], rel=0.02)
     assert found["own_damping"] == pytest.approx(found["wanted_damping"], rel=0.05)
     assert found["loaded"].mass == 4.0

@@ -158,9 +158,7 @@ def test_fit_compare_and_simulate(
         (("fit",), "required: SOURCE; see python -m reduced_models fit --help"),
         (("compare", "lab.csv", "--response", "out"), "SOURCE does not go with --response"),
         (("design", "--damping", "0.1"), "required: --frequency"),
-        (("design", "--maps"), "required: -o/--out"),
-        (("design", "--maps", "--mass", "5", "-o", "out"), "--mass does not go with --maps"),
-        (("design", "--maps", "--points", "64", "-o", "out"), "only with --simulate"),
+        (("design", "--frequency", "3.3", "--damping", "0.9"), "reach a damping ratio of 0.023 to 0.27"),
     ],
 )
 def test_bad_words_of_the_other_commands(

@@ -161,15 +161,13 @@ def test_a_damaged_outcome_is_computed_anew(tmp_path: Path, here: Executor) -> N
 
 def test_studies_kept_before_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """Their cases are known by keys that no move of code may change."""
-    from reduced_models.designs.study import measure_damper_figures
+    from reduced_models.designs.checks import measure_design_check
 
     monkeypatch.setattr(granular.studies.cases, "__version__", "0.1.0")
     settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
     (case,) = make_cases(load_scene("bed"), {}, [{"grains.density": 7000.0}], settings, piston_columns)
     assert case.key == "c13407cf185437283957"
-    assert (
-        measure_identity(measure_damper_figures) == "reduced_models.designs.figures:damper_figures#8b0ef787"
-    )
+    assert measure_identity(measure_design_check) == "reduced_models.designs.study:check#2"
 
 
 def test_kept_runs_can_be_loaded(tmp_path: Path, here: Executor) -> None:
