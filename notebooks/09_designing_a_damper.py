@@ -32,9 +32,9 @@ QUICK = True  # False: 368 grains for the first design, the published number
 # %% [markdown]
 # ## A design
 #
-# A frequency and a damping ratio are wished for. The proposal falls; mass and drag are stepped along the exact
-# slopes of its settled bed, and a fall of the stepped damper confirms it, to 1 % in frequency and 3 % in
-# damping.
+# A frequency and a damping ratio are wished for. The proposal falls; mass and drag are stepped along the
+# exact slopes of its settled bed, and a fall of the stepped damper confirms it, to 1 % in frequency and
+# 3 % in damping.
 
 # %%
 wanted_frequency, wanted_damping = (3.9, 0.12) if QUICK else (3.3, 0.12)
