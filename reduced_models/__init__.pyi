@@ -2,7 +2,8 @@ from .calibration.calibrate import calibrate
 from .derived.derive import derive
 from .designs.damper import DamperCandidate
 from .designs.design import design
-from .designs.proposal import DesignTarget, propose_design
+from .designs.proposal import propose_design
+from .designs.target import DesignTarget
 from .discovery.discover import discover
 from .falls.fall_summary import whole_fall
 from .falls.predicted_law import predict, valid_shaking_range

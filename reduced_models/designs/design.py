@@ -30,7 +30,7 @@ from granular.studies.executors import case_executor
 from granular.studies.sweep import sweep
 from reduced_models.designs.checks import figures_of_design_check, measure_design_check
 from reduced_models.designs.damper import DamperCandidate, figures_of, scaled_logarithms
-from reduced_models.designs.proposal import DesignTarget, propose_design
+from reduced_models.designs.proposal import propose_design
 from reduced_models.designs.result import (
     DAMPING_TOLERANCE,
     FREQUENCY_TOLERANCE,
@@ -39,6 +39,7 @@ from reduced_models.designs.result import (
     DesignRound,
 )
 from reduced_models.designs.steps import LONGEST, Step, mean_damper, step_damper
+from reduced_models.designs.target import DesignTarget
 
 DISC_FREQUENCY_TOLERANCE = 0.03
 """Taken for discs where `FURTHER` proposals are no nearer: their beds come to rest in one order or
@@ -206,10 +207,10 @@ def _search_damper(
 def _bed_slopes(made: DesignRound) -> np.ndarray:
     """Slopes of the logarithms of rest, frequency and damping ratio by mass and drag, of the first bed."""
     try:
-        found = slopes(made.checks[0].equilibrium(made.damper), STEPPED).values
+        by_number = slopes(made.checks[0].equilibrium(made.damper), STEPPED).values
     except InputError:
         return USUAL
-    return found if 0.5 < found[0, 2] / USUAL[0, 2] < 2.0 else USUAL
+    return by_number if 0.5 < by_number[0, 2] / USUAL[0, 2] < 2.0 else USUAL
 
 
 def _is_met(target: DesignTarget, made: DesignRound) -> bool:

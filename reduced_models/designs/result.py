@@ -16,7 +16,7 @@ from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
 from reduced_models.designs.damper import ASPECT, DIAMETER, DamperCandidate, PredictedFigures
-from reduced_models.designs.proposal import DesignTarget
+from reduced_models.designs.target import DesignTarget
 from reduced_models.falls.workshop_sheet import slopes_by_part, workshop_sheet
 from reduced_models.models.printout import caution_lines, figure_lines, wrap_words
 from reduced_models.models.quantities import DAMPING_RATIO, LEVEL, QuantityWithError, student_half_width

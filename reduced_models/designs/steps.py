@@ -13,7 +13,7 @@ from reduced_models.designs.damper import COUNTS, LOADS, POWERS, DamperCandidate
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-    from reduced_models.designs.proposal import DesignTarget
+    from reduced_models.designs.target import DesignTarget
 
 LONGEST = 0.2
 """Longest step of the logarithm of mass or number of grains along the slopes of one bed: that of frequency by
