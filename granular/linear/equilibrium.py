@@ -204,9 +204,8 @@ def find_equilibrium(
     try:
         return _newton(bed, start, held, first, fresh=near is None)
     except InputError as error:
-        stiffest = float(np.abs(first.stiffness.diagonal()).max())
         with contextlib.suppress(InputError):  # a bed without a floor falls out of its cell
-            at = relax(bed, start, held, stiffest, RELAXED)
+            at = relax(bed, start, held, first.stiffness.diagonal(), RELAXED)
             return _newton(bed, at, held, make_pencil(bed, at), fresh=True)
         raise error from None
 

@@ -124,14 +124,14 @@ def _instability(pencil: Pencil, piston: int, direction: float) -> Instability:
     at[piston] += direction * RESOLUTION * bed.length
     side = 1.0 if mode @ bed.forces(at) >= 0.0 else -1.0
     kick = side * _KICK * bed.length / float(np.abs(mode).max())
-    stiffest = float(np.max(pencil.stiffness.diagonal()))
-    relaxed = relax(bed, at + kick * mode, held, stiffest, RELAXED)
+    stiffness = pencil.stiffness.diagonal()
+    relaxed = relax(bed, at + kick * mode, held, stiffness, RELAXED)
     moved = np.linalg.norm(bed.positions(relaxed) - bed.positions(pencil.at), axis=1)
     grains = tuple(map(int, np.flatnonzero(moved >= _MOVED * moved.max())))
     relaxed[piston] = pencil.at[piston]
     try:
         after = find_equilibrium(bed, relaxed, held).at
     except InputError:  # the bed is about to rearrange again
-        after = relax(bed, relaxed, held, stiffest, RELAXED)
+        after = relax(bed, relaxed, held, stiffness, RELAXED)
     drop = float(bed.forces(pencil.at)[piston] - bed.forces(after)[piston])
     return Instability(float(pencil.at[piston]), grains, drop)

@@ -36,8 +36,7 @@ def at_rest(scene: Scene) -> Equilibrium:
     bed = BedForces(scene)
     height = None if scene.piston is None else scene.piston.height
     start = bed.coordinates(scene.initial_positions_and_velocities()[0], height)
-    stiffest = float(np.abs(make_pencil(bed, start).stiffness.diagonal()).max())
-    at = relax(bed, start, (), stiffest, RELAXED)
+    at = relax(bed, start, (), make_pencil(bed, start).stiffness.diagonal(), RELAXED)
     return equilibrium_from(scene, bed.positions(at), height if bed.piston is None else float(at[bed.piston]))
 
 
