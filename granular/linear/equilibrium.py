@@ -227,6 +227,7 @@ def _newton(
             return pencil if fresh else make_pencil(bed, at)
         step = pencil.solve(0.0, force[:, None], held)[:, 0]
         step *= min(1.0, LONGEST_STEP * bed.length / float(np.abs(step).max()))
+        settled = float(np.abs(step).max()) <= SETTLED * bed.length
         for halving in range(MOST_HALVINGS):
             trial = at + 0.5**halving * step
             moved = _forces_or_infinite(bed, trial)
@@ -234,7 +235,7 @@ def _newton(
                 at, force = trial, moved
                 break
         else:
-            if fresh and float(np.abs(step).max()) <= SETTLED * bed.length:
+            if fresh and settled:
                 return pencil
             if fresh:
                 break
@@ -242,6 +243,8 @@ def _newton(
         if _norm(force[free]) > 0.1 * size:
             matrices += 1
             if matrices > MOST_MATRICES and _norm(force[free]) > 0.5 * before:
+                if settled:
+                    return make_pencil(bed, at)
                 break
             before = _norm(force[free])
             pencil, fresh = make_pencil(bed, at), True

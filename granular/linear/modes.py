@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 LOWEST = 40
 """Modes of a bed whose matrices are not full."""
 
-BELOW = 1e-6
+BELOW = 1e-3
 """Shift of the search for them, below zero, over the largest stiffness of a coordinate and its mass."""
 
 

@@ -1,7 +1,7 @@
 """Relaxation of a bed downhill, by the fast inertial relaxation engine (FIRE).
 
-Numbers as published (Bitzek et al. 2006, doi:10.1103/PhysRevLett.97.170201). Each coordinate has its stiffness
-for a mass, so that all have one period; the time step is over it.
+Numbers as published (Bitzek et al. 2006, doi:10.1103/PhysRevLett.97.170201). Each coordinate has its
+stiffness for a mass, so that all have one period; the time step is over it.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ CHANGE = 3e-4
 Grains move by no more than in a difference of forces where a diameter or a side of the cell changes."""
 
 IN_CONTACT = 0.1
-"""And over that displacement in contact: a change and rounding leave errors of 3e-3 in slopes of damping."""
+"""And over that displacement in contact: a change and rounding leave errors of 2 % in slopes of damping."""
 
 _PARTS = ("grains", "cell", "piston", "effects")
 _STARTS = ("piston.height", "grains.seed", "grains.count")

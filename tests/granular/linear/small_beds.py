@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from granular import load_scene
 from granular.linear.bed_forces import BedForces
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
