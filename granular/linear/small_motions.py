@@ -18,6 +18,7 @@ from granular.linear.response import dynamic_stiffness
 from granular.linear.roots import Root, piston_roots, require_free_piston
 from granular.linear.slopes import Slopes, slopes
 from granular.run.trajectory import Trajectory
+from granular.scene.dimensionless_groups import dimensionless_groups, groups_line
 from granular.scene.scene import Scene
 from granular.shared.text_tables import align_columns
 
@@ -95,6 +96,7 @@ class SmallMotions:
         ]
         return {
             "scene": self.rest.scene.name,
+            "groups": dimensionless_groups(self.rest.scene),
             "equilibrium_height": self.rest.piston_height,
             "residual": self.rest.residual,
             "lowest_stiffness": self.rest.lowest_stiffness.tolist(),
@@ -135,6 +137,8 @@ class SmallMotions:
         losses = ", ".join(f"{name} {100.0 * part:.4g} %" for name, part in self.loss_shares.items())
         if losses:
             lines.append(f"  loss                 {losses}")
+        if groups := groups_line(scene):
+            lines.append(f"  groups               {groups}")
         header = ("d ln / d ln", "z0", "f0", "zeta")
         lines += [f"  {line}" for line in align_columns([header, *slope_rows(self)]).splitlines()]
         if rest.frictionless:

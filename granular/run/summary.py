@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from granular.run.trajectory import Trajectory
+from granular.scene.dimensionless_groups import dimensionless_groups, groups_line
 from granular.scene.part_lines import part_lines
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
@@ -24,7 +25,7 @@ def packing_fraction(scene: Scene, height: float) -> float:
 
 
 def derived_scene_values(scene: Scene) -> dict[str, Any]:
-    """Natural units, numbers of grains and packing fraction of a scene, in SI [m, kg, N, s]."""
+    """Natural units, numbers of grains, packing fraction and groups of a scene, in SI [m, kg, N, s]."""
     scales = Scales.from_grains(scene.grains)
     names = [specy.name for specy in scene.grains.species]
     figures: dict[str, Any] = {
@@ -37,6 +38,7 @@ def derived_scene_values(scene: Scene) -> dict[str, Any]:
     height = scene.cell.height if scene.piston is None else scene.piston.height
     if height is not None:
         figures["packing_fraction"] = packing_fraction(scene, height)
+    figures["groups"] = dimensionless_groups(scene)
     return figures
 
 
@@ -64,8 +66,9 @@ def scene_text(scene: Scene) -> str:
     str
         Lines: name; number and diameter [mm] of each species; natural units D [mm], m [g], F* [N] and tau
         [ms]; width of the cell and height of the piston or the periodic cell [mm] and [D], with the
-        piston's mass [kg] and the packing fraction [D, eq. 2.2]; effects with their values; the steps from
-        parts that are named to moment [A m^2] and drags [kg/s]; stages with their values.
+        piston's mass [kg] and the packing fraction [D, eq. 2.2]; dimensionless groups of a damper; effects
+        with their values; the steps from parts that are named to moment [A m^2] and drags [kg/s]; stages
+        with their values.
 
     Examples
     --------
@@ -98,6 +101,8 @@ def scene_text(scene: Scene) -> str:
             + ("" if mass is None else f", {mass:g} kg")
             + f", packing fraction {packing_fraction(scene, height):.4f}"
         )
+    if groups := groups_line(scene):
+        lines.append(f"  groups: {groups}")
     lines.append(f"  effects: {', '.join(active_effect_names(scene)) or 'none'}")
     lines += [
         f"    {effect.key}: {said}" for effect in scene.effects.acting if (said := describe_fields(effect))

@@ -1,0 +1,79 @@
+"""Dampers of every size with equal groups are one damper."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from granular import load_scene, scene_text
+from granular.linear import piston_roots
+from granular.linear.equilibrium import equilibrium_from
+from granular.observables.moduli import crystal_moduli, dipole_pair_strength
+from granular.scene.dimensionless_groups import dimensionless_groups, groups_line, lattice_rest, rescale
+from granular.shared.errors import InputError
+from tests.granular.linear.small_beds import at_rest, small_damper
+
+
+@pytest.mark.parametrize("changes", [{}, {"grains.magnets": "cylinders", "effects.walls": True}])
+def test_one_bed_in_five_widths(changes: dict[str, Any]) -> None:
+    """Rest over the width, the frequency by sqrt(W/g), and the damping ratio, without a run."""
+    rest = at_rest(small_damper(**changes))
+    width, root = rest.scene.cell.width, piston_roots(rest)[0]
+    assert rest.piston_height is not None
+    expected = rest.piston_height / width, root.frequency * math.sqrt(width / 9.8), root.damping_ratio
+    for factor in (0.1, 0.5, 1.7, 2.0, 10.0):
+        scene = rescale(rest.scene, factor * width)
+        assert scene.cell.width == pytest.approx(factor * width, rel=1e-12)
+        assert dimensionless_groups(scene) == pytest.approx(dimensionless_groups(rest.scene), rel=1e-12)
+        there = equilibrium_from(scene, factor * rest.positions, factor * rest.piston_height)
+        found, size = piston_roots(there)[0], factor * width
+        assert there.piston_height is not None
+        figures = there.piston_height / size, found.frequency * math.sqrt(size / 9.8), found.damping_ratio
+        assert figures == pytest.approx(expected, rel=1e-9)
+
+
+def test_kappa_by_hand() -> None:
+    """Of the packaged damper: mu0 m^2/(pi M g W^4), m = Br V/mu0."""
+    volume = math.pi / 4.0 * 6e-3**2 * 3e-3
+    mu0 = 4e-7 * math.pi
+    kappa = mu0 * (1.3 * volume / mu0) ** 2 / (math.pi * 7.5 * 9.8 * 0.36**4)
+    groups = dimensionless_groups(load_scene("damper"))
+    assert groups["kappa"] == pytest.approx(kappa, rel=1e-12)
+    assert groups["grains_over_piston_mass"] == pytest.approx(368 * 7368.0 * volume / 7.5, rel=1e-12)
+    assert groups["drag"] == pytest.approx(0.1 * math.sqrt(0.36 / 9.8) / 7.5, rel=1e-12)
+    assert "kappa 2.495e-09" in groups_line(load_scene("damper")) in scene_text(load_scene("damper"))
+    assert dimensionless_groups(load_scene("bed")) == {}
+
+
+def test_the_rest_of_a_lattice() -> None:
+    """The lattice's pressure times the width carries the weight."""
+    scene = load_scene("damper")
+    groups, width = dimensionless_groups(scene), scene.cell.width
+    rest = lattice_rest(368, width, groups["kappa"])
+    strength = dipole_pair_strength(scene.grains.magnets_in_species()[0].moment)
+    pressure = crystal_moduli(368 / (width * rest), strength).pressure
+    assert pressure * width == pytest.approx(7.5 * 9.8, rel=1e-6)  # of the lattice sum
+
+
+def test_parts_and_a_machine_in_another_size() -> None:
+    """A liquid's drag becomes a number; springs go as the size, a moment as its cube."""
+    oil = load_scene("damper").replace(
+        **{"effects.drag.liquid": "silicone oil 100 cSt", "grains.moment": 0.0877, "cell.separation": "4 mm"}
+    )
+    half = rescale(oil, 0.5 * oil.cell.width)
+    assert half.effects.drag is not None
+    assert oil.effects.drag is not None
+    assert half.effects.drag.liquid is None
+    assert half.effects.drag.coefficient == pytest.approx(oil.effects.drag.coefficient * 0.5**1.5)
+    assert half.grains.moment == pytest.approx(0.0877 / 8.0)
+    assert dimensionless_groups(half) == pytest.approx(dimensionless_groups(oil))
+    machine = load_scene("machine")
+    host = rescale(machine, 4.0 * machine.cell.width).effects.host
+    assert host is not None
+    body = host.bodies[0]
+    assert (body.mass, body.stiffness, body.damping) == pytest.approx((1600.0, 4 * 41.7e3, 8 * 20.4))
+    assert host.excitation.frequency == pytest.approx(3.25 / 2.0)
+    with pytest.raises(InputError, match="parts of one's own"):
+        rescale(load_scene("bed").replace(**{"effects.field": [{"energy": "f*y", "f": "1 mN"}]}), 1.0)
