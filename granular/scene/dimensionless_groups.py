@@ -3,7 +3,7 @@
 Lengths times s, times s^(1/2), masses s^2 and currents s change neither the acceleration of gravity nor the
 magnetic constant, so every equation of a bed stays. By dimensional analysis, rest/W, f sqrt(W/g) and zeta of
 a packing depend on N, kappa = mu0 m^2/(pi M g W^4), N m_g/M, gamma sqrt(W/g)/M (zeta is proportional to it if
-it is small), on D/W by the laws of walls, and for discs and rows of magnets on h/D and the walls' pitch over W.
+small), on D/W by the laws of walls, and for discs and rows of magnets on h/D and the rows' pitch over W.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from granular.schema.units import unit_size
 from granular.shared.errors import InputError
 
 LATTICE_PRESSURE = 0.1875 * LATTICE_SUM * 0.75**0.75
-"""Pressure of a triangular lattice of dipoles over (F*/D) (rho D^2)^2.5, 1.6675: 3/2 times its energy a grain."""
+"""Pressure of a triangular lattice of dipoles over (F*/D) (rho D^2)^2.5, 1.6675: 3/2 of its energy."""
 
 _EXPONENTS = (1.0, 2.0, 0.5, 1.0)  # of length, mass, time and current
 _SYMBOLS = {

@@ -86,8 +86,8 @@ MEASUREMENTS = (
     Measurement(
         "Tsuchikusa et al., J. Chem. Phys. 158, 214501 (2023), arXiv:2305.07821",
         "10.1063/5.0149803",
-        "abstract: the deviation of the cells' areas is largest, and their skewness 0, if half of the magnets are "
-        "small; then pentagons, hexagons and heptagons are about as many; among equal magnets hexagons "
+        "abstract: the deviation of the cells' areas is largest, and their skewness 0, if half the magnets "
+        "are small; then pentagons, hexagons and heptagons are about as many; among equal magnets hexagons "
         f"dominate. {THESIS}: magnets of 5 and 3 mm, compressed up to 110 N",
         "number and thickness of the magnets, size of the cell, values of deviation and skewness",
         "deviation and skewness of the areas of Voronoi cells, fractions of their polygons",
@@ -104,8 +104,8 @@ MEASUREMENTS = (
     Measurement(
         "Static and dynamic ordering of magnetic repelling particles ..., arXiv:2507.08816 (2025)",
         "10.48550/arXiv.2507.08816",
-        "abstract: piles have an angle of repose; the pressure saturates, by friction under magnetic torques; "
-        "resistance to compression rises continuously",
+        "abstract: piles have an angle of repose; the pressure saturates, by friction under magnetic "
+        "torques; resistance to compression rises continuously",
         "sizes, angle of repose, pressure over the filling",
         "force on the floor over the number of discs, with the load that tilted discs have on the plates",
         discs_in_a_column,

@@ -34,7 +34,7 @@ def rescaled(out: str | Path) -> Iterator[Plain]:
 
 
 def of_same_magnets(out: str | Path) -> Iterator[Plain]:
-    """Figures of five dampers of the packaged magnets, in cells and under pistons that go as the root of N."""
+    """Figures of five dampers of the packaged magnets, widths and pistons as the root of N."""
     for count in COUNTS:
         yield figures(equilibrium_from(*settled_beds(damper(count=count), 1, out=out, progress=False)[0]))
 
