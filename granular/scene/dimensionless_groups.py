@@ -23,16 +23,6 @@ LATTICE_PRESSURE = 0.1875 * LATTICE_SUM * 0.75**0.75
 """Pressure of a triangular lattice of dipoles over (F*/D) (rho D^2)^2.5, 1.6675: 3/2 of its energy."""
 
 _EXPONENTS = (1.0, 2.0, 0.5, 1.0)  # of length, mass, time and current
-_SYMBOLS = {
-    "count": "N",
-    "kappa": "kappa",
-    "grains_over_piston_mass": "N m/M",
-    "drag": "gamma sqrt(W/g)/M",
-    "piston_drag": "piston's gamma sqrt(W/g)/M",
-    "diameter_over_width": "D/W",
-    "thickness_over_diameter": "h/D",
-    "pitch_over_width": "pitch/W",
-}
 
 
 def dimensionless_groups(scene: Scene) -> dict[str, float]:
@@ -43,29 +33,28 @@ def dimensionless_groups(scene: Scene) -> dict[str, float]:
     scales, width, mass = Scales.from_grains(scene.grains), scene.cell.width, piston.mass
     weight, drag_unit = mass * gravity.acceleration, mass * math.sqrt(gravity.acceleration / width)
     groups: dict[str, float] = {
-        "count": scene.grains.count,
+        "N": scene.grains.count,
         "kappa": scales.force * (scales.length / width) ** 4 / weight,
-        "grains_over_piston_mass": float(scene.grains.masses().sum()) / mass,
+        "N m/M": float(scene.grains.masses().sum()) / mass,
     }
     if effects.drag is not None:
-        groups["drag"] = effects.drag.coefficient / drag_unit
+        groups["gamma sqrt(W/g)/M"] = effects.drag.coefficient / drag_unit
     if piston.drag:
-        groups["piston_drag"] = piston.drag / drag_unit
-    groups["diameter_over_width"] = scales.length / width
+        groups["piston's gamma sqrt(W/g)/M"] = piston.drag / drag_unit
+    groups["D/W"] = scales.length / width
     walls = () if effects.walls is None else effects.walls.present_walls
-    pitches = {wall.pitch for _, wall in walls} - {None}
+    pitches = {wall.pitch for _, wall in walls if wall.pitch is not None}
     if pitches or scene.grains.magnets == "cylinders":
         thickness = float(scene.grains.species_values("thickness")[0])
-        groups["thickness_over_diameter"] = thickness / scales.length
+        groups["h/D"] = thickness / scales.length
     if len(pitches) == 1:
-        groups["pitch_over_width"] = pitches.pop() / width
+        groups["pitch/W"] = pitches.pop() / width
     return groups
 
 
 def groups_line(scene: Scene) -> str:
     """Return the groups of a scene in one line; empty without any."""
-    groups = dimensionless_groups(scene)
-    return ", ".join(f"{_SYMBOLS[name]} {value:.4g}" for name, value in groups.items())
+    return ", ".join(f"{name} {value:.4g}" for name, value in dimensionless_groups(scene).items())
 
 
 def lattice_rest(count: int, width: float, kappa: float) -> float:
@@ -78,7 +67,8 @@ def rescale(scene: Scene, width: float) -> Scene:
 
     Remanence, pressures and gravity stay; the drags that follow from a liquid's name become numbers.
     """
-    if any(part.user_code_digests for part in (*scene.effects.in_loop_order, *scene.protocol)):
+    parts: list[Any] = [*scene.effects.in_loop_order, *scene.protocol]
+    if any(part.user_code_digests for part in parts):
         raise InputError(f"scene {scene.name!r} has parts of one's own, in units unknown; leave them out")
     factor, drag, changes = width / scene.cell.width, scene.effects.drag, dict[str, Any]()
     if drag is not None and drag.viscosity is not None:

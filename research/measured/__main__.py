@@ -20,14 +20,14 @@ QUICK, FULL = (0.0, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
 
 def run(options: Any) -> Plain:
     """Mixtures under one load, and dampers of five sizes."""
-    from research.measured.mixtures import cells_of
+    from research.measured.measurements import cells_of_mixture
     from research.measured.sizes import of_same_magnets, rescaled
 
     beds = Path(options.out) / "beds"
     ratios, seeds = (FULL, 2) if options.full else (QUICK, 1)
     result = {
         "made": made_now(f"python -m research.measured {'--full' if options.full else '--quick'}"),
-        "mixtures": [cells_of(ratio, seeds, beds) for ratio in ratios],
+        "mixtures": [cells_of_mixture(ratio, seeds) for ratio in ratios],
         "rescaled": list(rescaled(beds)),
         "same magnets": list(of_same_magnets(beds)) if options.full else [],
     }
@@ -42,13 +42,10 @@ def blocks(result: Plain) -> Mapping[str, Block]:
 
 
 def pictures(result: Plain) -> Mapping[str, Figure]:
-    """Mixtures over their ratio, and the collapse of sizes."""
-    from research.measured.pictures import draw_mixtures, draw_sizes
+    """The collapse of sizes."""
+    from research.measured.sizes import draw
 
-    return {
-        "docs/images/mixtures.png": draw_mixtures(result["mixtures"]),
-        "docs/images/sizes.png": draw_sizes(result["rescaled"], result["same magnets"]),
-    }
+    return {"docs/images/sizes.png": draw(result["rescaled"], result["same magnets"])}
 
 
 CAMPAIGN: Campaign[Plain] = Campaign(

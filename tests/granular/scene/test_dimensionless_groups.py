@@ -41,8 +41,8 @@ def test_kappa_by_hand() -> None:
     kappa = mu0 * (1.3 * volume / mu0) ** 2 / (math.pi * 7.5 * 9.8 * 0.36**4)
     groups = dimensionless_groups(load_scene("damper"))
     assert groups["kappa"] == pytest.approx(kappa, rel=1e-12)
-    assert groups["grains_over_piston_mass"] == pytest.approx(368 * 7368.0 * volume / 7.5, rel=1e-12)
-    assert groups["drag"] == pytest.approx(0.1 * math.sqrt(0.36 / 9.8) / 7.5, rel=1e-12)
+    assert groups["N m/M"] == pytest.approx(368 * 7368.0 * volume / 7.5, rel=1e-12)
+    assert groups["gamma sqrt(W/g)/M"] == pytest.approx(0.1 * math.sqrt(0.36 / 9.8) / 7.5, rel=1e-12)
     assert "kappa 2.495e-09" in groups_line(load_scene("damper")) in scene_text(load_scene("damper"))
     assert dimensionless_groups(load_scene("bed")) == {}
 
@@ -72,6 +72,7 @@ def test_parts_and_a_machine_in_another_size() -> None:
     machine = load_scene("machine")
     host = rescale(machine, 4.0 * machine.cell.width).effects.host
     assert host is not None
+    assert host.excitation is not None
     body = host.bodies[0]
     assert (body.mass, body.stiffness, body.damping) == pytest.approx((1600.0, 4 * 41.7e3, 8 * 20.4))
     assert host.excitation.frequency == pytest.approx(3.25 / 2.0)

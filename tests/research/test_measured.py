@@ -1,0 +1,66 @@
+"""Measurements with a scene each, and the page of the committed results."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from granular.scene.dimensionless_groups import lattice_rest
+from research.measured.__main__ import CAMPAIGN
+from research.measured.measurements import MEASUREMENTS, largest_packing, scene_of
+
+
+@pytest.mark.parametrize("name", MEASUREMENTS)
+def test_each_measurement_has_a_source_and_a_scene(name: str) -> None:
+    """What was not read is named, and the scene can be run."""
+    entry = MEASUREMENTS[name]
+    assert entry["read"]
+    assert entry["not_read"]
+    assert "doi:10." in entry["source"] or "arXiv:" in entry["source"]
+    assert scene_of(name).protocol
+    assert entry["source"] in CAMPAIGN.blocks(CAMPAIGN.committed())["measurements"].text
+
+
+def test_the_mixture_weighs_what_was_read() -> None:
+    scene = scene_of("tsuchikusa")
+    assert scene.piston is not None
+    assert scene.piston.mass is not None
+    assert scene.piston.mass * 9.8 == pytest.approx(110.0)
+    assert [specy.diameter for specy in scene.grains.species] == [5e-3, 3e-3]
+
+
+def test_a_lattice_lifts_a_raised_dipole() -> None:
+    """At that packing the force out of the plane, summed over dipoles in space, is the weight."""
+    scene, z = scene_of("taberlet"), 1e-5
+    diameter, mass = scene.grains.species[0].diameter, float(scene.grains.masses()[0])
+    a = diameter * math.sqrt(math.pi / (2.0 * math.sqrt(3.0)) / largest_packing(scene, z))
+    i, j = np.mgrid[-60:61, -60:61]
+    r = np.hypot((i + 0.5 * j) * a, math.sqrt(0.75) * j * a).ravel()
+    r = r[r > 0.0]
+    moment = scene.grains.magnets_in_species()[0].moment
+
+    def energy(height: float) -> float:
+        far = np.hypot(r, height)
+        return float(1e-7 * moment**2 * (far**-3 - 3.0 * height**2 * far**-5).sum())
+
+    lift = -(energy(1.01 * z) - energy(0.99 * z)) / (0.02 * z)
+    assert lift == pytest.approx(9.8 * mass, rel=1e-3)
+
+
+def test_committed_results_are_on_the_page() -> None:
+    """Equal groups give equal figures in five widths; and the page is that of the results."""
+    result = CAMPAIGN.committed()
+    assert CAMPAIGN.different(result) == []
+    by_kappa: dict[str, list[tuple[float, ...]]] = {}
+    for row in result["rescaled"]:
+        figures = row["rest"], row["frequency"], row["zeta"]
+        by_kappa.setdefault(f"{row['kappa']:.6g}", []).append(figures)
+    assert len(by_kappa) == 5
+    for rows in by_kappa.values():
+        assert len(rows) == 5
+        assert np.allclose(rows, rows[0], rtol=1e-9, atol=0.0)
+    for row in result["same magnets"]:
+        lattice = lattice_rest(row["count"], row["width"], row["kappa"])
+        assert row["rest"] * row["width"] / lattice == pytest.approx(row["over lattice"], rel=1e-9)
