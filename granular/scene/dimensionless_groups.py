@@ -72,7 +72,7 @@ def rescale(scene: Scene, width: float) -> Scene:
         raise InputError(f"scene {scene.name!r} has parts of one's own, in units unknown; leave them out")
     factor, drag, changes = width / scene.cell.width, scene.effects.drag, dict[str, Any]()
     if drag is not None and drag.viscosity is not None:
-        changes["effects.drag.coefficient"] = drag.coefficient
+        changes["effects.drag"] = {"coefficient": drag.coefficient}
     if scene.piston is not None and scene.piston.has_parts:
         changes["piston.drag"] = scene.piston.drag
     scene = scene.replace(**changes)
