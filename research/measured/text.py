@@ -39,7 +39,7 @@ def tables_of(result: Plain) -> Mapping[str, TextTable]:
         rows = [(name, SAID[name], *(f"{row[name]:.3f}" for row in mixtures)) for name in CELLS]
         tables["mixtures"] = text_table(header, rows)
         tables["sizes"] = _sizes(result["rescaled"])
-        names = ("N", "W", "kappa", "rest/W", "rest over the lattice's")
+        names = ("N", "W [m]", "kappa", "rest/W", "rest over the lattice's")
         keys = ("count", "width", "kappa", "rest", "over lattice")
         rows = [tuple(f"{row[key]:.4g}" for key in keys) for row in result["same magnets"]]
         tables["same magnets"] = text_table(names, rows)
