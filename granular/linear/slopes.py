@@ -25,12 +25,12 @@ from granular.shared.errors import InputError
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-CHANGE = 3e-4
-"""Largest relative change of a parameter: the square of it times the cube of a power, 20 of r^-5, is 1e-5.
-Grains move by no more than in a difference of forces where a diameter or a side of the cell changes."""
+CHANGE, SHIFT = 3e-4, 5e-4
+"""Relative change of a parameter: the square of it times the cube of a power, 20 of r^-5, is 1e-5; and the
+largest change of a side of the cell, whose wall comes so much nearer to the grains [D]."""
 
 IN_CONTACT = 0.1
-"""And over that displacement in contact: a change and rounding leave errors of 2 % in slopes of damping."""
+"""Relative change of a diameter in contact over the displacement in a difference of forces."""
 
 _PARTS = ("grains", "cell", "piston", "effects")
 _STARTS = ("piston.height", "grains.seed", "grains.count")
@@ -145,13 +145,14 @@ def _number_keys(plain: Any, path: str) -> list[str]:
 
 
 def _relative_change(rest: Equilibrium, key: str) -> float:
-    scene, displacement = rest.scene, rest.pencil.bed.displacement_at(rest.pencil.at)
-    if scene.effects.contact is not None:
-        displacement *= IN_CONTACT
+    """Relative change of a number: grains in contact overlap by much less than their diameter."""
+    scene = rest.scene
+    if scene.effects.contact is not None and key.endswith(".diameter"):
+        return min(CHANGE, IN_CONTACT * rest.pencil.bed.displacement_at(rest.pencil.at))
     if not key.startswith("cell."):
-        return min(CHANGE, displacement)
+        return CHANGE
     side = float(getattr(scene.cell, key.removeprefix("cell.")))
-    return min(CHANGE, displacement * scene.grains.species[0].diameter / side)
+    return min(CHANGE, SHIFT * scene.grains.species[0].diameter / side)
 
 
 def _changed_bed(rest: Equilibrium, key: str, factor: float) -> BedForces:

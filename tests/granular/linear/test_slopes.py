@@ -41,8 +41,8 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 QUICK = ("damper",)
-HARDER = {"hard contact": (2e8, 5e8, 1e9, 2e9, 5e9, 1e10)}
-"""Moduli in turn [Pa]: the deepest overlap becomes 4e-4 D, as large as the change of a number."""
+HARDER = {"hard contact": (2e8, 5e8, 1e9)}
+"""Moduli in turn [Pa]: the smallest overlap becomes 1e-3 D, three changes of a number."""
 
 
 def logarithms(rest: Equilibrium) -> np.ndarray:
@@ -61,7 +61,7 @@ def test_slopes_are_those_of_changed_scenes(name: str) -> None:
         rest = equilibrium_from(scene, rest.positions, rest.piston_height)
     found = slopes(rest)
     assert {"grains.remanence", "grains.density", "cell.width", "piston.mass"} <= set(found.keys)
-    change, error = (1e-5, 3e-2) if name in HARDER else (1e-3, 1e-5)
+    change, error = (1e-5, 5e-3) if name in HARDER else (1e-3, 1e-5)
     for key in found.keys:
 
         def changed(steps: int, key: str = key) -> np.ndarray:
