@@ -16,6 +16,7 @@ from .shared.citations import cite
 from .shared.errors import GranularError, InputError
 from .shared.version import __version__
 from .studies.sweep import Study, sweep
+from .studies.tolerances import Tolerances, tolerances
 
 __all__ = [
     "Equilibrium",
@@ -27,6 +28,7 @@ __all__ = [
     "Plan",
     "Scene",
     "Study",
+    "Tolerances",
     "Trajectory",
     "__version__",
     "bidisperse",
@@ -46,5 +48,6 @@ __all__ = [
     "simulate",
     "stage",
     "sweep",
+    "tolerances",
     "wall_law",
 ]

@@ -56,6 +56,18 @@ ENGINE = option(
 WORKERS = option("--workers", type=int, metavar="N", help="processes (all processors)")
 
 
+PARTS = option_group(
+    option(
+        "--part",
+        dest="parts",
+        metavar="KEY=TOLERANCE",
+        action="append",
+        default=[],
+        help="standard deviation of a number of the scene: dotted key and tolerance, such as "
+        "grains.remanence=2.5%% or 'cell.separation=0.05 mm' (repeatable)",
+    ),
+    option("--usual", action="store_true", help="usual tolerances of all parts that the scene names"),
+)
 OUTPUT = option_group(
     option("--json", action="store_true", help="print one JSON object"),
     option("--quiet", action="store_true", help="no progress bar"),
@@ -96,6 +108,21 @@ def parse_changes(items: Sequence[str]) -> dict[str, Any]:
         except ValueError:
             changes[key.strip()] = value.strip()
     return changes
+
+
+def parts_from_options(options: Any, scene: Scene | None) -> dict[str, str | float]:
+    """Tolerances of a scene's parts by their keys: the usual ones, and those that a command was given."""
+    result: dict[str, str | float] = {}
+    if options.usual and scene is not None:
+        from granular.studies.tolerances import usual_parts
+
+        result = usual_parts(scene)
+    for item in options.parts:
+        key, equals, tolerance = item.partition("=")
+        if not equals or not key.strip():
+            raise InputError(f"--part {quote(item)} is not KEY=TOLERANCE; write grains.remanence=2.5%")
+        result[key.strip()] = tolerance.strip()
+    return result
 
 
 def quantity_reader(unit: str) -> Callable[[str], float]:

@@ -21,9 +21,11 @@ from granular.commands.options import (
     IMPORT,
     METHOD,
     OUTPUT,
+    PARTS,
     THREADS,
     parse_changes,
     parse_time_step,
+    parts_from_options,
     quantity_reader,
 )
 from granular.shared.errors import InputError
@@ -80,6 +82,7 @@ STARTS = option("--starts", type=int, default=16, help="how many starting points
     "simulate or read a motion, compare laws, and write a report",
     option("source", metavar="SOURCE", help=A_SOURCE),
     CHANGES,
+    PARTS,
     option("-o", "--out", metavar="DIR", help="directory for report, models and run"),
     LAWS,
     option(
@@ -120,13 +123,19 @@ def identify(options: Any) -> None:
 
     import_user_code(options.user_files)
     leave_cautions_to_print_out(options)
+    source = open_source(options.source, parse_reading_options(options))
+    changes, parts = parse_changes(options.changes), None
+    if options.parts or options.usual:
+        changed = getattr(source, "replace", None)  # of a scene
+        parts = parts_from_options(options, changed(**changes) if changed else getattr(source, "scene", None))
     result = identify_source(
-        open_source(options.source, parse_reading_options(options)),
+        source,
         options.out,
         laws=None if options.laws is None else parse_laws(options.laws),
         discovery=options.discover,
         mass=None if options.mass is None else si_value(options.mass, "kg"),
-        changes=parse_changes(options.changes),
+        changes=changes,
+        parts=parts,
         dt=None if options.dt is None else parse_time_step(options.dt),
         checks=not options.no_checks,
         progress=not options.quiet,

@@ -43,7 +43,9 @@ from reduced_models.identification.scene_checks import (
     compile_fits_ahead,
     end_time_of_open_run,
     friction_of,
+    read_parts_of_source,
     release_stages,
+    tolerances_of_run,
 )
 from reduced_models.identification.wells import well_quantities
 from reduced_models.laws.catalogue import LAWS, law_named
@@ -92,6 +94,7 @@ def identify(
     drive: str | None = None,
     mass: float | None = None,
     changes: Mapping[str, Any] | None = None,
+    parts: Mapping[str, str | float] | None = None,
     dt: float | str | None = None,
     method: str = METHOD,
     threads: int | None = None,
@@ -126,6 +129,9 @@ def identify(
         has its own. Not for a record of an angle.
     changes : mapping, optional
         Dotted keys of the scene and their new values.
+    parts : mapping of str to str or float, optional
+        Tolerances of the scene's parts, as `granular.tolerances` takes them: their standard deviations of the
+        figures of small motions stand apart from the errors of the figures.
     dt, method, threads : optional
         Time step [s], integration method and number of threads of the simulation; for a scene only.
         The step, if not given, is the longest whose errors random starts hide by the stored table
@@ -184,6 +190,7 @@ def identify(
     clock = _Stopwatch()
     options = RunOptions(changes or {}, STEP if dt is None else dt, method, threads, progress)
     opened = open_and_check_source(record_from_table(source), options)
+    toleranced = None if parts is None else read_parts_of_source(opened, parts)
     lift = laws is None or len(laws) > 1
     with contextlib.ExitStack() as stack:
         if isinstance(opened, PistonRecord):
@@ -207,6 +214,9 @@ def identify(
         mass = _moving_mass(mass, record, run)
         clock.lap("record" if run is None else "simulation")
         result = _fit_and_compare(record, run, laws, discovery, drive, mass, starts, budget, clock)
+        if toleranced is not None and run is not None:
+            result = dataclasses.replace(result, of_parts=tolerances_of_run(run, toleranced))
+            clock.lap("tolerances of the parts")
         doubts = [f"fit of {result.best.law.name}: {note}" for note in result.best.notes]
         for note in (*result.notes, *doubts):
             warnings.warn(note, CautionWarning, stacklevel=2)

@@ -37,6 +37,7 @@ from reduced_models.records.sources import describe_record, time_step_text
 if TYPE_CHECKING:
     from granular.linear import MotionFriction
     from granular.run.trajectory import Trajectory
+    from granular.studies.tolerances import Tolerances
 
 LINES = 24
 """Most lines above the one that names the report, so that a cold run writes at most thirty."""
@@ -81,6 +82,8 @@ class Identification:
         Frequency and damping against amplitude of the record itself, without a law.
     friction : MotionFriction or None
         Dry friction along the piston's motion, by the bed at its first rest, of a scene that names it.
+    of_parts : Tolerances or None
+        Standard deviations of the figures of small motions by the tolerances of parts, if these are named.
     """
 
     record: PistonRecord
@@ -102,6 +105,7 @@ class Identification:
     derived: DerivedFigures | None = None  # of a simulated bed, without a fit
     no_own: str = ""
     friction: MotionFriction | None = None
+    of_parts: Tolerances | None = None
 
     @property
     def best(self) -> ReducedModel:
@@ -196,6 +200,7 @@ class Identification:
             "falls": None if self.falls is None else self.falls.to_plain(),
             "derived": None if self.derived is None else self.derived._asdict(),
             "friction": None if self.friction is None else self.friction.to_plain(),
+            "of_parts": None if self.of_parts is None else self.of_parts.to_plain(),
         }
 
     @property
@@ -235,6 +240,8 @@ class Identification:
         lines = [] if self.friction is None else str(self.friction).splitlines()
         if self.derived is not None:
             lines += wrap_words(f"derived without a fit: {self.derived.text(self.figures)}", "  ")
+        if self.of_parts is not None:
+            lines += wrap_words(self.of_parts.summary, "  ")
         return lines
 
     @property
@@ -302,6 +309,10 @@ class Identification:
             page.add_paragraph(words)
         if self.own is not None:
             self.own.add_section_to(page)
+        if self.of_parts is not None:
+            from granular.studies.tolerance_page import add_tolerances
+
+            add_tolerances(page, self.of_parts)
         averaging = "" if self.elliptic_averaging is None else self.elliptic_averaging.text
         blocks.add_swing_section(page, self.figures_to_print, self.model_of_figures, self.mass, averaging)
         pictures.add_record_section(page, self.record, self.best)

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
     from granular.studies.background_cases import BackgroundCall, BackgroundCase, BackgroundCaseRunner
+    from granular.studies.tolerances import Part, Tolerances
 
 CHECK_SEEDS = 2
 """Further random starts of the bed that are run to see the scatter."""
@@ -150,6 +151,32 @@ def rest_of(run: Trajectory) -> Equilibrium:
     frame = int(np.argmin(np.abs(times - run.stages[0].end)))
     height = float(run.dataset["frame_height"].values[frame])
     return equilibrium_from(run.scene, run.dataset["position"].values[frame], height)
+
+
+def read_parts_of_source(
+    source: Scene | Trajectory | PistonRecord, parts: Mapping[str, str | float]
+) -> tuple[Part, ...]:
+    """Read the tolerances of parts of a scene, or of a run's, that begins with a rest."""
+    from granular.linear.bed_forces import check_free_piston
+    from granular.studies.tolerances import read_parts
+
+    if isinstance(source, PistonRecord):
+        raise InputError("a record has no parts whose tolerances could be followed; give a scene or a run")
+    scene = getattr(source, "scene", source)
+    check_free_piston(scene)
+    if not is_rest(scene, 0):
+        raise InputError(
+            f"the scene {scene.name!r} does not begin with a rest about which its parts could be moved; give "
+            "its first stage until = 'rest', or use the command tolerances"
+        )
+    return read_parts(scene, parts)
+
+
+def tolerances_of_run(run: Trajectory, parts: Sequence[Part]) -> Tolerances:
+    """Follow the tolerances of parts about the equilibrium next to a run's first rest."""
+    from granular.studies.tolerances import tolerances_at
+
+    return tolerances_at([rest_of(run)], parts)
 
 
 def friction_of(run: Trajectory) -> MotionFriction | None:

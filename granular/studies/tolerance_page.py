@@ -1,0 +1,65 @@
+"""The page of a damper's tolerances: bars of all parts, and the table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.scene.scene import Scene
+from granular.shared.html_pages import HtmlPage
+from granular.shared.plotting import COLOURS, GREY, READABLE, figure
+from granular.shared.version import versions
+from granular.studies.tolerances import Tolerances
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_TITLES = ("equilibrium height", "natural frequency", "damping ratio")
+
+
+def tolerances_page(result: Tolerances, scene: Scene) -> HtmlPage:
+    """Page of a damper's tolerances."""
+    page = HtmlPage(
+        f"Tolerances of scene {scene.name!r}", f"{result.summary[0].upper()}{result.summary[1:]}."
+    )
+    add_tolerances(page, result)
+    page.add_section("Scene")
+    page.add_preformatted(scene.to_toml())
+    page.add_footer("Made with " + ", ".join(f"{name} {value}" for name, value in versions().items()))
+    return page
+
+
+def add_tolerances(page: HtmlPage, result: Tolerances) -> None:
+    """Add bars, table and notes to a page."""
+    page.add_section("Tolerances of the parts")
+    page.add_figure(
+        _draw_bars(result),
+        "Relative standard deviations by each part alone and by all together; random starts of the bed, "
+        "which are not of the parts, in grey.",
+    )
+    largest = "; ".join(f"{name}: {', '.join(keys)}" for name, keys in result.largest().items())
+    page.add_paragraph(f"Largest causes, {largest}.")
+    header, *rows = result.table_rows()
+    page.add_table(header, rows)
+    for note in result.notes:
+        page.add_paragraph(note)
+
+
+def _draw_bars(result: Tolerances) -> Figure:
+    rows = [result.contributions, result.totals[None]]
+    labels = [*(part.key for part in result.parts), "all parts"]
+    colours = [COLOURS[0]] * len(result.parts) + [COLOURS[1]]
+    if len(result.figures) > 1:
+        rows.append(result.spread[None])
+        labels.append("random starts")
+        colours.append(GREY)
+    values = 100.0 * np.concatenate(rows)
+    height = 1.2 + 0.32 * len(labels)
+    with figure(1, 3, height=height, size=READABLE, sharey=True) as (drawing, panels):
+        for axes, title, column in zip(panels, _TITLES, values.T, strict=True):
+            axes.barh(range(len(labels)), column, color=colours)
+            axes.set(title=title, xlabel="± %")
+        panels[0].set_yticks(range(len(labels)), labels)
+        panels[0].invert_yaxis()
+        return drawing

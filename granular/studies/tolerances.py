@@ -1,0 +1,542 @@
+"""Tolerances of a damper's parts: how much each one moves equilibrium, frequency and damping ratio.
+
+A tolerance is a standard deviation. Each part's number is moved by it to both sides, and the equilibrium and
+root of the changed damper are found from those of the settled one; with all parts drawn at once likewise.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from granular.linear import piston_roots
+from granular.linear.bed_forces import BedForces, check_free_piston
+from granular.linear.equilibrium import Equilibrium, equilibrium_from, find_equilibrium
+from granular.linear.pencil import of_parts
+from granular.linear.roots import refine_root, require_free_piston
+from granular.linear.slopes import number_keys
+from granular.scene.scene import Scene
+from granular.schema.field_kinds import FieldError, QuantityKind, TemperatureKind
+from granular.schema.sections import find_field
+from granular.shared.errors import InputError
+from granular.shared.files import parse_toml
+from granular.shared.message_text import quote
+from granular.shared.text_tables import align_columns
+from granular.studies.bed_slopes import settled_beds
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+__all__ = ["Part", "Tolerances", "tolerances", "tolerances_at", "usual_parts"]
+
+FIGURES = ("rest", "f0", "zeta")
+
+CONVERGED = 1e-9
+"""Last step of the equilibrium [D] and relative one of the root: tolerances move them by 1e-4 and more."""
+
+MOST_STEPS = 25
+"""Most steps with the matrices of the settled bed, each of which leaves a tenth of the error where parts
+differ by some percent; if these do not suffice, Newton's method goes on."""
+
+CURVED = 0.05
+"""Part of a standard deviation that second differences may add before slopes alone are said not to do."""
+
+_FACTOR_OF_LIMITS = 1.0 / math.sqrt(3.0)
+"""Standard deviation over the half-width of limits between which nothing is known (JCGM 100:2008, 4.3.7)."""
+
+_RELATIVE = re.compile(r"\s*([0-9]+\.?[0-9]*|\.[0-9]+)\s*%\s*")
+_KELVINS = re.compile(r"\s*([0-9]+\.?[0-9]*|\.[0-9]+)\s*(?:K|°C)?\s*")
+_SECTIONS = ("grains.", "cell.", "piston.", "effects.")
+_LAST = {"grains.remanence": 1, "effects.drag.viscosity": 1, "effects.drag.coefficient": 2, "piston.drag": 2}
+"""Keys that may follow from others, which they take away: their tolerance comes on top of the others'."""
+
+
+class Part(NamedTuple):
+    """A part's number and its tolerance.
+
+    Attributes
+    ----------
+    key : str
+        Dotted key of the number.
+    value : float
+        Number in the scene, in SI; temperatures [deg C].
+    unit : str
+        Its unit.
+    deviation : float
+        Standard deviation, in that unit.
+    relative : bool
+        True if the deviation goes with the number.
+    one_sided : bool
+        True for a 0 that cannot be negative, which only rises.
+    """
+
+    key: str
+    value: float
+    unit: str
+    deviation: float
+    relative: bool
+    one_sided: bool = False
+
+    @property
+    def is_logarithmic(self) -> bool:
+        """True if slopes are over the relative change of the number: not of 0 and temperatures."""
+        return self.value != 0.0 and self.unit != "degC"
+
+    @property
+    def slope_size(self) -> float:
+        """Deviation that slopes are over, relative to the number where they are logarithmic."""
+        return self.deviation / abs(self.value) if self.is_logarithmic else self.deviation
+
+    @property
+    def text(self) -> str:
+        """Number and tolerance in words."""
+        size, name = {"1": (1.0, ""), "degC": (1.0, " °C"), "m": (1e3, " mm")}.get(
+            self.unit, (1.0, f" {self.unit}")
+        )
+        if self.relative:
+            return f"{size * self.value:.5g}{name} ± {100.0 * self.deviation / abs(self.value):.3g} %"
+        return f"{size * self.value:.5g} ± {size * self.deviation:.3g}{name}"
+
+    def moved(self, scene: Scene, by: float) -> Scene:
+        """Scene with the number moved by a multiple of its deviation."""
+        value = (find_field(scene, self.key) or (self.value,))[0]
+        change = value * self.deviation / self.value if self.relative else self.deviation
+        return scene.replace(**{self.key: value + (abs(by) if self.one_sided else by) * change})
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Tolerances:
+    """Standard deviations of a damper's figures by the tolerances of its parts.
+
+    The figures are equilibrium height [m], natural frequency [Hz] and damping ratio, of small motions without
+    dry friction.
+
+    Attributes
+    ----------
+    scene : str
+        Name of the scene.
+    parts : tuple of Part
+        Parts and their tolerances.
+    figures : float64 (b, 3)
+        Figures of each settled bed.
+    changes : float64 (b, k, 3)
+        Relative change of the figures of each bed by one standard deviation of each part.
+    curvatures : float64 (b, k, 3)
+        Relative second difference at that distance: mean of both sides less the middle.
+    drawn : float64 (d, 3)
+        Relative changes of the figures of drawn dampers; of none if slopes alone were asked for.
+    """
+
+    scene: str
+    parts: tuple[Part, ...]
+    figures: Float[np.ndarray, "b 3"]
+    changes: Float[np.ndarray, "b k 3"]
+    curvatures: Float[np.ndarray, "b k 3"]
+    drawn: Float[np.ndarray, "d 3"]
+
+    @property
+    def contributions(self) -> Float[np.ndarray, "k 3"]:
+        """Relative standard deviations of the figures by each part alone: rms changes over beds."""
+        # A damper's bed is one of them: its variance is the mean of theirs.
+        return np.sqrt((self.changes**2).mean(axis=0))
+
+    @property
+    def slopes_of_beds(self) -> Float[np.ndarray, "b k 3"]:
+        """D ln figure/d ln number; d ln figure/d number for numbers that are 0 and temperatures."""
+        return self.changes / np.array([[part.slope_size] for part in self.parts])
+
+    @property
+    def slopes(self) -> Float[np.ndarray, "k 3"]:
+        """Mean slopes over beds."""
+        return np.asarray(self.slopes_of_beds.mean(axis=0))
+
+    @property
+    def deviation(self) -> Float[np.ndarray, "k 3"]:
+        """Standard deviation of the slopes from bed to bed; 0 of one bed."""
+        return np.asarray(self.slopes_of_beds.std(axis=0, ddof=min(1, len(self.changes) - 1)))
+
+    @property
+    def linear_totals(self) -> Float[np.ndarray, "3"]:
+        """Relative standard deviations of the figures: root of the sum of the squared contributions."""
+        return np.sqrt((self.contributions**2).sum(axis=0))
+
+    @property
+    def totals(self) -> Float[np.ndarray, "3"]:
+        """Relative standard deviations of the figures, of the drawn dampers if there are any."""
+        return self.linear_totals if len(self.drawn) < 2 else np.asarray(self.drawn.std(axis=0, ddof=1))
+
+    @property
+    def spread(self) -> Float[np.ndarray, "3"]:
+        """Relative standard deviations of the figures from bed to bed, which no part makes."""
+        means = self.figures.mean(axis=0)
+        return np.asarray(self.figures.std(axis=0, ddof=1) / np.where(means > 0.0, means, 1.0))
+
+    @property
+    def curved(self) -> tuple[str, ...]:
+        """Keys of parts whose second difference adds more than a twentieth to a standard deviation."""
+        # A change a x + c x^2 with x of the standard normal distribution has the variance a^2 + 2 c^2.
+        square = np.maximum(self.linear_totals**2, 1e-30)
+        excess = np.sqrt(1.0 + 2.0 * (self.curvatures**2).mean(axis=0) / square) - 1.0
+        return tuple(part.key for part, row in zip(self.parts, excess, strict=True) if row.max() > CURVED)
+
+    def largest(self, count: int = 3) -> dict[str, tuple[str, ...]]:
+        """Keys of the parts that move each figure most.
+
+        Parameters
+        ----------
+        count : int
+            Number of parts.
+
+        Returns
+        -------
+        dict of str to tuple of str
+            Keys by figure, the largest contribution first.
+        """
+        order = np.argsort(-self.contributions, axis=0)[:count].T
+        return {
+            name: tuple(self.parts[k].key for k in column)
+            for name, column in zip(FIGURES, order.tolist(), strict=True)
+        }
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return parts, slopes, contributions and totals as plain data.
+
+        Returns
+        -------
+        dict of str to Any
+            Numbers in SI; contributions and totals relative to the mean figures.
+        """
+        rows = zip(self.parts, self.slopes, self.deviation, self.contributions, strict=True)
+        parts = {
+            part.key: part._asdict()
+            | {"slopes": slopes.tolist(), "slopes_over_beds": over.tolist(), "contributions": own.tolist()}
+            for part, slopes, over, own in rows
+        }
+        return {
+            "scene": self.scene,
+            "figures": dict(zip(FIGURES, self.figures.mean(axis=0).tolist(), strict=True)),
+            "figures_of_beds": self.figures.tolist(),
+            "parts": parts,
+            "totals": dict(zip(FIGURES, self.totals.tolist(), strict=True)),
+            "linear_totals": dict(zip(FIGURES, self.linear_totals.tolist(), strict=True)),
+            "draws": len(self.drawn),
+            "curved": list(self.curved),
+        }
+
+    @property
+    def summary(self) -> str:
+        """Totals and the largest causes in one line."""
+        (rest, frequency, damping), total = self.figures.mean(axis=0), self.totals
+        largest = ", ".join(f"{name} {keys[0]}" for name, keys in self.largest(1).items())
+        return (
+            f"of the parts: rest ± {1e3 * rest * total[0]:.2g} mm, f0 ± {frequency * total[1]:.2g} Hz, "
+            f"zeta ± {100.0 * damping * total[2]:.2g} % (standard deviations; most by {largest})"
+        )
+
+    def table_rows(self) -> list[tuple[str, ...]]:
+        """Header and rows of the table, with the sum of all parts."""
+        rows = [("part", "tolerance", *(f"slope of {f}" for f in FIGURES), *(f"{f} [± %]" for f in FIGURES))]
+        for part, *values in zip(self.parts, self.slopes, self.deviation, self.contributions, strict=True):
+            slopes, over, own = values
+            unit = "" if part.is_logarithmic else f" /{part.unit.replace('degC', 'K')}"
+            cells = [
+                f"{slope:+.4f}" + (f" ± {error:.4f}" if len(self.figures) > 1 else "") + unit
+                for slope, error in zip(slopes, over, strict=True)
+            ]
+            rows.append((part.key, part.text, *cells, *_percents(own)))
+        rows.append(("all parts", "root of the sum of squares", "", "", "", *_percents(self.linear_totals)))
+        if len(self.drawn) > 1:
+            rows.append((f"{len(self.drawn)} drawn dampers", "", "", "", "", *_percents(self.totals)))
+        if len(self.figures) > 1:
+            name = f"{len(self.figures)} random starts"
+            rows.append((name, "not of the parts", "", "", "", *_percents(self.spread)))
+        return rows
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Meaning of the table in sentences."""
+        curved = ", ".join(self.curved)
+        drawn = len(self.drawn) > 1
+        remedy = "the drawn dampers contain it" if drawn else "draw dampers (--draws 200)"
+        return (
+            "A tolerance is a standard deviation, of all pieces of a part together, as of a batch: scatter "
+            "of single magnets about their mean hardly counts (3 % of the moment: 0.02 % of rest and "
+            "frequency, 0.3 % of the damping ratio).",
+            "Figures are those of small motions, without dry friction.",
+            *(
+                [f"Slopes do not do for {curved}, whose second difference counts: {remedy}."]
+                if curved
+                else []
+            ),
+        )
+
+    def __str__(self) -> str:
+        """Table in lines."""
+        rest, frequency, damping = self.figures.mean(axis=0)
+        return "\n".join(
+            [
+                f"{self.scene}: tolerances of {len(self.parts)} parts at {len(self.figures)} settled bed(s)",
+                f"rest {1e3 * rest:.5g} mm, f0 {frequency:.5g} Hz, zeta {100.0 * damping:.4g} %",
+                align_columns(self.table_rows()),
+                self.summary,
+                *self.notes,
+            ]
+        )
+
+
+def _percents(values: Float[np.ndarray, "3"]) -> list[str]:
+    return [f"{100.0 * value:.3f}" for value in values]
+
+
+def tolerances(
+    scene: Scene,
+    parts: Mapping[str, str | float],
+    beds: int = 4,
+    *,
+    draws: int = 0,
+    seed: int = 0,
+    out: str | Path | None = None,
+    progress: bool = True,
+) -> Tolerances:
+    """Find how far a damper's parts move its equilibrium height, frequency and damping ratio.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with a free piston; its beds start from ``arrangement.seed`` and the seeds after it.
+    parts : mapping of str to str or float
+        Standard deviations by the dotted keys of the scene's numbers: relative, as "2.5%", or absolute, as
+        "0.05 mm" or in SI; of temperatures in kelvin. See `usual_parts`.
+    beds : int
+        Number of settled beds over which contributions are averaged.
+    draws : int
+        Number of dampers whose parts are drawn all at once, each from a normal distribution.
+    seed : int
+        Seed of the drawn numbers.
+    out : str or Path, optional
+        Directory that keeps the settled beds; a folder of the toolkit among the user's caches if not given.
+    progress : bool
+        Show a progress bar on standard error while beds settle.
+
+    Returns
+    -------
+    Tolerances
+        Slopes, contributions and totals.
+
+    Raises
+    ------
+    InputError
+        If the scene has no free piston or cannot settle, a key is no number of the scene, a tolerance has
+        another unit or is not positive, or a damper within the tolerances has no equilibrium.
+
+    Examples
+    --------
+    >>> from granular import load_scene, tolerances
+    >>> parts = {"grains.remanence": "2.5%", "piston.mass": "0.5%"}
+    >>> tolerances(load_scene("damper"), parts).totals  # doctest: +SKIP
+    """
+    check_free_piston(scene)
+    if beds < 1 or draws < 0:
+        raise InputError(f"beds = {beds} and draws = {draws}; give 1 bed or more, and no fewer than 0 draws")
+    read = read_parts(scene, parts)
+    states = settled_beds(scene, beds, out=out, progress=progress)
+    return tolerances_at([equilibrium_from(*state) for state in states], read, draws=draws, seed=seed)
+
+
+def tolerances_at(
+    rests: Sequence[Equilibrium], parts: Sequence[Part], *, draws: int = 0, seed: int = 0
+) -> Tolerances:
+    """Find the same about given equilibria.
+
+    Parameters
+    ----------
+    rests : sequence of Equilibrium
+        Equilibria of beds of one scene, with a free piston.
+    parts : sequence of Part
+        Parts, as `usual_parts` returns them.
+    draws : int
+        Number of drawn dampers.
+    seed : int
+        Seed of the drawn numbers.
+
+    Returns
+    -------
+    Tolerances
+        Slopes, contributions and totals.
+    """
+    numbers = np.random.default_rng(seed).standard_normal((draws, len(parts)))
+    figures, changes, curvatures = [], [], []
+    drawn = np.empty((draws, 3))
+    for index, rest in enumerate(rests):
+        dampers = _NearDampers(rest)
+        up = np.array([dampers.relative_changes(parts, row) for row in np.eye(len(parts))])
+        down = np.array(
+            [
+                -change if part.one_sided else dampers.relative_changes(parts, -row)
+                for part, change, row in zip(parts, up, np.eye(len(parts)), strict=True)
+            ]
+        )
+        figures.append(dampers.figures)
+        changes.append(0.5 * (up - down))
+        curvatures.append(0.5 * (up + down))
+        for draw in range(index, draws, len(rests)):
+            drawn[draw] = dampers.relative_changes(parts, numbers[draw])
+    name = rests[0].scene.name
+    return Tolerances(name, tuple(parts), np.array(figures), np.array(changes), np.array(curvatures), drawn)
+
+
+class _NearDampers:
+    """Equilibria and roots of dampers that differ little from a settled one, by its matrices."""
+
+    def __init__(self, rest: Equilibrium) -> None:
+        self.rest, self.piston, self.root = rest, require_free_piston(rest), piston_roots(rest)[0]
+        self._static = self._solver(0.0, ())
+        self._dynamic = self._solver(self.root.s, (self.piston,))
+        self.figures = self._figures(float(rest.pencil.at[self.piston]), self.root.s)
+
+    def _solver(self, s: complex, held: tuple[int, ...]) -> Any:
+        """Return the solution of (K + s C + s^2 M) u = f as a function of f."""
+        pencil = self.rest.pencil
+        if not pencil.has_all_modes:
+            return lambda right: pencil.solve(s, right[:, None], held)[:, 0]
+        from scipy.linalg import lu_factor, lu_solve
+
+        free = np.delete(np.arange(pencil.bed.size), list(held))
+        damping = pencil.damping if pencil.damping_is_diagonal else pencil.full_damping
+        matrix = np.asarray(pencil.full_stiffness + s * damping + s * s * pencil.mass)
+        factors = lu_factor(matrix[free][:, free])
+
+        def solve(right: np.ndarray) -> np.ndarray:
+            result = np.zeros_like(right)
+            result[free] = lu_solve(factors, right[free])
+            return result
+
+        return solve
+
+    @staticmethod
+    def _figures(height: float, s: complex) -> Float[np.ndarray, "3"]:
+        return np.array([height, abs(s) / (2.0 * math.pi), -s.real / abs(s)])
+
+    def relative_changes(self, parts: Sequence[Part], by: Float[np.ndarray, "k"]) -> Float[np.ndarray, "3"]:
+        """Relative changes of the figures with each part moved by a multiple of its deviation."""
+        scene = self.rest.scene
+        for part, multiple in sorted(zip(parts, by, strict=True), key=lambda pair: _LAST.get(pair[0].key, 0)):
+            if multiple != 0.0:
+                scene = part.moved(scene, float(multiple))
+        bed = BedForces(scene)
+        start = bed.coordinates(self.rest.positions, self.rest.piston_height)
+        at = self._equilibrium(bed, start)
+        s = None if at is None else self._root(bed, at)
+        if at is None or s is None:
+            at, s = self._by_newton(bed, start)
+        changed = self._figures(float(at[self.piston]), s)
+        return np.divide(changed, self.figures, out=np.ones(3), where=self.figures > 0.0) - 1.0
+
+    def _equilibrium(self, bed: BedForces, at: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"] | None:
+        last = math.inf
+        for _ in range(MOST_STEPS):
+            try:
+                step = self._static(bed.forces(at))
+            except InputError:
+                return None
+            size = float(np.abs(step).max()) / bed.length
+            if size > last:
+                return None
+            at, last = at + step, size
+            if size < CONVERGED:
+                return at
+        return None
+
+    def _root(self, bed: BedForces, at: Float[np.ndarray, "q"]) -> complex | None:
+        """Root of a changed bed [1/s], by Rayleigh's quotient; the first matrix corrects the shape."""
+        shape, s, mass = self.root.shape, self.root.s, bed.mass_matrix()
+        for _ in range(MOST_STEPS):
+            forces = [
+                of_parts(lambda u: bed.stiffness_times(at, u), shape),
+                of_parts(lambda u: bed.resistance_times(at, u), shape),
+                mass @ shape,
+            ]
+            both = np.roots([complex(shape @ force) for force in reversed(forces)])
+            change = both[np.argmin(np.abs(both - s))] - s
+            s += change
+            if abs(change) < CONVERGED * abs(s):
+                return complex(s)
+            shape = shape - self._dynamic(forces[0] + s * forces[1] + s * s * forces[2])
+        return None
+
+    def _by_newton(self, bed: BedForces, start: Float[np.ndarray, "q"]) -> tuple[Any, complex]:
+        pencil = find_equilibrium(bed, start)
+        root = refine_root(pencil, self.piston, self.root.s)
+        if root is None:
+            raise InputError("a damper within the tolerances does not oscillate; give smaller tolerances")
+        return pencil.at, root.s
+
+
+def read_parts(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Part, ...]:
+    """Read tolerances by the keys of a scene's numbers; texts are parsed, never evaluated."""
+    if not tolerances:
+        raise InputError("no part has a tolerance; give for instance --part grains.remanence=2.5% or --usual")
+    return tuple(_read_part(scene, key, tolerance) for key, tolerance in tolerances.items())
+
+
+def _read_part(scene: Scene, key: str, tolerance: str | float) -> Part:
+    value, kind = find_field(scene, key) or (None, None)
+    of_part = key.startswith(_SECTIONS) and not key.endswith((".share", ".pitch", "piston.height"))
+    if not of_part or not isinstance(value, float) or not isinstance(kind, QuantityKind):
+        raise InputError(
+            f"{quote(key)} is no number of a part of the scene {quote(scene.name)}; "
+            f"there are {', '.join(number_keys(scene))}"
+        )
+    text = str(tolerance)
+    relative, celsius = _RELATIVE.fullmatch(text), isinstance(kind, TemperatureKind)
+    if relative is not None:
+        if value == 0.0 or celsius:
+            raise InputError(
+                f"{key} is {value:g} {kind.unit}: give a tolerance with a unit, not {quote(text)}"
+            )
+        deviation = abs(value) * float(relative[1]) / 100.0
+    elif celsius and (match := _KELVINS.fullmatch(text)):
+        deviation = float(match[1])
+    else:
+        try:
+            reader = QuantityKind(unit="1" if celsius else kind.unit)
+            deviation = reader.parse(tolerance, scene.grains.species[0].diameter)
+        except FieldError as error:
+            raise InputError(f"the tolerance of {key}: {error}") from None
+    if not deviation > 0.0:
+        raise InputError(f"the tolerance {quote(text)} of {key} must be above 0")
+    return Part(key, value, kind.unit, deviation, relative is not None, value == 0.0 == kind.least)
+
+
+def usual_parts(scene: Scene) -> dict[str, str | float]:
+    """Usual tolerances of the parts that a scene names, as `tolerances` takes them.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with a free piston.
+
+    Returns
+    -------
+    dict of str to str or float
+        Standard deviations by key: limits of ``usual_tolerances.toml``, where their sources stand, over the
+        square root of 3.
+    """
+    result: dict[str, str | float] = {}
+    text = (Path(__file__).parent / "usual_tolerances.toml").read_text(encoding="utf-8")
+    for entry in parse_toml(text)["part"]:
+        given = [_is_given(scene, key) for key in (entry["key"], entry.get("with", entry["key"]))]
+        if all(given) and not ("without" in entry and _is_given(scene, entry["without"])):
+            number, _, unit = str(entry["limits"]).partition(" ")
+            result[entry["key"]] = f"{_FACTOR_OF_LIMITS * float(number):.4g} {unit}"
+    return result
+
+
+def _is_given(scene: Scene, key: str) -> bool:
+    return (find_field(scene, key) or (None,))[0] not in (None, 0.0)

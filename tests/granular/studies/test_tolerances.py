@@ -1,0 +1,253 @@
+"""Tolerances of a damper's parts."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import Scene, load_scene
+from granular.__main__ import main
+from granular.linear import piston_roots, slopes
+from granular.linear.equilibrium import Equilibrium, equilibrium_from
+from granular.parts.grades import REFERENCE_TEMPERATURE, REMANENCE_SLOPE
+from granular.shared.errors import InputError
+from granular.studies import tolerances as module
+from granular.studies.tolerances import Part, Tolerances, read_parts, tolerances, tolerances_at, usual_parts
+from tests.granular.linear.small_beds import at_rest, small_damper
+
+TWO = {"grains.remanence": "2.5%", "piston.mass": "0.01 kg"}
+SIX = TWO | {
+    "cell.width": "0.3 mm",
+    "grains.species.0.diameter": "0.05 mm",
+    "grains.thickness": "2 %",
+    "effects.drag.coefficient": "5 %",
+}
+
+
+@pytest.fixture(scope="module")
+def rest() -> Equilibrium:
+    return at_rest(small_damper())
+
+
+@pytest.fixture(scope="module")
+def oiled() -> Equilibrium:
+    """The same bed with magnets and oil as bought."""
+    return at_rest(
+        small_damper(
+            **{
+                "grains.grade": "N42",
+                "grains.coating": "15 um",
+                "grains.temperature": 30.0,
+                "effects.drag.liquid": "silicone oil 350 cSt",
+                "cell.separation": "3.4 mm",
+            }
+        )
+    )
+
+
+def two_parts(changes: list[list[float]], curvatures: list[list[float]], drawn: int = 0) -> Tolerances:
+    parts = (Part("a", 2.0, "m", 0.02, True), Part("b", 0.0, "m", 0.1, False))
+    both = [np.array([values, values]) for values in (changes, curvatures)]
+    return Tolerances("toy", parts, np.ones((2, 3)), *both, np.zeros((drawn, 3)))
+
+
+def test_contributions_add_up_in_squares() -> None:
+    toy = two_parts([[0.03, 0.0, 0.01], [-0.04, 0.02, 0.0]], [[0.0] * 3] * 2)
+    np.testing.assert_allclose(toy.totals, [0.05, 0.02, 0.01], rtol=1e-14)
+    np.testing.assert_allclose(toy.slopes, [[3.0, 0.0, 1.0], [-0.4, 0.2, 0.0]], rtol=1e-14)
+    assert toy.largest(1) == {"rest": ("b",), "f0": ("b",), "zeta": ("a",)}
+    assert toy.curved == ()
+
+
+def test_a_second_difference_is_said() -> None:
+    # sqrt(1 + 2 (c/a)^2) is 1.05 at c/a = 0.2264.
+    assert two_parts([[0.1] * 3, [0.0] * 3], [[0.022] * 3, [0.0] * 3]).curved == ()
+    toy = two_parts([[0.1] * 3, [0.0] * 3], [[0.0, 0.023, 0.0], [0.0] * 3])
+    assert toy.curved == ("a",)
+    assert "Slopes do not do for a, whose second difference counts: draw dampers" in str(toy)
+
+
+@pytest.mark.parametrize(
+    ("key", "tolerance", "deviation"),
+    [
+        ("grains.remanence", "2.5%", 0.0325),
+        ("cell.width", " 0.2 mm ", 2e-4),
+        ("cell.width", "0.1 D", 6e-4),
+        ("piston.mass", 0.05, 0.05),
+        ("grains.species.grain.diameter", "50 um", 5e-5),
+        ("piston.drag", "2 kg/s", 2.0),
+    ],
+)
+def test_tolerances_are_read(key: str, tolerance: str | float, deviation: float) -> None:
+    (part,) = read_parts(load_scene("damper"), {key: tolerance})
+    assert part.deviation == pytest.approx(deviation, rel=1e-12)
+    assert part.one_sided == (key == "piston.drag")
+
+
+def test_tolerances_of_temperatures_are_in_kelvin() -> None:
+    warm = load_scene("damper").replace(**{"grains.temperature": 30.0})
+    assert read_parts(warm, {"grains.temperature": "3 K"})[0].deviation == 3.0
+    with pytest.raises(InputError, match="temperature is 30 degC: give a tolerance with a unit, not '3 %'"):
+        read_parts(warm, {"grains.temperature": "3 %"})
+
+
+@pytest.mark.parametrize(
+    ("key", "tolerance", "message"),
+    [
+        ("grains.mass", "1%", r"'grains\.mass' is no number of a part .*'damper'; there are .*piston\.mass"),
+        ("grains.count", "1%", "no number of a part"),
+        ("grains.coating", "1 um", "no number of a part"),
+        ("piston.height", "1 mm", "no number of a part"),
+        ("output.frames", "1 ms", "no number of a part"),
+        (
+            "cell.width",
+            "2 kg",
+            r"tolerance of cell\.width: '2 kg' has the unit kg; a quantity in m is wanted",
+        ),
+        ("cell.width", "__import__('os')", "is not a quantity"),
+        ("cell.width", "-1 mm", "must be above 0"),
+        ("cell.width", "0%", "must be above 0"),
+        ("piston.drag", "5 %", "give a tolerance with a unit"),
+    ],
+)
+def test_others_are_refused_in_a_line(key: str, tolerance: str, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        read_parts(load_scene("damper"), {key: tolerance})
+    assert "\n" not in str(caught.value)
+
+
+def test_no_part_and_no_bed_are_refused() -> None:
+    with pytest.raises(InputError, match="no part has a tolerance"):
+        tolerances(load_scene("damper"), {})
+    with pytest.raises(InputError, match="beds = 0 and draws = 0"):
+        tolerances(load_scene("damper"), TWO, beds=0)
+
+
+def test_slopes_are_those_of_small_changes(rest: Equilibrium) -> None:
+    keys = tuple(SIX)
+    tight = read_parts(rest.scene, dict.fromkeys(keys, "0.01 %"))
+    found = tolerances_at([rest], tight)
+    np.testing.assert_allclose(found.slopes, slopes(rest, keys).values, rtol=1e-4, atol=2e-5)
+    assert np.abs(found.curvatures).max() < 1e-6
+
+
+def test_changed_dampers_are_those_of_changed_scenes(rest: Equilibrium) -> None:
+    """Both sides of a wide tolerance, against an equilibrium and root found without the first matrices."""
+    (part,) = read_parts(rest.scene, {"grains.remanence": "5%"})
+    found = tolerances_at([rest], [part])
+    figures = []
+    for factor in (1.05, 0.95):
+        scene = rest.scene.replace(**{"grains.remanence": 1.3 * factor})
+        changed = equilibrium_from(scene, rest.positions, rest.piston_height)
+        root = piston_roots(changed)[0]
+        figures.append([changed.piston_height, root.frequency, root.damping_ratio])
+    up, down = np.array(figures, dtype=float) / found.figures[0] - 1.0
+    np.testing.assert_allclose(found.changes[0, 0], 0.5 * (up - down), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.curvatures[0, 0], 0.5 * (up + down), rtol=1e-4, atol=1e-8)
+
+
+def test_newtons_method_goes_on_where_the_first_matrices_do_not_suffice(
+    rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts = read_parts(rest.scene, TWO)
+    wanted = tolerances_at([rest], parts)
+    monkeypatch.setattr(module, "MOST_STEPS", 2)
+    np.testing.assert_allclose(tolerances_at([rest], parts).changes, wanted.changes, rtol=1e-6, atol=1e-9)
+
+
+def test_drawn_dampers_scatter_as_slopes_say(rest: Equilibrium) -> None:
+    found = tolerances_at([rest], read_parts(rest.scene, SIX), draws=100, seed=3)
+    assert found.curved == ()
+    # A standard deviation of 100 drawn numbers has an error of 7 %.
+    np.testing.assert_allclose(found.totals, found.linear_totals, rtol=0.2)
+    assert not np.array_equal(found.totals, found.linear_totals)
+
+
+def test_parts_as_bought_have_slopes(oiled: Equilibrium) -> None:
+    wanted = {"grains.temperature": "3 K", "grains.coating": "5 um", "effects.drag.viscosity": "5 %"}
+    parts = read_parts(oiled.scene, wanted | {"cell.separation": "0.02 mm", "grains.remanence": "0.1 %"})
+    found = tolerances_at([oiled], parts)
+    by_temperature, by_coating, by_viscosity, by_gap, by_remanence = found.slopes
+    # The remanence has the factor 1 - 0.0012 (T - 20); viscosity is no part of the rest.
+    factor = REMANENCE_SLOPE / (1.0 + REMANENCE_SLOPE * (30.0 - REFERENCE_TEMPERATURE))
+    assert by_temperature[0] == pytest.approx(factor * by_remanence[0], rel=1e-3)
+    assert by_coating[0] < 0.0
+    assert by_viscosity[2] == pytest.approx(1.0, abs=0.01)
+    # Films of 0.2 mm on both sides: gamma goes as 1/(E - t), E/(E - t) = 8.5.
+    assert by_gap[2] == pytest.approx(-8.5, rel=0.02)
+
+
+def test_tolerance_of_a_viscosity_comes_on_top_of_the_temperatures(oiled: Equilibrium) -> None:
+    """Whichever is named first: a viscosity that is set takes the liquid away."""
+    both = {"effects.drag.viscosity": "5 %", "grains.temperature": "3 K"}
+    first = tolerances_at([oiled], read_parts(oiled.scene, both), draws=2)
+    parts = read_parts(oiled.scene, both)
+    scene = parts[1].moved(oiled.scene, 1.0)
+    colder = parts[0].moved(scene, 0.5).effects.drag
+    assert colder is not None
+    assert scene.effects.drag is not None
+    assert colder.viscosity == pytest.approx(scene.effects.drag.viscosity * 1.025)
+    assert np.isfinite(first.drawn).all()
+
+
+def test_beds_have_one_variance() -> None:
+    toy = two_parts([[0.0] * 3, [0.0] * 3], [[0.0] * 3] * 2)
+    changes = np.array([[[0.03] * 3, [0.0] * 3], [[-0.01] * 3, [0.0] * 3]])
+    toy = dataclasses.replace(toy, changes=changes)
+    np.testing.assert_allclose(toy.totals, (0.5 * (0.03**2 + 0.01**2)) ** 0.5)
+    np.testing.assert_allclose(toy.slopes[0], 1.0)
+    np.testing.assert_allclose(toy.deviation[0], 2.0 * 2.0**0.5)
+
+
+@pytest.mark.long  # compiles the piston's drag
+def test_a_zero_that_cannot_be_negative_rises(rest: Equilibrium) -> None:
+    found = tolerances_at([rest], read_parts(rest.scene, {"piston.drag": "0.05 kg/s"}))
+    damped = equilibrium_from(rest.scene.replace(**{"piston.drag": 0.05}), rest.positions, rest.piston_height)
+    wanted = piston_roots(damped)[0].damping_ratio / found.figures[0, 2] - 1.0
+    assert found.contributions[0, 2] == pytest.approx(wanted, rel=1e-6)
+    assert found.curvatures[0, 0, 2] == 0.0
+
+
+def test_usual_parts_are_those_that_the_scene_names(oiled: Equilibrium) -> None:
+    plain, bought = usual_parts(small_damper()), usual_parts(oiled.scene)
+    assert "effects.drag.coefficient" in plain
+    assert not {"cell.separation", "grains.coating", "grains.temperature"} & plain.keys()
+    assert {
+        "cell.separation",
+        "grains.coating",
+        "grains.temperature",
+        "effects.drag.viscosity",
+    } <= bought.keys()
+    assert "effects.drag.coefficient" not in bought
+    # Limits of 2.5 % are a standard deviation of 2.5/sqrt(3) %.
+    (part,) = read_parts(oiled.scene, {"grains.remanence": bought["grains.remanence"]})
+    assert part.deviation / part.value == pytest.approx(0.025 / 3.0**0.5, rel=1e-3)
+    assert read_parts(oiled.scene, bought)
+
+
+def test_command_prints_the_table_and_writes_a_page(
+    rest: Equilibrium, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def beds(scene: Scene, count: int, **_: object) -> list[object]:
+        return [(scene, rest.positions, rest.piston_height)] * count
+
+    monkeypatch.setattr(module, "settled_beds", beds)
+    path, out = tmp_path / "scene.toml", tmp_path / "out"
+    path.write_text(rest.scene.to_toml(), encoding="utf-8")
+    words = ["tolerances", str(path), "--usual", "--part", "piston.mass=1%", "--beds", "2", "--quiet"]
+    main([*words, "-o", str(out)])
+    shown = capsys.readouterr().out
+    assert "0.3 kg ± 1 %" in shown
+    assert "of the parts: rest ±" in shown
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "Largest causes" in page
+    assert "<svg" in page
+    main([*words, "--json"])
+    plain = json.loads(capsys.readouterr().out)
+    squares = sum(part["contributions"][0] ** 2 for part in plain["parts"].values())
+    assert plain["totals"]["rest"] == pytest.approx(squares**0.5)
+    assert plain["parts"]["piston.mass"]["deviation"] == pytest.approx(0.003)
