@@ -10,7 +10,7 @@ from granular.scene.scene import Scene
 from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import COLOURS, GREY, READABLE, figure
 from granular.shared.version import versions
-from granular.studies.tolerances import Tolerances
+from granular.studies.tolerances import Tolerances, table_rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +40,7 @@ def add_tolerances(page: HtmlPage, result: Tolerances) -> None:
     )
     largest = "; ".join(f"{name}: {', '.join(keys)}" for name, keys in result.largest().items())
     page.add_paragraph(f"Largest causes, {largest}.")
-    header, *rows = result.table_rows()
+    header, *rows = table_rows(result)
     page.add_table(header, rows)
     for note in result.notes:
         page.add_paragraph(note)

@@ -6,7 +6,9 @@ root of the changed damper are found from those of the settled one; with all par
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -40,9 +42,16 @@ FIGURES = ("rest", "f0", "zeta")
 CONVERGED = 1e-9
 """Last step of the equilibrium [D] and relative one of the root: tolerances move them by 1e-4 and more."""
 
+STALLED = 1e-5
+"""Step that suffices if steps stop shrinking: forces of rounding, or of tables of discs, move the softest
+grains by as much, which the piston does not feel."""
+
 MOST_STEPS = 25
-"""Most steps with the matrices of the settled bed, each of which leaves a tenth of the error where parts
-differ by some percent; if these do not suffice, Newton's method goes on."""
+"""Most steps with the matrices of the settled bed: each leaves a tenth of the error if parts differ by some
+percent."""
+
+STEPS = (1.0, 0.25, 0.0625)
+"""Deviations at which differences are taken, a smaller one if the bed would rearrange within it."""
 
 CURVED = 0.05
 """Part of a standard deviation that second differences may add before slopes alone are said not to do."""
@@ -84,30 +93,18 @@ class Part(NamedTuple):
     one_sided: bool = False
 
     @property
-    def is_logarithmic(self) -> bool:
-        """True if slopes are over the relative change of the number: not of 0 and temperatures."""
-        return self.value != 0.0 and self.unit != "degC"
-
-    @property
-    def slope_size(self) -> float:
-        """Deviation that slopes are over, relative to the number where they are logarithmic."""
-        return self.deviation / abs(self.value) if self.is_logarithmic else self.deviation
+    def slope_unit(self) -> str:
+        """Unit of slopes; none if they are over the relative change: not of 0 and temperatures."""
+        return "" if self.value and self.unit != "degC" else f" /{self.unit.replace('degC', 'K')}"
 
     @property
     def text(self) -> str:
         """Number and tolerance in words."""
-        size, name = {"1": (1.0, ""), "degC": (1.0, " °C"), "m": (1e3, " mm")}.get(
-            self.unit, (1.0, f" {self.unit}")
-        )
+        names = {"1": "", "degC": " °C", "m": " mm"}
+        size, name = 1e3 if self.unit == "m" else 1.0, names.get(self.unit, f" {self.unit}")
         if self.relative:
             return f"{size * self.value:.5g}{name} ± {100.0 * self.deviation / abs(self.value):.3g} %"
         return f"{size * self.value:.5g} ± {size * self.deviation:.3g}{name}"
-
-    def moved(self, scene: Scene, by: float) -> Scene:
-        """Scene with the number moved by a multiple of its deviation."""
-        value = (find_field(scene, self.key) or (self.value,))[0]
-        change = value * self.deviation / self.value if self.relative else self.deviation
-        return scene.replace(**{self.key: value + (abs(by) if self.one_sided else by) * change})
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -147,19 +144,10 @@ class Tolerances:
         return np.sqrt((self.changes**2).mean(axis=0))
 
     @property
-    def slopes_of_beds(self) -> Float[np.ndarray, "b k 3"]:
-        """D ln figure/d ln number; d ln figure/d number for numbers that are 0 and temperatures."""
-        return self.changes / np.array([[part.slope_size] for part in self.parts])
-
-    @property
-    def slopes(self) -> Float[np.ndarray, "k 3"]:
-        """Mean slopes over beds."""
-        return np.asarray(self.slopes_of_beds.mean(axis=0))
-
-    @property
-    def deviation(self) -> Float[np.ndarray, "k 3"]:
-        """Standard deviation of the slopes from bed to bed; 0 of one bed."""
-        return np.asarray(self.slopes_of_beds.std(axis=0, ddof=min(1, len(self.changes) - 1)))
+    def slopes(self) -> Float[np.ndarray, "b k 3"]:
+        """Slopes of each bed, d ln figure/d ln number; d ln figure/d number of temperatures and zeros."""
+        sizes = [part.deviation / (1.0 if part.slope_unit else abs(part.value)) for part in self.parts]
+        return self.changes / np.array(sizes)[:, None]
 
     @property
     def linear_totals(self) -> Float[np.ndarray, "3"]:
@@ -169,7 +157,8 @@ class Tolerances:
     @property
     def totals(self) -> Float[np.ndarray, "3"]:
         """Relative standard deviations of the figures, of the drawn dampers if there are any."""
-        return self.linear_totals if len(self.drawn) < 2 else np.asarray(self.drawn.std(axis=0, ddof=1))
+        settled = self.drawn[np.isfinite(self.drawn).all(axis=1)]
+        return np.asarray(settled.std(axis=0, ddof=1)) if len(settled) > 1 else self.linear_totals
 
     @property
     def spread(self) -> Float[np.ndarray, "3"]:
@@ -212,19 +201,15 @@ class Tolerances:
         dict of str to Any
             Numbers in SI; contributions and totals relative to the mean figures.
         """
-        rows = zip(self.parts, self.slopes, self.deviation, self.contributions, strict=True)
-        parts = {
-            part.key: part._asdict()
-            | {"slopes": slopes.tolist(), "slopes_over_beds": over.tolist(), "contributions": own.tolist()}
-            for part, slopes, over, own in rows
-        }
-        return {
+        slopes = np.moveaxis(self.slopes, 1, 0).tolist()
+        rows = zip(self.parts, slopes, self.contributions.tolist(), strict=True)
+        plain = {"figures": self.figures.mean(axis=0), "totals": self.totals, "by_slopes": self.linear_totals}
+        return {name: dict(zip(FIGURES, row.tolist(), strict=True)) for name, row in plain.items()} | {
             "scene": self.scene,
-            "figures": dict(zip(FIGURES, self.figures.mean(axis=0).tolist(), strict=True)),
             "figures_of_beds": self.figures.tolist(),
-            "parts": parts,
-            "totals": dict(zip(FIGURES, self.totals.tolist(), strict=True)),
-            "linear_totals": dict(zip(FIGURES, self.linear_totals.tolist(), strict=True)),
+            "parts": {
+                part.key: part._asdict() | {"slopes": each, "contributions": own} for part, each, own in rows
+            },
             "draws": len(self.drawn),
             "curved": list(self.curved),
         }
@@ -239,42 +224,23 @@ class Tolerances:
             f"zeta ± {100.0 * damping * total[2]:.2g} % (standard deviations; most by {largest})"
         )
 
-    def table_rows(self) -> list[tuple[str, ...]]:
-        """Header and rows of the table, with the sum of all parts."""
-        rows = [("part", "tolerance", *(f"slope of {f}" for f in FIGURES), *(f"{f} [± %]" for f in FIGURES))]
-        for part, *values in zip(self.parts, self.slopes, self.deviation, self.contributions, strict=True):
-            slopes, over, own = values
-            unit = "" if part.is_logarithmic else f" /{part.unit.replace('degC', 'K')}"
-            cells = [
-                f"{slope:+.4f}" + (f" ± {error:.4f}" if len(self.figures) > 1 else "") + unit
-                for slope, error in zip(slopes, over, strict=True)
-            ]
-            rows.append((part.key, part.text, *cells, *_percents(own)))
-        rows.append(("all parts", "root of the sum of squares", "", "", "", *_percents(self.linear_totals)))
-        if len(self.drawn) > 1:
-            rows.append((f"{len(self.drawn)} drawn dampers", "", "", "", "", *_percents(self.totals)))
-        if len(self.figures) > 1:
-            name = f"{len(self.figures)} random starts"
-            rows.append((name, "not of the parts", "", "", "", *_percents(self.spread)))
-        return rows
-
     @property
     def notes(self) -> tuple[str, ...]:
         """Meaning of the table in sentences."""
-        curved = ", ".join(self.curved)
-        drawn = len(self.drawn) > 1
-        remedy = "the drawn dampers contain it" if drawn else "draw dampers (--draws 200)"
-        return (
+        notes = [
             "A tolerance is a standard deviation, of all pieces of a part together, as of a batch: scatter "
             "of single magnets about their mean hardly counts (3 % of the moment: 0.02 % of rest and "
             "frequency, 0.3 % of the damping ratio).",
             "Figures are those of small motions, without dry friction.",
-            *(
-                [f"Slopes do not do for {curved}, whose second difference counts: {remedy}."]
-                if curved
-                else []
-            ),
-        )
+        ]
+        lost = int(np.isnan(self.drawn).any(axis=1).sum())
+        if lost:
+            notes.append(f"{lost} drawn dampers have no equilibrium near a settled bed, and do not count.")
+        if self.curved:
+            remedy = "the drawn dampers contain it" if len(self.drawn) > 1 else "draw dampers (--draws 200)"
+            keys = ", ".join(self.curved)
+            notes.append(f"Slopes alone are not enough for {keys}, whose second difference counts: {remedy}.")
+        return tuple(notes)
 
     def __str__(self) -> str:
         """Table in lines."""
@@ -283,11 +249,31 @@ class Tolerances:
             [
                 f"{self.scene}: tolerances of {len(self.parts)} parts at {len(self.figures)} settled bed(s)",
                 f"rest {1e3 * rest:.5g} mm, f0 {frequency:.5g} Hz, zeta {100.0 * damping:.4g} %",
-                align_columns(self.table_rows()),
+                align_columns(table_rows(self)),
                 self.summary,
                 *self.notes,
             ]
         )
+
+
+def table_rows(result: Tolerances) -> list[tuple[str, ...]]:
+    """Header and rows of the table, with the sum of all parts."""
+    rows = [("part", "tolerance", *(f"slope of {f}" for f in FIGURES), *(f"{f} [± %]" for f in FIGURES))]
+    several = len(result.figures) > 1
+    slopes, errors = result.slopes.mean(axis=0), result.slopes.std(axis=0, ddof=int(several))
+    for part, own, *pair in zip(result.parts, result.contributions, slopes, errors, strict=True):
+        cells = [
+            f"{slope:+.4f}" + (f" ± {error:.4f}" if several else "") + part.slope_unit
+            for slope, error in zip(*pair, strict=True)
+        ]
+        rows.append((part.key, part.text, *cells, *_percents(own)))
+    rows.append(("all parts", "root of the sum of squares", "", "", "", *_percents(result.linear_totals)))
+    if len(result.drawn) > 1:
+        rows.append((f"{len(result.drawn)} drawn dampers", "", "", "", "", *_percents(result.totals)))
+    if several:
+        name = f"{len(result.figures)} random starts"
+        rows.append((name, "not of the parts", "", "", "", *_percents(result.spread)))
+    return rows
 
 
 def _percents(values: Float[np.ndarray, "3"]) -> list[str]:
@@ -373,22 +359,23 @@ def tolerances_at(
     numbers = np.random.default_rng(seed).standard_normal((draws, len(parts)))
     figures, changes, curvatures = [], [], []
     drawn = np.empty((draws, 3))
-    for index, rest in enumerate(rests):
+    for bed, rest in enumerate(rests):
         dampers = _NearDampers(rest)
-        up = np.array([dampers.relative_changes(parts, row) for row in np.eye(len(parts))])
-        down = np.array(
-            [
-                -change if part.one_sided else dampers.relative_changes(parts, -row)
-                for part, change, row in zip(parts, up, np.eye(len(parts)), strict=True)
-            ]
-        )
+        pairs = np.array([dampers.differences(parts, index) for index in range(len(parts))])
         figures.append(dampers.figures)
-        changes.append(0.5 * (up - down))
-        curvatures.append(0.5 * (up + down))
-        for draw in range(index, draws, len(rests)):
-            drawn[draw] = dampers.relative_changes(parts, numbers[draw])
+        changes.append(pairs[:, 0])
+        curvatures.append(pairs[:, 1])
+        for draw in range(bed, draws, len(rests)):
+            drawn[draw] = dampers.drawn_changes(parts, numbers[draw])
     name = rests[0].scene.name
     return Tolerances(name, tuple(parts), np.array(figures), np.array(changes), np.array(curvatures), drawn)
+
+
+def move_part(scene: Scene, part: Part, by: float) -> Scene:
+    """Move the number of a part by a multiple of its deviation."""
+    value = (find_field(scene, part.key) or (part.value,))[0]
+    change = value * part.deviation / part.value if part.relative else part.deviation
+    return scene.replace(**{part.key: value + (abs(by) if part.one_sided else by) * change})
 
 
 class _NearDampers:
@@ -423,59 +410,77 @@ class _NearDampers:
     def _figures(height: float, s: complex) -> Float[np.ndarray, "3"]:
         return np.array([height, abs(s) / (2.0 * math.pi), -s.real / abs(s)])
 
-    def relative_changes(self, parts: Sequence[Part], by: Float[np.ndarray, "k"]) -> Float[np.ndarray, "3"]:
-        """Relative changes of the figures with each part moved by a multiple of its deviation."""
+    def differences(self, parts: Sequence[Part], index: int) -> Float[np.ndarray, "2 3"]:
+        """Relative first and second differences of the figures, at a deviation of one part."""
+        cause: InputError | None = None
+        for step in STEPS:
+            by = step * np.eye(len(parts))[index]
+            try:
+                up = self._relative_changes(*self._changed(parts, by))
+                down = -up if parts[index].one_sided else self._relative_changes(*self._changed(parts, -by))
+                return np.array([(up - down) / (2.0 * step), (up + down) / (2.0 * step**2)])
+            except InputError as error:
+                cause = error
+        raise InputError(f"{parts[index].key} cannot change by {parts[index].deviation * step:.3g}: {cause}")
+
+    def drawn_changes(self, parts: Sequence[Part], by: Float[np.ndarray, "k"]) -> Float[np.ndarray, "3"]:
+        """Relative changes of the figures with all parts moved; NaN if the bed has no equilibrium nearby."""
+        with contextlib.suppress(InputError):
+            bed, start = self._changed(parts, by)
+            with contextlib.suppress(InputError):
+                return self._relative_changes(bed, start)
+            pencil = find_equilibrium(bed, start)
+            root = refine_root(pencil, self.piston, self.root.s)
+            if root is not None:
+                return self._figures(float(pencil.at[self.piston]), root.s) / self.figures - 1.0
+        return np.full(3, np.nan)
+
+    def _changed(
+        self, parts: Sequence[Part], by: Float[np.ndarray, "k"]
+    ) -> tuple[BedForces, Float[np.ndarray, "q"]]:
+        """Bed with each part moved by a multiple of its deviation, and the coordinates before."""
         scene = self.rest.scene
         for part, multiple in sorted(zip(parts, by, strict=True), key=lambda pair: _LAST.get(pair[0].key, 0)):
             if multiple != 0.0:
-                scene = part.moved(scene, float(multiple))
+                scene = move_part(scene, part, float(multiple))
         bed = BedForces(scene)
-        start = bed.coordinates(self.rest.positions, self.rest.piston_height)
+        return bed, bed.coordinates(self.rest.positions, self.rest.piston_height)
+
+    def _relative_changes(self, bed: BedForces, start: Float[np.ndarray, "q"]) -> Float[np.ndarray, "3"]:
         at = self._equilibrium(bed, start)
-        s = None if at is None else self._root(bed, at)
-        if at is None or s is None:
-            at, s = self._by_newton(bed, start)
-        changed = self._figures(float(at[self.piston]), s)
+        changed = self._figures(float(at[self.piston]), self._root(bed, at))
         return np.divide(changed, self.figures, out=np.ones(3), where=self.figures > 0.0) - 1.0
 
-    def _equilibrium(self, bed: BedForces, at: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"] | None:
+    def _equilibrium(self, bed: BedForces, at: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"]:
         last = math.inf
         for _ in range(MOST_STEPS):
-            try:
-                step = self._static(bed.forces(at))
-            except InputError:
-                return None
+            step = self._static(bed.forces(at))
             size = float(np.abs(step).max()) / bed.length
-            if size > last:
-                return None
+            if size >= last or last < CONVERGED:
+                break
             at, last = at + step, size
-            if size < CONVERGED:
-                return at
-        return None
+        if last > STALLED:
+            raise InputError("the bed rearranges; give a smaller tolerance, or another seed")
+        return at
 
-    def _root(self, bed: BedForces, at: Float[np.ndarray, "q"]) -> complex | None:
+    def _root(self, bed: BedForces, at: Float[np.ndarray, "q"]) -> complex:
         """Root of a changed bed [1/s], by Rayleigh's quotient; the first matrix corrects the shape."""
-        shape, s, mass = self.root.shape, self.root.s, bed.mass_matrix()
+        shape, s, mass, last = self.root.shape, self.root.s, bed.mass_matrix(), math.inf
         for _ in range(MOST_STEPS):
             forces = [
-                of_parts(lambda u: bed.stiffness_times(at, u), shape),
-                of_parts(lambda u: bed.resistance_times(at, u), shape),
+                of_parts(functools.partial(bed.stiffness_times, at), shape),
+                of_parts(functools.partial(bed.resistance_times, at), shape),
                 mass @ shape,
             ]
             both = np.roots([complex(shape @ force) for force in reversed(forces)])
             change = both[np.argmin(np.abs(both - s))] - s
-            s += change
-            if abs(change) < CONVERGED * abs(s):
-                return complex(s)
+            if abs(change) >= last or last < CONVERGED * abs(s):
+                break
+            s, last = s + change, abs(change)
             shape = shape - self._dynamic(forces[0] + s * forces[1] + s * s * forces[2])
-        return None
-
-    def _by_newton(self, bed: BedForces, start: Float[np.ndarray, "q"]) -> tuple[Any, complex]:
-        pencil = find_equilibrium(bed, start)
-        root = refine_root(pencil, self.piston, self.root.s)
-        if root is None:
-            raise InputError("a damper within the tolerances does not oscillate; give smaller tolerances")
-        return pencil.at, root.s
+        if last > STALLED * abs(s):
+            raise InputError("the piston's motion changes too much; give a smaller tolerance")
+        return complex(s)
 
 
 def read_parts(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Part, ...]:

@@ -162,7 +162,7 @@ def read_parts_of_source(
 
     if isinstance(source, PistonRecord):
         raise InputError("a record has no parts whose tolerances could be followed; give a scene or a run")
-    scene = getattr(source, "scene", source)
+    scene: Scene = getattr(source, "scene", source)
     check_free_piston(scene)
     if not is_rest(scene, 0):
         raise InputError(

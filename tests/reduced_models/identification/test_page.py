@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granular import PistonRecord
-from reduced_models import load_model
+from granular import PistonRecord, Scene
+from granular.shared.errors import InputError
+from granular.studies.tolerances import Part, Tolerances
+from reduced_models import identify, load_model
 from reduced_models.identification.comparison_table import Comparison, ComparisonRow
 from reduced_models.identification.page import comparison_page
 from reduced_models.identification.result import Identification
@@ -106,3 +108,31 @@ def test_all_laws_by_command(command: Callable, tmp_path: Path) -> None:
     assert len(list((out / "models").glob("*.json"))) >= 8
     page = (out / "report.html").read_text()
     assert all(f"<h2>{path.stem}" in page for path in (out / "models").glob("*.json"))
+
+
+def test_tolerances_of_parts_stand_apart_from_the_errors() -> None:
+    """On the print-out below the figures, and with their bars on the page."""
+    part = Part("piston.mass", 7.5, "kg", 0.0375, True)
+    changes = np.array([[[0.02, 0.01, 0.05]]])
+    figures = np.array([[0.06, 3.5, 0.04]])
+    parts = Tolerances("damper", (part,), figures, changes, 0.0 * changes, np.empty((0, 3)))
+    named = dataclasses.replace(found(("linear",)), of_parts=parts)
+    line = "of the parts: rest ± 1.2 mm, f0 ± 0.035 Hz, zeta ± 0.2 %"
+    assert line in named.printout()
+    assert "of the parts" not in found(("linear",)).printout()
+    page = named.page().to_html()
+    assert "Largest causes, rest: piston.mass; f0: piston.mass; zeta: piston.mass." in page
+    assert named.to_plain()["of_parts"]["totals"] == {"rest": 0.02, "f0": 0.01, "zeta": 0.05}
+
+
+def test_a_record_has_no_parts() -> None:
+    with pytest.raises(InputError, match="a record has no parts"):
+        identify(found(("linear",)).record, parts={"piston.mass": "1%"})
+
+
+def test_parts_are_read_before_a_run(small_damper: Scene) -> None:
+    with pytest.raises(InputError, match=r"'piston\.colour' is no number of a part"):
+        identify(small_damper, parts={"piston.colour": "1%"})
+    held = small_damper.replace(**{"protocol.drop.until": None, "protocol.drop.duration": 1.0})
+    with pytest.raises(InputError, match="does not begin with a rest"):
+        identify(held, parts={"piston.mass": "1%"})
