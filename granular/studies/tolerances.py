@@ -6,9 +6,7 @@ root of the changed damper are found from those of the settled one; with all par
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import functools
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -20,7 +18,6 @@ import numpy as np
 from granular.linear import piston_roots
 from granular.linear.bed_forces import BedForces, check_free_piston
 from granular.linear.equilibrium import Equilibrium, equilibrium_from, find_equilibrium
-from granular.linear.pencil import of_parts
 from granular.linear.roots import refine_root, require_free_piston
 from granular.linear.slopes import number_keys
 from granular.scene.scene import Scene
@@ -39,19 +36,12 @@ __all__ = ["Part", "Tolerances", "tolerances", "tolerances_at", "usual_parts"]
 
 FIGURES = ("rest", "f0", "zeta")
 
-CONVERGED = 1e-9
-"""Last step of the equilibrium [D] and relative one of the root: tolerances move them by 1e-4 and more."""
-
-STALLED = 1e-5
-"""Step that suffices if steps stop shrinking: forces of rounding, or of tables of discs, move the softest
-grains by as much, which the piston does not feel."""
-
-MOST_STEPS = 25
-"""Most steps with the matrices of the settled bed: each leaves a tenth of the error if parts differ by some
-percent."""
-
 STEPS = (1.0, 0.25, 0.0625)
 """Deviations at which differences are taken, a smaller one if the bed would rearrange within it."""
+
+REARRANGED = 0.2
+"""Largest displacement of a grain, beside an even strain, from which a bed has rearranged [D]: a grain that
+changes its neighbours moves by half a spacing or so."""
 
 CURVED = 0.05
 """Part of a standard deviation that second differences may add before slopes alone are said not to do."""
@@ -128,6 +118,8 @@ class Tolerances:
         Relative second difference at that distance: mean of both sides less the middle.
     drawn : float64 (d, 3)
         Relative changes of the figures of drawn dampers; of none if slopes alone were asked for.
+    rearranged : int
+        Number of drawn dampers without an equilibrium near the settled bed: they have changes by slopes.
     """
 
     scene: str
@@ -136,6 +128,7 @@ class Tolerances:
     changes: Float[np.ndarray, "b k 3"]
     curvatures: Float[np.ndarray, "b k 3"]
     drawn: Float[np.ndarray, "d 3"]
+    rearranged: int = 0
 
     @property
     def contributions(self) -> Float[np.ndarray, "k 3"]:
@@ -157,8 +150,7 @@ class Tolerances:
     @property
     def totals(self) -> Float[np.ndarray, "3"]:
         """Relative standard deviations of the figures, of the drawn dampers if there are any."""
-        settled = self.drawn[np.isfinite(self.drawn).all(axis=1)]
-        return np.asarray(settled.std(axis=0, ddof=1)) if len(settled) > 1 else self.linear_totals
+        return self.linear_totals if len(self.drawn) < 2 else np.asarray(self.drawn.std(axis=0, ddof=1))
 
     @property
     def spread(self) -> Float[np.ndarray, "3"]:
@@ -211,6 +203,7 @@ class Tolerances:
                 part.key: part._asdict() | {"slopes": each, "contributions": own} for part, each, own in rows
             },
             "draws": len(self.drawn),
+            "rearranged": self.rearranged,
             "curved": list(self.curved),
         }
 
@@ -233,9 +226,8 @@ class Tolerances:
             "frequency, 0.3 % of the damping ratio).",
             "Figures are those of small motions, without dry friction.",
         ]
-        lost = int(np.isnan(self.drawn).any(axis=1).sum())
-        if lost:
-            notes.append(f"{lost} drawn dampers have no equilibrium near a settled bed, and do not count.")
+        if self.rearranged:
+            notes.append(f"{self.rearranged} drawn dampers pack otherwise: for them the slopes count.")
         if self.curved:
             remedy = "the drawn dampers contain it" if len(self.drawn) > 1 else "draw dampers (--draws 200)"
             keys = ", ".join(self.curved)
@@ -358,17 +350,24 @@ def tolerances_at(
     """
     numbers = np.random.default_rng(seed).standard_normal((draws, len(parts)))
     figures, changes, curvatures = [], [], []
-    drawn = np.empty((draws, 3))
+    drawn, rearranged = np.empty((draws, 3)), 0
     for bed, rest in enumerate(rests):
-        dampers = _NearDampers(rest)
-        pairs = np.array([dampers.differences(parts, index) for index in range(len(parts))])
-        figures.append(dampers.figures)
+        root = piston_roots(rest)[0]
+        figures.append(_figures(rest.piston_height, root))
+        pairs = np.array([_differences(rest, root, parts, index) for index in range(len(parts))])
         changes.append(pairs[:, 0])
         curvatures.append(pairs[:, 1])
         for draw in range(bed, draws, len(rests)):
-            drawn[draw] = dampers.drawn_changes(parts, numbers[draw])
+            try:
+                drawn[draw] = _relative_changes(rest, root, parts, numbers[draw])[0]
+            except InputError:
+                # Without them the largest changes would be missing.
+                drawn[draw] = numbers[draw] @ pairs[:, 0]
+                rearranged += 1
     name = rests[0].scene.name
-    return Tolerances(name, tuple(parts), np.array(figures), np.array(changes), np.array(curvatures), drawn)
+    return Tolerances(
+        name, tuple(parts), np.array(figures), np.array(changes), np.array(curvatures), drawn, rearranged
+    )
 
 
 def move_part(scene: Scene, part: Part, by: float) -> Scene:
@@ -378,109 +377,55 @@ def move_part(scene: Scene, part: Part, by: float) -> Scene:
     return scene.replace(**{part.key: value + (abs(by) if part.one_sided else by) * change})
 
 
-class _NearDampers:
-    """Equilibria and roots of dampers that differ little from a settled one, by its matrices."""
+def _figures(height: float | None, root: Root) -> Float[np.ndarray, "3"]:
+    return np.array([height, root.frequency, root.damping_ratio])
 
-    def __init__(self, rest: Equilibrium) -> None:
-        self.rest, self.piston, self.root = rest, require_free_piston(rest), piston_roots(rest)[0]
-        self._static = self._solver(0.0, ())
-        self._dynamic = self._solver(self.root.s, (self.piston,))
-        self.figures = self._figures(float(rest.pencil.at[self.piston]), self.root.s)
 
-    def _solver(self, s: complex, held: tuple[int, ...]) -> Any:
-        """Return the solution of (K + s C + s^2 M) u = f as a function of f."""
-        pencil = self.rest.pencil
-        if not pencil.has_all_modes:
-            return lambda right: pencil.solve(s, right[:, None], held)[:, 0]
-        from scipy.linalg import lu_factor, lu_solve
+def _differences(
+    rest: Equilibrium, root: Root, parts: Sequence[Part], index: int
+) -> Float[np.ndarray, "2 3"]:
+    """Relative first and second differences of the figures, at a deviation of one part."""
+    cause: object = "the bed rearranges; give a smaller tolerance, or another seed"
+    for step in STEPS:
+        by = step * np.eye(len(parts))[index]
+        try:
+            up, far = _relative_changes(rest, root, parts, by)
+            down, back = (-up, far) if parts[index].one_sided else _relative_changes(rest, root, parts, -by)
+        except InputError as error:
+            cause = error
+            continue
+        if max(far, back) < REARRANGED:
+            # Drawn dampers that rearrange are no matter of slopes.
+            curvature = 0.5 * (up + down) if step == STEPS[0] else np.full(3, np.inf)
+            return np.array([(up - down) / (2.0 * step), curvature])
+    raise InputError(f"{parts[index].key} cannot change by {step * parts[index].deviation:.3g}: {cause}")
 
-        free = np.delete(np.arange(pencil.bed.size), list(held))
-        damping = pencil.damping if pencil.damping_is_diagonal else pencil.full_damping
-        matrix = np.asarray(pencil.full_stiffness + s * damping + s * s * pencil.mass)
-        factors = lu_factor(matrix[free][:, free])
 
-        def solve(right: np.ndarray) -> np.ndarray:
-            result = np.zeros_like(right)
-            result[free] = lu_solve(factors, right[free])
-            return result
+def _relative_changes(
+    rest: Equilibrium, root: Root, parts: Sequence[Part], by: Float[np.ndarray, "k"]
+) -> tuple[Float[np.ndarray, "3"], float]:
+    """Relative changes of the figures with each part moved by a multiple of its deviation.
 
-        return solve
-
-    @staticmethod
-    def _figures(height: float, s: complex) -> Float[np.ndarray, "3"]:
-        return np.array([height, abs(s) / (2.0 * math.pi), -s.real / abs(s)])
-
-    def differences(self, parts: Sequence[Part], index: int) -> Float[np.ndarray, "2 3"]:
-        """Relative first and second differences of the figures, at a deviation of one part."""
-        cause: InputError | None = None
-        for step in STEPS:
-            by = step * np.eye(len(parts))[index]
-            try:
-                up = self._relative_changes(*self._changed(parts, by))
-                down = -up if parts[index].one_sided else self._relative_changes(*self._changed(parts, -by))
-                return np.array([(up - down) / (2.0 * step), (up + down) / (2.0 * step**2)])
-            except InputError as error:
-                cause = error
-        raise InputError(f"{parts[index].key} cannot change by {parts[index].deviation * step:.3g}: {cause}")
-
-    def drawn_changes(self, parts: Sequence[Part], by: Float[np.ndarray, "k"]) -> Float[np.ndarray, "3"]:
-        """Relative changes of the figures with all parts moved; NaN if the bed has no equilibrium nearby."""
-        with contextlib.suppress(InputError):
-            bed, start = self._changed(parts, by)
-            with contextlib.suppress(InputError):
-                return self._relative_changes(bed, start)
-            pencil = find_equilibrium(bed, start)
-            root = refine_root(pencil, self.piston, self.root.s)
-            if root is not None:
-                return self._figures(float(pencil.at[self.piston]), root.s) / self.figures - 1.0
-        return np.full(3, np.nan)
-
-    def _changed(
-        self, parts: Sequence[Part], by: Float[np.ndarray, "k"]
-    ) -> tuple[BedForces, Float[np.ndarray, "q"]]:
-        """Bed with each part moved by a multiple of its deviation, and the coordinates before."""
-        scene = self.rest.scene
-        for part, multiple in sorted(zip(parts, by, strict=True), key=lambda pair: _LAST.get(pair[0].key, 0)):
-            if multiple != 0.0:
-                scene = move_part(scene, part, float(multiple))
-        bed = BedForces(scene)
-        return bed, bed.coordinates(self.rest.positions, self.rest.piston_height)
-
-    def _relative_changes(self, bed: BedForces, start: Float[np.ndarray, "q"]) -> Float[np.ndarray, "3"]:
-        at = self._equilibrium(bed, start)
-        changed = self._figures(float(at[self.piston]), self._root(bed, at))
-        return np.divide(changed, self.figures, out=np.ones(3), where=self.figures > 0.0) - 1.0
-
-    def _equilibrium(self, bed: BedForces, at: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"]:
-        last = math.inf
-        for _ in range(MOST_STEPS):
-            step = self._static(bed.forces(at))
-            size = float(np.abs(step).max()) / bed.length
-            if size >= last or last < CONVERGED:
-                break
-            at, last = at + step, size
-        if last > STALLED:
-            raise InputError("the bed rearranges; give a smaller tolerance, or another seed")
-        return at
-
-    def _root(self, bed: BedForces, at: Float[np.ndarray, "q"]) -> complex:
-        """Root of a changed bed [1/s], by Rayleigh's quotient; the first matrix corrects the shape."""
-        shape, s, mass, last = self.root.shape, self.root.s, bed.mass_matrix(), math.inf
-        for _ in range(MOST_STEPS):
-            forces = [
-                of_parts(functools.partial(bed.stiffness_times, at), shape),
-                of_parts(functools.partial(bed.resistance_times, at), shape),
-                mass @ shape,
-            ]
-            both = np.roots([complex(shape @ force) for force in reversed(forces)])
-            change = both[np.argmin(np.abs(both - s))] - s
-            if abs(change) >= last or last < CONVERGED * abs(s):
-                break
-            s, last = s + change, abs(change)
-            shape = shape - self._dynamic(forces[0] + s * forces[1] + s * s * forces[2])
-        if last > STALLED * abs(s):
-            raise InputError("the piston's motion changes too much; give a smaller tolerance")
-        return complex(s)
+    Also the largest displacement of a grain, beside the even strain of cell and piston [D].
+    """
+    scene = rest.scene
+    for part, multiple in sorted(zip(parts, by, strict=True), key=lambda pair: _LAST.get(pair[0].key, 0)):
+        if multiple != 0.0:
+            scene = move_part(scene, part, float(multiple))
+    bed, piston = BedForces(scene), require_free_piston(rest)
+    pencil = find_equilibrium(bed, bed.coordinates(rest.positions, rest.piston_height))
+    changed = refine_root(pencil, piston, root.s)
+    if changed is None:
+        raise InputError("the piston does not oscillate any more")
+    height = float(pencil.at[piston])
+    strained = rest.positions * (
+        scene.cell.width / rest.scene.cell.width,
+        height / (rest.piston_height or 1.0),
+    )
+    moved = float(np.hypot(*(bed.positions(pencil.at) - strained).T).max()) / bed.length
+    before = _figures(rest.piston_height, root)
+    after = _figures(height, changed)
+    return np.divide(after, before, out=np.ones(3), where=before > 0.0) - 1.0, moved
 
 
 def read_parts(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Part, ...]:

@@ -162,7 +162,8 @@ def read_parts_of_source(
 
     if isinstance(source, PistonRecord):
         raise InputError("a record has no parts whose tolerances could be followed; give a scene or a run")
-    scene: Scene = getattr(source, "scene", source)
+    given: Any = source
+    scene: Scene = getattr(given, "scene", given)
     check_free_piston(scene)
     if not is_rest(scene, 0):
         raise InputError(
