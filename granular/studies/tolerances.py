@@ -18,7 +18,7 @@ import numpy as np
 from granular.linear import piston_roots
 from granular.linear.bed_forces import BedForces, check_free_piston
 from granular.linear.equilibrium import Equilibrium, equilibrium_from, find_equilibrium
-from granular.linear.roots import refine_root, require_free_piston
+from granular.linear.roots import Root, refine_root, require_free_piston
 from granular.linear.slopes import number_keys
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import FieldError, QuantityKind, TemperatureKind
@@ -200,7 +200,8 @@ class Tolerances:
             "scene": self.scene,
             "figures_of_beds": self.figures.tolist(),
             "parts": {
-                part.key: part._asdict() | {"slopes": each, "contributions": own} for part, each, own in rows
+                part.key: part._asdict() | {"slopes": over_beds, "contributions": own}
+                for part, over_beds, own in rows
             },
             "draws": len(self.drawn),
             "rearranged": self.rearranged,
