@@ -218,6 +218,9 @@ def loss_shares(rest: Equilibrium, root: Root) -> dict[str, float]:
     losses = {"bath": bed.bath_rate * float(grains @ bed.masses()[: 2 * bed.grains])}
     if scene.piston is not None and bed.piston is not None:
         losses["piston"] = scene.piston.drag * abs(shape[bed.piston]) ** 2
+        if scene.piston.has_parts:  # their drag stays where the liquid is taken away
+            fixed = {"piston.blade": None, "piston.guide": None, "piston.drag": scene.piston.drag}
+            scene = scene.replace(**fixed)
     if bed.machine is not None:
         bodies = shape[bed.bodies :]
         losses["host"] = float(np.real(bodies.conj() @ bed.machine.dashpots @ bodies))

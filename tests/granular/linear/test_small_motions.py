@@ -98,6 +98,21 @@ def test_losses_are_shared_by_two_flows(changed: Changed) -> None:
     assert found.loss_shares["eddy"] > 0.01
 
 
+@pytest.mark.long  # compiles loops with eddy currents
+def test_a_blade_keeps_its_loss_where_other_flows_are_taken_away(changed: Changed) -> None:
+    parts = {
+        "effects.drag.liquid": "silicone oil 350 cSt",
+        "cell.separation": "3.4 mm",
+        "piston.blade": {"depth": "10 mm", "film": "0.5 mm"},
+        "effects.eddy": {"conductivity": 6e7, "thickness": 1e-3, "distance": 4e-3, "mutual": False},
+    }
+    found = small_motions(changed(**parts)).loss_shares
+    viscous = 2.0 * 350e-6 * 970.0 * 0.12 * 0.01 / 0.5e-3
+    fixed = small_motions(changed(**parts | {"piston.blade": None, "piston.drag": viscous})).loss_shares
+    assert found == pytest.approx(fixed, rel=1e-6)
+    assert found["piston"] > 0.01
+
+
 def test_friction_is_said_to_be_outside(changed: Changed, found: SmallMotions) -> None:
     rubbed = small_motions(changed(**{"effects.friction": {"static": 0.3, "dynamic": 0.2}}))
     assert "dry friction is not in the equilibrium" in str(rubbed)

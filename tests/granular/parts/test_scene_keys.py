@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granular import Scene, evaluate, load_scene, scene_text
+from granular import Scene, equilibrium, evaluate, load_scene, scene_text
 from granular.effects.wall_discs import disc_wall_tables
+from granular.linear import motion_friction
 from granular.pairs.disc_law import Disc
 from granular.parts.liquids import find_liquid
 from granular.shared.errors import InputError
@@ -152,3 +153,29 @@ def test_coating_weakens_discs_and_keeps_their_places() -> None:
     assert found == pytest.approx((below - above) * scales.force, rel=1e-9)
     magnet = 1.3 * math.pi / 4.0 * (0.8 * 0.006) ** 2 * 0.0018 / (4e-7 * math.pi)
     assert scales.current * scales.length**2 == pytest.approx(magnet, rel=1e-9)
+
+
+def test_the_workshop_scene_names_parts() -> None:
+    scene = load_scene("workshop")
+    assert scene.effects.drag is not None
+    assert scene.effects.walls is not None
+    assert [wall.law for _, wall in scene.effects.walls.present_walls] == ["discs"] * 4
+    viscosity, film = 350e-6 * 970.0, 0.05e-3
+    drag = 2.0 * viscosity * math.pi / 4.0 * 0.006**2 / film
+    assert scene.effects.drag.coefficient == pytest.approx(drag, rel=1e-9)
+    words = scene_text(scene)
+    assert "N42 has 1.28 to 1.32 T" in words
+    assert "core of 5.97 x 2.97 mm" in words
+
+
+@pytest.mark.long
+def test_the_workshop_scene_settles_and_rubs() -> None:
+    """The friction of its plates and guide next to the drag of its oil."""
+    rest = equilibrium(load_scene("workshop"))
+    assert rest.is_stable
+    assert rest.frictionless
+    rubs = motion_friction(rest)
+    assert rubs.moving_load < rubs.load
+    assert rubs.force == pytest.approx(0.04 * rubs.moving_load + 0.05, rel=1e-12)
+    # Lifted by its diameter, the piston oscillates by the oil rather than by the plates.
+    assert rubs.drag_amplitude < 0.006
