@@ -17,7 +17,7 @@ from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
 from reduced_models.designs.damper import ASPECT, DIAMETER, DamperCandidate, PredictedFigures
 from reduced_models.designs.target import DesignTarget
-from reduced_models.falls.workshop_sheet import slopes_by_part, workshop_sheet
+from reduced_models.falls.workshop_sheet import workshop_sheet
 from reduced_models.models.printout import caution_lines, figure_lines, wrap_words
 from reduced_models.models.quantities import DAMPING_RATIO, LEVEL, QuantityWithError, student_half_width
 from reduced_models.records.sources import make_directory
@@ -322,13 +322,14 @@ class Design:
             for low, high in [self.range_over_seeds(name)]
         ]
         try:
-            by_part = slopes_by_part(self.checks[0].equilibrium(self.damper))
+            bed = self.checks[0].equilibrium(self.damper)
         except InputError:  # some beds rearrange under the smallest push
-            by_part = {}
+            bed = None
         return workshop_sheet(
             self.scene,
             self.rest_height,
-            by_part,
+            bed,
+            amplitude=0.2 * DIAMETER,
             title=f"Workshop sheet: {self.target.frequency:g} Hz, damping {self.target.damping:g}",
             lead=f"The piston swings at {self.frequency:.4g} Hz with a damping ratio of "
             f"{self.damping_ratio:.4g}; simulations: {len(self.checks)}.",

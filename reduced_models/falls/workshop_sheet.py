@@ -1,7 +1,6 @@
 """The workshop sheet of a damper: what to build, what it costs to be off, and what to measure.
 
-The liquid shears between the faces of a grain and the plates: with gaps h on both sides and the
-face A a grain has the drag 2 eta A/h. What a percent costs are the slopes of the settled bed.
+What a percent costs are the slopes of the settled bed.
 """
 
 from __future__ import annotations
@@ -10,21 +9,21 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from granular.linear import slopes
+from granular.linear import piston_roots, slopes
 from granular.linear.equilibrium import Equilibrium
 from granular.parts.grades import GRADES, REMANENCE_SLOPE
 from granular.parts.liquids import silicone_oil_viscosity_ratio
 from granular.scene.scene import Scene
+from granular.shared.errors import InputError
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
+from reduced_models.falls.workshop_parts import GAP_COLUMNS, gap_rows, limit_lines, part_rows, walls_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-GAPS = (1e-4, 2e-4, 5e-4, 1e-3)
-"""Between a face of a grain and its plate [m]."""
 TEMPERATURES = (5.0, 15.0, 25.0, 35.0, 45.0)
 """[deg C]"""
 SIZES = ((3, 1), (4, 2), (5, 2), (5, 3), (6, 2), (6, 3), (8, 3), (10, 3))
@@ -36,20 +35,33 @@ _KEYS = {
     "remanence of the discs": "grains.remanence",
     "drag of a disc": _DRAG,
     "width of the cell": "cell.width",
+    "diameter of the first discs": "grains.species.0.diameter",
+    "thickness of the discs": "grains.thickness",
 }
 
 
 def workshop_sheet(
     scene: Scene,
     rest: float,
-    by_part: Mapping[str, Sequence[float]],
+    bed: Equilibrium | None,
     *,
+    amplitude: float,
     title: str,
     lead: str,
     scatter: Sequence[str],
     notes: Sequence[str] = (),
 ) -> HtmlPage:
-    """Page to build a damper from, for a screen or for paper; rest [m], slopes of `slopes_by_part`."""
+    """Page to build a damper from, for a screen or for paper; rest, amplitude of use [m]."""
+    by_part: dict[str, list[float]] = {}
+    gaps: list[tuple[str, ...]] = []
+    limits = ["The bed has no oscillation about an equilibrium, so its limits are not known."]
+    if bed is not None:
+        try:
+            root = piston_roots(bed)[0]
+            by_part = slopes_by_part(bed)
+            gaps, limits = gap_rows(bed, root, amplitude), limit_lines(bed, root, amplitude)
+        except InputError as error:
+            notes = [*notes, f"{error}"]
     page = HtmlPage(title, lead)
     for note in notes:
         page.add_warning(note)
@@ -59,21 +71,28 @@ def workshop_sheet(
         "lattice, the cell up to the height from which the piston is lowered.",
     )
     page.add_section("Parts")
-    page.add_table(("part", "number", "dimensions", "mass"), _part_rows(scene, rest))
+    page.add_table(("part", "number", "dimensions", "mass"), part_rows(scene, rest))
+    page.add_paragraph(walls_text(scene))
+    _add_walls_note(page, scene)
     page.add_section("Liquid and gap")
     drag = _drag_coefficient(scene)
+    liquid = "The damper has no drag, so no liquid."
     if drag:
-        page.add_paragraph(
-            f"A disc needs a drag of {drag:.3g} kg/s. A liquid of the viscosity eta in the gaps h "
-            "between both faces and the plates gives 2 eta A/h, with the face A of the disc. Pick "
-            "a gap, and buy the liquid by its viscosity at 25 °C."
+        liquid = (
+            f"A disc needs a drag of {drag:.3g} kg/s: 2 eta A/h of a liquid of the viscosity eta in gaps h "
+            "between its faces A and the plates, without flow back between discs."
         )
-        page.add_table(
-            ("gap on each side [mm]", "depth of the cell [mm]", "viscosity [Pa s]"),
-            _viscosity_rows(scene, drag),
-        )
-    else:
-        page.add_paragraph("The damper has no drag, so no liquid.")
+    page.add_paragraph(
+        f"{liquid} Take the narrowest gap into which every disc fits, sorted by thickness: in the play discs "
+        "tilt and bear on both plates, with a load that grows as the play (upper bound). Friction is a "
+        "damping ratio added to that of the drag at an amplitude of "
+        f"{1e3 * amplitude:.3g} mm, with static coefficients of metal on PTFE unless the scene names its "
+        "own; if the bed sticks, a run decides."
+        f"{'' if scene.effects.friction else ' The simulations had no friction.'}"
+    )
+    page.add_table(GAP_COLUMNS, gaps)
+    page.add_section("Limits of use")
+    page.add_list(limits)
     page.add_section("Temperature")
     page.add_paragraph(
         "Over their values at 25 °C: the viscosity of silicone oil, and so the drag (Shin-Etsu, Silicone "
@@ -90,19 +109,19 @@ def workshop_sheet(
         ],
     )
     page.add_section("Discs to buy")
-    page.add_paragraph(_disc_sizes_text(scene))
+    page.add_paragraph(_disc_sizes_text(scene, by_part))
     page.add_table(
         ("grade", "remanence [T]", "frequency [%]", "damping ratio [%]"), _grade_rows(scene, by_part)
     )
     page.add_section("What a percent costs")
     page.add_paragraph(
-        "Changes of the natural frequency and of the damping ratio of small motions of the settled bed, if "
-        "one part is one percent more: exact derivatives, of the stiffness of all its pairs."
+        "Changes of the height at rest, and of frequency and damping ratio of small motions of the settled "
+        "bed, if one part is one percent more: exact derivatives, of the stiffness of all its pairs."
     )
     page.add_table(
-        ("one percent more", "frequency [%]", "damping ratio [%]"),
+        ("one percent more", "rest [%]", "frequency [%]", "damping ratio [%]"),
         [
-            (words, *(f"{rate:+.2f}" for rate in by_part[key][1:]))
+            (words, *(f"{rate:+.2f}" for rate in by_part[key]))
             for words, key in _KEYS.items()
             if key in by_part
         ],
@@ -111,14 +130,16 @@ def workshop_sheet(
     page.add_list(scatter)
     page.add_section("What to measure first")
     page.add_paragraph(
-        "With the piston at rest, and the machine held still, lift it by a fifth of a disc's "
-        "diameter and release it; record its height for three seconds, at 200 "
-        "samples a second or more, as a table of time and "
-        "height. Then read back mass, drag and remanence, and simulate again with what was read:"
+        "First weigh the piston with all that moves with it. Rest and frequency know the discs' moment m "
+        "and the mass M only as m²/M: with M weighed, the height at rest gives the moment. Measure it with "
+        "two or more weighed masses, so that a wrong zero of the scale shows. Then, the machine held still, lift "
+        "the piston by a fifth of a disc's diameter, release it and record its height for three seconds, at "
+        "200 samples a second or more, as a table of time and height. Read back remanence and drag, with the "
+        "mass as weighed, and simulate again:"
     )
     host = " --set effects.host=none" if scene.effects.host else ""  # it is held still
     page.add_preformatted(
-        "granular-damper calibrate lab.csv scene.toml --parameter piston.mass \\\n"
+        "granular-damper calibrate lab.csv scene.toml --set 'piston.mass=WEIGHED kg' \\\n"
         "    --parameter effects.drag.coefficient --parameter grains.remanence -o out/read-back" + host
     )
     page.add_footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
@@ -131,7 +152,7 @@ def slopes_by_part(bed: Equilibrium) -> dict[str, list[float]]:
     return dict(zip(keys, slopes(bed, keys).values.tolist(), strict=True))
 
 
-def _disc_sizes_text(scene: Scene) -> str:
+def _disc_sizes_text(scene: Scene, by_part: Mapping[str, Sequence[float]]) -> str:
     """Sizes that are sold, and whether those of the scene are among them."""
     grains = scene.grains
     own = [
@@ -140,8 +161,17 @@ def _disc_sizes_text(scene: Scene) -> str:
     ]
     odd = [f"{d:g} x {h:g}" for d, h in own if (d, h) not in SIZES]
     fits = f"; {' and '.join(odd)} is none of them, so have it made" if odd else ""
+    off = [
+        f"{100.0 * by_part[key][0] * 1e-4 / value:.2g} % by the {name}"
+        for name, key, value in (
+            ("diameter", "grains.species.0.diameter", grains.species[0].diameter),
+            ("thickness", "grains.thickness", grains.thickness),
+        )
+        if key in by_part
+    ]
+    moved = f", which moves rest by {' and '.join(off)}" if off else ""
     return (
-        "Usual sizes, diameter x thickness in mm, each within 0.1: "
+        f"Usual sizes, diameter x thickness in mm, each within 0.1{moved}: "
         f"{', '.join(f'{d} x {h}' for d, h in SIZES)}{fits}. Grades (shanghaimagnet.com), and what "
         "the middle of each does to this damper by the slope at its own remanence:"
     )
@@ -166,62 +196,15 @@ def _drag_coefficient(scene: Scene) -> float:
     return 0.0 if drag is None else drag.coefficient
 
 
-def _part_rows(scene: Scene, rest: float) -> list[tuple[str, str, str, str]]:
-    grains, piston = scene.grains, scene.piston
-    assert piston is not None
-    masses, kinds = grains.masses(), grains.species_indices()
-    rows = []
-    for k, species in enumerate(grains.species):
-        own = masses[kinds == k]
-        thickness, remanence = (float(grains.species_values(name)[k]) for name in ("thickness", "remanence"))
-        rows.append(
-            (
-                "disc magnet, magnetised along its axis",
-                str(len(own)),
-                f"diameter {1e3 * species.diameter:g} mm, thickness {1e3 * thickness:g} mm, "
-                f"remanence {remanence:g} T{_grade_text(remanence)}",
-                f"{1e3 * own[0]:.3g} g each, {own.sum():.3g} kg in all",
-            )
+def _add_walls_note(page: HtmlPage, scene: Scene) -> None:
+    walls = scene.effects.walls
+    laws = set() if walls is None else {wall.law for _, wall in walls.present_walls} - {"discs"}
+    if laws:
+        page.add_warning(
+            f"Walls were simulated by the law {', '.join(sorted(laws))}, not by these rows of magnets, which "
+            "lower rest of the packaged damper by about 1 % and its frequency by 3 to 4 %. Design with "
+            "magnets='cylinders' to have them in the simulations."
         )
-    width = 1e3 * scene.cell.width
-    rows.append(
-        (
-            "piston, as wide as the cell",
-            "1",
-            f"width {width:.4g} mm",
-            f"{piston.mass or 0.0:.4g} kg with all that moves with it",
-        )
-    )
-    rows.append(
-        (
-            "plates of a material that is not magnetic",
-            "2",
-            f"inner width {width:.4g} mm, height {1e3 * piston.height:.4g} mm or more "
-            f"(at rest {1e3 * rest:.4g} mm)",
-            "",
-        )
-    )
-    return rows
-
-
-def _grade_text(remanence: float) -> str:
-    """Grade that has this remanence [T], in brackets; empty where none has."""
-    grades = [grade.name for grade in GRADES.values() if grade.lowest <= remanence <= grade.highest]
-    return f" ({grades[0]})" if grades else ""
-
-
-def _viscosity_rows(scene: Scene, drag: float) -> list[tuple[str, str, str]]:
-    first = scene.grains.species[0].diameter
-    thickness = float(scene.grains.species_values("thickness")[0])
-    face = math.pi / 4.0 * first**2
-    return [
-        (
-            f"{1e3 * gap:g}",
-            format_number(1e3 * (thickness + 2.0 * gap)),
-            format_number(drag * gap / (2.0 * face), 3),
-        )
-        for gap in GAPS
-    ]
 
 
 def _draw_cell(scene: Scene, rest: float) -> Figure:

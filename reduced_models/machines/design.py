@@ -26,7 +26,7 @@ from granular.scene.published_beds import damper
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from reduced_models.falls.predicted_law import FEWEST, OutsideRangeWarning
-from reduced_models.falls.workshop_sheet import slopes_by_part, workshop_sheet
+from reduced_models.falls.workshop_sheet import workshop_sheet
 from reduced_models.machines.response import RANGE, CoupledSystem, PredictedResponse, solve_host_response
 
 if TYPE_CHECKING:
@@ -134,7 +134,8 @@ class DamperDesign:
         return workshop_sheet(
             self.scene,
             bed.piston_height,
-            slopes_by_part(bed),
+            bed,
+            amplitude=self.stroke,
             title=f"Workshop sheet: damper of {self.mass:.3g} kg",
             lead=f"{self.verdict}.",
             scatter=scatter,
