@@ -127,9 +127,9 @@ def _piston_rows(scene: Scene) -> Iterator[PartRow]:
         yield ("liquid", "1", f"drag of a disc {drag.coefficient:.5g} kg/s, in a gap of the table below", "")
     else:
         celsius = scene.grains.liquid_temperature
-        found = find_liquid(drag.liquid, celsius)
-        words = f"{found.viscosity:.4g} Pa s at {celsius:g} °C, {found.density:.4g} kg/m^3"
-        yield (drag.liquid, "1", f"{words}, as sold within {100.0 * found.uncertainty:g} %", "")
+        oil = find_liquid(drag.liquid, celsius)
+        words = f"{oil.viscosity:.4g} Pa s at {celsius:g} °C, {oil.density:.4g} kg/m^3"
+        yield (drag.liquid, "1", f"{words}, as sold within {100.0 * oil.uncertainty:g} %", "")
 
 
 def _cell_rows(scene: Scene, rest: float) -> Iterator[PartRow]:
@@ -159,7 +159,7 @@ def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, 
     diameter = scene.grains.species[0].diameter
     nearest = _pair_lengths(bed)[0].min()
     follows = drag is not None and drag.follows
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for film in (0.5 * (scene.cell.separation - thickness),) if follows else GAPS:
         depth, play = thickness + 2.0 * film, 2.0 * film
         lost = 7.5 * (play / nearest) ** 2

@@ -132,10 +132,10 @@ def workshop_sheet(
     page.add_paragraph(
         "First weigh the piston with all that moves with it. Rest and frequency know the discs' moment m "
         "and the mass M only as m²/M: with M weighed, the height at rest gives the moment. Measure it with "
-        "two or more weighed masses, so that a wrong zero of the scale shows. Then, the machine held still, lift "
-        "the piston by a fifth of a disc's diameter, release it and record its height for three seconds, at "
-        "200 samples a second or more, as a table of time and height. Read back remanence and drag, with the "
-        "mass as weighed, and simulate again:"
+        "two or more weighed masses, so that a wrong zero of the scale shows. Then, the machine held still, "
+        "lift the piston by a fifth of a disc's diameter, release it and record its height for three "
+        "seconds, at 200 samples a second or more, as a table of time and height. Read back remanence and "
+        "drag, with the mass as weighed, and simulate again:"
     )
     host = " --set effects.host=none" if scene.effects.host else ""  # it is held still
     page.add_preformatted(
