@@ -67,10 +67,11 @@ def _piston_lines(scene: Scene) -> Iterator[str]:
     viscosity = None if drag is None else drag.viscosity
     yield "drag of the piston"
     if piston.blade is not None and viscosity is not None:
-        yield f"  blade {piston.blade.drag(scene.cell, viscosity):.5g} kg/s"
+        yield f"  blade {piston.blade.drag(scene.cell.width, viscosity):.5g} kg/s"
     if piston.guide is not None:
-        words = _liquid_words(piston.guide.liquid, scene.grains.liquid_temperature)
-        yield f"  guide {piston.guide.drag(scene.grains, viscosity):.5g} kg/s{words}"
+        temperature = scene.grains.liquid_temperature
+        words = _liquid_words(piston.guide.liquid, temperature)
+        yield f"  guide {piston.guide.drag(temperature, viscosity):.5g} kg/s{words}"
     yield f"  in all {piston.drag:.5g} kg/s"
 
 

@@ -393,9 +393,9 @@ class Piston(Section):
         if self.blade is not None:
             if viscosity is None:
                 raise FieldError("needs a liquid in the cell; give effects.drag.liquid", "piston", "blade")
-            drag += self.blade.drag(cell, viscosity)
+            drag += self.blade.drag(cell.width, viscosity)
         if self.guide is not None:
-            drag += self.guide.drag(grains, viscosity)
+            drag += self.guide.drag(grains.liquid_temperature, viscosity)
         object.__setattr__(result, "drag", drag)
         return result
 

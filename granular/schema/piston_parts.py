@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from granular.parts.drags import blade_drag, guide_drag
 from granular.parts.liquids import find_liquid
 from granular.schema.field_kinds import FieldError
 from granular.schema.sections import Section, integer_field, quantity, text_field
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from granular.schema.apparatus import Cell, Grains
 
 
 class Blade(Section):
@@ -28,9 +23,9 @@ class Blade(Section):
     depth: float = quantity("m", above=0.0)
     film: float = quantity("m", above=0.0)
 
-    def drag(self, cell: Cell, viscosity: float) -> float:
-        """Drag of both faces [kg/s]; viscosity of the liquid [Pa s]."""
-        return blade_drag(viscosity, cell.width, self.depth, self.film)
+    def drag(self, width: float, viscosity: float) -> float:
+        """Drag of both faces [kg/s]; width of the cell [m], viscosity of the liquid [Pa s]."""
+        return blade_drag(viscosity, width, self.depth, self.film)
 
 
 class Guide(Section):
@@ -57,11 +52,11 @@ class Guide(Section):
     count: int = integer_field(default=1, least=1)
     liquid: str | None = text_field(default=None, optional=True)
 
-    def drag(self, grains: Grains, viscosity: float | None) -> float:
-        """Drag of all rods [kg/s]; viscosity of the liquid in the cell [Pa s]."""
+    def drag(self, temperature: float, viscosity: float | None) -> float:
+        """Drag of all rods [kg/s]; temperature of the liquid [deg C], viscosity of the cell's one [Pa s]."""
         if self.liquid is not None:
             try:
-                viscosity = find_liquid(self.liquid, grains.liquid_temperature).viscosity
+                viscosity = find_liquid(self.liquid, temperature).viscosity
             except InputError as error:
                 raise FieldError(str(error), "piston", "guide", "liquid") from None
         if viscosity is None:
