@@ -10,12 +10,10 @@ from granular.scene.scene import Scene
 from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import COLOURS, GREY, READABLE, figure
 from granular.shared.version import versions
-from granular.studies.tolerances import Tolerances, table_rows
+from granular.studies.tolerances import FIGURES, Tolerances, table_rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_TITLES = ("equilibrium height", "natural frequency", "damping ratio")
 
 
 def tolerances_page(result: Tolerances, scene: Scene) -> HtmlPage:
@@ -57,7 +55,7 @@ def _draw_bars(result: Tolerances) -> Figure:
     values = 100.0 * np.concatenate(rows)
     height = 1.2 + 0.32 * len(labels)
     with figure(1, 3, height=height, size=READABLE, sharey=True) as (drawing, panels):
-        for axes, title, column in zip(panels, _TITLES, values.T, strict=True):
+        for axes, title, column in zip(panels, FIGURES, values.T, strict=True):
             axes.barh(range(len(labels)), column, color=colours)
             axes.set(title=title, xlabel="± %")
         panels[0].set_yticks(range(len(labels)), labels)

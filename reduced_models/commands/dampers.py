@@ -20,9 +20,11 @@ from granular.commands.options import (
     IMPORT,
     METHOD,
     OUTPUT,
+    PARTS,
     SCENE,
     WORKERS,
     parse_time_step,
+    parts_from_options,
     quantity_reader,
     scene_from_options,
 )
@@ -122,6 +124,7 @@ def calibrate(options: Any) -> None:
         help="fraction of grains of 0.6 D (0)",
     ),
     option("--magnets", choices=("dipoles", "cylinders"), default="dipoles", help="what repels (dipoles)"),
+    PARTS,
     OUT,
     WORKERS,
     OUTPUT,
@@ -129,16 +132,25 @@ def calibrate(options: Any) -> None:
 examples:
   %(prog)s --frequency 3.2 --damping 0.1 -o out
   %(prog)s --frequency 4 --damping 0.05 --mass 5 -o out
-  %(prog)s --frequency 3.2 --damping 0.05 --magnets cylinders -o out""",
+  %(prog)s --frequency 3.2 --damping 0.05 --magnets cylinders -o out
+  %(prog)s --frequency 3.2 --damping 0.1 --usual""",
 )
 def design(options: Any) -> None:
     """Propose a damper and check it."""
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}; give 1 or more")
     require_options(options, frequency="--frequency", damping="--damping")
+    from granular.scene.published_beds import damper
+    from granular.studies.tolerances import read_parts, tolerances_at
     from reduced_models.designs.design import design as design_damper
     from reduced_models.records.sources import make_directory
 
+    parts = None
+    if options.parts or options.usual:
+        # Every design has the keys of the packaged damper: wrong ones are refused before it.
+        scene = damper(magnets=options.magnets)
+        parts = parts_from_options(options, scene)
+        read_parts(scene, parts)
     with _say_where_results_are(options.out):
         result = design_damper(
             options.frequency,
@@ -147,7 +159,14 @@ def design(options: Any) -> None:
             progress=not options.quiet,
             **pick_options(options, "grains", "mass", "small_share", "magnets", "workers"),
         )
-    print_result_and_report_path(result, options)
+    text, plain = str(result), result.to_plain()
+    if parts is not None:
+        rests = [check.equilibrium(result.damper) for check in result.checks]
+        of_parts = tolerances_at(rests, read_parts(rests[0].scene, parts))
+        text, plain = f"{text}\n{of_parts}", plain | {"of_parts": of_parts.to_plain()}
+    if options.out is not None:
+        text += f"\nreport: {options.out}/report.html"
+    print_result(plain, text, options.json)
 
 
 @contextlib.contextmanager

@@ -17,12 +17,14 @@ from granular.linear import piston_roots, slopes
 from granular.linear.equilibrium import equilibrium_from
 from granular.shared.errors import InputError, StoreError
 from reduced_models import DamperCandidate, DesignTarget, design, fit, propose_design
+from reduced_models.__main__ import main
 from reduced_models.designs.checks import figures_of_design_check, measure_design_check
 from reduced_models.designs.damper import COUNTS, LOADS, POWERS, figures_of, scaled_logarithms
 from reduced_models.designs.design import STEPPED, DesignError
 from reduced_models.designs.proposal import reachable_frequencies
 from reduced_models.designs.result import DAMPING_TOLERANCE, FREQUENCY_TOLERANCE, DesignCheck
 from reduced_models.designs.steps import LONGEST, Step, mean_damper, step_damper
+from tests.granular.linear.small_beds import at_rest, small_damper
 
 TARGETS = [
     (2.9, 0.05, {}),
@@ -279,6 +281,37 @@ def test_command_says_no_in_one_line(command):
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "9 Hz" in done.stderr
+
+
+def test_command_prints_the_tolerances_of_parts(monkeypatch, capsys):
+    class Check:
+        def equilibrium(self, damper):
+            return at_rest(small_damper())
+
+    class Fake:
+        damper, checks = None, (Check(), Check())
+
+        def __str__(self):
+            return "a design"
+
+        def to_plain(self):
+            return {"mass": 7.5}
+
+    monkeypatch.setattr("reduced_models.designs.design.design", lambda *args, **options: Fake())
+    words = ["design", "--frequency", "3.3", "--damping", "0.1", "--quiet"]
+    main([*words, "--part", "piston.mass=1%"])
+    shown = capsys.readouterr().out
+    assert shown.startswith("a design\n")
+    assert "0.3 kg ± 1 %" in shown
+    assert "of the parts: rest ±" in shown
+    main([*words, "--json", "--part", "piston.mass=1%"])
+    plain = json.loads(capsys.readouterr().out)
+    assert plain["mass"] == 7.5
+    assert plain["of_parts"]["totals"]["rest"] == pytest.approx(0.0036, rel=0.01)  # slope -0.361
+    main([*words])
+    assert "of the parts" not in capsys.readouterr().out
+    with pytest.raises(InputError, match=r"'piston\.colour' is no number of a part"):
+        main([*words, "--part", "piston.colour=1%"])
 
 
 @pytest.mark.long
