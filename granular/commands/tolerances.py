@@ -13,6 +13,7 @@ from granular.commands.options import (
     PARTS,
     SCENE,
     parts_from_options,
+    quantity_reader,
     scene_from_options,
 )
 from granular.shared.files import make_directory
@@ -24,6 +25,13 @@ from granular.shared.files import make_directory
     SCENE,
     CHANGES,
     PARTS,
+    option(
+        "--amplitude",
+        type=quantity_reader("m"),
+        metavar="A",
+        help="amplitude at which the scene's dry friction adds to the damping ratio; small motions without "
+        "friction if not given",
+    ),
     option("--beds", type=int, default=4, metavar="N", help="settled beds to average over (4)"),
     option(
         "--draws", type=int, default=0, metavar="N", help="dampers with all parts drawn at once, such as 200"
@@ -50,6 +58,7 @@ def tolerances(options: Any) -> None:
         scene,
         parts_from_options(options, scene),
         options.beds,
+        amplitude=options.amplitude,
         draws=options.draws,
         seed=options.seed,
         progress=not options.quiet,

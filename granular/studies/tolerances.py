@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.linear import piston_roots
+from granular.linear import motion_friction, piston_roots
 from granular.linear.bed_forces import BedForces, check_free_piston
 from granular.linear.equilibrium import Equilibrium, equilibrium_from, find_equilibrium
 from granular.linear.roots import Root, refine_root, require_free_piston
@@ -101,8 +101,7 @@ class Part(NamedTuple):
 class Tolerances:
     """Standard deviations of a damper's figures by the tolerances of its parts.
 
-    The figures are equilibrium height [m], natural frequency [Hz] and damping ratio, of small motions without
-    dry friction.
+    The figures are equilibrium height [m], natural frequency [Hz] and damping ratio.
 
     Attributes
     ----------
@@ -120,6 +119,8 @@ class Tolerances:
         Relative changes of the figures of drawn dampers; of none if slopes alone were asked for.
     rearranged : int
         Number of drawn dampers without an equilibrium near the settled bed: they have changes by slopes.
+    amplitude : float or None
+        Amplitude of the damping ratio with dry friction [m]; None of small motions without it.
     """
 
     scene: str
@@ -129,6 +130,7 @@ class Tolerances:
     curvatures: Float[np.ndarray, "b k 3"]
     drawn: Float[np.ndarray, "d 3"]
     rearranged: int = 0
+    amplitude: float | None = None
 
     @property
     def contributions(self) -> Float[np.ndarray, "k 3"]:
@@ -203,6 +205,7 @@ class Tolerances:
                 part.key: part._asdict() | {"slopes": over_beds, "contributions": own}
                 for part, over_beds, own in rows
             },
+            "amplitude": self.amplitude,
             "draws": len(self.drawn),
             "rearranged": self.rearranged,
             "curved": list(self.curved),
@@ -225,7 +228,9 @@ class Tolerances:
             "A tolerance is a standard deviation, of all pieces of a part together, as of a batch: scatter "
             "of single magnets about their mean hardly counts (3 % of the moment: 0.02 % of rest and "
             "frequency, 0.3 % of the damping ratio).",
-            "Figures are those of small motions, without dry friction.",
+            "Figures are those of small motions, without dry friction."
+            if self.amplitude is None
+            else f"The damping ratio is with dry friction, at an amplitude of {1e3 * self.amplitude:g} mm.",
         ]
         if self.rearranged:
             notes.append(f"{self.rearranged} drawn dampers pack otherwise: for them the slopes count.")
@@ -278,6 +283,7 @@ def tolerances(
     parts: Mapping[str, str | float],
     beds: int = 4,
     *,
+    amplitude: float | None = None,
     draws: int = 0,
     seed: int = 0,
     out: str | Path | None = None,
@@ -294,6 +300,9 @@ def tolerances(
         "0.05 mm" or in SI; of temperatures in kelvin. See `usual_parts`.
     beds : int
         Number of settled beds over which contributions are averaged.
+    amplitude : float, optional
+        Amplitude of the piston [m] at which the scene's dry friction adds to the damping ratio, while all
+        grains slide (`granular.linear.motion_friction`); small motions without friction if not given.
     draws : int
         Number of dampers whose parts are drawn all at once, each from a normal distribution.
     seed : int
@@ -323,13 +332,21 @@ def tolerances(
     check_free_piston(scene)
     if beds < 1 or draws < 0:
         raise InputError(f"beds = {beds} and draws = {draws}; give 1 bed or more, and no fewer than 0 draws")
+    if amplitude is not None and not amplitude > 0.0:
+        raise InputError(f"amplitude = {amplitude:g} m must be above 0")
     read = read_parts(scene, parts)
     states = settled_beds(scene, beds, out=out, progress=progress)
-    return tolerances_at([equilibrium_from(*state) for state in states], read, draws=draws, seed=seed)
+    rests = [equilibrium_from(*state) for state in states]
+    return tolerances_at(rests, read, amplitude=amplitude, draws=draws, seed=seed)
 
 
 def tolerances_at(
-    rests: Sequence[Equilibrium], parts: Sequence[Part], *, draws: int = 0, seed: int = 0
+    rests: Sequence[Equilibrium],
+    parts: Sequence[Part],
+    *,
+    amplitude: float | None = None,
+    draws: int = 0,
+    seed: int = 0,
 ) -> Tolerances:
     """Find the same about given equilibria.
 
@@ -338,7 +355,10 @@ def tolerances_at(
     rests : sequence of Equilibrium
         Equilibria of beds of one scene, with a free piston.
     parts : sequence of Part
-        Parts, as `usual_parts` returns them.
+        Parts and their tolerances.
+    amplitude : float, optional
+        Amplitude of the piston [m] at which the scene's dry friction adds to the damping ratio, while all
+        grains slide (`granular.linear.motion_friction`); small motions without friction if not given.
     draws : int
         Number of drawn dampers.
     seed : int
@@ -354,21 +374,19 @@ def tolerances_at(
     drawn, rearranged = np.empty((draws, 3)), 0
     for bed, rest in enumerate(rests):
         root = piston_roots(rest)[0]
-        figures.append(_figures(rest.piston_height, root))
-        pairs = np.array([_differences(rest, root, parts, index) for index in range(len(parts))])
+        figures.append(_figures(rest, root, amplitude))
+        pairs = np.array([_differences(rest, root, parts, index, amplitude) for index in range(len(parts))])
         changes.append(pairs[:, 0])
         curvatures.append(pairs[:, 1])
         for draw in range(bed, draws, len(rests)):
             try:
-                drawn[draw] = _relative_changes(rest, root, parts, numbers[draw])[0]
+                drawn[draw] = _relative_changes(rest, root, parts, numbers[draw], amplitude)[0]
             except InputError:
                 # Without them the largest changes would be missing.
                 drawn[draw] = numbers[draw] @ pairs[:, 0]
                 rearranged += 1
-    name = rests[0].scene.name
-    return Tolerances(
-        name, tuple(parts), np.array(figures), np.array(changes), np.array(curvatures), drawn, rearranged
-    )
+    beds = np.array(figures), np.array(changes), np.array(curvatures)
+    return Tolerances(rests[0].scene.name, tuple(parts), *beds, drawn, rearranged, amplitude)
 
 
 def move_part(scene: Scene, part: Part, by: float) -> Scene:
@@ -378,20 +396,26 @@ def move_part(scene: Scene, part: Part, by: float) -> Scene:
     return scene.replace(**{part.key: value + (abs(by) if part.one_sided else by) * change})
 
 
-def _figures(height: float | None, root: Root) -> Float[np.ndarray, "3"]:
-    return np.array([height, root.frequency, root.damping_ratio])
+def _figures(rest: Equilibrium, root: Root, amplitude: float | None) -> Float[np.ndarray, "3"]:
+    ratio = root.damping_ratio
+    if amplitude is not None:
+        ratio += motion_friction(rest, root=root).equivalent_damping_ratio(amplitude)
+    return np.array([rest.piston_height, root.frequency, ratio])
 
 
 def _differences(
-    rest: Equilibrium, root: Root, parts: Sequence[Part], index: int
+    rest: Equilibrium, root: Root, parts: Sequence[Part], index: int, amplitude: float | None
 ) -> Float[np.ndarray, "2 3"]:
     """Relative first and second differences of the figures, at a deviation of one part."""
     cause: object = "the bed rearranges; give a smaller tolerance, or another seed"
     for step in STEPS:
         by = step * np.eye(len(parts))[index]
         try:
-            up, far = _relative_changes(rest, root, parts, by)
-            down, back = (-up, far) if parts[index].one_sided else _relative_changes(rest, root, parts, -by)
+            up, far = down, back = _relative_changes(rest, root, parts, by, amplitude)
+            if parts[index].one_sided:
+                down = -up
+            else:
+                down, back = _relative_changes(rest, root, parts, -by, amplitude)
         except InputError as error:
             cause = error
             continue
@@ -403,7 +427,7 @@ def _differences(
 
 
 def _relative_changes(
-    rest: Equilibrium, root: Root, parts: Sequence[Part], by: Float[np.ndarray, "k"]
+    rest: Equilibrium, root: Root, parts: Sequence[Part], by: Float[np.ndarray, "k"], amplitude: float | None
 ) -> tuple[Float[np.ndarray, "3"], float]:
     """Relative changes of the figures with each part moved by a multiple of its deviation.
 
@@ -418,15 +442,12 @@ def _relative_changes(
     changed = refine_root(pencil, piston, root.s)
     if changed is None:
         raise InputError("the piston does not oscillate any more")
-    height = float(pencil.at[piston])
-    strained = rest.positions * (
-        scene.cell.width / rest.scene.cell.width,
-        height / (rest.piston_height or 1.0),
-    )
-    moved = float(np.hypot(*(bed.positions(pencil.at) - strained).T).max()) / bed.length
-    before = _figures(rest.piston_height, root)
-    after = _figures(height, changed)
-    return np.divide(after, before, out=np.ones(3), where=before > 0.0) - 1.0, moved
+    height, positions = float(pencil.at[piston]), bed.positions(pencil.at)
+    strain = scene.cell.width / rest.scene.cell.width, height / (rest.piston_height or 1.0)
+    moved = float(np.hypot(*(positions - rest.positions * strain).T).max()) / bed.length
+    after = dataclasses.replace(rest, scene=scene, positions=positions, piston_height=height, pencil=pencil)
+    old, new = _figures(rest, root, amplitude), _figures(after, changed, amplitude)
+    return np.divide(new, old, out=np.ones(3), where=old > 0.0) - 1.0, moved
 
 
 def read_parts(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Part, ...]:
