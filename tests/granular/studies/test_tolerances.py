@@ -310,7 +310,14 @@ def test_command_prints_the_table_and_writes_a_page(
 @pytest.mark.long
 def test_drawn_dampers_of_the_packaged_scene_scatter_as_slopes_say() -> None:
     """Six parts over four beds; 100 drawn numbers know a standard deviation to 7 %."""
-    parts = SIX | {"cell.width": "0.2 mm", "piston.mass": "0.5 %", "grains.thickness": "0.05 mm"}
+    parts = {
+        "grains.remanence": "2.5%",
+        "piston.mass": "0.5 %",
+        "cell.width": "0.2 mm",
+        "grains.species.0.diameter": "0.05 mm",
+        "effects.drag.coefficient": "5%",
+        "grains.thickness": "0.05 mm",
+    }
     found = tolerances(load_scene("damper"), parts, draws=100, seed=5, progress=False)
     assert found.curved == ()
     assert found.rearranged < 10
