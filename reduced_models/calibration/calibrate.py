@@ -18,6 +18,7 @@ import warnings
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -45,11 +46,17 @@ from reduced_models.fitting.uncertainty import undetermined_directions
 from reduced_models.laws.law import Law
 from reduced_models.records.sources import METHOD, RunOptions, check_run_options, make_directory
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 SEEDS = 4
 """Random starts of the bed at every position."""
 MAX_SEEDS = 10_000
 _SHORT = 0.99
 _UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
+_SMALL_POWER = 0.2  # least share of a parameter in a direction that is hardly known, over the largest
+_WEAK = 5.0  # least ratio of standard deviations, along such a direction and the next one
+_OFF_REST = 2.0  # standard deviations of the height at rest, which a record has best
 _STRANGE = 4.0  # standard deviations of a feature that noise and scatter do not explain
 
 
@@ -290,6 +297,23 @@ def _feature_matches(wanted: RecordFeatures, ended: GaussNewtonResult) -> tuple[
     )
 
 
+def _weak_direction_notes(keys: list[str], information: Float[np.ndarray, "p p"]) -> list[str]:
+    """Name parameters that the record knows well together, and badly apart."""
+    strengths, directions = np.linalg.eigh(information)
+    powers = directions[:, 0] / np.abs(directions[:, 0]).max()
+    mixed = [k for k in range(len(keys)) if abs(powers[k]) > _SMALL_POWER]
+    if len(mixed) < 2 or not 0.0 < strengths[0] < strengths[1] / _WEAK**2:
+        return []
+    spread = 100.0 / math.sqrt(strengths[0])
+    weighed = "piston.mass" in (keys[k] for k in mixed)
+    remedy = "weigh the piston and set its mass" if weighed else "measure one of them and set it"
+    changes = ", ".join(f"{keys[k]} by {powers[k] * spread:+.2g} %" for k in mixed)
+    return [
+        f"the record hardly tells parameters apart that change together, {changes} (one standard "
+        f"deviation); {remedy}, or record the height at rest under two weighed masses"
+    ]
+
+
 def _calibration_notes(
     simulator: SceneSimulator, wanted: RecordFeatures, ended: GaussNewtonResult
 ) -> tuple[str, ...]:
@@ -299,8 +323,9 @@ def _calibration_notes(
             f"the search did not settle in {MOST_MOVES} moves, so read the values as a step there; "
             "calibrate again from them"
         )
+    notes += _weak_direction_notes([item.key for item in simulator.parameters], ended.estimate.information)
     for name, away in zip(wanted.names, ended.estimate.away, strict=True):
-        if abs(away) > _STRANGE:
+        if abs(away) > (_OFF_REST if name == "height" else _STRANGE):
             notes.append(
                 f"no values give the record's {name.replace('_', ' ')}: it stays "
                 f"{abs(away):.2g} standard deviations away, so something else in the scene is not "

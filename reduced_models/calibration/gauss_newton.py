@@ -51,7 +51,8 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> Ga
         scatter = _scatter_covariance(points)
         estimate = linear_estimate(centre, slopes, scatter, wanted)
         short = np.clip(_SETTLED * estimate.standard_deviations, _LEAST_STEP, _LINEAR)
-        if (np.abs(estimate.step) <= short).all():
+        # Along a direction that is hardly known, a short step of the logarithms may move features by much.
+        if (np.abs(estimate.step) <= short).all() and (np.abs(estimate.moved) <= _SETTLED).all():
             return GaussNewtonResult(centre, estimate, scatter, len(points) * len(simulator.seeds), True)
         step = estimate.step * min(1.0, radius / float(np.abs(estimate.step).max()))
         trial = simulator.simulate_points([centre.position + step])[0]
@@ -95,7 +96,8 @@ class LinearEstimate(NamedTuple):
     unknown: Float[np.ndarray, "p p"]  # covariance of the open directions
     information: Float[np.ndarray, "p p"]
     gain: Float[np.ndarray, "p d"]  # of the step by a change of a feature
-    away: Float[np.ndarray, "d"]  # of the features after the step, in standard deviations
+    moved: Float[np.ndarray, "d"]  # change of the features by the step, in standard deviations
+    away: Float[np.ndarray, "d"]  # and their difference to the record after it
 
     @property
     def standard_deviations(self) -> np.ndarray:
@@ -134,5 +136,6 @@ def linear_estimate(
         unknown=(directions * free) @ directions.T,
         information=information,
         gain=gain,
+        moved=mean @ step * np.sqrt(weight),
         away=(residual - mean @ step) * np.sqrt(weight),
     )

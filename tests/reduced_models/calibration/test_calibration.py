@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import re
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -165,6 +166,11 @@ def test_what_cannot_be_told_apart_is_named() -> None:
     told = (found.values[MASS] + 0.1) / found.values[REMANENCE] ** 2
     assert told == pytest.approx(6.1 / 1.3**2, rel=0.03)
     assert "open: hardly identifiable from this record: " in str(found)
+    (note,) = found.notes
+    changes = dict(re.findall(r"([a-z.]+) by \+(\d+) %", note))
+    assert float(changes[REMANENCE]) / float(changes[MASS]) == pytest.approx(0.5, abs=0.02)
+    assert "weigh the piston and set its mass" in note
+    assert Lab.of(1, mass=6.0).calibrated(DRAG, REMANENCE).notes == ()
 
     found = Lab.of(1, mass=6.0, force=True).calibrated(MASS, DRAG, REMANENCE)
     assert found.undetermined == ()
@@ -182,6 +188,24 @@ def test_a_scene_that_lacks_something_is_noted() -> None:
     for note in notes:
         assert note.startswith("no values give the record's")
         assert "standard deviations away" in note
+
+
+def test_a_height_off_by_more_than_its_error_is_noted() -> None:
+    """Three of its standard deviations, of noise and starts."""
+    lab = Lab.of(1)
+    values = lab.wanted.values * np.array([1.0 + 8e-3, 1.0, 1.0])
+    assert lab.calibrated(DRAG).notes == ()
+    (note,) = lab._replace(wanted=lab.wanted._replace(values=values)).calibrated(DRAG).notes
+    assert note.startswith("no values give the record's height")
+
+
+def test_the_search_ends_where_features_are_the_record_s() -> None:
+    """Also where a mass is hardly known, so that a short step moves the height by much."""
+    for seed in range(6):
+        found = Lab.of(seed, mass=7.1).calibrated(MASS, DRAG, REMANENCE)
+        for match in found.matches[:2]:
+            error = math.hypot(match.noise, math.sqrt(1.25) * match.scatter)
+            assert abs(math.log(match.simulated / match.record)) < 3.0 * error
 
 
 def test_simulations_that_fail_on_the_way_shorten_the_step() -> None:
