@@ -132,7 +132,11 @@ def equilibrium_from(scene: Scene, positions: Float[np.ndarray, "n 2"], height: 
             f"pairs.method = {scene.pair_method!r}: pairs end at a distance where their force jumps, so "
             f"forces have no derivative; give {remedy}"
         )
-    pencil = find_equilibrium(bed, bed.coordinates(positions, height))
+    start = bed.coordinates(positions, height)
+    if rubs_dry(scene):  # it held grains away from there, and Newton's method may end at a saddle
+        with contextlib.suppress(InputError):
+            start = relax(bed, start, held_shifts(bed), make_pencil(bed, start).stiffness.diagonal(), RELAXED)
+    pencil = find_equilibrium(bed, start)
     at = pencil.at
     return Equilibrium(
         scene=scene,
