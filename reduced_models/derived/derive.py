@@ -161,7 +161,7 @@ def derive(
     InputError
         If the bed has no free piston, no equilibrium or no oscillation, or a machine carries it, the reach is
         not above 0 and below the piston's height, the order is another one, nothing is left of the range, or
-        no polynomial follows mass, damping and force there within a hundredth.
+        no polynomial of any order follows mass, damping and force there within a hundredth.
     RecordError
         If ``against`` has fewer than two extremes.
 

@@ -41,7 +41,7 @@ def polynomial_law(
     fits = _fits(states, at, order)
     worst = max(fits, key=lambda name: fits[name][1])
     if order is None and fits[worst][1] > LARGEST_RESIDUAL:
-        for reach in np.unique(distances)[::-1]:
+        for reach in np.unique(distances)[:0:-1]:
             near = [state for state, away in zip(states, distances, strict=True) if away <= reach]
             if max(residual for _, residual in _fits(near, at, order).values()) <= LARGEST_RESIDUAL:
                 break
@@ -113,7 +113,9 @@ def _fit_polynomial(
         coefficients[: len(known)] = np.array(known) * reach ** powers[: len(known)]
         left = target - columns @ coefficients
         coefficients[len(known) :] = np.linalg.lstsq(columns[:, len(known) :], left, rcond=None)[0]
-        residual = float(np.abs(target - columns @ coefficients).max() / np.abs(target).max())
+        # A bed without drag has no damping anywhere.
+        largest = float(np.abs(target).max()) or 1.0
+        residual = float(np.abs(target - columns @ coefficients).max()) / largest
         if residual <= RESIDUAL:
             break
     return coefficients / reach**powers, residual

@@ -172,6 +172,21 @@ def test_wrong_options_are_refused(run, options, words) -> None:
         derive(run, **options)
 
 
+def test_bed_without_drag_has_no_damping() -> None:
+    heights = np.linspace(0.049, 0.051, 9)
+    states = [HeldState(z, 3.0 * (z - 0.05), 3.0, 0.1, 0.0, 5j) for z in heights]
+    _, values, accuracy = polynomial_law(states, 4, None)
+    assert values["c0"] == 0.0
+    assert "damping of order 0, residual 0 %" in accuracy
+
+
+def test_piston_on_a_machine_is_refused() -> None:
+    carried = {"effects.host": {"bodies": [{"mass": 0.5, "stiffness": 600.0}]}}
+    scene = damper(count=48, drop=24.0, drag=1.0).replace(**SETTLE, **carried)
+    with pytest.raises(InputError, match=r"take effects\.host away"):
+        derive(scene)
+
+
 def test_record_is_no_bed(run) -> None:
     with pytest.raises(InputError, match="PistonRecord is no bed; give a scene or a run"):
         derive(run.piston("release"))
