@@ -37,6 +37,9 @@ SMALLEST_FRACTION = 0.5
 REAL = 1e-6
 """Im s over |s| below which rounding alone makes a root complex: two real ones merge as its square root."""
 
+ROUNDED = 1e-9
+"""Relative step below which one that is above half of the last is rounding: 5e-11 in a mesh of 23,552 grains."""
+
 MOST_STEPS = 30
 """Most of Newton's steps to a root; from the oscillator of the static shape it takes five."""
 
@@ -131,9 +134,9 @@ def require_free_piston(rest: Equilibrium) -> int:
 
 def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
     """Refine a root by Newton's method on the dynamic stiffness at the piston; None if it is none [1/s]."""
-    size = pencil.bed.size
-    unit = np.zeros(size)
+    unit = np.zeros(pencil.bed.size)
     unit[piston] = 1.0
+    before = math.inf
     for _ in range(MOST_STEPS):
         column = -pencil.times(s, unit.astype(complex))
         column[piston] = 0.0
@@ -142,9 +145,11 @@ def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
         slope = complex(shape @ _slope_times(pencil, s, shape))
         change = value / slope
         s -= change
-        if abs(change) < 1e-11 * abs(s):
+        size = abs(change / s)
+        if size < 1e-11 or 0.5 * before < size < ROUNDED:
             mass_fraction = 2.0 * (s / slope).real * pencil.mass_at(piston)
             return Root(s, shape, 1.0 / slope, mass_fraction) if s.imag > REAL * abs(s) else None
+        before = size
     return None
 
 
