@@ -38,7 +38,7 @@ REAL = 1e-6
 """Im s over |s| below which rounding alone makes a root complex: two real ones merge as its square root."""
 
 ROUNDED = 1e-9
-"""Relative step below which one that is above half of the last is rounding: 5e-11 in a mesh of 23,552 grains."""
+"""Relative step below which one above half of the last is rounding: 5e-11 in a mesh of 23,552 grains."""
 
 MOST_STEPS = 30
 """Most of Newton's steps to a root; from the oscillator of the static shape it takes five."""
