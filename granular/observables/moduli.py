@@ -62,7 +62,7 @@ def dipole_pair_strength(moment: float) -> float:
     float
         Strength C [J m^3], 0 or more.
     """
-    from granular.schema.natural_units import MAGNETIC_CONSTANT
+    from granular.parts.moment import MAGNETIC_CONSTANT
 
     return MAGNETIC_CONSTANT * moment**2 / (4.0 * math.pi)
 

@@ -453,7 +453,7 @@ def _relative_changes(
 def read_parts(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Part, ...]:
     """Read tolerances by the keys of a scene's numbers; texts are parsed, never evaluated."""
     if not tolerances:
-        raise InputError("no part has a tolerance; give for instance --part grains.remanence=2.5% or --usual")
+        raise InputError("no part has a tolerance; give one, as grains.remanence: 2.5 %, or the usual ones")
     return tuple(_read_part(scene, key, tolerance) for key, tolerance in tolerances.items())
 
 

@@ -42,7 +42,7 @@ SEEN_ON = {
     "granular/response": ("response",),
     "granular/scene": ("run", "show", "identify"),
     "granular/shared/files.py": WRITERS,
-    "granular/studies": ("sweep",),
+    "granular/studies": ("sweep", "tolerances"),
     "reduced_models/identification": ("identify",),
     "reduced_models/machines": ("response",),
     "reduced_models/records": RECORDS,

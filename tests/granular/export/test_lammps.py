@@ -212,9 +212,12 @@ def test_steps_of_discs_follow_their_stiffness(small_bed: Scene, tmp_path: Path)
     assert (rates[1] / rates[0]) ** 2 == pytest.approx(known, rel=0.01)
 
 
+WALLS = dict.fromkeys(("left", "right", "bottom", "top"), "experimental")
+"""Decks hold no rows of magnets, which beds of discs have."""
+
 STIFFNESSES: dict[str, dict[str, object]] = {
     "dipoles": {},
-    "discs": {"grains.magnets": "cylinders"},
+    "discs": {"grains.magnets": "cylinders", "effects.walls": WALLS},
     "two species": {
         "grains.species": [
             {"name": "big", "diameter": "6 mm", "share": 0.6},
