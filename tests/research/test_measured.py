@@ -14,7 +14,7 @@ from research.measured.measurements import MEASUREMENTS, largest_packing, scene_
 
 @pytest.mark.parametrize("name", MEASUREMENTS)
 def test_each_measurement_has_a_source_and_a_scene(name: str) -> None:
-    """What was not read is named, and the scene can be run."""
+    """Figures that were not read are named, and the scene can be run."""
     entry = MEASUREMENTS[name]
     assert entry["read"]
     assert entry["not_read"]

@@ -35,7 +35,7 @@ def test_one_bed_in_five_widths(changes: dict[str, Any]) -> None:
 
 
 def test_kappa_by_hand() -> None:
-    """Of the packaged damper: mu0 m^2/(pi M g W^4), m = Br V/mu0."""
+    """The packaged damper has mu0 m^2/(pi M g W^4), m = Br V/mu0."""
     volume = math.pi / 4.0 * 6e-3**2 * 3e-3
     mu0 = 4e-7 * math.pi
     kappa = mu0 * (1.3 * volume / mu0) ** 2 / (math.pi * 7.5 * 9.8 * 0.36**4)

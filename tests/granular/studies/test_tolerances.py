@@ -208,7 +208,7 @@ def test_parts_as_bought_have_slopes(oiled: Equilibrium) -> None:
 
 
 def test_tolerance_of_a_viscosity_comes_on_top_of_the_temperatures(oiled: Equilibrium) -> None:
-    """Whichever is named first: a viscosity that is set takes the liquid away."""
+    """A viscosity that is set takes the liquid away, named first or last."""
     both = {"effects.drag.viscosity": "5 %", "grains.temperature": "3 K"}
     first = tolerances_at([oiled], read_parts(oiled.scene, both), draws=2)
     parts = read_parts(oiled.scene, both)
