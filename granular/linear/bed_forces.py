@@ -284,4 +284,14 @@ def scaled_parameter(scene: Scene, key: str, factor: float) -> Scene:
     value, _ = find_field(scene, key) or (None, None)
     if not isinstance(value, float):
         raise InputError(f"{quote(key)} is no number of the scene {quote(scene.name)}; give another key")
-    return scene.replace(**{key: value * factor})
+    return with_number(scene, key, value * factor)
+
+
+def with_number(scene: Scene, key: str, value: float) -> Scene:
+    """Change the number at a dotted key; magnets of a row that touch still do if their diameter changes."""
+    changes = {key: value}
+    before, walls = find_field(scene, key), scene.effects.walls
+    if before is not None and key.endswith(".diameter") and walls is not None:
+        named = [wall for wall in walls.present_walls if wall[0] not in walls.unnamed]
+        changes |= {f"effects.walls.{side}.pitch": value for side, wall in named if wall.pitch == before[0]}
+    return scene.replace(**changes)

@@ -16,6 +16,12 @@ from tests.granular.linear.small_beds import at_rest, small_damper
 SCENES: dict[str, dict[str, Any]] = {
     "damper": {"piston.drag": 0.3},
     "discs": {"grains.magnets": "cylinders"},
+    "rows of touching discs": {
+        "grains.magnets": "cylinders",
+        "effects.walls": {
+            side: {"law": "discs", "pitch": "6 mm"} for side in ("left", "right", "bottom", "top")
+        },
+    },
     "two species": {
         "grains.species": [
             {"name": "big", "diameter": "6 mm", "share": 0.6},
