@@ -34,7 +34,10 @@ from granular.shared.files import make_directory
     ),
     option("--beds", type=int, default=4, metavar="N", help="settled beds to average over (4)"),
     option(
-        "--draws", type=int, default=0, metavar="N", help="dampers with all parts drawn at once, such as 200"
+        "--draws",
+        type=int,
+        metavar="N",
+        help="dampers with all parts drawn at once (200 if slopes alone are not enough, else none)",
     ),
     option("--seed", type=int, default=0, help="of the drawn numbers (0)"),
     option("-o", "--out", metavar="DIR", help="directory for report.html: the table, and bars of all parts"),

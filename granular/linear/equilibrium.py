@@ -123,8 +123,13 @@ def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
     return equilibrium_from(*settled_state(source))
 
 
-def equilibrium_from(scene: Scene, positions: Float[np.ndarray, "n 2"], height: float | None) -> Equilibrium:
-    """Find the equilibrium next to positions and a height of the piston [m]."""
+def equilibrium_from(
+    scene: Scene, positions: Float[np.ndarray, "n 2"], height: float | None, near: Pencil | None = None
+) -> Equilibrium:
+    """Find the equilibrium next to positions and a height of the piston [m].
+
+    With the matrices of a bed nearby, the one that the bed reaches downhill, also if it rearranges.
+    """
     bed = BedForces(scene)
     if bed.forces_jump:
         remedy = "'direct'" if scene.cell.periods is None else "'mesh', which takes 40 grains or more"
@@ -133,9 +138,10 @@ def equilibrium_from(scene: Scene, positions: Float[np.ndarray, "n 2"], height: 
             f"forces have no derivative; give {remedy}"
         )
     start = bed.coordinates(positions, height)
-    if rubs_dry(scene):  # it held grains away from there, and Newton's method may end at a saddle
+    if near is not None or rubs_dry(scene):  # held away from there, and Newton's method may end at a saddle
         with contextlib.suppress(InputError):
-            start = relax(bed, start, held_shifts(bed), make_pencil(bed, start).stiffness.diagonal(), RELAXED)
+            stiffness = (near or make_pencil(bed, start)).stiffness.diagonal()
+            start = relax(bed, start, held_shifts(bed), stiffness, RELAXED)
     pencil = find_equilibrium(bed, start)
     at = pencil.at
     return Equilibrium(

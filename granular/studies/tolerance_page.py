@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from granular.scene.scene import Scene
 from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import COLOURS, GREY, READABLE, figure
@@ -18,9 +16,7 @@ if TYPE_CHECKING:
 
 def tolerances_page(result: Tolerances, scene: Scene) -> HtmlPage:
     """Page of a damper's tolerances."""
-    page = HtmlPage(
-        f"Tolerances of scene {scene.name!r}", f"{result.summary[0].upper()}{result.summary[1:]}."
-    )
+    page = HtmlPage(f"Tolerances of scene {scene.name!r}", f"{len(result.figures)} settled bed(s)")
     add_tolerances(page, result)
     page.add_section("Scene")
     page.add_preformatted(scene.to_toml())
@@ -31,6 +27,10 @@ def tolerances_page(result: Tolerances, scene: Scene) -> HtmlPage:
 def add_tolerances(page: HtmlPage, result: Tolerances) -> None:
     """Add bars, table and notes to a page."""
     page.add_section("Tolerances of the parts")
+    page.add_paragraph(
+        f"{result.summary[0].upper()}{result.summary[1:]}. This ± is of parts that differ from their numbers "
+        "in the scene. Any other ± on this page is numerical: of fit, step, and random packing of the bed."
+    )
     page.add_figure(
         _draw_bars(result),
         "Relative standard deviations by each part alone and by all together; random starts of the bed, "
@@ -45,18 +45,13 @@ def add_tolerances(page: HtmlPage, result: Tolerances) -> None:
 
 
 def _draw_bars(result: Tolerances) -> Figure:
-    rows = [result.contributions, result.totals[None]]
-    labels = [*(part.key for part in result.parts), "all parts"]
-    colours = [COLOURS[0]] * len(result.parts) + [COLOURS[1]]
+    labels, *_, rest, frequency, damping = zip(*table_rows(result)[1:], strict=True)
+    colours = [COLOURS[0]] * len(result.parts) + [COLOURS[1]] * 2
     if len(result.figures) > 1:
-        rows.append(result.spread[None])
-        labels.append("random starts")
-        colours.append(GREY)
-    values = 100.0 * np.concatenate(rows)
-    height = 1.2 + 0.32 * len(labels)
-    with figure(1, 3, height=height, size=READABLE, sharey=True) as (drawing, panels):
-        for axes, title, column in zip(panels, FIGURES, values.T, strict=True):
-            axes.barh(range(len(labels)), column, color=colours)
+        colours[len(labels) - 1 :] = [GREY]
+    with figure(1, 3, height=1.2 + 0.32 * len(labels), size=READABLE, sharey=True) as (drawing, panels):
+        for axes, title, column in zip(panels, FIGURES, (rest, frequency, damping), strict=True):
+            axes.barh(range(len(labels)), [float(text) for text in column], color=colours[: len(labels)])
             axes.set(title=title, xlabel="± %")
         panels[0].set_yticks(range(len(labels)), labels)
         panels[0].invert_yaxis()

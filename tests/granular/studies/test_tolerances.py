@@ -13,11 +13,15 @@ import pytest
 from granular import Scene, load_scene
 from granular.__main__ import main
 from granular.linear import motion_friction, piston_roots, slopes
+from granular.linear.bed_forces import BedForces
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
+from granular.linear.relaxation import relax
 from granular.parts.grades import REFERENCE_TEMPERATURE, REMANENCE_SLOPE
+from granular.schema.sections import find_field
 from granular.shared.errors import InputError
 from granular.studies import tolerances as module
-from granular.studies.tolerances import Part, Tolerances, read_parts, tolerances, tolerances_at, usual_parts
+from granular.studies.tolerance_parts import move_parts, read_parts
+from granular.studies.tolerances import Part, Tolerances, tolerances, tolerances_at, usual_parts
 from tests.granular.linear.small_beds import at_rest, small_damper
 
 TWO = {"grains.remanence": "2.5%", "piston.mass": "0.01 kg"}
@@ -52,8 +56,9 @@ def oiled() -> Equilibrium:
 
 def two_parts(changes: list[list[float]], curvatures: list[list[float]], drawn: int = 0) -> Tolerances:
     parts = (Part("a", 2.0, "m", 0.02, True), Part("b", 0.0, "m", 0.1, False))
-    bed, curved = (np.array([values, values]) for values in (changes, curvatures))
-    return Tolerances("toy", parts, np.ones((2, 3)), bed, curved, np.zeros((drawn, 3)))
+    straight, curved = (np.array([values, values]) for values in (changes, curvatures))
+    slopes, sides = straight / [[0.01], [0.1]], np.stack([straight + curved, curved - straight], axis=2)
+    return Tolerances("toy", parts, np.ones((2, 3)), slopes, sides, np.zeros((drawn, 3)))
 
 
 def test_contributions_add_up_in_squares() -> None:
@@ -124,7 +129,7 @@ def test_others_are_refused_in_a_line(key: str, tolerance: str, message: str) ->
 def test_no_part_and_no_bed_are_refused() -> None:
     with pytest.raises(InputError, match="no part has a tolerance"):
         tolerances(load_scene("damper"), {})
-    with pytest.raises(InputError, match="beds = 0 and draws = 0"):
+    with pytest.raises(InputError, match="beds = 0, draws = None; give 1 bed or more"):
         tolerances(load_scene("damper"), TWO, beds=0)
 
 
@@ -133,7 +138,7 @@ def test_slopes_are_those_of_small_changes(rest: Equilibrium) -> None:
     tight = read_parts(rest.scene, dict.fromkeys(keys, "0.01 %"))
     found = tolerances_at([rest], tight)
     np.testing.assert_allclose(found.slopes[0], slopes(rest, keys).values, rtol=1e-4, atol=2e-5)
-    assert np.abs(found.curvatures).max() < 1e-6
+    assert np.abs(found.sides.mean(axis=2)).max() < 1e-6
 
 
 def test_changed_dampers_are_those_of_changed_scenes(rest: Equilibrium) -> None:
@@ -147,56 +152,68 @@ def test_changed_dampers_are_those_of_changed_scenes(rest: Equilibrium) -> None:
         root = piston_roots(changed)[0]
         figures.append([changed.piston_height, root.frequency, root.damping_ratio])
     up, down = np.array(figures, dtype=float) / found.figures[0] - 1.0
-    np.testing.assert_allclose(found.changes[0, 0], 0.5 * (up - down), rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(found.curvatures[0, 0], 0.5 * (up + down), rtol=1e-4, atol=1e-8)
+    np.testing.assert_allclose(found.sides[0, 0], [up, down], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.slopes[0, 0], 0.5 * (up - down) / 0.05, rtol=1e-6, atol=1e-8)
 
 
-def test_smaller_steps_if_the_bed_would_rearrange(rest: Equilibrium, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_smaller_steps_if_the_bed_rearranges(rest: Equilibrium, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slopes are of the settled packing, contributions of the one that the bed gets."""
     parts = read_parts(rest.scene, TWO)
     wanted = tolerances_at([rest], parts)
 
-    def moves_too_far(*args: Any) -> tuple[np.ndarray, float]:
-        change, far = changes(*args)
-        return change, far if np.abs(args[3]).max() < 0.5 else 1.0
+    def packs_otherwise(bed: Any, by: np.ndarray) -> tuple[np.ndarray, bool]:
+        change, far = changes(bed, by)
+        return (change + 0.3, True) if np.abs(by).max() > 0.5 else (change, far)
 
-    changes = module._relative_changes
-    monkeypatch.setattr(module, "_relative_changes", moves_too_far)
-    found = tolerances_at([rest], parts)
-    np.testing.assert_allclose(found.changes, wanted.changes, rtol=2e-2, atol=1e-9)
+    changes = module._Bed.changes
+    monkeypatch.setattr(module._Bed, "changes", packs_otherwise)
+    found = tolerances_at([rest], parts, draws=3)
+    np.testing.assert_allclose(found.slopes, wanted.slopes, rtol=2e-2, atol=1e-9)
+    np.testing.assert_allclose(found.sides, wanted.sides + 0.3, rtol=1e-12)
     assert found.curved == tuple(TWO)
-    monkeypatch.setattr(module, "REARRANGED", 0.0)
-    with pytest.raises(InputError, match=r"grains\.remanence cannot change by 0\.00203: the bed rearranges"):
-        tolerances_at([rest], parts)
+    numbers = np.random.default_rng(0).standard_normal((3, 2))
+    assert found.rearranged == np.count_nonzero(np.abs(numbers).max(axis=1) > 0.5) == 2
+    assert "2 drawn dampers pack otherwise, and count as they pack." in found.notes
 
 
-def test_drawn_dampers_that_rearrange_change_by_slopes(
+def test_dampers_are_drawn_if_slopes_are_not_enough(
     rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def gives_way(*args: Any) -> tuple[np.ndarray, float]:
-        if np.count_nonzero(args[3]) > 1:
-            raise InputError("no equilibrium is near")
-        return changes(*args)
+    monkeypatch.setattr(module, "DRAWS", 5)
+    wide = read_parts(rest.scene, {"grains.remanence": "2 %", "piston.mass": "20 %"})
+    bent = tolerances_at([rest], wide)
+    assert bent.curved == ("piston.mass",)
+    assert len(bent.drawn) == 5
+    assert len(tolerances_at([rest], wide[:1]).drawn) == 0
+    assert len(tolerances_at([rest], wide, draws=0).drawn) == 0
 
-    changes = module._relative_changes
-    monkeypatch.setattr(module, "_relative_changes", gives_way)
-    found = tolerances_at([rest], read_parts(rest.scene, TWO), draws=3, seed=1)
-    numbers = np.random.default_rng(1).standard_normal((3, 2))
-    np.testing.assert_allclose(found.drawn, numbers @ found.changes[0], rtol=1e-12)
-    assert "3 drawn dampers pack otherwise: for them the slopes count." in found.notes
+
+def test_a_bed_that_rearranges_is_stable_again(rest: Equilibrium) -> None:
+    parts = read_parts(rest.scene, {"grains.remanence": "40 %"})
+    changes, rearranged = module._Bed(rest, parts, None).changes(np.array([-1.0]))
+    assert rearranged
+    scene = rest.scene.replace(**{"grains.remanence": 0.6 * 1.3})
+    bed, stiffness = BedForces(scene), rest.pencil.stiffness.diagonal()
+    at = relax(bed, bed.coordinates(rest.positions, rest.piston_height), (), stiffness, 1e-9)
+    changed = equilibrium_from(scene, bed.positions(at), float(at[-1]))
+    assert changed.is_stable
+    root, before = piston_roots(changed)[0], piston_roots(rest)[0]
+    wanted = [changed.piston_height / rest.piston_height, root.frequency / before.frequency]
+    np.testing.assert_allclose(changes[:2] + 1.0, wanted, rtol=1e-6)
 
 
 def test_drawn_dampers_scatter_as_slopes_say(rest: Equilibrium) -> None:
     found = tolerances_at([rest], read_parts(rest.scene, SIX), draws=50, seed=3)
     assert found.curved == ()
     # A standard deviation of 50 drawn numbers has an error of 10 %.
-    np.testing.assert_allclose(found.totals, found.linear_totals, rtol=0.25)
-    assert not np.array_equal(found.totals, found.linear_totals)
+    np.testing.assert_allclose(found.totals, found.sums_of_squares, rtol=0.25)
+    assert not np.array_equal(found.totals, found.sums_of_squares)
 
 
 def test_parts_as_bought_have_slopes(oiled: Equilibrium) -> None:
     wanted = {"grains.temperature": "3 K", "grains.coating": "5 um", "effects.drag.viscosity": "5 %"}
     parts = read_parts(oiled.scene, wanted | {"cell.separation": "0.02 mm", "grains.remanence": "0.1 %"})
-    found = tolerances_at([oiled], parts)
+    found = tolerances_at([oiled], parts, draws=0)
     by_temperature, by_coating, by_viscosity, by_gap, by_remanence = found.slopes[0]
     # The remanence has the factor 1 - 0.0012 (T - 20); viscosity is no part of the rest.
     factor = REMANENCE_SLOPE / (1.0 + REMANENCE_SLOPE * (30.0 - REFERENCE_TEMPERATURE))
@@ -212,19 +229,43 @@ def test_tolerance_of_a_viscosity_comes_on_top_of_the_temperatures(oiled: Equili
     both = {"effects.drag.viscosity": "5 %", "grains.temperature": "3 K"}
     first = tolerances_at([oiled], read_parts(oiled.scene, both), draws=2)
     parts = read_parts(oiled.scene, both)
-    scene = module.move_part(oiled.scene, parts[1], 1.0)
-    colder = module.move_part(scene, parts[0], 0.5).effects.drag
-    assert colder is not None
-    assert scene.effects.drag is not None
-    assert scene.effects.drag.viscosity is not None
-    assert colder.viscosity == pytest.approx(scene.effects.drag.viscosity * 1.025)
+    warmer, both_moved = (
+        move_parts(oiled.scene, parts, np.array(by)).effects.drag for by in ([0.0, 1.0], [0.5, 1.0])
+    )
+    assert warmer is not None
+    assert both_moved is not None
+    assert warmer.viscosity is not None
+    assert both_moved.viscosity == pytest.approx(warmer.viscosity * 1.025)
     assert np.isfinite(first.drawn).all()
+
+
+@pytest.mark.parametrize("changes", [{}, {"effects.drag.coefficient": 0.2}, {"effects.drag.packing": 0.4}])
+def test_a_tolerance_keeps_what_its_key_would_take_away(changes: dict[str, Any]) -> None:
+    """A grade beside the remanence, a liquid beside the drag's coefficient, a drag beside the viscosity."""
+    scene = load_scene("workshop").replace(**changes)
+    blade = "piston.drag" if not changes else "piston.blade.film"
+    wide = {blade: "1 %", "effects.drag.coefficient": "1 %", "effects.drag.viscosity": "1 %"}
+    parts = read_parts(scene, wide | {"grains.remanence": "1 %", "grains.coating": "1 um"})
+    gentle = move_parts(scene, parts, np.full(5, 1e-9))
+    for key in ("piston.drag", "effects.drag.coefficient", "effects.drag.viscosity", "grains.permeability"):
+        (before, _), (after, _) = find_field(scene, key), find_field(gentle, key)
+        assert after == pytest.approx(before, rel=1e-6), key
+    moments = [bed.grains.magnets_in_species()[0].moment for bed in (scene, gentle)]
+    assert moments[1] == pytest.approx(moments[0], rel=1e-6)
+    thicker = move_parts(scene, parts[2:3], np.ones(1))
+    assert thicker.piston.drag == pytest.approx(1.01 * scene.piston.drag)
+    measured = "effects.drag.coefficient" in changes
+    assert thicker.effects.drag.coefficient == pytest.approx(
+        (1.0 if measured else 1.01) * scene.effects.drag.coefficient
+    )
+    assert ("effects.drag.coefficient" in usual_parts(scene)) == measured
 
 
 def test_beds_have_one_variance() -> None:
     toy = two_parts([[0.0] * 3, [0.0] * 3], [[0.0] * 3] * 2)
     changes = np.array([[[0.03] * 3, [0.0] * 3], [[-0.01] * 3, [0.0] * 3]])
-    toy = dataclasses.replace(toy, changes=changes)
+    sides = np.stack([changes, -changes], axis=2)
+    toy = dataclasses.replace(toy, slopes=changes / [[0.01], [0.1]], sides=sides)
     np.testing.assert_allclose(toy.totals, (0.5 * (0.03**2 + 0.01**2)) ** 0.5)
     assert "+1.0000 ± 2.8284" in str(toy)  # sqrt((2^2 + 2^2)/1)
 
@@ -235,7 +276,7 @@ def test_a_zero_that_cannot_be_negative_rises(rest: Equilibrium) -> None:
     damped = equilibrium_from(rest.scene.replace(**{"piston.drag": 0.05}), rest.positions, rest.piston_height)
     wanted = piston_roots(damped)[0].damping_ratio / found.figures[0, 2] - 1.0
     assert found.contributions[0, 2] == pytest.approx(wanted, rel=1e-6)
-    assert found.curvatures[0, 0, 2] == 0.0
+    assert found.sides[0, 0, 1, 2] == -found.sides[0, 0, 0, 2]
 
 
 def test_damping_at_an_amplitude_is_with_friction(rest: Equilibrium) -> None:
@@ -243,7 +284,7 @@ def test_damping_at_an_amplitude_is_with_friction(rest: Equilibrium) -> None:
     scene = rest.scene.replace(**friction)
     rubbing = equilibrium_from(scene, rest.positions, rest.piston_height)
     parts = read_parts(scene, {"effects.friction.dynamic": "10 %", "cell.separation": "0.01 mm"})
-    found = tolerances_at([rubbing], parts, amplitude=2e-3)
+    found = tolerances_at([rubbing], parts, amplitude=2e-3, draws=0)
     root = piston_roots(rest)[0]
     added = motion_friction(rubbing, root=root).equivalent_damping_ratio(2e-3)
     assert found.figures[0, 2] == pytest.approx(root.damping_ratio + added, rel=1e-9)
@@ -259,8 +300,8 @@ def test_damping_at_an_amplitude_is_with_friction(rest: Equilibrium) -> None:
     )
     assert wide > narrow
     wanted = 0.5 * (wide - narrow) / found.figures[0, 2]
-    assert found.changes[0, 1, 2] == pytest.approx(wanted, rel=1e-6)
-    assert found.changes[0, 1, 0] == 0.0
+    assert found.slopes[0, 1, 2] == pytest.approx(wanted * 310.0, rel=1e-6)
+    assert found.slopes[0, 1, 0] == 0.0
     assert "with dry friction, at an amplitude of 2 mm" in str(found)
     with pytest.raises(InputError, match="names no friction"):
         tolerances_at([rest], parts[1:], amplitude=2e-3)
@@ -321,4 +362,4 @@ def test_drawn_dampers_of_the_packaged_scene_scatter_as_slopes_say() -> None:
     found = tolerances(load_scene("damper"), parts, draws=100, seed=5, progress=False)
     assert found.curved == ()
     assert found.rearranged < 10
-    np.testing.assert_allclose(found.totals, found.linear_totals, rtol=0.1)
+    np.testing.assert_allclose(found.totals, found.sums_of_squares, rtol=0.1)
