@@ -114,7 +114,7 @@ def parts_from_options(options: Any, scene: Scene | None) -> dict[str, str | flo
     """Tolerances of a scene's parts by their keys: the usual ones, and those that a command was given."""
     result: dict[str, str | float] = {}
     if options.usual and scene is not None:
-        from granular.studies.tolerances import usual_parts
+        from granular.studies.tolerance_parts import usual_parts
 
         result = usual_parts(scene)
     for item in options.parts:

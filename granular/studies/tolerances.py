@@ -24,12 +24,12 @@ from granular.shared.errors import InputError
 from granular.shared.progress_bars import progress_bar
 from granular.shared.text_tables import align_columns
 from granular.studies.bed_slopes import settled_beds
-from granular.studies.tolerance_parts import Part, move_parts, read_parts, usual_parts
+from granular.studies.tolerance_parts import Part, move_parts, read_parts
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-__all__ = ["Part", "Tolerances", "tolerances", "tolerances_at", "usual_parts"]
+__all__ = ["Tolerances", "tolerances", "tolerances_at"]
 
 FIGURES = ("rest", "f0", "zeta")
 
@@ -45,6 +45,9 @@ changes its neighbours moves by half a spacing or so."""
 
 CURVED = 0.05
 """Part of a standard deviation that departures from slopes may add before slopes alone are said not to do."""
+
+BEDS_DIFFER = 0.1
+"""Relative standard error of a total, by the number of beds, from which it is said."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -105,6 +108,13 @@ class Tolerances:
         return np.asarray(self.figures.std(axis=0, ddof=1) / np.where(means > 0.0, means, 1.0))
 
     @property
+    def errors(self) -> Float[np.ndarray, "3"]:
+        """Relative standard errors of the totals, as beds differ; zeros of a single bed, which tells none."""
+        variances = (self.sides**2).mean(axis=2).sum(axis=1)
+        several, size = len(variances) > 1, np.maximum(variances.mean(axis=0), 1e-30)
+        return np.asarray(variances.std(axis=0, ddof=int(several)) / (2.0 * size * len(variances) ** 0.5))
+
+    @property
     def curved(self) -> tuple[str, ...]:
         """Keys of parts whose departures from slopes add more than a twentieth to a standard deviation."""
         by_slopes = self.slopes * np.array([part.slope_step for part in self.parts])[:, None]
@@ -151,6 +161,7 @@ class Tolerances:
                 for k, part in enumerate(self.parts)
             },
             "amplitude": self.amplitude,
+            "errors": self.errors.tolist(),
             "draws": len(self.drawn),
             "rearranged": self.rearranged,
             "curved": list(self.curved),
@@ -181,6 +192,9 @@ class Tolerances:
             remedy = "the drawn dampers contain it" if len(self.drawn) > 1 else "draw dampers (--draws 200)"
             keys = ", ".join(self.curved)
             notes.append(f"Slopes alone are not enough for {keys}, whose second difference counts: {remedy}.")
+        for name, error in zip(FIGURES, self.errors, strict=True):
+            if error > BEDS_DIFFER:
+                notes.append(f"Beds differ: ± of {name} is known to {100.0 * error:.0f} %; more --beds help.")
         if self.rearranged:
             notes.append(f"{self.rearranged} drawn dampers pack otherwise, and count as they pack.")
         return tuple(notes)
@@ -240,7 +254,7 @@ def tolerances(
         Scene with a free piston; its beds start from ``arrangement.seed`` and the seeds after it.
     parts : mapping of str to str or float
         Standard deviations by the dotted keys of the scene's numbers: relative, as "2.5%", or absolute, as
-        "0.05 mm" or in SI; of temperatures in kelvin. See `usual_parts`.
+        "0.05 mm" or in SI; of temperatures in kelvin. See `granular.studies.tolerance_parts.usual_parts`.
     beds : int
         Number of settled beds over which contributions are averaged.
     amplitude : float, optional

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from granular.commands.console import (
@@ -141,7 +142,8 @@ def design(options: Any) -> None:
         raise InputError(f"--workers {options.workers}; give 1 or more")
     require_options(options, frequency="--frequency", damping="--damping")
     from granular.scene.published_beds import damper
-    from granular.studies.tolerances import read_parts, tolerances_at
+    from granular.studies.tolerance_parts import read_parts
+    from granular.studies.tolerances import tolerances_at
     from reduced_models.designs.design import design as design_damper
     from reduced_models.records.sources import make_directory
 
@@ -162,8 +164,10 @@ def design(options: Any) -> None:
     text, plain = str(result), result.to_plain()
     if parts is not None:
         rests = [check.equilibrium(result.damper) for check in result.checks]
-        of_parts = tolerances_at(rests, read_parts(rests[0].scene, parts))
+        of_parts = tolerances_at(rests, read_parts(rests[0].scene, parts), progress=not options.quiet)
         text, plain = f"{text}\n{of_parts}", plain | {"of_parts": of_parts.to_plain()}
+        if options.out is not None:
+            result.page(of_parts).save(Path(options.out) / "report.html")
     if options.out is not None:
         text += f"\nreport: {options.out}/report.html"
     print_result(plain, text, options.json)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from granular.studies.tolerances import Tolerances
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 """Relative errors that every check of a proposal may have."""
@@ -248,8 +249,8 @@ class Design:
             axes.legend()
             return drawing
 
-    def page(self) -> HtmlPage:
-        """Design as a page."""
+    def page(self, of_parts: Tolerances | None = None) -> HtmlPage:
+        """Design as a page, with the tolerances of its parts if they are given."""
         chosen, target = self.damper, self.target
         page = HtmlPage(
             f"A damper of {target.frequency:g} Hz and damping ratio {target.damping:g}",
@@ -305,6 +306,10 @@ class Design:
             ],
         )
         page.add_figure(self.plot(), "The simulated motions after a lift of 0.2 D.")
+        if of_parts is not None:
+            from granular.studies.tolerance_page import add_tolerances
+
+            add_tolerances(page, of_parts)
         page.add_section("The scene")
         page.add_preformatted(self.scene.to_toml())
         page.add_footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))

@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
     from granular.studies.background_cases import BackgroundCall, BackgroundCase, BackgroundCaseRunner
-    from granular.studies.tolerances import Part, Tolerances
+    from granular.studies.tolerance_parts import Part
+    from granular.studies.tolerances import Tolerances
 
 CHECK_SEEDS = 2
 """Further random starts of the bed that are run to see the scatter."""
@@ -158,7 +159,7 @@ def read_parts_of_source(
 ) -> tuple[Part, ...]:
     """Read the tolerances of parts of a scene, or of a run's, that begins with a rest."""
     from granular.linear.bed_forces import check_free_piston
-    from granular.studies.tolerances import read_parts
+    from granular.studies.tolerance_parts import read_parts
 
     if isinstance(source, PistonRecord):
         raise InputError("a record has no parts whose tolerances could be followed; give a scene or a run")

@@ -20,8 +20,8 @@ from granular.parts.grades import REFERENCE_TEMPERATURE, REMANENCE_SLOPE
 from granular.schema.sections import find_field
 from granular.shared.errors import InputError
 from granular.studies import tolerances as module
-from granular.studies.tolerance_parts import move_parts, read_parts
-from granular.studies.tolerances import Part, Tolerances, tolerances, tolerances_at, usual_parts
+from granular.studies.tolerance_parts import Part, move_parts, read_parts, usual_parts
+from granular.studies.tolerances import Tolerances, tolerances, tolerances_at
 from tests.granular.linear.small_beds import at_rest, small_damper
 
 TWO = {"grains.remanence": "2.5%", "piston.mass": "0.01 kg"}
@@ -267,6 +267,9 @@ def test_beds_have_one_variance() -> None:
     sides = np.stack([changes, -changes], axis=2)
     toy = dataclasses.replace(toy, slopes=changes / [[0.01], [0.1]], sides=sides)
     np.testing.assert_allclose(toy.totals, (0.5 * (0.03**2 + 0.01**2)) ** 0.5)
+    # Variances of 9 and 1: half of sqrt((4^2 + 4^2)/1)/sqrt(2) over 5.
+    np.testing.assert_allclose(toy.errors, 0.4)
+    assert "Beds differ: ± of zeta is known to 40 %; more --beds help." in toy.notes
     assert "+1.0000 ± 2.8284" in str(toy)  # sqrt((2^2 + 2^2)/1)
 
 

@@ -16,6 +16,8 @@ from granular import simulate
 from granular.linear import piston_roots, slopes
 from granular.linear.equilibrium import equilibrium_from
 from granular.shared.errors import InputError, StoreError
+from granular.studies.tolerance_parts import read_parts
+from granular.studies.tolerances import tolerances_at
 from reduced_models import DamperCandidate, DesignTarget, design, fit, propose_design
 from reduced_models.__main__ import main
 from reduced_models.designs.checks import figures_of_design_check, measure_design_check
@@ -266,6 +268,17 @@ def test_discs_that_are_met_after_a_near_proposal_are_taken(monkeypatch):
     found = design(4.0, 0.08, magnets="cylinders", progress=False)
     assert found.frequency == pytest.approx(4.02)
     assert not found.notes
+
+
+def test_page_has_the_bars_of_parts(monkeypatch):
+    settle_in_orders(monkeypatch, 4.0)
+    found = design(4.0, 0.08, progress=False)
+    rest = at_rest(small_damper())
+    of_parts = tolerances_at([rest], read_parts(rest.scene, {"piston.mass": "1%"}))
+    plain, page = found.page().to_html(), found.page(of_parts).to_html()
+    assert page.count("<svg") == plain.count("<svg") + 1
+    assert "Largest causes, rest: piston.mass" in page
+    assert "Any other ± on this page is numerical" in page
 
 
 @pytest.mark.parametrize("wanted", [{"magnets": "dipoles"}, {"magnets": "cylinders"}])

@@ -12,7 +12,8 @@ import pytest
 
 from granular import PistonRecord, Scene
 from granular.shared.errors import InputError
-from granular.studies.tolerances import Part, Tolerances
+from granular.studies.tolerance_parts import Part
+from granular.studies.tolerances import Tolerances
 from reduced_models import identify, load_model
 from reduced_models.identification.comparison_table import Comparison, ComparisonRow
 from reduced_models.identification.page import comparison_page
@@ -115,13 +116,15 @@ def test_tolerances_of_parts_stand_apart_from_the_errors() -> None:
     part = Part("piston.mass", 7.5, "kg", 0.0375, True)
     changes = np.array([[[0.02, 0.01, 0.05]]])
     figures = np.array([[0.06, 3.5, 0.04]])
-    parts = Tolerances("damper", (part,), figures, changes, 0.0 * changes, np.empty((0, 3)))
+    sides = np.stack([changes, -changes], axis=2)
+    parts = Tolerances("damper", (part,), figures, changes / 0.005, sides, np.empty((0, 3)))
     named = dataclasses.replace(found(("linear",)), of_parts=parts)
     line = "of the parts: rest ± 1.2 mm, f0 ± 0.035 Hz, zeta ± 0.2 %"
     assert line in named.printout()
     assert "of the parts" not in found(("linear",)).printout()
     page = named.page().to_html()
     assert "Largest causes, rest: piston.mass; f0: piston.mass; zeta: piston.mass." in page
+    assert "Any other ± on this page is numerical" in page
     assert named.to_plain()["of_parts"]["totals"] == {"rest": 0.02, "f0": 0.01, "zeta": 0.05}
 
 
