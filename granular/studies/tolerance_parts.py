@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from granular.linear.bed_forces import with_number
 from granular.linear.slopes import number_keys
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import FieldError, QuantityKind, TemperatureKind
@@ -109,13 +110,13 @@ def move_parts(scene: Scene, parts: Sequence[Part], by: Float[np.ndarray, "k"]) 
             continue
         value = (find_field(scene, part.key) or (part.value,))[0]
         step = (value / part.value if part.relative else 1.0) * part.deviation
-        changes: dict[str, Any] = {
-            part.key: value + float(abs(multiple) if part.one_sided else multiple) * step
-        }
         drag = scene.effects.drag
+        scene = with_number(
+            scene, part.key, value + float(abs(multiple) if part.one_sided else multiple) * step
+        )
         if part.key == "effects.drag.viscosity" and drag is not None and not drag.follows:
-            changes["effects.drag.coefficient"] = drag.coefficient  # measured: the liquid is the piston's
-        scene = scene.replace(**changes)
+            # The drag of a disc was measured: the liquid is the piston's.
+            scene = with_number(scene, "effects.drag.coefficient", drag.coefficient)
     return scene
 
 
