@@ -138,7 +138,9 @@ def equilibrium_from(
             f"forces have no derivative; give {remedy}"
         )
     start = bed.coordinates(positions, height)
-    if near is not None or rubs_dry(scene):  # held away from there, and Newton's method may end at a saddle
+    far = _norm(bed.forces(start)) > RELAXED * max(bed.scales.force, bed.weight)
+    if far and (near is not None or rubs_dry(scene)):
+        # Friction held it away from there, or numbers changed: Newton's method may end at a saddle.
         with contextlib.suppress(InputError):
             stiffness = (near or make_pencil(bed, start)).stiffness.diagonal()
             start = relax(bed, start, held_shifts(bed), stiffness, RELAXED)

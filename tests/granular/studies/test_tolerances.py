@@ -188,6 +188,14 @@ def test_dampers_are_drawn_if_slopes_are_not_enough(
     assert len(tolerances_at([rest], wide, draws=0).drawn) == 0
 
 
+def test_a_part_without_forces_costs_few_of_them(rest: Equilibrium, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bed that is at its equilibrium has nothing to relax: the first force is rounding."""
+    forces, calls = BedForces.forces, []
+    monkeypatch.setattr(BedForces, "forces", lambda bed, q: calls.append(1) or forces(bed, q))
+    module._Bed(rest, read_parts(rest.scene, {"effects.drag.coefficient": "5 %"}), None).changes(np.ones(1))
+    assert len(calls) < 2000
+
+
 def test_a_bed_that_rearranges_is_stable_again(rest: Equilibrium) -> None:
     parts = read_parts(rest.scene, {"grains.remanence": "40 %"})
     changes, rearranged = module._Bed(rest, parts, None).changes(np.array([-1.0]))
@@ -336,7 +344,7 @@ def test_command_prints_the_table_and_writes_a_page(
     monkeypatch.setattr(module, "settled_beds", beds)
     path, out = tmp_path / "scene.toml", tmp_path / "out"
     path.write_text(rest.scene.to_toml(), encoding="utf-8")
-    words = ["tolerances", str(path), "--usual", "--part", "piston.mass=1%", "--beds", "2", "--quiet"]
+    words = ["tolerances", str(path), "--usual", "--part=piston.mass=1%", "--beds=2", "--draws=0", "--quiet"]
     main([*words, "-o", str(out)])
     shown = capsys.readouterr().out
     assert "0.3 kg ± 1 %" in shown
