@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     import numpy as np
     from jaxtyping import Float
 
+__all__ = ["Part", "usual_parts"]
+
 _SECTIONS = ("grains.", "cell.", "piston.", "effects.")
 _LAST = {"grains.remanence": 1, "effects.drag.viscosity": 1, "effects.drag.coefficient": 2, "piston.drag": 2}
 """Keys that may follow from others, which they take away: their tolerance comes on top of the others'."""
