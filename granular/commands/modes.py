@@ -32,13 +32,7 @@ from granular.shared.files import make_directory
 examples:
   %(prog)s damper
   %(prog)s damper --set piston.mass=6.5 -o out/modes
-    plain = motions.to_plain()
-    if friction is not None:
-        plain["friction"] = friction.to_plain()
-    if over is not None:
-        motions = dataclasses.replace(motions, slopes=over.mean, deviation=over.deviation)
-        plain["over_beds"] = over.to_plain()
-    lines = [str(motions), *([] if friction is None else [str(friction)]), f"computed in {seconds:.1f} s"]
+  %(prog)s damper --friction 0.02
   %(prog)s runs/bed --json
 
 A scene is run up to its first rest; of a run, the last frame is taken. Both need a free piston.""",

@@ -31,12 +31,11 @@ from granular.pairs.direct_sum import pad_values
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
 from granular.parts.drags import counter_flow_factor, disc_drag
-from granular.parts.liquids import find_liquid
 from granular.schema.apparatus import Cell, Grains
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
+from granular.schema.piston_parts import viscosity_at_key
 from granular.schema.sections import quantity, text_field
-from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -100,10 +99,8 @@ class Drag(DissipativeEffect):
         """Return the drag of a disc in its liquid, with its viscosity and coefficient."""
         viscosity = self.viscosity
         if self.liquid is not None:
-            try:
-                viscosity = find_liquid(self.liquid, grains.liquid_temperature).viscosity
-            except InputError as error:
-                raise FieldError(str(error), "effects", "drag", "liquid") from None
+            celsius = grains.liquid_temperature
+            viscosity = viscosity_at_key(self.liquid, celsius, "effects", "drag", "liquid")
         if viscosity is None:
             return self
         result = copy.copy(self)

@@ -12,6 +12,7 @@ from granular.shared.message_text import quote
 
 KNOWN = "'silicone oil 350 cSt' (100 to 100000), 'glycerol 80 %' (by mass), 'water' or 'air'"
 _KELVIN = 273.15
+_NUMBER = r"([0-9]{1,6}(?:\.[0-9]{0,6})?)"
 
 
 class Liquid(NamedTuple):
@@ -30,7 +31,9 @@ def find_liquid(name: str, celsius: float) -> Liquid:
             continue
         number = float(match[1]) if match.groups() else 0.0
         if not least <= number <= most:
-            raise InputError(f"{quote(name)} must have a number from {least:g} to {most:g}")
+            raise InputError(
+                f"{quote(name)} must have a number from {least:g} to {most:g}, or give the viscosity"
+            )
         if not low <= celsius <= high:
             raise InputError(
                 f"{quote(name)} at {celsius:g} °C: its viscosity is known from {low:g} to {high:g} °C; "
@@ -86,8 +89,8 @@ def _air(_: float, celsius: float) -> Liquid:
 
 # Pattern, lowest and highest temperature [deg C], bounds of the number.
 _LIQUIDS: tuple[tuple[str, tuple[float, float], float, float, Callable[[float, float], Liquid]], ...] = (
-    (r"silicone oil ([0-9.]{1,9}) ?(?:cSt|mm\^?2/s)", (-25.0, 250.0), 100.0, 1e5, _silicone_oil),
-    (r"glycerol ([0-9.]{1,9}) ?%", (0.0, 100.0), 0.0, 100.0, _glycerol_and_water),
+    (rf"silicone oil {_NUMBER} ?(?:cSt|mm\^?2/s)", (-25.0, 250.0), 100.0, 1e5, _silicone_oil),
+    (rf"glycerol {_NUMBER} ?%", (0.0, 100.0), 0.0, 100.0, _glycerol_and_water),
     (r"water", (0.0, 100.0), 0.0, 0.0, _water),
     (r"air", (-50.0, 250.0), 0.0, 0.0, _air),
 )

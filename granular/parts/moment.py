@@ -36,15 +36,10 @@ class Magnet(NamedTuple):
         return math.pi * self.thickness * self.diameter**2 / 4.0
 
     @property
-    def lone_moment(self) -> float:
-        """Moment far from all others [A m^2]."""
-        return self.remanence * self.volume / MAGNETIC_CONSTANT / (1.0 + self.demagnetisation)
-
-    @property
     def moment(self) -> float:
         """Moment among its neighbours [A m^2]."""
-        reduction = 1.0 + self.demagnetisation + self.neighbours
-        return self.remanence * self.volume / MAGNETIC_CONSTANT / reduction
+        weakening = 1.0 + self.demagnetisation + self.neighbours
+        return self.remanence * self.volume / MAGNETIC_CONSTANT / weakening
 
 
 def make_magnet(
@@ -52,21 +47,18 @@ def make_magnet(
     thickness: float,
     remanence: float,
     *,
-    coating: float | None = None,
-    permeability: float | None = None,
-    spacing: float | None = None,
-    temperature: float | None = None,
+    coating: float = 0.0,
+    permeability: float = 1.0,
+    spacing: float = math.inf,
+    temperature: float = REFERENCE_TEMPERATURE,
 ) -> Magnet:
     """Return the magnet in a disc; lengths [m], remanence at 20 deg C [T], temperature [deg C]."""
-    if coating is not None:
-        diameter, thickness = diameter - 2.0 * coating, thickness - 2.0 * coating
-    if temperature is not None:
-        remanence *= 1.0 + REMANENCE_SLOPE * (temperature - REFERENCE_TEMPERATURE)
+    diameter, thickness, chi = diameter - 2.0 * coating, thickness - 2.0 * coating, permeability - 1.0
+    remanence *= 1.0 + REMANENCE_SLOPE * (temperature - REFERENCE_TEMPERATURE)
     magnet = Magnet(diameter, thickness, remanence, 0.0, 0.0)
-    if permeability is None:
+    if chi == 0.0:  # importing elliptic integrals takes long
         return magnet
-    chi = permeability - 1.0
-    beside = 0.0 if spacing is None else LATTICE_SUM * magnet.volume / (4.0 * math.pi * spacing**3)
+    beside = LATTICE_SUM * magnet.volume / (4.0 * math.pi * spacing**3)
     own = demagnetising_factor(diameter, thickness)
     return magnet._replace(demagnetisation=chi * own, neighbours=chi * beside)
 

@@ -40,7 +40,7 @@ def _moment_lines(scene: Scene) -> Iterator[str]:
             own = 1.0 / (1.0 + magnet.demagnetisation)
             yield f"  own field at a permeability of {grains.permeability:g}: {own:.5g}"
         if magnet.neighbours:
-            ratio = magnet.moment / magnet.lone_moment
+            ratio = 1.0 / (1.0 + magnet.neighbours / (1.0 + magnet.demagnetisation))
             yield f"  field of neighbours at {1e3 * (grains.spacing or 0.0):.4g} mm: {ratio:.5g}"
         yield f"  moment {magnet.moment:.5g} A m^2"
 
@@ -67,7 +67,8 @@ def _piston_lines(scene: Scene) -> Iterator[str]:
     viscosity = None if drag is None else drag.viscosity
     yield "drag of the piston"
     if piston.blade is not None and viscosity is not None:
-        yield f"  blade {piston.blade.drag(scene.cell.width, viscosity):.5g} kg/s"
+        blade = piston.blade.drag(scene.cell.width, scene.cell.separation, viscosity)
+        yield f"  blade {blade:.5g} kg/s"
     if piston.guide is not None:
         temperature = scene.grains.liquid_temperature
         words = _liquid_words(piston.guide.liquid, temperature)

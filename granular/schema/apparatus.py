@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.parts.grades import RECOIL_PERMEABILITY, find_grade
+from granular.parts.grades import RECOIL_PERMEABILITY, REFERENCE_TEMPERATURE, find_grade
 from granular.parts.moment import Magnet, make_magnet, remanence_of_moment
 from granular.schema.field_kinds import FieldError
 from granular.schema.piston_parts import Blade, Guide
@@ -134,6 +134,8 @@ class Grains(Section):
         thinnest = min(float(self.species_values("thickness").min()), *(s.diameter for s in self.species))
         if self.coating is not None and 2.0 * self.coating >= thinnest:
             raise FieldError(f"{self.coating:g} m leaves no magnet within {thinnest:g} m", "coating")
+        if self.spacing is not None and self.permeability is None and self.grade is None:
+            raise FieldError("weakens magnets by their permeability; give it, or a grade", "spacing")
         if self.spacing is not None and self.spacing < self.species[0].diameter:
             raise FieldError(
                 f"{self.spacing:g} m must be at least the discs' diameter, {self.species[0].diameter:g} m",
@@ -157,8 +159,8 @@ class Grains(Section):
     def _set_remanence(self) -> None:
         given, value = self.remanence, 1.3  # of [D]
         if self.moment is not None:
-            if len(self.species) > 1:
-                raise FieldError("is for one species; give each species its remanence", "moment")
+            if len(self.species) > 1 or self.species[0].remanence is not None:
+                raise FieldError("is for one species without a remanence; give that instead", "moment")
             lone = self._magnet(self.species[0], 1.0, cold=True)
             value = remanence_of_moment(self.moment, lone)
             if given is not None and not math.isclose(given, value):
@@ -174,10 +176,10 @@ class Grains(Section):
             species.diameter,
             self.thickness if species.thickness is None else species.thickness,
             remanence,
-            coating=self.coating,
-            permeability=self.permeability,
-            spacing=self.spacing,
-            temperature=None if cold else self.temperature,
+            coating=self.coating or 0.0,
+            permeability=self.permeability or 1.0,
+            spacing=self.spacing or math.inf,
+            temperature=REFERENCE_TEMPERATURE if cold or self.temperature is None else self.temperature,
         )
 
     def magnets_in_species(self) -> tuple[Magnet, ...]:
@@ -393,7 +395,7 @@ class Piston(Section):
         if self.blade is not None:
             if viscosity is None:
                 raise FieldError("needs a liquid in the cell; give effects.drag.liquid", "piston", "blade")
-            drag += self.blade.drag(cell.width, viscosity)
+            drag += self.blade.drag(cell.width, cell.separation, viscosity)
         if self.guide is not None:
             drag += self.guide.drag(grains.liquid_temperature, viscosity)
         object.__setattr__(result, "drag", drag)

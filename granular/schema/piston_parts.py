@@ -9,6 +9,14 @@ from granular.schema.sections import Section, integer_field, quantity, text_fiel
 from granular.shared.errors import InputError
 
 
+def viscosity_at_key(liquid: str, celsius: float, *path: str) -> float:
+    """Viscosity of a liquid by name [Pa s]; temperature [deg C], path of the key that names it."""
+    try:
+        return find_liquid(liquid, celsius).viscosity
+    except InputError as error:
+        raise FieldError(str(error), *path) from None
+
+
 class Blade(Section):
     """The part of the piston that dips into the liquid, between the plates and as wide as the cell.
 
@@ -23,8 +31,11 @@ class Blade(Section):
     depth: float = quantity("m", above=0.0)
     film: float = quantity("m", above=0.0)
 
-    def drag(self, width: float, viscosity: float) -> float:
-        """Drag of both faces [kg/s]; width of the cell [m], viscosity of the liquid [Pa s]."""
+    def drag(self, width: float, separation: float, viscosity: float) -> float:
+        """Drag of both faces [kg/s]; width and gap of the cell [m], viscosity of the liquid [Pa s]."""
+        if 2.0 * self.film >= separation:
+            words = f"{self.film:g} m must be below half of cell.separation, {0.5 * separation:g} m"
+            raise FieldError(words, "piston", "blade", "film")
         return blade_drag(viscosity, width, self.depth, self.film)
 
 
@@ -55,13 +66,9 @@ class Guide(Section):
     def drag(self, temperature: float, viscosity: float | None) -> float:
         """Drag of all rods [kg/s]; temperature of the liquid [deg C], viscosity of the cell's one [Pa s]."""
         if self.liquid is not None:
-            try:
-                viscosity = find_liquid(self.liquid, temperature).viscosity
-            except InputError as error:
-                raise FieldError(str(error), "piston", "guide", "liquid") from None
+            viscosity = viscosity_at_key(self.liquid, temperature, "piston", "guide", "liquid")
         if viscosity is None:
-            raise FieldError(
-                "must be given where the cell holds no liquid by name", "piston", "guide", "liquid"
-            )
+            words = "must be given, as the cell holds no liquid; or give effects.drag.liquid"
+            raise FieldError(words, "piston", "guide", "liquid")
         rod = guide_drag(viscosity, self.diameter, self.length, self.clearance, self.eccentricity)
         return self.count * rod

@@ -83,7 +83,8 @@ def quantity(
 
 def temperature_field() -> Any:
     """Declare an optional temperature of a section [deg C]."""
-    return section_field(TemperatureKind(True, above=-273.15), None)
+    # No magnet of NdFeB bears more, and the liquids are known up to there.
+    return section_field(TemperatureKind(True, above=-273.15, most=250.0), None)
 
 
 def integer_field(

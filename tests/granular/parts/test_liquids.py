@@ -37,7 +37,9 @@ def test_silicone_oils_follow_one_curve_through_what_is_sold() -> None:
     assert cold.viscosity / cold.density == pytest.approx(350e-6 * 10 ** (763.1 / 273.15 - 2.5594), rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["honey", "silicone oil 20 cSt", "glycerol 101 %", "water "])
+@pytest.mark.parametrize(
+    "name", ["honey", "silicone oil 20 cSt", "glycerol 101 %", "water ", "glycerol 8.0.1 %"]
+)
 def test_unknown_liquids_are_refused(name: str) -> None:
     with pytest.raises(InputError, match=r"viscosity|number from"):
         find_liquid(name, 25.0)

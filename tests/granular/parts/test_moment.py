@@ -122,8 +122,11 @@ def test_grades_stand_for_remanence_and_limit_temperature() -> None:
         ({"grains.grade": "N99"}, "grains.grade: there is no grade"),
         ({"grains.coating": "2 mm"}, "grains.coating: .* leaves no magnet"),
         ({"grains.moment": 0.08, "grains.remanence": 1.2}, "grains.moment: .* one of the two"),
-        ({"grains.spacing": "5 mm"}, "grains.spacing: .* at least"),
+        ({"grains.permeability": 1.05, "grains.spacing": "5 mm"}, "grains.spacing: .* at least"),
+        ({"grains.spacing": "8 mm"}, "grains.spacing: .* permeability; give it"),
+        ({"grains.moment": 0.08, "grains.species.0.remanence": 1.2}, "grains.moment: .* without a remanence"),
         ({"grains.temperature": "5 m"}, "grains.temperature"),
+        ({"grains.temperature": 900}, "grains.temperature: .* at most 250"),
     ],
 )
 def test_parts_that_do_not_fit_are_refused(changes: dict[str, object], words: str) -> None:

@@ -93,6 +93,14 @@ def test_a_key_takes_away_what_it_stands_instead_of() -> None:
         ({LIQUID: "water", "effects.drag.viscosity": 0.1}, "effects.drag: .* not both"),
         ({LIQUID: "air", "cell.separation": "3 mm"}, "cell.separation: .* no film"),
         ({"piston.blade": {"depth": 0.01, "film": 1e-4}}, "piston.blade: needs a liquid"),
+        (
+            {"effects.drag.viscosity": 0.1, "piston.blade": {"depth": 0.01, "film": "1.6 mm"}},
+            "piston.blade.film: .* cell.separation, 0.00155 m",
+        ),
+        (
+            {"piston.guide": {"diameter": 0.01, "length": 0.01, "clearance": 1e-4}},
+            "piston.guide.liquid: must be given",
+        ),
         ({"effects.drag.offset": 1e-5}, "effects.drag: .* give liquid or viscosity"),
     ],
 )
