@@ -44,11 +44,16 @@ def of_pages() -> Iterator[str]:
 
 def of_help() -> Iterator[str]:
     """Of the examples that `--help` ends with, the parts that a command has among them."""
-    for parser in PARSERS.values():
+    for parser in parsers():
         yield from examples(parser)
+
+
+def parsers() -> Iterator[Parser]:
+    """All parsers, and those of the commands that one has among its parts."""
+    for parser in PARSERS.values():
+        yield parser
         for known in (one.choices for one in parser._actions if isinstance(one.choices, dict)):
-            for command in known.values():
-                yield from examples(command)
+            yield from known.values()
 
 
 def examples(parser: Parser) -> Iterator[str]:
