@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def tolerances_page(result: Tolerances, scene: Scene) -> HtmlPage:
     """Page of a damper's tolerances."""
-    page = HtmlPage(f"Tolerances of scene {scene.name!r}", f"{len(result.figures)} settled bed(s)")
+    page = HtmlPage(f"Tolerances of scene {scene.name!r}", f"{result.means[0].upper()}{result.means[1:]}.")
     add_tolerances(page, result)
     page.add_section("Scene")
     page.add_preformatted(scene.to_toml())
@@ -28,8 +28,9 @@ def add_tolerances(page: HtmlPage, result: Tolerances) -> None:
     """Add bars, table and notes to a page."""
     page.add_section("Tolerances of the parts")
     page.add_paragraph(
-        f"{result.summary[0].upper()}{result.summary[1:]}. This ± is of parts that differ from their numbers "
-        "in the scene. Any other ± on this page is numerical: of fit, step, and random packing of the bed."
+        f"{result.summary[0].upper()}{result.summary[1:]}. That is how far dampers differ whose parts differ "
+        "from their numbers in the scene. Any ± outside of this section is numerical: of fit, step, and the "
+        "random packing of the bed."
     )
     page.add_figure(
         _draw_bars(result),

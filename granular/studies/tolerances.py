@@ -168,6 +168,13 @@ class Tolerances:
         }
 
     @property
+    def means(self) -> str:
+        """Mean figures in one line."""
+        rest, frequency, damping = self.figures.mean(axis=0)
+        figures = f"rest {1e3 * rest:.5g} mm, f0 {frequency:.5g} Hz, zeta {100.0 * damping:.4g} %"
+        return f"{figures} (mean over {len(self.figures)} settled bed(s))"
+
+    @property
     def summary(self) -> str:
         """Totals and the largest causes in one line."""
         rest, frequency, damping = self.figures.mean(axis=0) * self.totals
@@ -201,21 +208,15 @@ class Tolerances:
 
     def __str__(self) -> str:
         """Table in lines."""
-        rest, frequency, damping = self.figures.mean(axis=0)
-        return "\n".join(
-            [
-                f"{self.scene}: tolerances of {len(self.parts)} parts at {len(self.figures)} settled bed(s)",
-                f"rest {1e3 * rest:.5g} mm, f0 {frequency:.5g} Hz, zeta {100.0 * damping:.4g} %",
-                align_columns(table_rows(self)),
-                self.summary,
-                *self.notes,
-            ]
-        )
+        head = f"{self.scene}: tolerances of {len(self.parts)} parts"
+        return "\n".join([head, self.means, align_columns(table_rows(self)), self.summary, *self.notes])
 
 
 def table_rows(result: Tolerances) -> list[tuple[str, ...]]:
     """Header and rows of the table, with the sum of all parts."""
-    rows = [("part", "tolerance", *(f"slope of {f}" for f in FIGURES), *(f"{f} [± %]" for f in FIGURES))]
+    rows = [
+        ("part", "tolerance", *(f"slope of {f}" for f in FIGURES), *(f"{f} ± [% of it]" for f in FIGURES))
+    ]
     beds, draws = len(result.figures), len(result.drawn)
     for k, part in enumerate(result.parts):
         cells = []

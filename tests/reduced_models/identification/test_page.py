@@ -124,7 +124,7 @@ def test_tolerances_of_parts_stand_apart_from_the_errors() -> None:
     assert "of the parts" not in found(("linear",)).printout()
     page = named.page().to_html()
     assert "Largest causes, rest: piston.mass; f0: piston.mass; zeta: piston.mass." in page
-    assert "Any other ± on this page is numerical" in page
+    assert "Any ± outside of this section is numerical" in page
     assert named.to_plain()["of_parts"]["totals"] == {"rest": 0.02, "f0": 0.01, "zeta": 0.05}
 
 
