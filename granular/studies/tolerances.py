@@ -110,9 +110,11 @@ class Tolerances:
     @property
     def errors(self) -> Float[np.ndarray, "3"]:
         """Relative standard errors of the totals, as beds differ; zeros of a single bed, which tells none."""
-        variances = (self.sides**2).mean(axis=2).sum(axis=1)
-        several, size = len(variances) > 1, np.maximum(variances.mean(axis=0), 1e-30)
-        return np.asarray(variances.std(axis=0, ddof=int(several)) / (2.0 * size * len(variances) ** 0.5))
+        beds, variances = len(self.figures), (self.sides**2).mean(axis=2).sum(axis=1)
+        if len(self.drawn) > beds:
+            variances = np.array([self.drawn[k::beds].var(axis=0) for k in range(beds)])
+        size = 2.0 * np.maximum(variances.mean(axis=0), 1e-30) * beds**0.5
+        return np.asarray(variances.std(axis=0, ddof=int(beds > 1)) / size)
 
     @property
     def curved(self) -> tuple[str, ...]:
