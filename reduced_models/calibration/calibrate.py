@@ -58,6 +58,7 @@ _SMALL_POWER = 0.2  # least share of a parameter in a direction that is hardly k
 _WEAK = 5.0  # least ratio of standard deviations, along such a direction and the next one
 _OFF_REST = 2.0  # standard deviations of the height at rest, which a record has best
 _STRANGE = 4.0  # standard deviations of a feature that noise and scatter do not explain
+_OFF_HEIGHT = 0.01  # of the height at rest, five times the scatter over beds of discs
 
 
 def calibrate(
@@ -331,6 +332,12 @@ def _calibration_notes(
                 f"{abs(away):.2g} standard deviations away, so something else in the scene is not "
                 "as in the laboratory"
             )
+    off = math.exp(ended.centre.mean[0]) / wanted.values[0] - 1.0
+    if abs(off) > _OFF_HEIGHT:
+        notes.append(
+            f"the simulations rest {100.0 * off:+.2g} % off the record's height, so the values are not its "
+            "damper's: calibrate again from them, fit fewer numbers, or take more random starts (--seeds)"
+        )
     shortest = min(float(motion.time[-1]) for motion in ended.centre.records)
     if shortest < _SHORT * simulator.duration:
         notes.append(

@@ -73,8 +73,13 @@ OUT = option(
 examples:
   %(prog)s lab.csv damper -o out
   %(prog)s lab.csv my-damper.toml --parameter piston.mass
-  %(prog)s forced.csv damper --parameter piston.mass \\
-      --parameter effects.drag.coefficient --parameter grains.remanence -o out""",
+  %(prog)s light.csv damper --set 'piston.mass=7.46 kg' \\
+      --parameter effects.drag.coefficient --parameter grains.remanence -o out/light
+  %(prog)s heavy.csv damper --set 'piston.mass=9.47 kg' \\
+      --parameter effects.drag.coefficient --parameter grains.remanence -o out/heavy
+
+rest and frequency know remanence and mass only together, so weigh the piston; if two
+weighed masses give two remanences, the zero of the height is off""",
 )
 def calibrate(options: Any) -> None:
     """Fit numbers of a scene to a record."""

@@ -155,6 +155,8 @@ def whole_fall(
 
 
 def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float | None) -> FallSummary:
+    from scipy.integrate import odeint, simpson
+
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
     assert piston.mass is not None
@@ -166,21 +168,19 @@ def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float
             "give a greater height"
         )
     times = np.linspace(0.0, _fall_duration(scene), SAMPLES)
-    z, v, w, affine, excess = _solve_fall(values, start, times)
-    moved = accelerated_mass(scene, values)
-    numbers = [values[name] for name in LAW.parameters]
+    field, numbers = compile_rates(LAW.equation, (), "math"), [values[name] for name in LAW.parameters]
+
+    def rates(state: np.ndarray, _: float) -> tuple[float, ...]:
+        z, v, w = (float(number) for number in state)
+        return v, *field(z, v, w, *numbers)
+
+    z, v, w = odeint(rates, (start, 0.0, 0.0), times, rtol=TOLERANCE, atol=TOLERANCE).T
     acceleration = np.asarray(compile_rates(LAW.equation, (), "numpy")(z, v, w, *numbers)[0])
     force = piston.mass * (gravity.acceleration + acceleration)
-    rest = values["rest"]
-    return FallSummary(
-        start,
-        rest,
-        _settling_time(times, z, rest),
-        float(force.max()),
-        float(z.min()),
-        moved * float(affine[-1]),
-        moved * float(excess[-1]),
-    )
+    stress = values["weight"] * (values["rest"] / z) ** values["power"] * w
+    powers = np.stack([2.0 * values["lam"] * v**2, -stress * v])
+    losses = accelerated_mass(scene, values) * simpson(powers, x=times)
+    return _summary(times, z, force, values["rest"], losses)
 
 
 def _touching_discs_text(scene: Scene, deepest: float) -> str:
@@ -201,10 +201,13 @@ def _fall_duration(scene: Scene) -> float:
     return DURATION * (scene.grains.count / 368) ** 0.25
 
 
-def _settling_time(times: np.ndarray, z: np.ndarray, rest: float) -> float:
+def _summary(
+    times: np.ndarray, z: np.ndarray, force: np.ndarray, rest: float, losses: np.ndarray
+) -> FallSummary:
     outside = np.flatnonzero(np.abs(z - rest) > SETTLED * (z[0] - rest))
-    last = int(outside[-1]) + 1
-    return float(times[last]) if last < len(times) else math.inf
+    settled = math.inf if outside[-1] + 1 == len(times) else float(times[outside[-1] + 1])
+    affine, excess = losses.tolist()
+    return FallSummary(float(z[0]), rest, settled, float(force.max()), float(z.min()), affine, excess)
 
 
 def _summarise_simulated_fall(scene: Scene, start: float, progress: bool) -> FallSummary:
@@ -236,30 +239,4 @@ def _summarise_simulated_fall(scene: Scene, start: float, progress: bool) -> Fal
     losses = [name for name in ("drag_loss", "contact_loss") if name in run.dataset]
     lost = sum(float(run.dataset[name].values[-1]) for name in losses)
     rest = float(motion.height[-len(motion.height) // 10 :].mean())
-    return FallSummary(
-        start,
-        rest,
-        _settling_time(motion.time, motion.height, rest),
-        float(motion.force.max()),
-        float(motion.height.min()),
-        affine,
-        lost - affine,
-    )
-
-
-def _solve_fall(values: dict[str, float], start: float, times: np.ndarray) -> np.ndarray:
-    """z, z', w, and the two losses a mass that moves, at some times (5, n)."""
-    from scipy.integrate import odeint
-
-    lam, weight, rest, power = (values[name] for name in ("lam", "weight", "rest", "power"))
-    field = compile_rates(LAW.equation, (), "math")
-    numbers = [values[name] for name in LAW.parameters]
-
-    def rates(state: np.ndarray, _: float) -> tuple[float, ...]:
-        z, v, w = float(state[0]), float(state[1]), float(state[2])
-        acceleration, stress = field(z, v, w, *numbers)
-        drag = 2.0 * lam * v * v
-        return v, acceleration, stress, drag, -weight * (rest / z) ** power * w * v
-
-    states = odeint(rates, (start, 0.0, 0.0, 0.0, 0.0), times, rtol=TOLERANCE, atol=TOLERANCE)
-    return np.asarray(states.T)
+    return _summary(motion.time, motion.height, motion.force, rest, np.array([affine, lost - affine]))

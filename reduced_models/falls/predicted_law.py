@@ -186,7 +186,6 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
     # Derived in the module's first lines; walls, lateness and the bed's numbers were fitted to 120 simulated
     # falls.
     piston, grains = scene.piston, scene.grains
-    present = {name for name in _SHAPED if getattr(scene.effects, name) is not None}
     effects = scene.effects
     gravity = effects.gravity.acceleration if effects.gravity is not None else 0.0
     if piston is None or piston.mass is None or not gravity > 0.0:
@@ -194,8 +193,8 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
             f"the scene {quote(scene.name)} has no piston with a mass under gravity, so nothing "
             "falls; give it piston.mass and effects.gravity"
         )
-    others = sorted({effect.key for effect in scene.effects.acting} - _SHAPED)
-    if others or piston.friction or "dipole" not in present:
+    others = sorted({effect.key for effect in effects.acting} - _SHAPED)
+    if others or piston.friction or effects.dipole is None:
         what = ", ".join(others) or "friction of the piston, or no dipoles"
         raise InputError(
             f"the scene {quote(scene.name)} has {what}; the law of a fall is known for dipoles or discs, "
@@ -218,15 +217,17 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
     inertia = float(grains.masses().sum()) / 3.0
     softer, *factors = ROWS if has_rows(scene) else (0.0, 1.0, 1.0)
     modulus = factors[0] * MODULUS * lattice.relative_shear_modulus
-    swing = _SmallSwing(weight, rest, gravity, lattice.power, modulus)
-    late = _lateness_number(resistance, swing)
+    stiffness = lattice.power * weight / rest
+    # LATE x/15: if it is not small, the missing mass of a small motion is not a fall's.
+    late = LATE / 15.0 * resistance / stiffness * math.sqrt((lattice.power + modulus) * gravity / rest)
+    missing = LATE * resistance**2 / (45.0 * stiffness * (1.0 + late**2))
     outside = _outside_range_text(scene, late)
     if outside and refuse_outside_range:
         raise InputError(f"{outside}, or fit the law to a fall instead")
     if outside:
         words = f"{outside}; what the law says there was compared with nothing: simulate the scene"
         warnings.warn(words, OutsideRangeWarning, stacklevel=3)
-    moved = piston.mass + inertia - _missing_mass(resistance, swing)
+    moved = piston.mass + inertia - missing
     return {
         "lam": max((resistance / 3.0 + piston.drag) / (2.0 * moved), 1e-6),  # it has none below
         "weight": WEIGHT * weight / moved,
@@ -283,9 +284,8 @@ def _outside_range_text(scene: Scene, late: float) -> str:
             f"{scene.grains.count} grains; what is known of the law holds from {FEWEST} on: give "
             "more grains.count"
         )
-    walls = scene.effects.walls
-    laws = {side.law for _, side in walls.present_walls} if walls is not None else set()
-    if "discs" in laws and not has_rows(scene):
+    walls = () if scene.effects.walls is None else scene.effects.walls.present_walls
+    if any(side.law == "discs" for _, side in walls) and not has_rows(scene):
         return (
             f"the walls of {quote(scene.name)} are rows of discs, of which the law knows those that touch, "
             "on all sides of a bed of discs; give another law for effects.walls"
@@ -297,38 +297,6 @@ def _outside_range_text(scene: Scene, late: float) -> str:
             "on 368 grains); give less effects.drag.coefficient or more piston.mass"
         )
     return ""
-
-
-class _SmallSwing(NamedTuple):
-    """Inputs of a small swing: the piston's weight [N], rest [m], g, and the bed's numbers."""
-
-    weight: float
-    rest: float
-    gravity: float
-    power: float
-    modulus: float
-
-    @property
-    def stiffness(self) -> float:
-        """Stiffness of the lattice [N/m]."""
-        return self.power * self.weight / self.rest
-
-    @property
-    def angular_frequency(self) -> float:
-        """Angular frequency [1/s]."""
-        return math.sqrt((self.power + self.modulus) * self.gravity / self.rest)
-
-
-def _missing_mass(resistance: float, swing: _SmallSwing) -> float:
-    """Mass that seems to be missing, as the bed follows late [kg]: see the module's first lines."""
-    late = 15.0 / LATE * _lateness_number(resistance, swing)
-    missing = LATE * swing.stiffness * late**2 / 45.0 / swing.angular_frequency**2
-    return missing / (1.0 + (LATE * late / 15.0) ** 2)
-
-
-def _lateness_number(resistance: float, swing: _SmallSwing) -> float:
-    """LATE x/15: where it is not small, the missing mass of a small swing is not that of a fall."""
-    return LATE / 15.0 * swing.angular_frequency * resistance / swing.stiffness
 
 
 class ValidShakingRange(NamedTuple):

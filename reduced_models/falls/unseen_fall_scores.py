@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import warnings
@@ -15,6 +16,7 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import quote
 from granular.shared.text_tables import align_columns
+from reduced_models.falls.predicted_law import predict_bed_parameters
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS
 from reduced_models.laws.law import Law
@@ -99,12 +101,11 @@ class DropScores:
         """Cells of the table, a law a row: errors in percent of the drop."""
         rows = []
         for row in self.rows:
-            if row.model is None:
-                rows.append((row.name, "", *("" for _ in self.labels), "not fitted"))
-                continue
-            errors = (format_percent_of_drop(value) for value in (*row.errors, row.median_error))
-            numbers = len(row.model.parameters) + (2 if row.model.map.fitted else 0)
-            rows.append((row.name, str(numbers), *errors))
+            cells = ["", *("" for _ in self.labels), "not fitted"]
+            if row.model is not None:
+                cells = [str(len(row.model.parameters) + (2 if row.model.map.fitted else 0))]
+                cells += [format_percent_of_drop(value) for value in (*row.errors, row.median_error)]
+            rows.append((row.name, *cells))
         return rows
 
     @property
@@ -125,15 +126,8 @@ class DropScores:
         )
         if self.scatter:
             words += f", where another random start alone changes {format_percent_of_drop(max(self.scatter))}"
-        if others:
-            said = (
-                f"{row.name} {format_percent_of_drop(row.median_error)}"
-                if math.isfinite(row.median_error)
-                else f"{row.name} diverges"
-                for row in others
-            )
-            words += "; " + ", ".join(said)
-        return words + "."
+        said = ", ".join(f"{row.name} {format_percent_of_drop(row.median_error)}" for row in others)
+        return f"{words}; {said}." if said else f"{words}."
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the error [% of the drop] of each law over the height [mm] that a piston fell from."""
@@ -143,14 +137,9 @@ class DropScores:
         heights = np.array([1e3 * fall.height[0] for fall in self.unseen])
         order = np.argsort(heights, kind="stable")
         for k, row in enumerate(row for row in self.rows if row.model is not None):
-            errors = 100.0 * np.array(row.errors)
-            axes.plot(
-                heights[order],
-                np.where(np.isfinite(errors), errors, np.nan)[order],
-                marker="o",
-                label=figure_label(row.name),
-                **line_style(k),
-            )
+            errors = 100.0 * np.array(row.errors)[order]
+            errors[np.isinf(errors)] = np.nan
+            axes.plot(heights[order], errors, marker="o", label=figure_label(row.name), **line_style(k))
         axes.set_yscale("log")
         label_log_axis_plainly(axes.yaxis)
         axes.set_xlabel("height of the drop's start [mm]")
@@ -166,12 +155,8 @@ class DropScores:
             "labels": list(self.labels),
             "scatter": list(self.scatter),
             "rows": [
-                {
-                    "name": row.name,
-                    "errors": list(row.errors),
-                    "failure": row.failure,
-                    "model": None if row.model is None else row.model.to_plain(),
-                }
+                {"name": row.name, "errors": list(row.errors), "failure": row.failure}
+                | {"model": None if row.model is None else row.model.to_plain()}
                 for row in self.rows
             ],
         }
@@ -257,14 +242,11 @@ def score_fitted_laws(
 ) -> DropScores:
     """Score the laws of `fit_law_to_fall` on falls that they were not fitted to; record, rest_height [m]."""
     _check_falls(record, unseen, rest_height)
-    rows = [
-        row
-        if (model := row.model) is None
-        else dataclasses.replace(
-            row, errors=tuple(fall_prediction_error(model, fall, rest_height) for fall in unseen.values())
-        )
-        for row in fits
-    ]
+    rows = []
+    for row in fits:
+        models = [] if row.model is None else [row.model]
+        errors = [fall_prediction_error(own, fall, rest_height) for own in models for fall in unseen.values()]
+        rows.append(dataclasses.replace(row, errors=tuple(errors)))
     if all(row.model is None for row in rows):
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
     rows.sort(key=lambda row: (row.model is None, row.median_error))
@@ -277,6 +259,10 @@ def score_fitted_laws(
 def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, starts: int) -> DropScore:
     """Fit a law to one fall from rest, without judging it yet; record [s, m]."""
     law = resolve_law(name, record)
+    start: dict[str, float] | None = None
+    if scene is not None and law.name == "elastoplastic-bed":
+        with contextlib.suppress(InputError):
+            start = predict_bed_parameters(scene)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the model keeps its notes
@@ -285,25 +271,13 @@ def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, 
                 law,
                 test_fraction=0.0,
                 starts=starts,
-                start=_scene_starts(law, scene),
+                start=start,
                 initial={"height": float(record.height[0]), "velocity": 0.0},
                 map="fitted",
             )
     except GranularError as cause:
         return DropScore(law.name, None, failure=str(cause))
     return DropScore(law.name, model)
-
-
-def _scene_starts(law: Law, scene: Scene | None) -> dict[str, float] | None:
-    """Start values by the scene of a fall."""
-    if scene is None or law.name != "elastoplastic-bed":
-        return None
-    from reduced_models.falls.predicted_law import predict_bed_parameters
-
-    try:
-        return predict_bed_parameters(scene)
-    except InputError:
-        return None
 
 
 def fall_prediction_error(model: ReducedModel, fall: PistonRecord, rest_height: float) -> float:
@@ -320,6 +294,5 @@ def _rms_difference(record: PistonRecord, time: np.ndarray, height: np.ndarray) 
     """Rms difference of a record from heights at other times, while both last [m]."""
     end = min(record.time[-1] - record.time[0], time[-1] - time[0])
     since = record.time - record.time[0]
-    common = since <= end
-    other = np.interp(since[common], time - time[0], height)
-    return float(np.sqrt(np.mean((record.height[common] - other) ** 2)))
+    other = np.interp(since, time - time[0], height)
+    return float(np.sqrt(np.mean((record.height - other)[since <= end] ** 2)))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.linear.friction import motion_friction
-from granular.parts.grades import GRADES
+from granular.parts.grades import GRADES, Grade
 from granular.parts.liquids import find_liquid
 from granular.parts.plates import bow_of_plate
 from granular.schema.natural_units import Scales
@@ -58,9 +58,10 @@ def _disc_rows(scene: Scene) -> Iterator[PartRow]:
     for k, species in enumerate(grains.species):
         own = masses[kinds == k]
         thickness, remanence = (float(grains.species_values(name)[k]) for name in ("thickness", "remanence"))
+        grade = "".join(f" ({grade.name})" for grade in _grades_of(remanence)[:1])
         words = (
             f"diameter {1e3 * species.diameter:g} mm, thickness {1e3 * thickness:g} mm, "
-            f"remanence {remanence:g} T{grade_text(remanence)}"
+            f"remanence {remanence:g} T{grade}"
         )
         if grains.coating is not None:
             words += f", {1e6 * grains.coating:g} um of it coating"
@@ -146,18 +147,18 @@ def _cell_rows(scene: Scene, rest: float) -> Iterator[PartRow]:
     )
 
 
-def grade_text(remanence: float) -> str:
-    """Grade that has this remanence [T], in brackets; empty if none has."""
-    grades = [grade.name for grade in GRADES.values() if grade.lowest <= remanence <= grade.highest]
-    return f" ({grades[0]})" if grades else ""
+def _grades_of(remanence: float) -> list[Grade]:
+    return [grade for grade in GRADES.values() if grade.lowest <= remanence <= grade.highest]
 
 
 def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, ...]]:
     """Gaps at which the bed stays in its plane, with what they cost at an amplitude [m]."""
+    from scipy.spatial.distance import pdist
+
     scene, drag = bed.scene, bed.scene.effects.drag
     thickness = float(scene.grains.species_values("thickness").max())
     diameter = scene.grains.species[0].diameter
-    nearest = _pair_lengths(bed)[0].min()
+    nearest = pdist(bed.positions).min()
     follows = drag is not None and drag.follows
     rows: list[tuple[str, ...]] = []
     for film in (0.5 * (scene.cell.separation - thickness),) if follows else GAPS:
@@ -170,13 +171,16 @@ def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, 
         words = []
         for static in (None,) if named else COEFFICIENTS:
             rubs = motion_friction(wide, static, root)
-            added = rubs.equivalent_damping_ratio(amplitude)
+            added, sticking = rubs.equivalent_damping_ratio(amplitude), rubs.sticking_amplitude
             doubles = ", doubles the damping" if added > root.damping_ratio else ""
-            sticks = "sticks" if amplitude < rubs.sticking_amplitude else f"+{100.0 * added:.2g} %"
+            sticks = "sticks" if amplitude < sticking else f"+{100.0 * added:.2g} %"
             name = "" if static is None else f"mu {static:g}: "
-            words.append(f"{name}{sticks}{doubles}; sticks below {1e3 * rubs.sticking_amplitude:.2g} mm")
+            words.append(f"{name}{sticks}{doubles}; sticks below {1e3 * sticking:.2g} mm")
         tilt = math.asin(depth / math.hypot(diameter, thickness)) - math.atan(thickness / diameter)
-        viscosity = 0.0 if drag is None else drag.viscosity or _viscosity(scene, drag.coefficient, film)
+        # That gives the first discs their drag.
+        viscosity = (
+            0.0 if drag is None else drag.viscosity or 2.0 * drag.coefficient * film / math.pi / diameter**2
+        )
         plates = _plates_text(rubs.load, scene.cell.width, bed.piston_height or 0.0, play)
         plates += f"; discs on opposite plates repel by {100.0 * lost:.2g} % less"
         rows.append(
@@ -193,55 +197,38 @@ def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, 
     return rows
 
 
-def _viscosity(scene: Scene, drag: float, film: float) -> float:
-    """Viscosity that gives the first discs their drag [Pa s]; drag [kg/s], film [m]."""
-    return drag * film / (2.0 * math.pi / 4.0 * scene.grains.species[0].diameter ** 2)
-
-
 def _plates_text(load: float, width: float, height: float, play: float) -> str:
     """Thinnest glass that bows by no more than a part of the play under a load [N]; lengths [m]."""
     for thick in GLASS:
-        bow = bow_of_plate(load, width, height, 1e-3 * thick)
+        bow, enough = bow_of_plate(load, width, height, 1e-3 * thick), ""
         if bow.supported <= BOWS * play:
             break
-    enough = "" if bow.supported <= BOWS * play else ", too much: hold them by ribs"
-    return (
-        f"glass of {thick} mm bows by {1e3 * bow.clamped:.2g} to {1e3 * bow.supported:.2g} mm "
-        f"under {load:.3g} N{enough}"
-    )
-
-
-def _pair_lengths(bed: Equilibrium) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distances and widths of all pairs of grains, and their distances in contact [m]."""
-    radii = 0.5 * bed.scene.grains.diameters()
-    i, j = np.triu_indices(len(radii), 1)
-    across = bed.positions[i] - bed.positions[j]
-    return np.hypot(*across.T), np.abs(across[:, 0]), radii[i] + radii[j]
+        enough = ", too much: hold them by ribs"
+    size = f"{1e3 * bow.clamped:.2g} to {1e3 * bow.supported:.2g} mm"
+    return f"glass of {thick} mm bows by {size} under {load:.3g} N{enough}"
 
 
 def limit_lines(bed: Equilibrium, root: Root, amplitude: float) -> list[str]:
     """Limits of use: touching discs, temperature, and energy a cycle at an amplitude [m]."""
-    scene, pencil = bed.scene, bed.pencil
+    scene, pencil, radii = bed.scene, bed.pencil, 0.5 * bed.scene.grains.diameters()
     assert bed.piston_height is not None
-    lengths, widths, touch = _pair_lengths(bed)
-    near = widths < touch
-    heights = np.sqrt(lengths[near] ** 2 - widths[near] ** 2)
-    factors = np.sqrt(touch[near] ** 2 - widths[near] ** 2) / heights
+    assert scene.piston is not None
+    i, j = np.triu_indices(len(radii), 1)
+    touch, (across, height) = radii[i] + radii[j], np.abs(bed.positions[i] - bed.positions[j]).T
+    near = across < touch
+    factors = np.sqrt(touch[near] ** 2 - across[near] ** 2) / height[near]
     factor = float(min(factors.max(initial=0.0), 1.0))
     squeezed = pencil.at.copy()
     squeezed[pencil.bed.grains : pencil.bed.bodies] *= factor
-    piston = pencil.bed.piston
-    load = pencil.bed.forces(squeezed)[piston] + pencil.bed.weight
-    omega = math.tau * root.frequency
-    assert scene.piston is not None
-    energy = math.tau * root.damping_ratio * (scene.piston.mass or 0.0) * (omega * amplitude) ** 2
+    load = pencil.bed.forces(squeezed)[pencil.bed.piston] + pencil.bed.weight
+    speed = math.tau * root.frequency * amplitude
+    energy = math.tau * root.damping_ratio * (scene.piston.mass or 0.0) * speed**2
     lines = [
         f"The first discs touch {1e3 * (1.0 - factor) * bed.piston_height:.3g} mm below rest, if they follow "
         f"the piston evenly; {load:.3g} N on the piston hold it there, {pencil.bed.weight:.3g} N at rest.",
         f"A cycle of {1e3 * amplitude:.3g} mm takes {energy:.2g} J by drag, {energy * root.frequency:.2g} W.",
     ]
-    remanence = float(scene.grains.species_values("remanence")[0])
-    grades = [grade for grade in GRADES.values() if grade.lowest <= remanence <= grade.highest]
+    grades = _grades_of(float(scene.grains.species_values("remanence")[0]))
     named = GRADES.get(scene.grains.grade or "", grades[0] if grades else None)
     if named is not None:
         lines.append(

@@ -1,15 +1,18 @@
-"""The workshop sheet of a damper: what to build, what it costs to be off, and what to measure.
+"""The workshop sheet of a damper: parts, tolerances with their costs, and first measurements.
 
-What a percent costs are the slopes of the settled bed.
+Tolerances are those of the settled bed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from granular.linear import piston_roots, slopes
+import numpy as np
+
+from granular.linear import piston_roots
+from granular.linear.bed_forces import rubs_dry
 from granular.linear.equilibrium import Equilibrium
 from granular.parts.grades import GRADES, REMANENCE_SLOPE
 from granular.parts.liquids import silicone_oil_viscosity_ratio
@@ -18,26 +21,19 @@ from granular.shared.errors import InputError
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
+from granular.studies.tolerance_page import add_tolerances
+from granular.studies.tolerances import Tolerances, read_parts, tolerances_at, usual_parts
 from reduced_models.falls.workshop_parts import GAP_COLUMNS, gap_rows, limit_lines, part_rows, walls_text
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 TEMPERATURES = (5.0, 15.0, 25.0, 35.0, 45.0)
 """[deg C]"""
 SIZES = ((3, 1), (4, 2), (5, 2), (5, 3), (6, 2), (6, 3), (8, 3), (10, 3))
 """Diameter and thickness of discs that many sellers stock [mm]."""
+_GRADE_COLUMNS = ("grade", "remanence [T]", "frequency [%]", "damping ratio [%]")
 _BLANK = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
-_DRAG = "effects.drag.coefficient"
-_KEYS = {
-    "mass of the piston": "piston.mass",
-    "remanence of the discs": "grains.remanence",
-    "drag of a disc": _DRAG,
-    "width of the cell": "cell.width",
-    "diameter of the first discs": "grains.species.0.diameter",
-    "thickness of the discs": "grains.thickness",
-}
 
 
 def workshop_sheet(
@@ -52,14 +48,14 @@ def workshop_sheet(
     notes: Sequence[str] = (),
 ) -> HtmlPage:
     """Page to build a damper from, for a screen or for paper; rest, amplitude of use [m]."""
-    by_part: dict[str, list[float]] = {}
+    costs: Tolerances | None = None
     gaps: list[tuple[str, ...]] = []
     limits = ["The bed has no oscillation about an equilibrium, so its limits are not known."]
     if bed is not None:
         try:
             root = piston_roots(bed)[0]
-            by_part = slopes_by_part(bed)
             gaps, limits = gap_rows(bed, root, amplitude), limit_lines(bed, root, amplitude)
+            costs = usual_tolerances(bed, amplitude)
         except InputError as error:
             notes = [*notes, f"{error}"]
     page = HtmlPage(title, lead)
@@ -99,33 +95,21 @@ def workshop_sheet(
         "Fluid KF-96, Performance Test Results), and the remanence of NdFeB (-0.12 %/K, shanghaimagnet.com)."
     )
     page.add_table(
-        ("temperature [°C]", *(f"{value:g}" for value in TEMPERATURES)),
+        ("temperature [°C]", "drag", "remanence"),
         [
-            ("drag", *(format_number(silicone_oil_viscosity_ratio(value), 3) for value in TEMPERATURES)),
             (
-                "remanence",
-                *(format_number(1.0 + REMANENCE_SLOPE * (value - 25.0), 3) for value in TEMPERATURES),
-            ),
+                f"{value:g}",
+                format_number(silicone_oil_viscosity_ratio(value), 3),
+                format_number(1.0 + REMANENCE_SLOPE * (value - 25.0), 3),
+            )
+            for value in TEMPERATURES
         ],
     )
     page.add_section("Discs to buy")
-    page.add_paragraph(_disc_sizes_text(scene, by_part))
-    page.add_table(
-        ("grade", "remanence [T]", "frequency [%]", "damping ratio [%]"), _grade_rows(scene, by_part)
-    )
-    page.add_section("What a percent costs")
-    page.add_paragraph(
-        "Changes of the height at rest, and of frequency and damping ratio of small motions of the settled "
-        "bed, if one part is one percent more: exact derivatives, of the stiffness of all its pairs."
-    )
-    page.add_table(
-        ("one percent more", "rest [%]", "frequency [%]", "damping ratio [%]"),
-        [
-            (words, *(f"{rate:+.2f}" for rate in by_part[key]))
-            for words, key in _KEYS.items()
-            if key in by_part
-        ],
-    )
+    page.add_paragraph(_disc_sizes_text(scene))
+    page.add_table(_GRADE_COLUMNS, _grade_rows(scene, costs))
+    if costs is not None:
+        add_tolerances(page, costs)
     page.add_section("Scatter")
     page.add_list(scatter)
     page.add_section("What to measure first")
@@ -146,14 +130,14 @@ def workshop_sheet(
     return page
 
 
-def slopes_by_part(bed: Equilibrium) -> dict[str, list[float]]:
-    """Return d ln (rest, natural frequency, damping ratio) / d ln (number) of each part, by its key."""
-    keys = [key for key in _KEYS.values() if key != _DRAG or _drag_coefficient(bed.scene)]
-    return dict(zip(keys, slopes(bed, keys).values.tolist(), strict=True))
+def usual_tolerances(bed: Equilibrium, amplitude: float) -> Tolerances:
+    """Usual tolerances of a bed's parts, with dry friction at an amplitude [m] if there is any."""
+    parts = read_parts(bed.scene, usual_parts(bed.scene))
+    return tolerances_at([bed], parts, amplitude=amplitude if rubs_dry(bed.scene) else None)
 
 
-def _disc_sizes_text(scene: Scene, by_part: Mapping[str, Sequence[float]]) -> str:
-    """Sizes that are sold, and whether those of the scene are among them."""
+def _disc_sizes_text(scene: Scene) -> str:
+    """Sizes that are sold, and a remark if those of the scene are not among them."""
     grains = scene.grains
     own = [
         (round(1e3 * species.diameter, 3), round(1e3 * float(thickness), 3))
@@ -161,33 +145,24 @@ def _disc_sizes_text(scene: Scene, by_part: Mapping[str, Sequence[float]]) -> st
     ]
     odd = [f"{d:g} x {h:g}" for d, h in own if (d, h) not in SIZES]
     fits = f"; {' and '.join(odd)} is none of them, so have it made" if odd else ""
-    off = [
-        f"{100.0 * by_part[key][0] * 1e-4 / value:.2g} % by the {name}"
-        for name, key, value in (
-            ("diameter", "grains.species.0.diameter", grains.species[0].diameter),
-            ("thickness", "grains.thickness", grains.thickness),
-        )
-        if key in by_part
-    ]
-    moved = f", which moves rest by {' and '.join(off)}" if off else ""
+    sizes = ", ".join(f"{d} x {h}" for d, h in SIZES)
     return (
-        f"Usual sizes, diameter x thickness in mm, each within 0.1{moved}: "
-        f"{', '.join(f'{d} x {h}' for d, h in SIZES)}{fits}. Grades (shanghaimagnet.com), and what "
-        "the middle of each does to this damper by the slope at its own remanence:"
+        f"Usual sizes, diameter x thickness in mm, each within 0.1: {sizes}{fits}. Grades "
+        "(shanghaimagnet.com), and the change that the middle of each makes in this damper, by its slope:"
     )
 
 
-def _grade_rows(scene: Scene, by_part: Mapping[str, Sequence[float]]) -> list[tuple[str, ...]]:
+def _grade_rows(scene: Scene, costs: Tolerances | None) -> list[tuple[str, ...]]:
     """Each grade with its remanence [T], and the changes [%] that it makes in this damper."""
     own = float(scene.grains.species_values("remanence")[0])
-    rates = by_part.get("grains.remanence", ())[1:]
+    slopes = {} if costs is None else dict(zip((p.key for p in costs.parts), costs.slopes[0], strict=True))
     rows = []
     for name, grade in GRADES.items():
         if not name[-1].isdigit():
             continue  # the same remanence, for higher temperatures
         ratio = grade.remanence / own
-        changes = [f"{100.0 * (ratio**rate - 1.0):+.1f}" for rate in rates] or ["", ""]
-        rows.append((name, f"{grade.lowest:.2f} to {grade.highest:.2f}", *changes))
+        changes = [f"{100.0 * (ratio**s - 1.0):+.1f}" for s in slopes.get("grains.remanence", ())[1:]]
+        rows.append((name, f"{grade.lowest:.2f} to {grade.highest:.2f}", *(changes or ["", ""])))
     return rows
 
 
@@ -213,64 +188,37 @@ def _draw_cell(scene: Scene, rest: float) -> Figure:
 
     assert scene.piston is not None
     width, height, level = (1e3 * x for x in (scene.cell.width, scene.piston.height, rest))
-    diameter, plate = 1e3 * scene.grains.species[0].diameter, 0.03 * width
+    diameters, plate = 1e3 * scene.grains.diameters(), 0.03 * width
     with figure(width=7.2, height=7.2 * (height + 8 * plate) / (1.35 * width)) as (drawing, axes):
-        for left in (-plate, width):
-            axes.add_patch(Rectangle((left, -plate), plate, height + plate, color=GREY))
-        axes.add_patch(Rectangle((0.0, -plate), width, plate, color=GREY))
+        for corner, size in (
+            ((-plate, -plate), (plate, height + plate)),
+            ((width, -plate), (plate, height + plate)),
+            ((0.0, -plate), (width, plate)),
+        ):
+            axes.add_patch(Rectangle(corner, *size, color=GREY))
         axes.add_patch(Rectangle((0.0, level), width, 2.0 * plate, fill=False, hatch="//"))
-        for x, y, size in _grain_sites(scene, width, level):
+        for x, y, size in zip(*_lattice(len(diameters), width, level), diameters, strict=True):
             axes.add_patch(Circle((x, y), 0.5 * size, fill=False, color=COLOURS[0], linewidth=0.6))
-        _draw_dimension_line(axes, (0.0, -2.2 * plate), (width, -2.2 * plate), f"{width:.4g}")
-        _draw_dimension_line(axes, (width + 2.2 * plate, 0.0), (width + 2.2 * plate, level), f"{level:.4g}")
-        _draw_dimension_line(axes, (-2.4 * plate, 0.0), (-2.4 * plate, height), f"{height:.4g}")
-        axes.text(
-            0.5 * width,
-            level + plate,
-            f"piston, {scene.piston.mass:.4g} kg",
-            ha="center",
-            va="center",
-            bbox=_BLANK,
-        )
-        axes.text(
-            0.5 * width,
-            height,
-            f"{scene.grains.count} discs, the first of {diameter:g} mm",
-            ha="center",
-            va="top",
-        )
+        for start, end, text in (
+            ((0.0, -2.2 * plate), (width, -2.2 * plate), f"{width:.4g}"),
+            ((width + 2.2 * plate, 0.0), (width + 2.2 * plate, level), f"{level:.4g}"),
+            ((-2.4 * plate, 0.0), (-2.4 * plate, height), f"{height:.4g}"),
+        ):
+            axes.annotate("", start, end, arrowprops={"arrowstyle": "<->", "linewidth": 0.8})
+            middle, turned = 0.5 * np.add(start, end), 90 if start[0] == end[0] else 0
+            axes.text(*middle, text, ha="center", va="center", rotation=turned, bbox=_BLANK)
+        of_piston = f"piston, {scene.piston.mass:.4g} kg"
+        of_discs = f"{len(diameters)} discs, the first of {1e3 * scene.grains.species[0].diameter:g} mm"
+        axes.text(0.5 * width, level + plate, of_piston, ha="center", va="center", bbox=_BLANK)
+        axes.text(0.5 * width, height, of_discs, ha="center", va="top")
         axes.set(xlim=(-6 * plate, width + 6 * plate), ylim=(-4.5 * plate, height + 2 * plate))
         axes.set_aspect("equal")
         axes.axis("off")
         return drawing
 
 
-def _grain_sites(scene: Scene, width: float, level: float) -> list[tuple[float, float, float]]:
-    """Discs on a hexagonal lattice that fills the cell up to the level [mm]: x, y, diameter."""
-    grains = scene.grains
-    sizes = 1e3 * grains.diameters()
-    spacing = math.sqrt(width * level / len(sizes) / math.sqrt(0.75))
-    across = max(round(width / spacing), 1)
-    rows = math.ceil(len(sizes) / across)
-    return [
-        (
-            (k % across + (0.25, 0.75)[k // across % 2]) * width / across,
-            (k // across + 0.5) * level / rows,
-            float(size),
-        )
-        for k, size in enumerate(sizes)
-    ]
-
-
-def _draw_dimension_line(axes: Axes, start: tuple[float, float], end: tuple[float, float], text: str) -> None:
-    axes.annotate("", start, end, arrowprops={"arrowstyle": "<->", "linewidth": 0.8})
-    upright = start[0] == end[0]
-    axes.text(
-        0.5 * (start[0] + end[0]),
-        0.5 * (start[1] + end[1]),
-        text,
-        ha="center",
-        va="center",
-        rotation=90 if upright else 0,
-        bbox=_BLANK,
-    )
+def _lattice(count: int, width: float, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """Sites of a hexagonal lattice that fills a cell up to the level."""
+    across = max(round(math.sqrt(width * count * math.sqrt(0.75) / level)), 1)
+    row, column = np.divmod(np.arange(count), across)
+    return (column + 0.25 + 0.5 * (row % 2)) * width / across, (row + 0.5) * level / math.ceil(count / across)

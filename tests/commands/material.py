@@ -18,7 +18,7 @@ def make_directory(here: Path) -> Path:
     """The folder, with all of them."""
     for name, text in files().items():
         (here / name).write_text(text, encoding="utf-8")
-    for number, name in enumerate(("a", "b", "c", "lift-1", "lift-2", "lift-3")):
+    for number, name in enumerate(("a", "b", "c", "lift-1", "lift-2", "lift-3", "light", "heavy")):
         (here / f"{name}.csv").write_text("\n".join(["t,dist", *rows(1.0 + 0.3 * number)]))
     (here / "shaken.csv").write_text("\n".join(shaken()))
     (here / "forced.csv").write_text("\n".join(forced()))
