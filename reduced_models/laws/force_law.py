@@ -219,7 +219,7 @@ _ALL = (
     ),
     ForceLaw(
         "rubbing-bed",
-        f"force = c*z' + k*z + {SLIP_FORCE} + zero; " + slip_states(f"{CREEP}*Abs(z')/travel"),
+        f"force = c*z' + k*z + {SLIP_FORCE} + zero; " + slip_states(f"{CREEP}*Abs(z')/travel", "spread"),
         positive=("friction", "travel", "spread"),
         units={"c": "N s/m", "friction": "N", "travel": "m", "spread": "1", **_SPRING},
         source=RUBBING_BED.source,

@@ -28,15 +28,7 @@ TRUE = {
     "pendulum-quadratic": ({"lam": 0.03, "c": 0.05, "omega": 1.05, "rest": 0.2}, 2.0),
     "bouc-wen": ({"omega": 1.05, "friction": 0.5, "rho": 1.0, "sigma": 0.8, "g0": -1.0}, 3.0),
     "rubbing-bed": (
-        {
-            "lam": 0.03,
-            "omega": 1.05,
-            "rest": 0.5,
-            "bend": -0.05,
-            "friction": 0.1,
-            "travel": 0.1,
-            "spread": 1.5,
-        },
+        {"lam": 0.03, "omega": 1.05, "rest": 0.5, "bend": -0.05, "friction": 0.1, "travel": 0.1},
         3.0,
     ),
     "elastoplastic-bed": (

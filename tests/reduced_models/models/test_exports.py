@@ -49,6 +49,11 @@ LAWS = {
         (0.061, 0.0),
         HeightMap(),
     ),
+    "rubbing-bed": (
+        {"lam": 0.8, "omega": 21.8, "rest": 0.0591, "bend": -30.0, "friction": 1.24, "travel": 2.6e-3},
+        (0.0651, 0.0),
+        HeightMap(),
+    ),
 }
 HELD = [
     HeldState(0.059 + x, 70.0 * np.sinh(50.0 * x), 3500.0 * np.cosh(50.0 * x), 7.56 - 0.6 * x, 12.0 + x, 8j)
@@ -142,7 +147,7 @@ def test_the_matlab_function_gives_the_same_motion(name: str, tmp_path: Path) ->
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
 @pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="there is no FMPy")
-@pytest.mark.parametrize("name", ["linear", "power-law-spring", "bouc-wen", "derived"])
+@pytest.mark.parametrize("name", ["linear", "power-law-spring", "bouc-wen", "rubbing-bed", "derived"])
 def test_the_fmu_gives_the_same_motion(name: str, tmp_path: Path) -> None:
     import fmpy
     from fmpy.validation import validate_fmu
