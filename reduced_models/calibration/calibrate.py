@@ -333,7 +333,7 @@ def _calibration_notes(
                 "as in the laboratory"
             )
     off = math.exp(ended.centre.mean[0]) / wanted.values[0] - 1.0
-    if abs(off) > _OFF_HEIGHT:
+    if abs(off) > _OFF_HEIGHT and abs(ended.estimate.away[0]) <= _OFF_REST:
         notes.append(
             f"the simulations rest {100.0 * off:+.2g} % off the record's height, so the values are not its "
             "damper's: calibrate again from them, fit fewer numbers, or take more random starts (--seeds)"

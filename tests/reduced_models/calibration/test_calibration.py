@@ -199,6 +199,17 @@ def test_a_height_off_by_more_than_its_error_is_noted() -> None:
     assert note.startswith("no values give the record's height")
 
 
+def test_a_height_off_by_more_than_a_percent_is_noted() -> None:
+    """Also if noise and starts may explain it: a print-out of the values alone would look sound."""
+    lab = Lab.of(1)
+    off = np.array([1.025, 1.0, 1.0])
+    wanted = lab.wanted._replace(values=lab.wanted.values * off, errors=lab.wanted.errors * [30.0, 1.0, 1.0])
+    found = lab._replace(wanted=wanted).calibrated(DRAG)
+    (note,) = found.notes
+    assert note.startswith("the simulations rest -2.")
+    assert f"note: {note}" in str(found)
+
+
 def test_the_search_ends_where_features_are_the_record_s() -> None:
     """Also where a mass is hardly known, so that a short step moves the height by much."""
     for seed in range(6):
