@@ -22,7 +22,8 @@ from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
 from granular.studies.tolerance_page import add_tolerances
-from granular.studies.tolerances import Tolerances, read_parts, tolerances_at, usual_parts
+from granular.studies.tolerance_parts import read_parts, usual_parts
+from granular.studies.tolerances import Tolerances, tolerances_at
 from reduced_models.falls.workshop_parts import GAP_COLUMNS, gap_rows, limit_lines, part_rows, walls_text
 
 if TYPE_CHECKING:
@@ -133,7 +134,7 @@ def workshop_sheet(
 def usual_tolerances(bed: Equilibrium, amplitude: float) -> Tolerances:
     """Usual tolerances of a bed's parts, with dry friction at an amplitude [m] if there is any."""
     parts = read_parts(bed.scene, usual_parts(bed.scene))
-    return tolerances_at([bed], parts, amplitude=amplitude if rubs_dry(bed.scene) else None)
+    return tolerances_at([bed], parts, amplitude=amplitude if rubs_dry(bed.scene) else None, draws=0)
 
 
 def _disc_sizes_text(scene: Scene) -> str:
