@@ -9,6 +9,7 @@ from typing import Any
 import numba
 import numpy as np
 
+from granular.effects.wall_discs import DiscWall
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
 from granular.pairs.disc_near_law import CLOSEST
@@ -56,6 +57,11 @@ def misplaced_grain_error(
         if held and len(gap) and not gap.min() > 0.0:
             value, grain = -float(gap.min()) * scales.length, int(state.label[gap.argmin()])
             message = f"the grain is {value:.3g} m behind {name}, 0 m is the limit"
+            if isinstance(law, DiscWall):  # its discs hold off only so much, and contact is between grains
+                remedy = (
+                    "a hard impact pushes grains into a row of magnets, with any dt: let the piston fall "
+                    "from lower down ('piston.height', 'arrangement.height'), or lighten it ('piston.mass')"
+                )
             return OutsideError(message, grain=grain, value=value, remedy=remedy, **common)
     if state.far_forces is not None and not np.isfinite(state.far_forces.energy[0]):
         return OutsideError(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granular import Scene, evaluate, simulate
+from granular import Scene, evaluate, load_scene, simulate
 from granular.effects.dipole import discs_unless_dipoles
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.disc_law import Disc, disc_energy_and_force
@@ -172,3 +172,19 @@ def test_discs_pressed_into_each_other_stop_the_run(small_bed: Scene) -> None:
     )
     with pytest.raises(OutsideError, match=r"0\.98 is the limit.*effects\.contact\.modulus"):
         simulate(scene, progress=False)
+
+
+@pytest.mark.long
+def test_a_hard_impact_into_rows_of_discs_stops_the_run_with_its_remedy() -> None:
+    """The packaged piston is made for four times as many discs."""
+    changes = {
+        "grains.count": 92,
+        "cell.width": "30 D",
+        "piston.height": "12 D",
+        "arrangement.height": "11 D",
+    }
+    scene = load_scene("workshop").replace(**changes)
+    with pytest.raises(OutsideError, match=r"let the piston fall from lower down \('piston\.height'"):
+        simulate(scene, t_end=0.15, progress=False)
+    lighter = simulate(scene.replace(**{"piston.mass": "3.75 kg"}), t_end=0.15, progress=False)
+    assert np.isfinite(lighter.dataset["position"].values).all()

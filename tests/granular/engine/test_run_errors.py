@@ -39,3 +39,13 @@ def test_a_grain_behind_a_wall_without_a_gap_is_told(small_bed: Scene) -> None:
         error = run.misplaced_grain_error("shorten dt")
         assert isinstance(error, OutsideError)
         assert "m behind the bottom, 0 m is the limit" in str(error)
+
+
+def test_a_grain_in_a_row_of_discs_asks_for_a_softer_impact(small_bed: Scene) -> None:
+    """No dt cures that: the row holds off only so much."""
+    discs = {"grains.magnets": "cylinders", "effects.walls.bottom": {"law": "discs", "pitch": "1 D"}}
+    run = runner(small_bed.replace(**discs))
+    run.state.y[0] = -0.1
+    error = str(run.misplaced_grain_error("shorten dt"))
+    assert "let the piston fall from lower down ('piston.height'" in error
+    assert "shorten dt" not in error
