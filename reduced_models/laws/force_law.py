@@ -19,7 +19,7 @@ from granular.shared.registry import Registry
 from reduced_models.laws.height_map import check_digits
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.laws.printing import round_expression
-from reduced_models.laws.rubbing_bed import CREEP, RUBBING_BED, SLIP_FORCE, slip_states
+from reduced_models.laws.rubbing_bed import CREEP, RUBBING_BED, SLIP_SUM, slip_states
 
 _LEFT = re.compile(r"\s*force\s*=(?!=)")
 ACCELERATION = "acceleration"
@@ -219,7 +219,8 @@ _ALL = (
     ),
     ForceLaw(
         "rubbing-bed",
-        f"force = c*z' + k*z + {SLIP_FORCE} + zero; " + slip_states(f"{CREEP}*Abs(z')/travel", "spread"),
+        f"force = c*z' + k*z + friction*{SLIP_SUM} + zero; "
+        + slip_states(f"{CREEP}*Abs(z')/travel", "spread"),
         positive=("friction", "travel", "spread"),
         units={"c": "N s/m", "friction": "N", "travel": "m", "spread": "1", **_SPRING},
         source=RUBBING_BED.source,

@@ -7,11 +7,12 @@ W. D. Iwan's model (1966): a spring omega^2, and N elements, each a spring in se
 
 A column that friction holds evenly has spread = 2 and travel = friction/omega^2: sliding spreads from the
 piston as the square root of its displacement after a turning point (`granular.linear.friction`). Six elements
-are nearest to that, infinitely many, with spread = 1.55. The law of motion has this number: of a bed that
-sticks within an oscillation, one release does not tell the spread from rest and bend, and with all of them
-free a fit to it errs by 6 to 12 % on a release from half the lift. The law of force has a spread to fit; with
-0 all elements slip together. At rest the springs of the elements add their stiffness: the frequency rises as
-the amplitude falls, and the piston stops away from the equilibrium, ``rest``.
+are nearest to that, infinitely many, with spread = 1.55. The law of motion is a column's: of a bed that
+sticks within an oscillation, one release does not tell friction, travel and spread from rest and bend, and
+with all of them free a fit to it errs by 6 to 12 % on a release from half the lift. The law of force has them
+as parameters; with spread = 0 all elements slip together. At rest the springs of the elements add their
+stiffness: the frequency rises as the amplitude falls, and the piston stops away from the equilibrium,
+``rest``.
 
 The hidden state w_i is the force of an element over its largest one, at zero if the motion begins in a
 bed without stress. Beyond 1 it falls back at the rate CREEP omega, so that the force is constant and no
@@ -46,16 +47,14 @@ def _draw_start_values(
 ) -> dict[str, np.ndarray]:
     # The frequency of a bed that sticks may be twice omega.
     omega = guesses.draw_frequencies(random, count) * np.exp(random.uniform(-0.9, 0.0, count))
-    size = 0.5 * np.pi * omega * guesses.amplitude
-    friction = guesses.draw_decay_rates(random, count) * size
+    travel = 0.5 * np.pi * guesses.draw_decay_rates(random, count) * guesses.amplitude / omega
     values = {
         "omega": omega,
         "rest": guesses.draw_rest_levels(random, count),
         "bend": random.uniform(-0.2, 0.1, count) / guesses.amplitude,
-        "friction": friction,
-        "travel": friction / omega**2 * np.exp(random.uniform(-0.5, 0.5, count)),
+        "travel": travel,
     }
-    return split_damping(values, "friction", guesses, random)
+    return split_damping(values, "travel", guesses, random)
 
 
 def _clipped(k: int) -> str:
@@ -70,17 +69,17 @@ def slip_states(rate: str, spread: float | str = COLUMN_SPREAD) -> str:
     )
 
 
-SLIP_FORCE = f"friction*({' + '.join(_clipped(k) for k in range(1, ELEMENTS + 1))})/{ELEMENTS}"
+SLIP_SUM = f"({' + '.join(_clipped(k) for k in range(1, ELEMENTS + 1))})/{ELEMENTS}"
 
 RUBBING_BED = Law(
     name="rubbing-bed",
     equation=(
-        f"z'' + 2*lam*z' + omega**2*(z - rest)*(1 + bend*(z - rest)) + {SLIP_FORCE} = 0; "
+        f"z'' + 2*lam*z' + omega**2*((z - rest)*(1 + bend*(z - rest)) + travel*{SLIP_SUM}) = 0; "
         + slip_states(f"{CREEP}*omega")
     ),
     start=_draw_start_values,
-    positive=("lam", "omega", "friction", "travel"),
-    units={"lam": "1/s", "omega": "rad/s", "rest": "m", "bend": "1/m", "friction": "m/s^2", "travel": "m"},
+    positive=("lam", "omega", "travel"),
+    units={"lam": "1/s", "omega": "rad/s", "rest": "m", "bend": "1/m", "travel": "m"},
     source="W. D. Iwan 1966, doi:10.1115/1.3625199",
     resolution=4,
 )
@@ -89,13 +88,11 @@ RUBBING_BED = Law(
 def rubbing_bed_near(known: MotionFriction) -> Law:
     """Law whose fits start at the friction of a known bed."""
     omega = 2.0 * np.pi * known.frequency
-    travel = known.force / known.stiffness
     values = {
         "lam": known.damping_ratio * omega,
         "omega": omega,
         "bend": 0.5 * known.bending / known.stiffness,
-        "friction": travel * omega**2,
-        "travel": travel,
+        "travel": known.force / known.stiffness,
     }
 
     def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:

@@ -27,10 +27,7 @@ TRUE = {
     "pendulum-coulomb": ({"lam": 0.03, "friction": 0.02, "omega": 1.05, "rest": 0.2}, 2.0),
     "pendulum-quadratic": ({"lam": 0.03, "c": 0.05, "omega": 1.05, "rest": 0.2}, 2.0),
     "bouc-wen": ({"omega": 1.05, "friction": 0.5, "rho": 1.0, "sigma": 0.8, "g0": -1.0}, 3.0),
-    "rubbing-bed": (
-        {"lam": 0.03, "omega": 1.05, "rest": 0.5, "bend": -0.05, "friction": 0.1, "travel": 0.1},
-        3.0,
-    ),
+    "rubbing-bed": ({"lam": 0.03, "omega": 1.05, "rest": 0.5, "bend": -0.05, "travel": 0.1}, 3.0),
     "elastoplastic-bed": (
         {"lam": 0.05, "weight": 1.0, "rest": 3.0, "power": 2.5, "modulus": 1.0, "strength": 0.1},
         5.0,

@@ -54,7 +54,7 @@ def test_starts_of_a_known_bed_are_near_its_figures() -> None:
     drawn = law.start(guess, np.random.default_rng(0), 100)
     assert set(drawn) == set(law.parameters)
     assert np.median(drawn["travel"]) == pytest.approx(0.3 / 3600.0, rel=0.05)
-    assert np.median(drawn["friction"]) == pytest.approx(0.3 / 3600.0 * (7.0 * math.pi) ** 2, rel=0.05)
+    assert np.median(drawn["omega"]) == pytest.approx(7.0 * math.pi, rel=0.05)
     assert np.median(drawn["bend"]) == pytest.approx(-2e5 / 7200.0, rel=0.05)
 
 

@@ -50,7 +50,7 @@ LAWS = {
         HeightMap(),
     ),
     "rubbing-bed": (
-        {"lam": 0.8, "omega": 21.8, "rest": 0.0591, "bend": -30.0, "friction": 1.24, "travel": 2.6e-3},
+        {"lam": 0.8, "omega": 21.8, "rest": 0.0591, "bend": -30.0, "travel": 2.6e-3},
         (0.0651, 0.0),
         HeightMap(),
     ),
