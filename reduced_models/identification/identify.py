@@ -215,7 +215,7 @@ def identify(
         clock.lap("record" if run is None else "simulation")
         result = _fit_and_compare(record, run, laws, discovery, drive, mass, starts, budget, clock)
         if toleranced is not None and run is not None:
-            result = dataclasses.replace(result, of_parts=tolerances_of_run(run, toleranced))
+            result = dataclasses.replace(result, of_parts=tolerances_of_run(run, toleranced, progress))
             clock.lap("tolerances of the parts")
         doubts = [f"fit of {result.best.law.name}: {note}" for note in result.best.notes]
         for note in (*result.notes, *doubts):

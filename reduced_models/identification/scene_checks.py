@@ -174,11 +174,11 @@ def read_parts_of_source(
     return read_parts(scene, parts)
 
 
-def tolerances_of_run(run: Trajectory, parts: Sequence[Part]) -> Tolerances:
+def tolerances_of_run(run: Trajectory, parts: Sequence[Part], progress: bool) -> Tolerances:
     """Follow the tolerances of parts about the equilibrium next to a run's first rest."""
     from granular.studies.tolerances import tolerances_at
 
-    return tolerances_at([rest_of(run)], parts)
+    return tolerances_at([rest_of(run)], parts, progress=progress)
 
 
 def friction_of(run: Trajectory) -> MotionFriction | None:
