@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import command, option, print_result, refuse_options, require_options
+from granular.commands.console import (
+    command,
+    option,
+    pick_options,
+    print_result,
+    refuse_options,
+    require_options,
+)
 from granular.commands.options import (
     CHANGES,
     DT,
@@ -23,16 +29,14 @@ from granular.shared.files import make_directory, write_text
 from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
+    import pandas
+
     from granular.response.response import FrequencyResponse
     from granular.response.transients import ImpulseResponse
     from granular.scene.scene import Scene
 
-POINTS, SINE = 25, 20.0
-"""Frequencies of sines, and how long each acts [s], if not given."""
-
-LENGTH, FRACTION, WATCHED = 0.02, 0.1, 10.0
-"""Length of an impulse [s], fraction of its peak at which the machine counts as settled, and how
-long it is observed [s], if not given."""
+POINTS = 25
+"""Frequencies of sines, if not given."""
 
 
 @command(
@@ -127,11 +131,7 @@ def _measure_frequency_response(options: Any) -> None:
             "two frequencies, the lower one first, and at least 2 points"
         )
     scene, sizes = _scene_and_drive_amplitudes(options)
-    result = (
-        _run_stepped_sines(options, scene, sizes)
-        if options.sweep is None
-        else _run_frequency_sweep(options, scene)
-    )
+    result = _run_sines_or_sweep(options, scene, sizes, points)
     lines, figures = [result.table], {"peaks": result.peaks(), "out": options.out}
     if options.sweep is not None:
         from granular.response.transients import sweep_rate_at_peak
@@ -159,18 +159,12 @@ def _measure_impulse_response(options: Any) -> None:
     result = run_impulse(
         scene_from_options(options),
         options.force[0],
-        fraction=FRACTION if options.fraction is None else options.fraction,
-        length=LENGTH if options.length is None else options.length,
-        duration=WATCHED if options.duration is None else options.duration,
-        dt=parse_time_step(options.dt),
-        out=options.out,
-        progress=not options.quiet,
+        **_given(options, "fraction", "length", "duration"),
+        **_settings(options),
     )
     figures: dict[str, Any] = {
         "seconds": result.settling_time,
-        "alone": result.settling_time_without_damper
-        if math.isfinite(result.settling_time_without_damper)
-        else None,
+        "alone": result.settling_time_without_damper,
         "fraction": result.fraction,
         "peak": result.peak,
         "out": options.out,
@@ -182,14 +176,20 @@ def _measure_impulse_response(options: Any) -> None:
 
 
 def _write_impulse_response(result: ImpulseResponse, path: Path) -> str:
+    _write_table_and_picture(path, "impulse", result.table, result)
+    return f"written to {path}: impulse.csv, impulse.png"
+
+
+def _write_table_and_picture(
+    path: Path, name: str, table: pandas.DataFrame, result: FrequencyResponse | ImpulseResponse
+) -> None:
     from granular.shared.plotting import figure
 
     make_directory(path)
-    write_text(path / "impulse.csv", result.table.to_csv(index=False))
+    write_text(path / f"{name}.csv", table.to_csv(index=False))
     with figure() as (drawing, axes):
         result.plot(axes)
-        drawing.savefig(path / "impulse.png", dpi=150)
-    return f"written to {path}: impulse.csv, impulse.png"
+        drawing.savefig(path / f"{name}.png", dpi=150)
 
 
 def _scene_and_drive_amplitudes(options: Any) -> tuple[Scene, list[float] | None]:
@@ -218,58 +218,46 @@ def _scene_and_drive_amplitudes(options: Any) -> tuple[Scene, list[float] | None
     return scene, next(iter(given.values()), None)
 
 
-def _run_stepped_sines(options: Any, scene: Scene, sizes: list[float] | None) -> FrequencyResponse:
+def _run_sines_or_sweep(
+    options: Any, scene: Scene, sizes: list[float] | None, points: int
+) -> FrequencyResponse:
     import numpy as np
 
     from granular.response.response import frequency_response
-
-    points = POINTS if options.points is None else options.points
-    return frequency_response(
-        scene,
-        np.geomspace(options.lowest, options.highest, points).tolist(),
-        amplitudes=sizes,
-        duration=SINE if options.duration is None else options.duration,
-        dt=parse_time_step(options.dt),
-        out=options.out,
-        workers=options.workers,
-        progress=not options.quiet,
-    )
-
-
-def _run_frequency_sweep(options: Any, scene: Scene) -> FrequencyResponse:
-    from granular.response.steady import POINTS as READ
     from granular.response.transients import run_frequency_sweep
 
-    for name in ("duration", "workers"):
-        if getattr(options, name) is not None:
-            raise InputError(
-                f"--{name} is for sines; a sweep is one run as long as --sweep says: leave it out"
-            )
-    return run_frequency_sweep(
+    lowest, highest, settings = options.lowest, options.highest, _settings(options)
+    if options.sweep is not None:
+        refuse_options(options, "a sweep, only with sines", "duration", "workers")
+        settings |= _given(options, "points")
+        return run_frequency_sweep(scene, lowest, highest, options.sweep, **settings)
+    return frequency_response(
         scene,
-        options.lowest,
-        options.highest,
-        options.sweep,
-        points=READ if options.points is None else options.points,
-        dt=parse_time_step(options.dt),
-        out=options.out,
-        progress=not options.quiet,
+        np.geomspace(lowest, highest, points).tolist(),
+        amplitudes=sizes,
+        workers=options.workers,
+        **_given(options, "duration"),
+        **settings,
     )
+
+
+def _settings(options: Any) -> dict[str, Any]:
+    """Arguments that all runs take."""
+    return {"dt": parse_time_step(options.dt), "out": options.out, "progress": not options.quiet}
+
+
+def _given(options: Any, *names: str) -> dict[str, Any]:
+    """Options as keyword arguments, but for those that are not given."""
+    return {name: value for name, value in pick_options(options, *names).items() if value is not None}
 
 
 def _write_response(result: FrequencyResponse, path: Path) -> str:
     from granular.response.report_page import response_page
     from granular.response.response import save_response
     from granular.response.small_amplitude import add_linear_response
-    from granular.shared.plotting import figure
 
-    make_directory(path)
     result = add_linear_response(result)
     save_response(result, path)
-    table = result.dataset.to_dataframe().reset_index()
-    write_text(path / "response.csv", table.to_csv(index=False))
-    with figure() as (drawing, axes):
-        result.plot(axes)
-        drawing.savefig(path / "response.png", dpi=150)
+    _write_table_and_picture(path, "response", result.dataset.to_dataframe().reset_index(), result)
     response_page(result).save(path / "report.html")
     return f"written to {path}: report.html, response.csv, response.png"

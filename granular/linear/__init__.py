@@ -5,7 +5,7 @@
 
 from granular.linear.friction import MotionFriction, motion_friction
 from granular.linear.modes import NormalModes, normal_modes
-from granular.linear.response import dynamic_stiffness, free_motion, transmissibility
+from granular.linear.response import dynamic_stiffness, transmissibility
 from granular.linear.roots import Root, piston_roots
 from granular.linear.slopes import Slopes, slopes
 from granular.linear.small_motions import SmallMotions, small_motions
@@ -18,7 +18,6 @@ __all__ = [
     "Slopes",
     "SmallMotions",
     "dynamic_stiffness",
-    "free_motion",
     "motion_friction",
     "normal_modes",
     "piston_roots",

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.force_effect import ForceEffect
+from granular.effects.host_structure import Host
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 
@@ -69,15 +70,23 @@ def machine_of(scene: Scene) -> Machine | None:
     )
     weight = host.weight_on_piston(scene.grains, scales, gravity)
     return Machine(
-        masses=np.array([body.mass for body in host.bodies]),
-        springs=_chain_matrix([body.stiffness for body in host.bodies]),
-        dashpots=_chain_matrix([body.damping for body in host.bodies]),
+        *matrices_of_bodies(host),
         free_cell_mass=host.cell_mass,
         weight_on_piston=None if weight is None else weight * scales.force,
     )
 
 
-def _chain_matrix(values: list[float]) -> Float[np.ndarray, "b b"]:
+def matrices_of_bodies(
+    host: Host,
+) -> tuple[Float[np.ndarray, "b"], Float[np.ndarray, "b b"], Float[np.ndarray, "b b"]]:
+    """Masses [kg], and matrices of springs [N/m] and dashpots [N s/m], of a host's bodies."""
+    masses, springs, dashpots = np.array(
+        [(body.mass, body.stiffness, body.damping) for body in host.bodies]
+    ).T
+    return masses, _chain_matrix(springs), _chain_matrix(dashpots)
+
+
+def _chain_matrix(values: Float[np.ndarray, "b"]) -> Float[np.ndarray, "b b"]:
     """Matrix of a chain of springs or dashpots, each between a body and the one before, or the base."""
     differences = np.eye(len(values)) - np.eye(len(values), k=-1)
-    return differences.T @ (np.array(values)[:, None] * differences)
+    return differences.T @ (values[:, None] * differences)

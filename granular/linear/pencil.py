@@ -260,7 +260,7 @@ def _without_far_pairs(
 
 def _near_columns(bed: BedForces, at: Float[np.ndarray, "q"]) -> tuple[list[np.ndarray], csc_matrix]:
     """Group columns that share no row of near pairs; also the pattern of near pairs."""
-    from scipy.sparse import bmat, csc_matrix
+    from scipy.sparse import bmat, csc_matrix, identity
     from scipy.spatial import cKDTree
 
     n, rest = bed.grains, bed.size - 2 * bed.grains
@@ -271,18 +271,15 @@ def _near_columns(bed: BedForces, at: Float[np.ndarray, "q"]) -> tuple[list[np.n
     reach = float(np.quantile(shells, 0.9))
     pairs = tree.sparse_distance_matrix(tree, reach, output_type="coo_matrix")
     grains = csc_matrix((np.ones(pairs.nnz), (pairs.row, pairs.col)), (n, n))
-    grains = grains + csc_matrix((np.ones(n), (range(n), range(n))), (n, n))
-    full = None if rest == 0 else np.ones((n, rest))
-    corner = None if rest == 0 else np.ones((rest, rest))
-    rows = [[grains, grains, full], [grains, grains, full], [_turned(full), _turned(full), corner]]
+    grains = grains + identity(n)
+    near = bmat([[grains, grains], [grains, grains]])
+    if rest:
+        full = np.ones((2 * n, rest))
+        near = bmat([[near, full], [full.T, np.ones((rest, rest))]])
     colours = _colour_apart(tree, 2.0 * reach)
     groups = [np.flatnonzero(colours == k) + axis * n for axis in (0, 1) for k in range(colours.max() + 1)]
     groups += [np.array([column]) for column in range(2 * n, bed.size)]
-    return groups, csc_matrix(bmat(rows if rest else [row[:2] for row in rows[:2]]))
-
-
-def _turned(block: np.ndarray | None) -> np.ndarray | None:
-    return None if block is None else block.T
+    return groups, csc_matrix(near)
 
 
 def _colour_apart(tree: Any, reach: float) -> np.ndarray:

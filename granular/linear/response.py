@@ -1,4 +1,4 @@
-"""Answer of a bed to small harmonic motion and to a release, by its matrices."""
+"""Answer of a bed to small harmonic motion, by its matrices."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from granular.linear.equilibrium import Equilibrium
 from granular.linear.roots import require_free_piston
-from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     from jaxtyping import Complex, Float
@@ -39,8 +38,7 @@ def dynamic_stiffness(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) ->
     piston = require_free_piston(rest)
     force = np.zeros(rest.pencil.bed.size)
     force[piston] = 1.0
-    answers = [_harmonic_answer(rest, frequency, force)[piston] for frequency in frequencies]
-    return 1.0 / np.array(answers)
+    return 1.0 / harmonic_answers(rest, frequencies, force)[:, piston]
 
 
 def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> Complex[np.ndarray, "f"]:
@@ -65,54 +63,13 @@ def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> 
     """
     piston = require_free_piston(rest)
     frame, uplift = rest.pencil.bed.frame_and_uplift()
-    result = []
-    for frequency in frequencies:
-        inertia = (2.0 * math.pi * frequency) ** 2 * (rest.pencil.mass @ uplift)
-        moved = _harmonic_answer(rest, frequency, inertia)
-        result.append(1.0 + moved[piston] + frame @ moved)
-    return np.array(result)
+    moved = harmonic_answers(rest, frequencies, -(rest.pencil.mass @ uplift), 2)
+    return 1.0 + moved[:, piston] + moved @ frame
 
 
-def _harmonic_answer(rest: Equilibrium, frequency: float, force: np.ndarray) -> Complex[np.ndarray, "q"]:
-    s = 2j * math.pi * float(frequency)
-    return rest.pencil.solve(s, force.astype(complex)[:, None])[:, 0]
-
-
-def free_motion(
-    rest: Equilibrium, displacement: Float[np.ndarray, "q"], times: Float[np.ndarray, "t"]
-) -> Float[np.ndarray, "t"]:
-    """Return the piston's displacement after a release from rest, as the sum over all roots.
-
-    Parameters
-    ----------
-    rest : Equilibrium
-        Equilibrium of a bed with a free piston, and of at most `granular.linear.pencil.DENSE` coordinates.
-    displacement : float (q,)
-        Displacements at the release of all coordinates, see `granular.linear.bed_forces` [m].
-    times : float (t,)
-        Times since the release [s].
-
-    Returns
-    -------
-    float64 (t,)
-        Displacements of the piston [m].
-
-    Raises
-    ------
-    InputError
-        If the bed is too large, or has no free piston.
-    """
-    pencil, piston = rest.pencil, require_free_piston(rest)
-    if not pencil.has_all_modes:
-        raise InputError(f"a bed of {pencil.bed.grains} grains has too many roots to sum; simulate it")
-    size = pencil.bed.size
-    inverse_mass = np.linalg.inv(pencil.mass.toarray())
-    rates = np.block(
-        [
-            [np.zeros((size, size)), np.eye(size)],
-            [-inverse_mass @ pencil.full_stiffness, -inverse_mass @ pencil.full_damping],
-        ]
-    )
-    roots, shapes = np.linalg.eig(rates)
-    amplitudes = np.linalg.solve(shapes, np.concatenate([displacement, np.zeros(size)]).astype(complex))
-    return np.real(np.exp(np.outer(times, roots)) @ (shapes[piston] * amplitudes))
+def harmonic_answers(
+    rest: Equilibrium, frequencies: Float[np.ndarray, "f"], force: Float[np.ndarray, "q"], power: int = 0
+) -> Complex[np.ndarray, "f q"]:
+    """Displacements of all coordinates [m] under a force [N] times (i omega)^power; frequencies [Hz]."""
+    rates = 2j * math.pi * np.asarray(frequencies, dtype=np.float64)
+    return np.array([rest.pencil.solve(s, (s**power * force)[:, None])[:, 0] for s in rates])

@@ -23,7 +23,7 @@ from granular.linear.pencil import Pencil
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
-    from jaxtyping import Complex, Float
+    from jaxtyping import Complex, Float, Shaped
 
 MASS_FRACTION = 0.05
 """Residue over the largest one from which a root counts as one of the piston's."""
@@ -134,15 +134,11 @@ def require_free_piston(rest: Equilibrium) -> int:
 
 def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
     """Refine a root by Newton's method on the dynamic stiffness at the piston; None if it is none [1/s]."""
-    unit = np.zeros(pencil.bed.size)
-    unit[piston] = 1.0
     before = math.inf
     for _ in range(MOST_STEPS):
-        column = -pencil.times(s, unit.astype(complex))
-        column[piston] = 0.0
-        shape = pencil.solve(s, column[:, None], (piston,))[:, 0] + unit
+        shape = _shape_at(pencil, piston, s, ())
         value = complex(shape @ pencil.times(s, shape))
-        slope = complex(shape @ _slope_times(pencil, s, shape))
+        slope = complex(shape @ slope_times(pencil, s, shape))
         change = value / slope
         s -= change
         size = abs(change / s)
@@ -153,18 +149,23 @@ def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
     return None
 
 
-def _slope_times(pencil: Pencil, s: complex, shape: Complex[np.ndarray, "q"]) -> Complex[np.ndarray, "q"]:
+def slope_times(pencil: Pencil, s: complex, shape: Complex[np.ndarray, "q"]) -> Complex[np.ndarray, "q"]:
     """(C + 2 s M) u, the derivative of the dynamic stiffness."""
     return pencil.damping_times(shape) + 2.0 * s * (pencil.mass @ shape)
 
 
 def static_shape(pencil: Pencil, piston: int) -> Float[np.ndarray, "q"]:
     """Displacements of all coordinates over the piston's, if they follow its height at once."""
-    unit = np.zeros(pencil.bed.size)
+    return _shape_at(pencil, piston, 0.0, held_shifts(pencil.bed))
+
+
+def _shape_at(pencil: Pencil, piston: int, s: complex, held: tuple[int, ...]) -> Shaped[np.ndarray, "q"]:
+    """Displacements of all coordinates over the piston's, if it moves as exp(s t) [1/s]."""
+    unit = np.zeros(pencil.bed.size, np.result_type(s))
     unit[piston] = 1.0
-    column = -pencil.times(0.0, unit)
+    column = -pencil.times(s, unit)
     column[piston] = 0.0
-    return np.asarray(pencil.solve(0.0, column[:, None], (piston, *held_shifts(pencil.bed)))[:, 0] + unit)
+    return np.asarray(pencil.solve(s, column[:, None], (piston, *held))[:, 0] + unit)
 
 
 def _static_start(pencil: Pencil, piston: int) -> complex:
@@ -180,7 +181,7 @@ def modal_coordinate(
 ) -> complex:
     """Part a of a root in a state: the piston's displacement by it is 2 Re(a exp(s t)); [m], [m/s]."""
     # By the left eigenvector, which is the shape itself as the matrices are symmetric.
-    inertia = _slope_times(pencil, root.s, root.shape)
+    inertia = slope_times(pencil, root.s, root.shape)
     weights = inertia - root.s * (pencil.mass @ root.shape)
     state = (pencil.mass @ root.shape) @ velocity + weights @ displacement
     return complex(state / (root.shape @ inertia))

@@ -18,7 +18,7 @@ import numpy as np
 from granular.linear.bed_forces import BedForces, scaled_parameter
 from granular.linear.equilibrium import Equilibrium, held_shifts
 from granular.linear.pencil import of_parts
-from granular.linear.roots import Root, piston_roots, require_free_piston
+from granular.linear.roots import Root, piston_roots, require_free_piston, slope_times
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 
@@ -113,8 +113,7 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
         for (up, down), change in zip(changed, changes, strict=True)
     ]
     moves = pencil.solve(0.0, np.stack(pushes, axis=1), held_shifts(pencil.bed))
-    inertia = pencil.damping_times(root.shape) + 2.0 * root.s * (pencil.mass @ root.shape)
-    stiffness = complex(root.shape @ inertia)
+    stiffness = complex(root.shape @ slope_times(pencil, root.s, root.shape))
     values = np.empty((len(keys), 3))
     for k, (up, down) in enumerate(changed):
         move, change = moves[:, k], changes[k]

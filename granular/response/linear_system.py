@@ -22,10 +22,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.host_structure import Host
+from granular.linear.machine import matrices_of_bodies
 from granular.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from jaxtyping import Complex
+    from jaxtyping import Complex, Float
 
 
 def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float]:
@@ -51,49 +52,28 @@ def dynamic_stiffness_of_hanging_mass(
 def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Complex[np.ndarray, "f n"]:
     """Steady displacement (f, n) of a linear host over its base, phase from the drive [m]; attached [N/m]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
-    count, attached = len(host.bodies), np.broadcast_to(attached, omega.shape)
-    result = np.empty((len(omega), count), dtype=np.complex128)
-    excited = count - 1 if host.excited is None else host.excited
-    for position, rate in enumerate(omega):
-        held = [body.stiffness + 1j * rate * body.damping for body in host.bodies]
-        matrix = _chain_stiffness_matrix(held) - np.diag([rate**2 * body.mass for body in host.bodies])
-        matrix[-1, -1] += attached[position]
-        force = np.zeros(count, dtype=np.complex128)
-        drive = host.excitation
-        if drive is not None and drive.is_base_motion:
-            shake = drive.acceleration
-            if shake is None:
-                shake = -(rate**2) * (drive.displacement or 0.0)
-            force -= shake * np.array([body.mass for body in host.bodies])
-            force[-1] += shake * attached[position] / rate**2
-        elif drive is not None:
-            force[excited] = drive.force or 0.0
-        result[position] = np.linalg.solve(matrix, force)
-    return result
+    masses, springs, dashpots = matrices_of_bodies(host)
+    rates, drive = 1j * omega[:, None, None], host.excitation
+    matrices = springs + rates * dashpots + rates**2 * np.diag(masses)
+    matrices[:, -1, -1] += attached
+    force = np.zeros((len(omega), len(masses)), dtype=np.complex128)
+    if drive is not None and drive.is_base_motion:
+        shake = -(omega**2) * (drive.displacement or 0.0)
+        if drive.acceleration is not None:
+            shake = np.full(omega.shape, drive.acceleration)
+        force -= shake[:, None] * masses
+        force[:, -1] += shake * attached / omega**2
+    elif drive is not None:
+        force[:, -1 if host.excited is None else host.excited] = drive.force or 0.0
+    return np.asarray(np.linalg.solve(matrices, force[..., None])[..., 0])
 
 
 def slowest_decay_rate(host: Host) -> float:
     """Decay rate of the host's mode that rings longest; c/(2 M) of one weakly damped body [1/s]."""
-    count = len(host.bodies)
-    springs = _chain_stiffness_matrix([body.stiffness for body in host.bodies])
-    dashpots = _chain_stiffness_matrix([body.damping for body in host.bodies])
-    masses = np.array([body.mass for body in host.bodies])[:, None]
-    rates = np.block(
-        [[np.zeros((count, count)), np.eye(count)], [-springs.real / masses, -dashpots.real / masses]]
-    )
+    masses, springs, dashpots = matrices_of_bodies(host)
+    inertia, one = masses[:, None], np.eye(len(masses))
+    rates = np.block([[0.0 * one, one], [-springs / inertia, -dashpots / inertia]])
     return float(-np.linalg.eigvals(rates).real.max())
-
-
-def _chain_stiffness_matrix(held: Sequence[complex]) -> np.ndarray:
-    """Return the stiffness matrix (n, n) of a chain of bodies, each held by the one before."""
-    matrix = np.zeros((len(held), len(held)), dtype=np.complex128)
-    for k, coefficient in enumerate(held):
-        matrix[k, k] += coefficient
-        if k:
-            matrix[k - 1, k - 1] += coefficient
-            matrix[k, k - 1] -= coefficient
-            matrix[k - 1, k] -= coefficient
-    return matrix
 
 
 def damper_mass(scene: Scene) -> float:
@@ -105,10 +85,15 @@ def damper_mass(scene: Scene) -> float:
     return mass + (0.0 if host is None or host.cell_mass is None else host.cell_mass)
 
 
-def host_with_amplitude(host: Host, quantity: str, amplitude: float) -> Host:
-    """Copy a host with another amplitude of its excitation; amplitude [N, m/s^2, m]."""
-    plain = host.to_plain()
-    return Host.from_plain(plain | {"excitation": plain["excitation"] | {quantity: amplitude}})
+def without_damper(
+    scene: Scene, host: Host, quantity: str, amplitude: float, frequencies: Any
+) -> Float[np.ndarray, "2 f"]:
+    """Amplitudes [m] of a host alone and with the tuned mass under a drive [N, m/s^2, m]; in [Hz]."""
+    plain, mass = host.to_plain(), damper_mass(scene)
+    driven = Host.from_plain(plain | {"excitation": plain["excitation"] | {quantity: amplitude}})
+    spring, dashpot = tuned_mass_spring_and_dashpot(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
+    tuned = dynamic_stiffness_of_hanging_mass(frequencies, mass, spring, dashpot)
+    return np.abs([linear_response(driven, frequencies, hung)[:, -1] for hung in (0.0, tuned)])
 
 
 def linear_host_comparison(
@@ -120,12 +105,9 @@ def linear_host_comparison(
     swing: Complex[np.ndarray, "s f"],
 ) -> dict[str, tuple[str, str, np.ndarray]]:
     """Amplitudes (s, f) without damper and with tuned mass [m], and its values [kg, N/m, kg/s, W]."""
-    omega, mass = math.tau * np.array(frequencies), damper_mass(scene)
-    spring, dashpot = tuned_mass_spring_and_dashpot(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
-    tuned = dynamic_stiffness_of_hanging_mass(frequencies, mass, spring, dashpot)
-    hosts = [host_with_amplitude(host, quantity, amplitude) for amplitude in amplitudes]
-    alone = np.array([np.abs(linear_response(host, frequencies)[:, -1]) for host in hosts])
-    ideal = np.array([np.abs(linear_response(host, frequencies, tuned)[:, -1]) for host in hosts])
+    omega = math.tau * np.array(frequencies)
+    curves = [without_damper(scene, host, quantity, size, frequencies) for size in amplitudes]
+    alone, ideal = np.stack(curves, axis=1)
     result = {
         "alone": ("m", "amplitude without the damper", alone),
         "ideal": ("m", "amplitude with Den Hartog's tuned mass of the same weight", ideal),

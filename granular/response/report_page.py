@@ -349,13 +349,13 @@ _NAMES = {
 
 def amplitude_header_and_scale(response: FrequencyResponse) -> tuple[str, float]:
     """Head of the tables' column of amplitudes, and the factor of its numbers [mm]."""
-    head, _, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
+    head, _, scale = _NAMES[response.quantity]
     return head, scale
 
 
 def amplitude_phrase(response: FrequencyResponse, amplitude: float) -> str:
     """Words for an amplitude at the head of a sentence, such as "Under 5 N"; amplitude [N; m/s^2; m]."""
-    _, words, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
+    _, words, scale = _NAMES[response.quantity]
     return words.format(size=scale * amplitude)
 
 

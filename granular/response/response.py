@@ -12,14 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.host_structure import Host
-from granular.response.linear_system import (
-    damper_mass,
-    dynamic_stiffness_of_hanging_mass,
-    host_with_amplitude,
-    linear_host_comparison,
-    linear_response,
-    tuned_mass_spring_and_dashpot,
-)
+from granular.response.linear_system import linear_host_comparison, without_damper
 from granular.response.steady import steady_figures
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError, InputError
@@ -64,6 +57,11 @@ class FrequencyResponse:
     settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
+    def quantity(self) -> str:
+        """Quantity of the drive, a key of `AMPLITUDES`."""
+        return str(self.dataset.amplitude.attrs["long_name"])
+
+    @property
     def peak(self) -> float:
         """Greatest displacement of the machine over all frequencies and amplitudes, float [m]."""
         return float(self.dataset.displacement.max())
@@ -88,15 +86,9 @@ class FrequencyResponse:
         """Exact amplitudes [m] of the host alone and with the tuned mass, at `DENSE` frequencies [Hz]."""
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
-        host = host_with_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), amplitude)
-        dense = np.geomspace(known.min(), known.max(), DENSE)
-        mass = damper_mass(self.scene)
-        attached = dynamic_stiffness_of_hanging_mass(dense, mass, *tuned_mass_spring_and_dashpot(host, mass))
-        return {
-            "frequency": dense,
-            "alone": np.abs(linear_response(host, dense)[:, -1]),
-            "ideal": np.abs(linear_response(host, dense, attached)[:, -1]),
-        }
+        dense, quantity = np.geomspace(known.min(), known.max(), DENSE), self.quantity
+        alone, ideal = without_damper(self.scene, host, quantity, amplitude, dense)
+        return {"frequency": dense, "alone": alone, "ideal": ideal}
 
     @property
     def table(self) -> str:

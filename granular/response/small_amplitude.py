@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium, equilibrium
+from granular.linear.response import harmonic_answers
 from granular.linear.roots import require_free_piston
 from granular.response.response import FrequencyResponse
 from granular.shared.errors import GranularError
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:
     """Add the field ``linear``, the displacements by small motions [m], or say in ``no_linear`` why not."""
     data = response.dataset
-    quantity, frequencies = str(data.amplitude.attrs["long_name"]), data.frequency.values
+    quantity, frequencies = response.quantity, data.frequency.values
     try:
         single = np.abs(linear_displacements(equilibrium(response.scene), quantity, frequencies))
     except GranularError as error:
@@ -35,18 +35,13 @@ def linear_displacements(
     rest: Equilibrium, quantity: str, frequencies: Float[np.ndarray, "f"]
 ) -> Complex[np.ndarray, "f"]:
     """Displacement of the last body, or of a load on the piston, over the drive [m/N, s^2 or 1]."""
-    bed, pencil = rest.pencil.bed, rest.pencil
+    bed = rest.pencil.bed
     piston, host = require_free_piston(rest), rest.scene.effects.host
     assert host is not None
     push = np.zeros(bed.size)
     if quantity == "force":
         push[bed.bodies + (len(host.bodies) - 1 if host.excited is None else host.excited)] = 1.0
     else:
-        push = -(pencil.mass @ bed.frame_and_uplift()[1])
+        push = -(rest.pencil.mass @ bed.frame_and_uplift()[1])
     answer = bed.size - 1 if host.bodies else piston
-    result = np.empty(len(frequencies), dtype=np.complex128)
-    for k, frequency in enumerate(frequencies):
-        s = 2j * math.pi * float(frequency)
-        drive = s * s * push if quantity == "displacement" else push
-        result[k] = pencil.solve(s, drive.astype(complex)[:, None])[answer, 0]
-    return result
+    return harmonic_answers(rest, frequencies, push, 2 if quantity == "displacement" else 0)[:, answer]

@@ -112,10 +112,6 @@ class HtmlPage:
         """Add a paragraph that must not be overlooked."""
         self._parts.append(f'<p class="note">{_escape(words)}</p>')
 
-    def add_link(self, words: str, to: str) -> None:
-        """Add a line that links to another file next to the page."""
-        self._parts.append(f'<p><a href="{_escape(to)}">{_escape(words)}</a></p>')
-
     def add_list(self, items: Sequence[str]) -> None:
         """Add a list of short texts."""
         rows = "".join(f"<li>{_escape(words)}</li>" for words in items)

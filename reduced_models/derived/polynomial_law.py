@@ -123,22 +123,15 @@ def _fit_polynomial(
 
 def energy_backbone(values: Mapping[str, float], amplitudes: Sequence[float]) -> Backbone:
     """Backbone [m, rad/s] of the undamped law, and damping by the energy lost along its cycles."""
-    inertia, damping, force = (_polynomial_of(values, kind, lowest) for kind, lowest in _LOWEST.items())
+    # The lowest coefficients of inertia and force by the height over rest are no parameters.
+    inertia, damping, force = (
+        np.polynomial.Polynomial([*lowest, *(value for name, value in values.items() if name[0] == kind)])
+        for kind, lowest in (("m", [1.0]), ("c", []), ("k", [0.0]))
+    )
     rows = [_cycle(inertia, damping, force, amplitude) for amplitude in amplitudes]
     frequency, ratio = np.array(rows).T
     none = np.zeros(len(rows))
     return Backbone("energy", np.asarray(amplitudes, dtype=float), frequency, ratio, none, none)
-
-
-_LOWEST: Mapping[str, tuple[float, ...]] = {"m": (1.0,), "c": (), "k": (0.0,)}
-"""Lowest coefficients, which are no parameters, of inertia, damping and force by the height over rest."""
-
-
-def _polynomial_of(
-    values: Mapping[str, float], kind: str, lowest: tuple[float, ...]
-) -> np.polynomial.Polynomial:
-    others = [value for name, value in values.items() if name[0] == kind]
-    return np.polynomial.Polynomial([*lowest, *others])
 
 
 def _cycle(

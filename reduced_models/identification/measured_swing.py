@@ -136,19 +136,6 @@ class MeasuredSwing:
         ends = f"{self.units.scale * self.amplitudes[-1]:.2g} to {self.amplitude_text(0)}"
         return f"{ends}: {', '.join(words)} ({how})"
 
-    @property
-    def summary_text(self) -> str:
-        """The record's own figures in a sentence, and whether the law agrees."""
-        parts = [
-            f"at {self.amplitude_text(k)} it swings with {frequency.text_with_error} and a damping ratio of "
-            f"{damping.text_with_error}"
-            for k in self.headline_indices
-            for frequency, damping in (self.quantities_at(k),)
-        ]
-        own = f"By the record itself, without a law: {', '.join(parts)}. "
-        words = f"{self.agreement_text[:1].upper()}{self.agreement_text[1:]}."
-        return own + words if self.law_agrees else f"{words} {own}"
-
     def to_plain(self) -> dict[str, Any]:
         """Return method, agreement, and figures by amplitude as plain data."""
         return {

@@ -83,9 +83,9 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
         If the law is not known for the scene (see `CoupledSystem.from_host_scene`), or no force shakes it.
     """
     data = response.dataset
-    if data.amplitude.attrs["long_name"] != "force":
+    if response.quantity != "force":
         raise InputError(
-            f"the base of the machine is shaken by its {data.amplitude.attrs['long_name']}; the "
+            f"the base of the machine is shaken by its {response.quantity}; the "
             "law is solved for a force on the machine: simulate one (--force)"
         )
     dense = np.linspace(float(data.frequency.min()), float(data.frequency.max()), POINTS)

@@ -38,11 +38,6 @@ class EquivalentDamping:
         """A tenth of the greatest swing [m]."""
         return 0.2 * self.amplitude
 
-    @property
-    def is_swinging_at_tenth(self) -> bool:
-        """True where damping leaves a swing of that amplitude."""
-        return self.tenth_ratio < 1.0
-
 
 @dataclasses.dataclass(frozen=True)
 class AtRest:

@@ -10,9 +10,9 @@ import pytest
 from scipy.optimize import least_squares
 
 from granular import simulate
-from granular.linear import Root, free_motion, piston_roots, transmissibility
+from granular.linear import Root, piston_roots, transmissibility
 from granular.linear.equilibrium import Equilibrium
-from tests.granular.linear.small_beds import D, at_rest, moved, small_damper
+from tests.granular.linear.small_beds import D, at_rest, free_motion, moved, small_damper
 
 LIFT = 1e-4 * D
 """[m]"""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from granular import load_scene
 from granular.linear.bed_forces import BedForces
@@ -10,6 +12,9 @@ from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.linear.pencil import make_pencil
 from granular.linear.relaxation import RELAXED, relax
 from granular.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 D = 6e-3
 
@@ -36,6 +41,23 @@ def at_rest(scene: Scene) -> Equilibrium:
     start = bed.coordinates(scene.initial_positions_and_velocities()[0], height)
     at = relax(bed, start, (), make_pencil(bed, start).stiffness.diagonal(), RELAXED)
     return equilibrium_from(scene, bed.positions(at), height if bed.piston is None else float(at[bed.piston]))
+
+
+def free_motion(
+    rest: Equilibrium, displacement: Float[np.ndarray, "q"], times: Float[np.ndarray, "t"]
+) -> Float[np.ndarray, "t"]:
+    """The piston's displacement [m] after a release from rest, as the sum over all roots; times [s]."""
+    pencil, size = rest.pencil, rest.pencil.bed.size
+    inverse_mass = np.linalg.inv(pencil.mass.toarray())
+    rates = np.block(
+        [
+            [np.zeros((size, size)), np.eye(size)],
+            [-inverse_mass @ pencil.full_stiffness, -inverse_mass @ pencil.full_damping],
+        ]
+    )
+    roots, shapes = np.linalg.eig(rates)
+    amplitudes = np.linalg.solve(shapes, np.concatenate([displacement, np.zeros(size)]).astype(complex))
+    return np.real(np.exp(np.outer(times, roots)) @ (shapes[pencil.bed.piston] * amplitudes))
 
 
 def moved(rest: Equilibrium, **changes: Any) -> Scene:

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from granular.linear import dynamic_stiffness, free_motion, normal_modes, piston_roots, transmissibility
+from granular.linear import dynamic_stiffness, normal_modes, piston_roots, transmissibility
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.shared.errors import InputError
-from tests.granular.linear.small_beds import D, at_rest, small_damper
+from tests.granular.linear.small_beds import D, at_rest, free_motion, small_damper
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from granular.linear import (
 from granular.linear.equilibrium import equilibrium_from, settled_state
 from granular.linear.page import modes_page
 from granular.linear.plots import plot_density_of_states, plot_mode
-from granular.response.linear_system import host_with_amplitude, linear_response
+from granular.response.linear_system import linear_response
 from granular.response.response import FrequencyResponse, response_dataset
 from granular.response.small_amplitude import add_linear_response, linear_displacements
 from granular.scene.scene import Scene
@@ -216,8 +216,8 @@ def test_response_of_a_machine_under_a_force_begins_at_its_spring(changed: Chang
     hung = -rate * (uplift @ (alone.mass @ (uplift + moved)))
     host = rest.scene.effects.host
     assert host is not None
-    one_newton = host_with_amplitude(host, "force", 1.0)
-    expected = linear_response(one_newton, [frequency], hung)[0, -1]
+    assert host.excitation is not None
+    expected = linear_response(host, [frequency], hung)[0, -1] / host.excitation.force
     assert linear_displacements(rest, "force", np.array([frequency]))[0] == pytest.approx(expected, rel=1e-8)
 
 

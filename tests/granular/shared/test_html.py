@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -33,11 +32,3 @@ def test_a_logarithmic_axis_has_no_small_exponents(values: tuple[float, ...]) ->
         labels = [tick.label1.get_text() for tick in ticks]
     assert any(labels)
     assert all(re.fullmatch(r"[\d.e+\u2212-]*", one) for one in labels), labels
-
-
-def test_a_page_leads_to_the_files_beside_it(tmp_path: Path) -> None:
-    page = HtmlPage("report")
-    page.add_link("more & more", 'a "page".html')
-    page.save(tmp_path / "report.html")
-    said = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert '<a href="a &quot;page&quot;.html">more &amp; more</a>' in said
