@@ -110,8 +110,7 @@ def toolkit_solver(method: str) -> Solver:
         scene = problem.scene
         if not isinstance(dt, str) and dt > scene.output.scalars:
             scene = scene.replace(**{"output.scalars": dt, "output.frames": dt})
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the error is measured here, and shown
+        with warnings.catch_warnings(action="ignore"):  # the error is measured here, and shown
             return simulate(scene, dt=dt, t_end=problem.time, method=method, threads=1, progress=False)
 
     def solve(problem: ExactProblem, count: int) -> GrainStates:

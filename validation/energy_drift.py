@@ -144,8 +144,7 @@ def run_energy_study(run: EnergyRun) -> EnergyStudy:
     from granular.run.simulation import simulate
 
     stopped = None
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what the ledger doubts is what is measured here
+    with warnings.catch_warnings(action="ignore"):  # what the ledger doubts is what is measured here
         try:
             done = simulate(run.scene, dt=run.dt, t_end=run.time, method=run.method, progress=False)
         except RunError as error:

@@ -111,8 +111,7 @@ def run_hard_case(
 def _run_case(case: HardCase, method: str, dt: float | str, until: float) -> tuple[str, float, str]:
     from granular import simulate
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         try:
             run = simulate(case.scene(), dt=dt, t_end=until, method=method, progress=False)
             error = float(case.measure.error(run))

@@ -86,12 +86,8 @@ class SmallMotions:
             Figures by name; the modes are left to `granular.linear.normal_modes`.
         """
         roots = [
-            {
-                "frequency": root.frequency,
-                "damping_ratio": root.damping_ratio,
-                "mass_fraction": root.mass_fraction,
-                "s": [root.s.real, root.s.imag],
-            }
+            {name: getattr(root, name) for name in ("frequency", "damping_ratio", "mass_fraction")}
+            | {"s": [root.s.real, root.s.imag]}
             for root in self.roots
         ]
         return {

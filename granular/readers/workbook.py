@@ -201,8 +201,7 @@ def iterate_excel_sheets(file: IO[bytes]) -> Iterator[tuple[str, Rows]]:
     """Yield the sheets of a workbook in Office Open XML (.xlsx)."""
     import openpyxl
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of parts that are no table
+    with warnings.catch_warnings(action="ignore"):  # of parts that are no table
         book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
         for sheet in book.worksheets:
             sheet.reset_dimensions()  # those that are written may be wrong

@@ -151,8 +151,7 @@ def _run_case(case: Case, measure: Measure, out: Path | None) -> Outcome:
     from granular.run.simulation import simulate
 
     try:
-        with warnings.catch_warnings(record=True) as raised:
-            warnings.simplefilter("always")
+        with warnings.catch_warnings(record=True, action="always") as raised:
             run = simulate(
                 case.scene, **case.settings, out=out, resume=out is not None, threads=1, progress=False
             )

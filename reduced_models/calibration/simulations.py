@@ -46,8 +46,7 @@ class RecordFeatures(NamedTuple):
 
 def record_features(record: PistonRecord, law: str | Law = LAW, *, force: bool = False) -> RecordFeatures:
     """Figures of a record."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         model = fit(record, law, test_fraction=0.0, starts=STARTS, confidence=_ONE_SIGMA)
     if model.quality.relative > _POOR:
         raise RecordError(

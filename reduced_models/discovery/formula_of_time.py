@@ -92,8 +92,7 @@ def _fit_constants(
         return np.where(np.isfinite(difference), difference, 1e6) * np.ones(len(time))
 
     if 0 < len(values) <= _MOST_NUMBERS:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             start = least_squares(residual, start, x_scale="jac", max_nfev=50).x
     error = float(np.sqrt((residual(start) ** 2).mean()))
     numbers = dict(zip(symbols, map(sympy.Float, start), strict=True))

@@ -75,8 +75,7 @@ def polish_candidate(
             resolution=max(_MEMORY_RESOLUTION, law.resolution),
         )
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # notes stand in the model
+        with warnings.catch_warnings(action="ignore"):  # notes stand in the model
             models = fit(records, law, map=height_map, starts=STARTS, test_fraction=0.0, seed=seed)
     except TimeBudgetError:
         raise
@@ -123,8 +122,7 @@ def polish_force_candidate(
         equation = hidden_state.kind.substitute_into(equation)
     law = ForceLaw(name_candidate_law(candidate), equation, positive=tuple(scales), inputs=inputs)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # notes stand in the model
+        with warnings.catch_warnings(action="ignore"):  # notes stand in the model
             model = fit_force(
                 records, law, sensor=_AS_IT_IS, starts=STARTS, test_fraction=0.0, start=scales, seed=seed
             )

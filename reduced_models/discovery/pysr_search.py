@@ -109,8 +109,7 @@ def import_pysr_regressor() -> Any:
     os.environ.setdefault("PYTHON_JULIACALL_HANDLE_SIGNALS", "no")
     os.environ.setdefault("PYTHON_JULIACALL_THREADS", "1")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # PySR warns of either setting
+        with warnings.catch_warnings(action="ignore"):  # PySR warns of either setting
             from pysr import PySRRegressor
     except Exception as error:  # Julia's, juliapkg's and the network's are of no common kind
         raise InputError(

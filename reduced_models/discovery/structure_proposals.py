@@ -274,8 +274,7 @@ class SparseRegression:
         """Terms that thresholded least squares keep, at 24 thresholds from 0.001 to 0.5."""
         supports = []
         for threshold in _THRESHOLDS:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # that a high threshold leaves nothing
+            with warnings.catch_warnings(action="ignore"):  # that a high threshold leaves nothing
                 fitted = self.thresholded_optimizer(threshold).fit(self.matrix, self.target[:, None])
             supports.append(np.flatnonzero(fitted.coef_[0]).tolist())
         return supports
@@ -290,8 +289,7 @@ class SparseRegression:
         state = np.random.get_state()  # noqa: NPY002  PySINDy draws from NumPy's global generator
         np.random.seed(seed)  # noqa: NPY002
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with warnings.catch_warnings(action="ignore"):
                 ensemble.fit(self.matrix, self.target[:, None])
         finally:
             np.random.set_state(state)  # noqa: NPY002

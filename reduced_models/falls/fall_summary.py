@@ -139,8 +139,7 @@ def whole_fall(
     """
     if height is not None and not isinstance(height, Real):
         raise InputError(f"height = {quote(height)}; give a number [m]")
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         values = predict_bed_parameters(scene, refuse_outside_range=False)
     for warning in caught:
         warnings.warn(warning.message, stacklevel=2)

@@ -264,8 +264,7 @@ def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, 
         with contextlib.suppress(InputError):
             start = predict_bed_parameters(scene)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the model keeps its notes
+        with warnings.catch_warnings(action="ignore"):  # the model keeps its notes
             model = fit(
                 record,
                 law,

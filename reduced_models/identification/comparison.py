@@ -197,8 +197,7 @@ def _fit_law_to_row(
     private = [name for name in own if name in law.parameters]
     how: Any = {} if given is None or given.fitted else {"map": given}
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the models keep their notes
+        with warnings.catch_warnings(action="ignore"):  # the models keep their notes
             models = fit(records, law, test_fraction=test_fraction, own=private, starts=starts, **how)
         roll_outs = tuple(roll_out(models[0], value) for value in test_records)
     except GranularError as cause:

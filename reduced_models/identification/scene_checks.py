@@ -408,8 +408,7 @@ def _quantities_of_further_run(
     if isinstance(record, CheckFailure):
         return record
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             again = fit(
                 _cut_to_duration(record, duration),
                 model.law,

@@ -91,8 +91,7 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
     dense = np.linspace(float(data.frequency.min()), float(data.frequency.max()), POINTS)
     peaks, law, linear = [], {}, {}
     for force in data.amplitude.values.tolist():
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", OutsideRangeWarning)
+        with warnings.catch_warnings(record=True, action="always", category=OutsideRangeWarning) as caught:
             predicted = predicted_response(response.scene, dense.tolist(), force)
         outside = [str(warning.message) for warning in caught if warning.category is OutsideRangeWarning]
         law[force], linear[force] = predicted.displacement, predicted.linear

@@ -8,6 +8,7 @@ of inertia.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
@@ -133,51 +134,32 @@ def signal_units(measured: str, *, angle: bool) -> EngineeringUnits:
 def quantities_at_rest(rest: AtRest, mass: float | None) -> tuple[QuantityWithError, ...]:
     """Equilibrium [mm or degrees], frequency [Hz], damping ratio [%], stiffness and damping; mass [kg]."""
     units = engineering_units(rest.angle, mass)
-    inertia = units.inertia
+    inertia, quantity = units.inertia, functools.partial(_quantity_with_propagated_errors, rest)
     figures = [
-        _quantity_with_propagated_errors(
-            LEVEL, "z0", units.length, rest, lambda height, *_: units.scale * height
-        ),
-        _quantity_with_propagated_errors(
-            "natural frequency", "f0", "Hz", rest, lambda _, period, __: 1.0 / period
-        ),
+        quantity(LEVEL, "z0", units.length, lambda height, *_: units.scale * height),
+        quantity("natural frequency", "f0", "Hz", lambda _, period, __: 1.0 / period),
     ]
     if rest.peaks is None and rest.equivalent is not None:
         figures += _damping_at_two_amplitudes(rest, rest.equivalent, units)
     elif rest.peaks is None:
         figures += _damping_of_small_swing(rest)
     figures.append(
-        _quantity_with_propagated_errors(
-            "stiffness", "k", units.stiffness, rest, lambda _, period, __: inertia * (math.tau / period) ** 2
-        )
+        quantity("stiffness", "k", units.stiffness, lambda _, period, __: inertia * (math.tau / period) ** 2)
     )
     if any(figure.name == DAMPING_RATIO for figure in figures):
-        figures.append(
-            _quantity_with_propagated_errors(
-                "damping",
-                "c",
-                units.damping,
-                rest,
-                lambda _, period, ratio: inertia * 2.0 * math.tau * ratio / period,
-            )
-        )
+        rate = 2.0 * math.tau * inertia
+        figures.append(quantity("damping", "c", units.damping, lambda _, period, zeta: rate * zeta / period))
     return tuple(figures)
 
 
 def _damping_of_small_swing(rest: AtRest) -> list[QuantityWithError]:
-    ratio = rest.damping_ratio
-    quantities = [
-        _quantity_with_propagated_errors(DAMPING_RATIO, "zeta", "%", rest, lambda *at: 100.0 * at[2])
-    ]
-    if 0.0 < ratio < _UNDERDAMPED:
+    quantity = functools.partial(_quantity_with_propagated_errors, rest)
+    quantities = [quantity(DAMPING_RATIO, "zeta", "%", lambda *at: 100.0 * at[2])]
+    if 0.0 < rest.damping_ratio < _UNDERDAMPED:
         quantities += [
-            _quantity_with_propagated_errors(
-                "damped frequency", "fd", "Hz", rest, lambda _, *at: damped_frequency(*at)
-            ),
-            _quantity_with_propagated_errors(
-                "logarithmic decrement", "delta", "", rest, lambda *at: _logarithmic_decrement(at[2])
-            ),
-            _quantity_with_propagated_errors("quality factor", "Q", "", rest, lambda *at: 0.5 / at[2]),
+            quantity("damped frequency", "fd", "Hz", lambda _, *at: damped_frequency(*at)),
+            quantity("logarithmic decrement", "delta", "", lambda *at: _logarithmic_decrement(at[2])),
+            quantity("quality factor", "Q", "", lambda *at: 0.5 / at[2]),
         ]
     return quantities
 
@@ -197,7 +179,7 @@ def _damping_at_two_amplitudes(
         low, high = equivalent.intervals[key]
         return QuantityWithError(name, symbol, unit, scale * value, {"fit": 0.5 * scale * (high - low)})
 
-    quantities = [_quantity_with_propagated_errors(wide, "zeta", "%", rest, lambda *at: 100.0 * at[2])]
+    quantities = [_quantity_with_propagated_errors(rest, wide, "zeta", "%", lambda *at: 100.0 * at[2])]
     quantities.append(quantity(narrow, "zeta", "%", 100.0, equivalent.tenth_ratio, "tenth_ratio"))
     quantities = [figure for figure in quantities if figure.value < 100.0 * _UNDERDAMPED]
     symbol = "F" if equivalent.own else EQUIVALENT_FRICTION
@@ -209,7 +191,7 @@ def _damping_at_two_amplitudes(
 
 
 def _quantity_with_propagated_errors(
-    name: str, symbol: str, unit: str, rest: AtRest, function: Callable[[float, float, float], float]
+    rest: AtRest, name: str, symbol: str, unit: str, function: Callable[[float, float, float], float]
 ) -> QuantityWithError:
     """Quantity that follows from height, period and damping ratio, with the errors of these."""
     names = ("height", "period", "damping_ratio")

@@ -116,8 +116,7 @@ def overview_of_record_file(path: str | Path, options: ReadOptions | None = None
     except RecordError as error:
         raise RecordError(f"{sanitize(path)}: {error}") from None
     if not has_stated_time_interval(path, options):
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", RecordWarning)
+        with warnings.catch_warnings(record=True, action="always", category=RecordWarning) as caught:
             record = find_free_motion(record, stated_release_number(path, options))
         notes = (*meaning.notes, *(str(warning.message) for warning in caught))
         meaning = dataclasses.replace(meaning, notes=notes)

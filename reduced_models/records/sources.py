@@ -191,8 +191,7 @@ def read_releases(
 
 def _note_what_is_cut(find: Callable[[], list[PistonRecord]]) -> list[PistonRecord]:
     """Motions that a function finds, with its warnings among the notes of their source."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", RecordWarning)
+    with warnings.catch_warnings(record=True, action="always", category=RecordWarning) as caught:
         motions = find()
     for warning in caught:
         warnings.warn(warning.message, stacklevel=3)

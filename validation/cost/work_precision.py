@@ -208,8 +208,7 @@ def run_setting(scene: Scene, setting: SolverSettings, until: float | None) -> T
     """Run a scene with a setting, without its warnings: its error is measured anyway; until [s]."""
     from granular.run.simulation import simulate
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         return simulate(
             scene.replace(**setting.changes),
             dt=setting.dt,
