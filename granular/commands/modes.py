@@ -62,12 +62,10 @@ def modes(options: Any) -> None:
     rubs = motions.rest.scene.effects.friction is not None or options.friction is not None
     friction = motion_friction(motions.rest, options.friction, motions.roots[0]) if rubs else None
     seconds = time.perf_counter() - began
-    plain = motions.to_plain()
-    if friction is not None:
-        plain["friction"] = friction.to_plain()
+    parts = {"friction": friction, "over_beds": over}
+    plain = motions.to_plain() | {key: part.to_plain() for key, part in parts.items() if part is not None}
     if over is not None:
         motions = dataclasses.replace(motions, slopes=over.mean, deviation=over.deviation)
-        plain["over_beds"] = over.to_plain()
     lines = [str(motions), *([] if friction is None else [str(friction)]), f"computed in {seconds:.1f} s"]
     if not at_run:
         lines[-1] += f", after {began - started:.1f} s for a run of the scene to rest"

@@ -241,12 +241,11 @@ def present_positions(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, 
     return array[is_present(array)]
 
 
-def check_grain_values(name: str, values: np.ndarray, count: int, width: int | None = None) -> np.ndarray:
-    """Check that there is one value or row for each grain, and convert them."""
+def check_grain_values(name: str, values: np.ndarray, count: int) -> np.ndarray:
+    """Check that there is one value for each grain, and convert them."""
     array = np.asarray(values, dtype=np.float64)
-    shape = (count,) if width is None else (count, width)
-    if array.shape != shape:
-        raise InputError(f"{name} has the shape {array.shape}; {shape} is wanted, one a grain")
+    if array.shape != (count,):
+        raise InputError(f"{name} has the shape {array.shape}; {(count,)} is wanted, one a grain")
     return array
 
 

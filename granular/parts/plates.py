@@ -15,16 +15,9 @@ class Bow(NamedTuple):
     supported: float
 
 
-def bow_of_plate(
-    load: float,
-    width: float,
-    height: float,
-    thickness: float,
-    modulus: float = GLASS_MODULUS,
-    ratio: float = GLASS_RATIO,
-) -> Bow:
-    """Return how far a plate bows under a load [N] on width times height [m]; modulus [Pa]."""
+def bow_of_plate(load: float, width: float, height: float, thickness: float) -> Bow:
+    """Return how far a plate of glass bows under a load [N] on width times height [m]."""
     # Timoshenko and Woinowsky-Krieger 1959, sections 1 and 2: q b^4/(384 D) and 5 q b^4/(384 D) of a strip.
-    stiffness = modulus * thickness**3 / (12.0 * (1.0 - ratio**2))
+    stiffness = GLASS_MODULUS * thickness**3 / (12.0 * (1.0 - GLASS_RATIO**2))
     clamped = load / (width * height) * width**4 / (384.0 * stiffness)
     return Bow(clamped, 5.0 * clamped)

@@ -145,7 +145,7 @@ def _curve_caption(response: FrequencyResponse, comparison: PageComparison | Non
 def _add_peak_table(page: HtmlPage, response: FrequencyResponse) -> None:
     page.add_section("The peaks")
     rows = response.peaks()
-    head = [amplitude_header_and_scale(response)[0], "at [Hz]", "peak [mm]"]
+    head = [_NAMES[response.quantity][0], "at [Hz]", "peak [mm]"]
     keys = ["alone", "ideal"] if "alone" in rows[0] else []
     head += ["alone [mm]", "ideal [mm]", "times lower"] if keys else []
     cells = [
@@ -345,12 +345,6 @@ _NAMES = {
     "acceleration": ("base [m/s²]", "On a base that is shaken by {size:g} m/s²", 1.0),
     "displacement": ("base [mm]", "On a base that moves by {size:g} mm", 1e3),
 }
-
-
-def amplitude_header_and_scale(response: FrequencyResponse) -> tuple[str, float]:
-    """Head of the tables' column of amplitudes, and the factor of its numbers [mm]."""
-    head, _, scale = _NAMES[response.quantity]
-    return head, scale
 
 
 def amplitude_phrase(response: FrequencyResponse, amplitude: float) -> str:

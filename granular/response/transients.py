@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from jaxtyping import Float
     from matplotlib.axes import Axes
 
+    from granular.effects.excitation import Excitation
+
 RUN = "run"
 """Directory of the run, within the one that is given."""
 LENGTH, DURATION = 0.02, 10.0
@@ -77,7 +79,7 @@ def run_frequency_sweep(
     RunError
         If the simulation fails, as where grains leave the cell.
     """
-    key, size, start = _host_drive_parameters(scene)
+    _, drive, key, size = _host_and_drive(scene)
     if not 0.0 < lowest < highest < math.inf:
         raise InputError(
             f"a sweep from {lowest:g} Hz to {highest:g} Hz: give two frequencies above 0, the "
@@ -94,25 +96,21 @@ def run_frequency_sweep(
     sweep = {
         "kind": "sweep",
         key: size,
-        "start": start,
+        "start": drive.start,
         "frequency": lowest,
         "to": highest,
         "duration": duration,
     }
     shaken = scene.replace(**{"effects.host.excitation": sweep})
-    run = _simulate_driven(shaken, start + duration, dt, out, progress)
+    run = _simulate_driven(shaken, drive.start + duration, dt, out, progress)
     return response_of_sweep(run, points)
 
 
 def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyResponse:
     """Response of a host, read off a run under a frequency sweep; see `swept_response` [m, rad, Hz]."""
     data = swept_response(run, points)
-    host = run.scene.effects.host
-    assert host is not None
-    assert host.excitation is not None
-    drive = host.excitation
-    key = next(name for name in AMPLITUDES if getattr(drive, name) is not None)
-    frequencies, sizes = data.frequency.values.tolist(), [float(getattr(drive, key))]
+    host, drive, key, size = _host_and_drive(run.scene)
+    frequencies, sizes = data.frequency.values.tolist(), [size]
     swing = (data.displacement * np.exp(-1j * data.phase)).values[None]
     result = {
         "displacement": ("m", "amplitude of the last body", data.displacement.values[None]),
@@ -273,8 +271,8 @@ def _require_host(scene: Scene) -> Host:
     return host
 
 
-def _host_drive_parameters(scene: Scene) -> tuple[str, float, float]:
-    """Drive of the host: its key, its amplitude and when it begins [s]."""
+def _host_and_drive(scene: Scene) -> tuple[Host, Excitation, str, float]:
+    """Host and what shakes it, with the key of its amplitude and the amplitude [N; m/s^2; m]."""
     host = _require_host(scene)
     if host.excitation is None:
         raise InputError(
@@ -285,7 +283,7 @@ def _host_drive_parameters(scene: Scene) -> tuple[str, float, float]:
     size = float(getattr(host.excitation, key))
     if size == 0.0:
         raise InputError(f"the {key} that shakes the host is 0; give one above 0")
-    return key, size, host.excitation.start
+    return host, host.excitation, key, size
 
 
 def _simulate_driven(

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -201,7 +201,7 @@ def derive(
     model = DerivedModel(
         law=law,
         parameters=values,
-        intervals={name: (value, value) for name, value in values.items()},
+        intervals=_exact(values),
         confidence=0.95,
         map=HeightMap(),
         initial=(states[-1].height, 0.0),
@@ -280,10 +280,13 @@ def _projected_start(run: Trajectory, stage: str, rest: Equilibrium, root: Root)
 
 
 def _small_motion(height: float, root: Root) -> AtRest:
-    figures = (height, 1.0 / root.frequency, root.damping_ratio)
-    names = ("height", "period", "damping_ratio")
-    exact = {name: (value, value) for name, value in zip(names, figures, strict=True)}
-    return AtRest(*figures, intervals=exact)
+    figures = {"height": height, "period": 1.0 / root.frequency, "damping_ratio": root.damping_ratio}
+    return AtRest(**figures, intervals=_exact(figures))
+
+
+def _exact(values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """Intervals of values that have no error."""
+    return {name: (value, value) for name, value in values.items()}
 
 
 def _notes(rest: Equilibrium, root: Root, instabilities: Sequence[Instability]) -> tuple[str, ...]:

@@ -26,9 +26,8 @@ HIGHEST_ORDER = 9
 LARGEST_RESIDUAL = 0.01
 """Residual of a polynomial over its largest value from which on a law is refused: it would be as wrong."""
 
-_NODES = (
-    64  # of a half cycle: the midpoint rule of a smooth periodic function converges faster than any power
-)
+# Of a half cycle: the midpoint rule of a smooth periodic function converges faster than any power.
+_NODES = 64
 _MOST_STEPS = 50
 
 
@@ -124,23 +123,18 @@ def _fit_polynomial(
 def energy_backbone(values: Mapping[str, float], amplitudes: Sequence[float]) -> Backbone:
     """Backbone [m, rad/s] of the undamped law, and damping by the energy lost along its cycles."""
     # The lowest coefficients of inertia and force by the height over rest are no parameters.
-    inertia, damping, force = (
+    laws = tuple(
         np.polynomial.Polynomial([*lowest, *(value for name, value in values.items() if name[0] == kind)])
         for kind, lowest in (("m", [1.0]), ("c", []), ("k", [0.0]))
     )
-    rows = [_cycle(inertia, damping, force, amplitude) for amplitude in amplitudes]
-    frequency, ratio = np.array(rows).T
-    none = np.zeros(len(rows))
+    frequency, ratio = np.array([_cycle(laws, amplitude) for amplitude in amplitudes]).T
+    none = np.zeros(len(frequency))
     return Backbone("energy", np.asarray(amplitudes, dtype=float), frequency, ratio, none, none)
 
 
-def _cycle(
-    inertia: np.polynomial.Polynomial,
-    damping: np.polynomial.Polynomial,
-    force: np.polynomial.Polynomial,
-    amplitude: float,
-) -> tuple[float, float]:
+def _cycle(laws: tuple[np.polynomial.Polynomial, ...], amplitude: float) -> tuple[float, float]:
     """Angular frequency [rad/s] and damping ratio of a cycle of an amplitude [m]."""
+    inertia, damping, force = laws
     if not amplitude > 0.0:
         raise InputError(f"amplitude = {amplitude:g} m; give one above 0")
     potential, centre = force.integ(), 0.0

@@ -256,9 +256,8 @@ class SceneChecks:
         self._fall = first_fall(run)
         if self._fall is not None:
             fits = [(law, self._fall, self._scene, STARTS) for law in FALL_LAWS]
-            half = (
-                len(fits) // 2
-            )  # the caller makes the others; a process takes its calls before it comes to them
+            # The caller makes the others; a process takes its calls before it comes to them.
+            half = len(fits) // 2
             self._fall_fits = [
                 self._background.submit_call(fit_law_to_fall, *args, here=k >= half)
                 for k, args in enumerate(fits)
@@ -332,9 +331,7 @@ def _fall_of_same_duration(
     """Fall with which a further run begins, for as long as that of the scene's own."""
     if isinstance(motion, CheckFailure):
         return motion
-    own = motion.get(FALL, motion[RECORD])
-    begin, duration = float(own.time[0]), float(fall.time[-1] - fall.time[0])
-    return own.between(begin, begin + duration * (1.0 + 1e-9))
+    return _cut_to_duration(motion.get(FALL, motion[RECORD]), float(fall.time[-1] - fall.time[0]))
 
 
 def add_check_errors(

@@ -212,9 +212,8 @@ class ForceModel:
         steps = _STEP * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         batch = np.column_stack([values, values[:, None] + np.diag(steps)])
         last = slice(-_NODES, None)
-        forces = self._forces_with_values(record, batch, np.zeros((len(self.law.hidden), batch.shape[1])))[
-            last
-        ]
+        still = np.zeros((len(self.law.hidden), batch.shape[1]))
+        forces = self._forces_with_values(record, batch, still)[last]
         damping, stiffness = (
             2.0 / (_NODES * size) * (wave[last] @ forces)
             for size, wave in ((amplitude * omega, np.cos(phase)), (amplitude, np.sin(phase)))

@@ -6,8 +6,9 @@ are harmonic ones; see `reduced_models.laws.linearization`.
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -161,16 +162,8 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
     if name in (*law.parameters, *law.hidden, *law.inputs):
         raise InputError(f"the law {quote(law.name)} has a {quote(name)} already; give another name")
     text = law.equation.replace("z''", f"(z'' - {name})")
-    driven = Law(
-        name=f"{law.name}, driven",
-        equation=text,
-        positive=law.positive,
-        units=law.units,
-        mapped=law.mapped,
-        source=law.source,
-        inputs=(*law.inputs, name),
-        resolution=law.resolution,
-    )
+    changes: dict[str, Any] = {"start": None, "swing_form": None, "inputs": (*law.inputs, name)}
+    driven = dataclasses.replace(law, name=f"{law.name}, driven", equation=text, **changes)
     _ = driven.parsed_equation  # which refuses a name that is none
     return driven
 
