@@ -241,6 +241,11 @@ def pick_options(options: Any, *names: str) -> dict[str, Any]:
     return {name: getattr(options, name) for name in names}
 
 
+def given_options(options: Any, *names: str) -> dict[str, Any]:
+    """Pick options as `pick_options` does, but for those that are not given."""
+    return {name: value for name, value in pick_options(options, *names).items() if value is not None}
+
+
 def require_options(options: Any, **arguments: str) -> None:
     """Refuse a command without arguments that only some forms of it need."""
     missing = [words for name, words in arguments.items() if getattr(options, name) in (None, [])]

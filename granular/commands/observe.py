@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import command, option, print_result
+from granular.commands.console import command, given_options, option, print_result
 from granular.commands.options import IMPORT, OUTPUT, RUN, quantity_reader
 from granular.shared.files import check_output_file, make_directory, write_text
 
@@ -92,8 +92,7 @@ def defects(options: Any) -> None:
     from granular.run.trajectory import load_trajectory
 
     run = load_trajectory(options.run)
-    given = {name: getattr(options, name) for name in ("stop", "reach", "memory", "least")}
-    chosen = {name: value for name, value in given.items() if value is not None}
+    chosen = given_options(options, "stop", "reach", "memory", "least")
     motion = track_defects(run, options.start, **chosen)
     tracks, events = _defect_track_table(motion), _defect_event_table(motion)
     if options.out is not None:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import (
     command,
+    given_options,
     option,
-    pick_options,
     print_result,
     refuse_options,
     require_options,
@@ -159,7 +159,7 @@ def _measure_impulse_response(options: Any) -> None:
     result = run_impulse(
         scene_from_options(options),
         options.force[0],
-        **_given(options, "fraction", "length", "duration"),
+        **given_options(options, "fraction", "length", "duration"),
         **_settings(options),
     )
     figures: dict[str, Any] = {
@@ -229,14 +229,14 @@ def _run_sines_or_sweep(
     lowest, highest, settings = options.lowest, options.highest, _settings(options)
     if options.sweep is not None:
         refuse_options(options, "a sweep, only with sines", "duration", "workers")
-        settings |= _given(options, "points")
+        settings |= given_options(options, "points")
         return run_frequency_sweep(scene, lowest, highest, options.sweep, **settings)
     return frequency_response(
         scene,
         np.geomspace(lowest, highest, points).tolist(),
         amplitudes=sizes,
         workers=options.workers,
-        **_given(options, "duration"),
+        **given_options(options, "duration"),
         **settings,
     )
 
@@ -244,11 +244,6 @@ def _run_sines_or_sweep(
 def _settings(options: Any) -> dict[str, Any]:
     """Arguments that all runs take."""
     return {"dt": parse_time_step(options.dt), "out": options.out, "progress": not options.quiet}
-
-
-def _given(options: Any, *names: str) -> dict[str, Any]:
-    """Options as keyword arguments, but for those that are not given."""
-    return {name: value for name, value in pick_options(options, *names).items() if value is not None}
 
 
 def _write_response(result: FrequencyResponse, path: Path) -> str:

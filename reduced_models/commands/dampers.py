@@ -9,6 +9,7 @@ from typing import Any
 
 from granular.commands.console import (
     command,
+    given_options,
     option,
     pick_options,
     print_result,
@@ -94,12 +95,11 @@ def calibrate(options: Any) -> None:
     if isinstance(source, Scene):
         raise InputError(f"{quote(options.record)} is a scene; give a record, a CSV or Parquet file")
     record = source if isinstance(source, PistonRecord) else source.piston()
-    chosen = {} if options.parameters is None else {"parameters": options.parameters}
     with _say_where_results_are(options.out):
         result = calibrate_scene(
             record,
             scene_from_options(options),
-            **chosen,
+            **given_options(options, "parameters"),
             dt=parse_time_step(options.dt),
             checks=not options.no_checks,
             progress=not options.quiet,

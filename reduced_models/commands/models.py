@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from granular.commands.console import command, option, pick_options, print_result, refuse_options
+from granular.commands.console import command, given_options, option, print_result, refuse_options
 from granular.commands.options import OUTPUT, quantity_reader
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
@@ -106,8 +106,7 @@ def export_model(options: Any) -> None:
     else:
         if options.port is None:
             refuse_options(options, "a model without --port", "mass", "gravity")
-        given = pick_options(options, "mass", "gravity")
-        given = {name: value for name, value in given.items() if value is not None}
+        given = given_options(options, "mass", "gravity")
         model = load_model(options.model)
         what = model.export(options.out, port=options.port, fmi=options.fmi, **given)
     print_result({"file": options.out, "what": what}, f"{what}: {options.out}", options.json)

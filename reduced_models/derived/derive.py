@@ -280,8 +280,9 @@ def _projected_start(run: Trajectory, stage: str, rest: Equilibrium, root: Root)
 
 
 def _small_motion(height: float, root: Root) -> AtRest:
-    figures = {"height": height, "period": 1.0 / root.frequency, "damping_ratio": root.damping_ratio}
-    return AtRest(**figures, intervals=_exact(figures))
+    figures = (height, 1.0 / root.frequency, root.damping_ratio)
+    names = ("height", "period", "damping_ratio")
+    return AtRest(*figures, intervals=_exact(dict(zip(names, figures, strict=True))))
 
 
 def _exact(values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
