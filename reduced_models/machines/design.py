@@ -15,11 +15,7 @@ import numpy as np
 from granular.effects.excitation import Excitation
 from granular.effects.host_structure import Host
 from granular.linear.equilibrium import equilibrium
-from granular.response.linear_system import (
-    dynamic_stiffness_of_hanging_mass,
-    linear_response,
-    tuned_mass_spring_and_dashpot,
-)
+from granular.response.linear_system import damper_mass, without_damper
 from granular.response.response import DURATION, FrequencyResponse, frequency_response
 from granular.scene.loading import load_scene
 from granular.scene.published_beds import damper
@@ -218,16 +214,11 @@ def design_for(
     _, best = min(tried, key=lambda pair: pair[0].peak)
     fine = [float(own * ratio) for ratio in np.linspace(0.6, 1.4, 81)]
     response = solve_host_response(CoupledSystem.from_host_scene(best), fine, excitation.force)
-    assert best.piston is not None
-    mass = (best.piston.mass or 0.0) + float(best.grains.masses().sum())
-    alone_host = Host(bodies=host.bodies, excitation=excitation)
-    dense = own * np.linspace(0.6, 1.4, 801)
-    alone = float(np.abs(linear_response(alone_host, dense)[:, -1]).max())
-    tuned = dynamic_stiffness_of_hanging_mass(dense, mass, *tuned_mass_spring_and_dashpot(host, mass))
-    ideal = float(np.abs(linear_response(alone_host, dense, tuned)[:, -1]).max())
+    bare, dense = Host(bodies=host.bodies, excitation=excitation), own * np.linspace(0.6, 1.4, 801)
+    alone, ideal = without_damper(best, bare, "force", excitation.force, dense).max(axis=1).tolist()
     stroke = float(response.stroke[int(response.displacement.argmax())])
     outside = _outside_range_text(stroke / best.grains.species[0].diameter)
-    proposal = DamperDesign(best, response, alone, ideal, stroke, mass, outside)
+    proposal = DamperDesign(best, response, alone, ideal, stroke, damper_mass(best), outside)
     wanted = bool(outside) if simulate is None else simulate
     if outside:
         _warn_outside_range(proposal, wanted)

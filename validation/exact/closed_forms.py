@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 
 import numpy as np
@@ -130,11 +129,3 @@ def _exact_sliding(scene: Scene, time: float) -> GrainStates:
         return GrainStates(
             np.array([[float(q) for q in positions]]), np.array([[float(e * left) for e in along]])
         )
-
-
-def sliding_stopping_time(scene: Scene) -> float:
-    """Compute the time at which Coulomb friction stops a sliding grain, v0 m/(mu_d N) [s]."""
-    assert scene.effects.friction is not None
-    law = scene.effects.friction
-    speed = math.hypot(*grain_start_state(scene)[1])
-    return speed * float(natural_units(scene.grains).mass) / (law.dynamic * law.load)
