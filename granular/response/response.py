@@ -345,34 +345,25 @@ def load_response(directory: str | Path) -> FrequencyResponse:
         raise InputError(
             f"{quote(str(directory))} holds no {FILE}; write one by granular-damper response SCENE -o DIR"
         )
+    text = read_text(path, MOST_BYTES)
     try:
-        plain = json.loads(read_text(path, MOST_BYTES))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise _damaged_file_error(path, str(error)) from None
-    return _response_from_plain(plain, path)
+        return _response_from_plain(json.loads(text))
+    except (ValueError, RecursionError, KeyError, TypeError, AttributeError) as error:
+        kind = "" if isinstance(error, InputError) else f"{type(error).__name__} "
+        raise InputError(
+            f"{sanitize(path)} cannot be read: {kind}{error}; write it anew by granular-damper response"
+        ) from None
 
 
-def _response_from_plain(plain: Any, path: Path) -> FrequencyResponse:
+def _response_from_plain(plain: Any) -> FrequencyResponse:
     import xarray
 
-    try:
-        data = xarray.Dataset.from_dict(plain["dataset"])
-        response = FrequencyResponse(Scene.from_plain(plain["scene"]), data, dict(plain["settings"]))
-        fields = [data["displacement"], data["amplitude"], data["frequency"]]
-        sound = data["displacement"].dims == ("amplitude", "frequency") and all(
-            np.issubdtype(field.dtype, np.number) and field.size for field in fields
-        )
-        sound = sound and {"units", "long_name"} <= set(data["amplitude"].attrs)
-    except InputError as error:
-        raise _damaged_file_error(path, str(error)) from None
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise _damaged_file_error(path, f"{type(error).__name__} {error}") from None
-    if not sound:
-        raise _damaged_file_error(path, "it has no amplitudes over frequencies")
+    data = xarray.Dataset.from_dict(plain["dataset"])
+    response = FrequencyResponse(Scene.from_plain(plain["scene"]), data, dict(plain["settings"]))
+    fields = [data["displacement"], data["amplitude"], data["frequency"]]
+    sound = data["displacement"].dims == ("amplitude", "frequency") and all(
+        np.issubdtype(field.dtype, np.number) and field.size for field in fields
+    )
+    if not sound or not {"units", "long_name"} <= set(data["amplitude"].attrs):
+        raise InputError("it has no amplitudes over frequencies")
     return response
-
-
-def _damaged_file_error(path: Path, why: str) -> InputError:
-    return InputError(f"{sanitize(path)} cannot be read: {why}; write it anew by granular-damper response")
