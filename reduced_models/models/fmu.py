@@ -43,6 +43,8 @@ NAME = "damper_model"
 VERSIONS = (2, 3)
 """Versions of FMI that are written."""
 _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib")}
+_KINDS = {"ModelExchange": "", "CoSimulation": ' canHandleVariableCommunicationStepSize="true"'}
+_LIBRARY_FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
 _STEPS = 10 * 512  # of the default experiment
 _SECONDS = 120.0  # for a compiler
 _INPUTS, _PARAMETERS, _RATES, _OUTPUTS, _TIME = 1000, 2000, 3000, 4000, 5000
@@ -205,18 +207,7 @@ def _compile_library(source: str, version: int) -> tuple[str, str, bytes]:
     with tempfile.TemporaryDirectory() as here:
         path, library = Path(here) / f"{NAME}.c", Path(here) / f"{NAME}{ending}"
         path.write_text(source, encoding="utf-8")
-        command = [
-            compiler,
-            "-std=c99",
-            "-O2",
-            "-fPIC",
-            "-shared",
-            "-fvisibility=hidden",
-            str(path),
-            "-o",
-            str(library),
-            "-lm",
-        ]
+        command = [compiler, *_LIBRARY_FLAGS, str(path), "-o", str(library), "-lm"]
         done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=_SECONDS)
         if done.returncode:
             raise InputError(f"{compiler} cannot compile the model: {done.stderr.strip()[:300]}")
@@ -232,10 +223,7 @@ def _model_description_2(contents: FmuContents, guid: str) -> str:
     <SourceFiles><File name="{NAME}.c"/></SourceFiles>
   </{kind}>
 """
-        for kind, more in (
-            ("ModelExchange", ""),
-            ("CoSimulation", ' canHandleVariableCommunicationStepSize="true"'),
-        )
+        for kind, more in _KINDS.items()
     )
     positions = {variable.reference: k + 1 for k, variable in enumerate(contents.variables)}
 
@@ -276,10 +264,7 @@ def _model_description_3(contents: FmuContents, guid: str) -> str:
         f"""  <{kind} modelIdentifier="{NAME}" canGetAndSetFMUState="true"
       providesDirectionalDerivatives="{directional}"{more}/>
 """
-        for kind, more in (
-            ("ModelExchange", ""),
-            ("CoSimulation", ' canHandleVariableCommunicationStepSize="true"'),
-        )
+        for kind, more in _KINDS.items()
     )
 
     def line(variable: FmuVariable) -> str:
