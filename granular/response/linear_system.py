@@ -71,8 +71,8 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Comple
 def slowest_decay_rate(host: Host) -> float:
     """Decay rate of the host's mode that rings longest; c/(2 M) of one weakly damped body [1/s]."""
     masses, springs, dashpots = matrices_of_bodies(host)
-    inertia, one = masses[:, None], np.eye(len(masses))
-    rates = np.block([[0.0 * one, one], [-springs / inertia, -dashpots / inertia]])
+    inertia, identity = masses[:, None], np.eye(len(masses))
+    rates = np.block([[0.0 * identity, identity], [-springs / inertia, -dashpots / inertia]])
     return float(-np.linalg.eigvals(rates).real.max())
 
 

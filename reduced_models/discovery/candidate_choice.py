@@ -40,7 +40,7 @@ def polish_and_choose_candidate(
     # Of those that could be fitted, the one with the fewest numbers to which no other is strongly preferred:
     # by 6 of the criterion (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
     order = sorted(candidates, key=lambda candidate_: candidate_.criterion)
-    near = [one for one in order[:count] if one.criterion <= order[0].criterion + _HOPELESS]
+    near = [item for item in order[:count] if item.criterion <= order[0].criterion + _HOPELESS]
     if integrated:  # their noise is not known, so the simplest ones of the front are fitted
         near = pareto_front(list(candidates))[: count + 1] if count else []
     elif count and seed is not None:
