@@ -4,9 +4,10 @@ While the piston moves by dz, a grain with the load N slides by |u| dz, u its di
 So friction takes F_c dz, F_c = mu_d sum N |u|. With the energy k z^2/2 + k' z^3/6 of the bed, half an
 oscillation from z_0 to z_1 has the potential G(z) = k z^2/2 + k' z^3/6 -+ F_c z, with its minimum at z_c, and
 
-    G(z_1) - G(z_c) = exp(-2 pi zeta) (G(z_0) - G(z_c)) + (2/3) F_c^2/k.
+    G(z_1) - G(z_c) = exp(-2 pi zeta/sqrt(1 - zeta^2)) (G(z_0) - G(z_c)) + (2/3) F_c^2/k.
 
-The last term is due to grains that do not slide at once after a turning point. In a column that friction
+The last term is due to grains that do not slide at once after a turning point; friction in the piston's guide
+adds to F_c elsewhere, but not to this term. In a column that friction
 holds evenly, sliding spreads from the piston: a change of force by 2 sqrt(2 F_c k s) moves the piston by s,
 up to s = 2 F_c/k; beyond, all grains slide. Of a stroke of 14 F_c/k it takes the column a quarter of the time
 to get there, and an eighth of the load stands still in the mean. Of a shorter one, more of it does.
@@ -60,6 +61,8 @@ class MotionFriction:
         zeta, without friction.
     frequency : float
         Natural frequency without friction [Hz].
+    guide_force : float
+        Friction of the piston alone, a part of ``force`` [N].
     """
 
     load: float
@@ -69,11 +72,12 @@ class MotionFriction:
     bending: float
     damping_ratio: float
     frequency: float
+    guide_force: float = 0.0
 
     @property
     def sticking_amplitude(self) -> float:
         """Amplitude below which a tenth of the load or more stands still in the mean [m]."""
-        return STICKS * self.force / self.stiffness
+        return STICKS * (self.force - self.guide_force) / self.stiffness
 
     @property
     def drag_amplitude(self) -> float:
@@ -118,8 +122,9 @@ class MotionFriction:
         """
         from scipy.optimize import brentq
 
-        points, decay = [amplitude], math.exp(-2.0 * math.pi * self.damping_ratio)
-        gained = 2.0 / 3.0 * self.force**2 / self.stiffness
+        zeta, of_grains = self.damping_ratio, self.force - self.guide_force
+        points, decay = [amplitude], math.exp(-2.0 * math.pi * zeta / math.sqrt(1.0 - zeta**2))
+        gained = 2.0 / 3.0 * of_grains**2 / self.stiffness
         while len(points) <= count:
             start = points[-1]
             side = -math.copysign(1.0, start)
@@ -134,10 +139,10 @@ class MotionFriction:
                     f"amplitude = {1e3 * start:.4g} mm is beyond the motion that three terms of the energy "
                     "describe; give a smaller one, or run the scene"
                 )
-            least = start + side * max(2.0 * self.force / self.stiffness, abs(start))
-            if self._energy(least, side) >= left:
+            nearest = start + side * max(2.0 * of_grains / self.stiffness, abs(start - centre))
+            if abs(start) <= abs(centre) or self._energy(nearest, side) >= left:
                 break
-            points.append(brentq(lambda z, side=side, left=left: self._energy(z, side) - left, least, far))
+            points.append(brentq(lambda z, side=side, left=left: self._energy(z, side) - left, nearest, far))
         return np.array(points)
 
     def _energy(self, height: float, side: float) -> float:
@@ -162,11 +167,13 @@ class MotionFriction:
     def __str__(self) -> str:
         """Figures in two lines."""
         added = 100.0 * self.equivalent_damping_ratio(1e-3)
+        drag, sticks = self.drag_amplitude, self.sticking_amplitude
+        beside = f"more than the drag below {1e3 * drag:.3g} mm" if drag > sticks else "less than the drag"
+        beside = beside if self.damping_ratio else "no drag acts beside it"
+        stuck = f"; grains stick below {1e3 * sticks:.3g} mm, a run decides there" if sticks else ""
         return (
             f"  friction       F_c   {self.force:.4g} N, of a load of {self.load:.4g} N; it adds "
-            f"{added:.3g} % x 1 mm/amplitude to zeta\n"
-            f"    more than the drag below {1e3 * self.drag_amplitude:.3g} mm; grains stick below "
-            f"{1e3 * self.sticking_amplitude:.3g} mm, a run decides there"
+            f"{added:.3g} % x 1 mm/amplitude to zeta\n    {beside}{stuck}"
         )
 
 
@@ -233,4 +240,5 @@ def motion_friction(
         bending=-float(shape @ both) / step**2,
         damping_ratio=root.damping_ratio,
         frequency=root.frequency,
+        guide_force=scene.piston.friction,
     )

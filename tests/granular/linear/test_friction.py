@@ -71,6 +71,8 @@ def test_friction_of_the_scene_and_of_the_piston_count(rest: Equilibrium) -> Non
     )
     found = motion_friction(Equilibrium(scene, rest.positions, rest.piston_height, 0.0, True, rest.pencil))
     assert found.force == pytest.approx(0.4 * found.moving_load + 0.25, rel=1e-12)
+    assert found.guide_force == 0.25
+    assert found.sticking_amplitude * found.stiffness == pytest.approx(2.8 * found.moving_load, rel=1e-12)
 
 
 @pytest.fixture
@@ -90,13 +92,28 @@ def test_amplitudes(straight: MotionFriction) -> None:
 
 def test_turning_points_of_a_straight_spring(straight: MotionFriction) -> None:
     found = np.abs(straight.turning_points(-2e-3, 3))
-    decay, f = math.exp(-2.0 * math.pi * 0.04), 1e-4
+    decay, f = math.exp(-2.0 * math.pi * 0.04 / math.sqrt(1.0 - 0.04**2)), 1e-4
     for before, after in itertools.pairwise(found):
         assert (after + f) ** 2 == pytest.approx(decay * (before - f) ** 2 + 4.0 / 3.0 * f**2, rel=1e-9)
     # At last sliding does not reach the floor: a stroke is no longer than 2 F_c/k.
     strokes = np.abs(np.diff(straight.turning_points(2e-3, 100)))
     assert len(strokes) < 20
     assert strokes[-1] >= 2e-4
+
+
+def test_friction_of_the_guide_alone_takes_four_slips_a_cycle() -> None:
+    guide = MotionFriction(0.0, 0.0, 0.36, 3600.0, 0.0, 0.0, 3.5, guide_force=0.36)
+    np.testing.assert_allclose(
+        guide.turning_points(9.5e-4, 9), [9.5e-4, -7.5e-4, 5.5e-4, -3.5e-4, 1.5e-4, 5e-5]
+    )
+    assert "stick" not in str(guide)
+    assert "no drag acts beside it" in str(guide)
+
+
+def test_strong_drag_alone_has_the_decrement_of_its_damping_ratio() -> None:
+    drag = MotionFriction(0.0, 0.0, 0.0, 3600.0, 0.0, 0.4, 3.5)
+    found = drag.turning_points(1e-3, 1)[1]
+    assert found == pytest.approx(-1e-3 * math.exp(-math.pi * 0.4 / math.sqrt(1.0 - 0.4**2)), rel=1e-9)
 
 
 def test_turning_points_of_a_bent_spring_keep_its_energy() -> None:
