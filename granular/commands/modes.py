@@ -41,7 +41,7 @@ def modes(options: Any) -> None:
     """Print small motions of a scene's or run's bed, and write a page of them."""
     from granular.linear.bed_forces import check_free_piston
     from granular.linear.equilibrium import equilibrium_from, settled_state
-    from granular.linear.friction import motion_friction
+    from granular.linear.friction import motion_friction, names_friction
     from granular.linear.page import modes_page
     from granular.linear.small_motions import small_motions
     from granular.run.trajectory import Trajectory, load_trajectory
@@ -59,7 +59,7 @@ def modes(options: Any) -> None:
     state = settled_beds(scene, 1, progress=False)[0] if reuse else settled_state(bed)
     began = time.perf_counter()
     motions = small_motions(equilibrium_from(*state))
-    rubs = motions.rest.scene.effects.friction is not None or options.friction is not None
+    rubs = names_friction(scene) or options.friction is not None
     friction = motion_friction(motions.rest, options.friction, motions.roots[0]) if rubs else None
     seconds = time.perf_counter() - began
     parts = {"friction": friction, "over_beds": over}

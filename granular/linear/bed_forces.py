@@ -24,7 +24,7 @@ from granular.run.engines import NO_TICKS, UNWATCHED
 from granular.run.plan import plan
 from granular.run.run_state import RunState
 from granular.scene.scene import Scene
-from granular.schema.sections import find_field
+from granular.schema.sections import find_value
 from granular.shared.errors import InputError, RunError
 from granular.shared.message_text import quote
 
@@ -281,7 +281,7 @@ def _misplaced_grain_error() -> InputError:
 
 def scaled_parameter(scene: Scene, key: str, factor: float) -> Scene:
     """Multiply the number at a dotted key of a scene, also one that follows from parts."""
-    value, _ = find_field(scene, key) or (None, None)
+    value = find_value(scene, key)
     if not isinstance(value, float):
         raise InputError(f"{quote(key)} is no number of the scene {quote(scene.name)}; give another key")
     return with_number(scene, key, value * factor)
@@ -290,8 +290,8 @@ def scaled_parameter(scene: Scene, key: str, factor: float) -> Scene:
 def with_number(scene: Scene, key: str, value: float) -> Scene:
     """Change the number at a dotted key; magnets of a row that touch still do if their diameter changes."""
     changes = {key: value}
-    before, walls = find_field(scene, key), scene.effects.walls
-    if before is not None and key.endswith(".diameter") and walls is not None:
+    before, walls = find_value(scene, key), scene.effects.walls
+    if key.endswith(".diameter") and walls is not None:
         named = [wall for wall in walls.present_walls if wall[0] not in walls.unnamed]
-        changes |= {f"effects.walls.{side}.pitch": value for side, wall in named if wall.pitch == before[0]}
+        changes |= {f"effects.walls.{side}.pitch": value for side, wall in named if wall.pitch == before}
     return scene.replace(**changes)

@@ -24,6 +24,8 @@ import numpy as np
 from granular.linear.equilibrium import Equilibrium
 from granular.linear.roots import piston_roots, require_free_piston, static_shape
 from granular.run.evaluation import evaluate
+from granular.scene.scene import Scene
+from granular.schema.sections import find_value
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -177,6 +179,11 @@ class MotionFriction:
         )
 
 
+def names_friction(scene: Scene) -> bool:
+    """Return whether a scene names friction of its grains on the plates, or of its piston."""
+    return scene.effects.friction is not None or bool(find_value(scene, "piston.friction"))
+
+
 def motion_friction(
     rest: Equilibrium, static: float | None = None, root: Root | None = None
 ) -> MotionFriction:
@@ -220,7 +227,7 @@ def motion_friction(
         scene = scene.replace(**{f"effects.friction.{name}": value for name, value in effect.items()})
     assert scene.piston is not None
     friction = scene.effects.friction
-    if friction is None and not scene.piston.friction:
+    if not names_friction(scene):
         raise InputError(
             f"the scene {scene.name!r} names no friction; give a coefficient, or effects.friction"
         )

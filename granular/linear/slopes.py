@@ -20,6 +20,7 @@ from granular.linear.equilibrium import Equilibrium, held_shifts
 from granular.linear.pencil import of_parts
 from granular.linear.roots import Root, piston_roots, require_free_piston, slope_times
 from granular.scene.scene import Scene
+from granular.schema.sections import find_value
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,8 +34,10 @@ IN_CONTACT = 0.1
 """Relative change of a diameter in contact over the displacement in a difference of forces."""
 
 _PARTS = ("grains", "cell", "piston", "effects")
-_STARTS = ("piston.height", "grains.seed", "grains.count")
-"""Numbers of the start, and counts."""
+_WITHOUT_SLOPES = ("piston.height", "grains.seed", "grains.count", "grains.temperature")
+"""Numbers of the start, counts, and degrees Celsius, whose zero is a convention."""
+_NAMED = {"grains.grade": "grains.remanence", "effects.drag.liquid": "effects.drag.viscosity"}
+"""Keys that name a material, and the number that follows."""
 
 
 class Slopes(NamedTuple):
@@ -130,7 +133,9 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
 def number_keys(scene: Scene) -> list[str]:
     """Dotted keys of all numbers that may enter forces, masses or resistance, but for zeros."""
     plain = scene.to_plain()
-    return [key for part in _PARTS for key in _number_keys(plain.get(part), part) if key not in _STARTS]
+    keys = [key for part in _PARTS for key in _number_keys(plain.get(part), part)]
+    keys += [number for name, number in _NAMED.items() if find_value(scene, name) and number not in keys]
+    return [key for key in keys if key not in _WITHOUT_SLOPES]
 
 
 def _number_keys(plain: Any, path: str) -> list[str]:

@@ -244,6 +244,11 @@ def find_field(section: Any, key: str) -> tuple[Any, FieldKind] | None:
     return None if field is None else (getattr(section, name), field.metadata["kind"])
 
 
+def find_value(section: Any, key: str) -> Any:
+    """Find the value that a dotted key leads to; None if it leads nowhere."""
+    return (find_field(section, key) or (None,))[0]
+
+
 def _find_inner_section(section: Any, part: str) -> Any:
     if isinstance(section, tuple):
         indexed = {str(index): item for index, item in enumerate(section)}

@@ -183,9 +183,9 @@ def tolerances_of_run(run: Trajectory, parts: Sequence[Part], progress: bool) ->
 
 def friction_of(run: Trajectory) -> MotionFriction | None:
     """Dry friction along the piston's motion, by the bed at its first rest; None if nothing tells it."""
-    from granular.linear import motion_friction
+    from granular.linear.friction import motion_friction, names_friction
 
-    if run.scene.effects.friction is None or not is_rest(run.scene, 0):
+    if not names_friction(run.scene) or not is_rest(run.scene, 0):
         return None
     try:
         return motion_friction(rest_of(run))

@@ -10,6 +10,7 @@ import pytest
 from granular.linear import piston_roots, slopes
 from granular.linear.bed_forces import scaled_parameter
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
+from granular.linear.slopes import number_keys
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import at_rest, small_damper
 
@@ -82,3 +83,21 @@ def test_a_key_that_is_no_number_is_refused() -> None:
     rest = at_rest(small_damper())
     with pytest.raises(InputError, match=r"'cell\.length' is no number"):
         slopes(rest, ["grains.remanence"]).of("cell.length")
+
+
+def test_numbers_of_named_materials_have_slopes_and_temperatures_none() -> None:
+    scene = small_damper(
+        **{
+            "grains.remanence": None,
+            "grains.grade": "N45",
+            "grains.temperature": 25.0,
+            "effects.drag": {"liquid": "silicone oil 350 cSt"},
+        }
+    )
+    found = number_keys(scene)
+    assert {"grains.remanence", "effects.drag.viscosity"} <= set(found)
+    assert "grains.temperature" not in found
+    at_bed = slopes(at_rest(scene))
+    # Forces and liquid go with the square of the remanence and with the viscosity.
+    assert at_bed.of("grains.remanence")[0] == pytest.approx(0.7, abs=0.1)
+    assert at_bed.of("effects.drag.viscosity")[2] == pytest.approx(1.0, abs=0.05)
