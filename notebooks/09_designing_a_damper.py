@@ -16,7 +16,7 @@
 # # 9. Designing a damper
 #
 # A machine wants a damper of a certain frequency and damping. Which piston, how many grains, what
-# liquid? Scaling laws propose one; slopes of its settled bed lead to the wanted one, and a fall confirms it.
+# liquid? Scaling laws propose one; its own fall corrects them, and the fall of the next one confirms it.
 
 # %%
 # %matplotlib inline
@@ -32,9 +32,8 @@ QUICK = True  # False: 368 grains for the first design, the published number
 # %% [markdown]
 # ## A design
 #
-# A frequency and a damping ratio are wished for. The proposal falls; mass and drag are stepped along the
-# exact slopes of its settled bed, and a fall of the stepped damper confirms it, to 1 % in frequency and
-# 3 % in damping.
+# A frequency and a damping ratio are wished for. Scaling laws propose a damper, which falls; its figures
+# correct the laws, and the next proposal falls, until one is within 1 % in frequency and 3 % in damping.
 
 # %%
 wanted_frequency, wanted_damping = (3.9, 0.12) if QUICK else (3.3, 0.12)

@@ -20,7 +20,7 @@ DIAMETER = 0.006
 """Diameter of a large grain [m], as in the packaged damper."""
 ASPECT = 0.6
 """Diameter of small grains over that of large ones."""
-REST_TOLERANCE = "1e-3 D"
+REST_TOLERANCE = "1e-2 D"
 """The piston is at rest when it stays within this height: 1/200 of the lift."""
 SWING = "3 s"
 """Length of the recorded motion: at least seven swings."""

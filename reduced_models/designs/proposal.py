@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from granular.scene.published_beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
 from reduced_models.designs.damper import COUNTS, DAMPINGS, LOADS, POWERS, DamperCandidate, scaled_logarithms
-from reduced_models.designs.steps import meet_damping, step_damper
 from reduced_models.designs.target import DesignTarget
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 MARGIN = 1.01
 """Factor by which a frequency may lie beyond the limits: the scaling laws are off by 1.4 % rms."""
@@ -50,14 +55,47 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
             f"frequency = {target.frequency:g} Hz; dampers{fixed} with a damping ratio of {target.damping:g} "
             f"reach {low:.3g} to {high:.3g} Hz: give one from there{more}, or another small_share"
         )
-    start = _limiting_dampers(target)[0]
-    return step_damper(target, start, scaled_logarithms(start)).damper
+    return damper_by_laws(target)
+
+
+def damper_by_laws(target: DesignTarget, errors: Float[np.ndarray, "3"] | None = None) -> DamperCandidate:
+    """Damper with the wanted figures by scaling laws whose logarithms have these errors, within the limits.
+
+    The mass changes on 368 grains, and then, at its limit, the number of grains.
+    """
+    damper = _limiting_dampers(target)[0]
+    wanted = np.log([target.frequency, target.damping])
+    if errors is not None:
+        wanted -= errors[1:]
+    free = [name for name in ("mass", "grains") if getattr(target, name) is None]
+    for name in free:
+        by_grains = POWERS[1] if target.mass is None else POWERS[1] - 0.5 * POWERS[0]
+        by_numbers = np.array([POWERS[0] if name == "mass" else by_grains, POWERS[2]])[:, 1:]
+        factor = math.exp(np.linalg.solve(by_numbers.T, wanted - scaled_logarithms(damper)[1:])[0])
+        load = damper.mass / damper.cell_width_ratio
+        if name == "mass":
+            low, high = LOADS if len(free) > 1 else (0.0, math.inf)
+            number = load = min(max(load * factor, low), high)
+        else:
+            low, high = COUNTS
+            number = min(max(damper.grains * factor, low), high)
+            damper = damper._replace(grains=round(number))
+        damper = damper._replace(mass=target.mass or load * damper.cell_width_ratio)
+        if low < number < high:
+            break
+    return _meet_damping(damper, wanted[1])
+
+
+def _meet_damping(damper: DamperCandidate, wanted: float) -> DamperCandidate:
+    """Change the drag to that with the wanted logarithm of the damping ratio by the scaling laws."""
+    change = (wanted - scaled_logarithms(damper)[2]) / POWERS[2, 2]
+    return damper._replace(drag=damper.drag * math.exp(change))
 
 
 def reachable_frequencies(target: DesignTarget) -> tuple[float, float]:
     """Lowest and highest frequency [Hz] of dampers with the damping ratio and the numbers of a target."""
     low, high = (
-        math.exp(meet_damping(target, damper, scaled_logarithms(damper), POWERS[2])[1][1])
+        math.exp(scaled_logarithms(_meet_damping(damper, math.log(target.damping)))[1])
         for damper in _limiting_dampers(target)
     )
     return low / MARGIN, high * MARGIN

@@ -6,7 +6,7 @@ Tolerances are those of the settled bed.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,7 +40,7 @@ _BLANK = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
 def workshop_sheet(
     scene: Scene,
     rest: float,
-    bed: Equilibrium | None,
+    find_bed: Callable[[], Equilibrium],
     *,
     amplitude: float,
     title: str,
@@ -48,17 +48,20 @@ def workshop_sheet(
     scatter: Sequence[str],
     notes: Sequence[str] = (),
 ) -> HtmlPage:
-    """Page to build a damper from, for a screen or for paper; rest, amplitude of use [m]."""
+    """Page to build a damper from, for a screen or for paper; rest, amplitude of use [m].
+
+    A bed that has no equilibrium nearby is a note on the page.
+    """
     costs: Tolerances | None = None
     gaps: list[tuple[str, ...]] = []
     limits = ["The bed has no oscillation about an equilibrium, so its limits are not known."]
-    if bed is not None:
-        try:
-            root = piston_roots(bed)[0]
-            gaps, limits = gap_rows(bed, root, amplitude), limit_lines(bed, root, amplitude)
-            costs = usual_tolerances(bed, amplitude)
-        except InputError as error:
-            notes = [*notes, f"{error}"]
+    try:
+        bed = find_bed()
+        root = piston_roots(bed)[0]
+        gaps, limits = gap_rows(bed, root, amplitude), limit_lines(bed, root, amplitude)
+        costs = usual_tolerances(bed, amplitude)
+    except InputError as error:
+        notes = [*notes, f"{error}"]
     page = HtmlPage(title, lead)
     for note in notes:
         page.add_warning(note)

@@ -14,7 +14,7 @@ import numpy as np
 
 from granular.effects.excitation import Excitation
 from granular.effects.host_structure import Host
-from granular.linear.equilibrium import equilibrium
+from granular.linear.equilibrium import equilibrium_from, settled_state
 from granular.response.linear_system import damper_mass, without_damper
 from granular.response.response import DURATION, FrequencyResponse, frequency_response
 from granular.scene.loading import load_scene
@@ -125,12 +125,12 @@ class DamperDesign:
                 f"Simulated from one start: {1e3 * self.simulated.peak:.3g} mm at the peak; by the "
                 f"law {1e3 * self.peak:.3g} mm ({100.0 * off:+.0f} %)."
             ]
-        bed = equilibrium(self.scene.replace(**_HELD_STILL))
-        assert bed.piston_height is not None
+        state = settled_state(self.scene.replace(**_HELD_STILL))
+        assert state[2] is not None
         return workshop_sheet(
             self.scene,
-            bed.piston_height,
-            bed,
+            state[2],
+            lambda: equilibrium_from(*state),
             amplitude=self.stroke,
             title=f"Workshop sheet: damper of {self.mass:.3g} kg",
             lead=f"{self.verdict}.",

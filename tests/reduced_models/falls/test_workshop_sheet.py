@@ -39,7 +39,7 @@ def bed(**changes: Any) -> Equilibrium:
 def sheet_text(rest: Equilibrium) -> str:
     assert rest.piston_height is not None
     words: dict[str, Any] = {"title": "sheet", "lead": "", "scatter": ["so far"]}
-    page = workshop_sheet(rest.scene, rest.piston_height, rest, amplitude=AMPLITUDE, **words)
+    page = workshop_sheet(rest.scene, rest.piston_height, lambda: rest, amplitude=AMPLITUDE, **words)
     return page.to_html()
 
 
@@ -268,6 +268,16 @@ def test_a_design_for_a_machine_has_a_sheet() -> None:
     text = DamperDesign(scene, law, 24e-3, 1e-3, 9e-3, 7.7, "").workshop_sheet_page().to_html()
     assert "how far starts differ is not known" in text
     assert "grains.remanence" in text
+
+
+def test_a_bed_without_an_equilibrium_has_a_sheet_that_says_so() -> None:
+    def refuse() -> Equilibrium:
+        raise InputError("no equilibrium is near")
+
+    words: dict[str, Any] = {"title": "sheet", "lead": "", "scatter": ["so far"]}
+    text = workshop_sheet(settled_bed().scene, 0.06, refuse, amplitude=AMPLITUDE, **words).to_html()
+    assert "no equilibrium is near" in text
+    assert "Tolerances of the parts" not in text
 
 
 def test_a_piston_that_does_not_oscillate_has_no_tolerances() -> None:
