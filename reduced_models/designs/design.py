@@ -1,8 +1,8 @@
 """`design`: a damper for a wanted frequency and damping, checked by simulation.
 
 Scaling laws propose a first damper, whose bed falls. If its figures are off, the laws propose the next damper
-with these errors taken off. Each fall packs the grains otherwise, so their mean over all falls is taken: the
-scatter averages out.
+with these errors taken off. Each fall packs the grains otherwise, so their median over all falls is
+taken.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def design(
         Damping ratio, a fraction of critical damping, above 0.
     grains : int, optional
         Number of grains, from 92 to 368. If neither it nor ``mass`` is given: 368, the published
-        number, if that does, and else fewer, the nearest that do.
+        number, if a piston of up to 8 kg does on them, and else fewer.
     mass : float, optional
         Mass of the piston [kg], where the load is given; the number of grains is free then.
     small_share : float
@@ -175,7 +175,7 @@ def _search_damper(
         result = Design(target, tuple(rounds))
         if _is_met(target, rounds[-1]) and rounds[-1].mean_miss(target) <= 1.0:
             break
-        errors = _mean_errors(rounds)
+        errors = _median_errors(rounds)
         candidate = damper_by_laws(target, errors)
     met = [made for made in rounds if _is_met(target, made)]
     if not met:
@@ -184,13 +184,13 @@ def _search_damper(
     return Design(target, (*(made for made in rounds if made is not best), best))
 
 
-def _mean_errors(rounds: Sequence[DesignRound]) -> Float[np.ndarray, "3"]:
-    """Mean errors of the scaling laws' logarithms at the proposals."""
+def _median_errors(rounds: Sequence[DesignRound]) -> Float[np.ndarray, "3"]:
+    """Median errors of the scaling laws' logarithms at the proposals: some beds are about to rearrange."""
     names = ("rest_height", "frequency", "damping_ratio")
     errors = [
         np.log([made.mean_figure(name) for name in names]) - scaled_logarithms(made.damper) for made in rounds
     ]
-    return np.asarray(np.mean(errors, axis=0))
+    return np.asarray(np.median(errors, axis=0))
 
 
 def _is_met(target: DesignTarget, made: DesignRound) -> bool:

@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 MARGIN = 1.01
 """Factor by which a frequency may lie beyond the limits: the scaling laws are off by 1.4 % rms."""
 
+HEAVY = 8.0
+"""Load [kg] from which on fewer grains are taken: heavier pistons press grains of 6 mm to 1.03 of their
+contact, and one bed differs from the next."""
+LIGHTEST = 1.6
+"""Smallest load [kg] once errors of the scaling laws are known: 4 % less frequency than with the limit."""
+
 
 def propose_design(target: DesignTarget) -> DamperCandidate:
     """Propose a damper that has the wanted figures by scaling laws; nothing is simulated.
@@ -26,7 +32,7 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
     ----------
     target : DesignTarget
         Wanted frequency [Hz] and damping ratio. With neither grains nor mass fixed, 368 grains are taken if
-        a piston of 2 to 10 kg does on them, and else the nearest number.
+        a piston of 2 to 8 kg does on them, else fewer, and on 92 grains heavier pistons.
 
     Returns
     -------
@@ -59,25 +65,28 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
 
 
 def damper_by_laws(target: DesignTarget, errors: Float[np.ndarray, "3"] | None = None) -> DamperCandidate:
-    """Damper with the wanted figures by scaling laws whose logarithms have these errors, within the limits.
+    """Damper with the wanted figures by scaling laws whose logarithms have these errors.
 
-    The mass changes on 368 grains, and then, at its limit, the number of grains.
+    The mass changes on 368 grains, at 8 kg the number of grains, and on the fewest the mass again.
     """
     damper = _limiting_dampers(target)[0]
     wanted = np.log([target.frequency, target.damping])
     if errors is not None:
         wanted -= errors[1:]
-    free = [name for name in ("mass", "grains") if getattr(target, name) is None]
-    for name in free:
+    lightest = LOADS[0] if errors is None else LIGHTEST
+    numbers = [("mass", lightest, HEAVY), ("grains", *COUNTS), ("mass", lightest, LOADS[1])]
+    if target.mass is not None:
+        numbers = [("grains", *COUNTS)]
+    elif target.grains is not None:
+        numbers = [("mass", 0.0, math.inf)]
+    for name, low, high in numbers:
         by_grains = POWERS[1] if target.mass is None else POWERS[1] - 0.5 * POWERS[0]
         by_numbers = np.array([POWERS[0] if name == "mass" else by_grains, POWERS[2]])[:, 1:]
         factor = math.exp(np.linalg.solve(by_numbers.T, wanted - scaled_logarithms(damper)[1:])[0])
         load = damper.mass / damper.cell_width_ratio
         if name == "mass":
-            low, high = LOADS if len(free) > 1 else (0.0, math.inf)
             number = load = min(max(load * factor, low), high)
         else:
-            low, high = COUNTS
             number = min(max(damper.grains * factor, low), high)
             damper = damper._replace(grains=round(number))
         damper = damper._replace(mass=target.mass or load * damper.cell_width_ratio)
