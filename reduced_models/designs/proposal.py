@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 MARGIN = 1.01
 """Factor by which a frequency may lie beyond the limits: the scaling laws are off by 1.4 % rms."""
+SMALLEST = 0.97
+"""Frequencies of 92 grains of one size under 8 to 10 kg over those by the laws: 0.95 to 0.99 in 8 falls."""
 
 HEAVY = 8.0
 """Load [kg] from which on fewer grains are taken: heavier pistons press grains of 6 mm to 1.03 of their
 contact, and one bed differs from the next."""
-LIGHTEST = 1.6
-"""Smallest load [kg] once errors of the scaling laws are known: 4 % less frequency than with the limit."""
 
 
 def propose_design(target: DesignTarget) -> DamperCandidate:
@@ -64,17 +64,25 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
     return damper_by_laws(target)
 
 
-def damper_by_laws(target: DesignTarget, errors: Float[np.ndarray, "3"] | None = None) -> DamperCandidate:
+def damper_by_laws(
+    target: DesignTarget, errors: Float[np.ndarray, "3"] | None = None, grains: int | None = None
+) -> DamperCandidate:
     """Damper with the wanted figures by scaling laws whose logarithms have these errors.
 
-    The mass changes on 368 grains, at 8 kg the number of grains, and on the fewest the mass again.
+    The mass changes first on that number of grains, as far as any piston goes; without one, on 368 grains and
+    up to 8 kg. Then the number of grains changes, and at its limit the mass again.
     """
     damper = _limiting_dampers(target)[0]
     wanted = np.log([target.frequency, target.damping])
     if errors is not None:
         wanted -= errors[1:]
-    lightest = LOADS[0] if errors is None else LIGHTEST
-    numbers = [("mass", lightest, HEAVY), ("grains", *COUNTS), ("mass", lightest, LOADS[1])]
+    if grains is not None:
+        damper = damper._replace(grains=grains)
+    numbers = [
+        ("mass", LOADS[0], HEAVY if grains is None else LOADS[1]),
+        ("grains", *COUNTS),
+        ("mass", *LOADS),
+    ]
     if target.mass is not None:
         numbers = [("grains", *COUNTS)]
     elif target.grains is not None:
@@ -107,7 +115,7 @@ def reachable_frequencies(target: DesignTarget) -> tuple[float, float]:
         math.exp(scaled_logarithms(_meet_damping(damper, math.log(target.damping)))[1])
         for damper in _limiting_dampers(target)
     )
-    return low / MARGIN, high * MARGIN
+    return low / MARGIN, high * (MARGIN if target.small_share else SMALLEST)
 
 
 def _limiting_dampers(target: DesignTarget) -> tuple[DamperCandidate, DamperCandidate]:
