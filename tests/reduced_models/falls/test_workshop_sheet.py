@@ -15,6 +15,7 @@ from scipy.spatial.distance import pdist
 from granular import Scene, equilibrium, load_scene
 from granular.linear import motion_friction, piston_roots
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
+from granular.shared.errors import InputError
 from reduced_models import DamperCandidate, design
 from reduced_models.falls.workshop_sheet import usual_tolerances, workshop_sheet
 from reduced_models.machines.design import DamperDesign
