@@ -149,8 +149,7 @@ class ConvergenceResult(PlainData):
             axes.loglog(
                 self.steps[chosen], shown[chosen], linewidth=3.0, alpha=0.35, color=axes.lines[-1].get_color()
             )
-        axes.set_xlabel("time step [s]")
-        axes.set_ylabel("error [m]")
+        axes.set(xlabel="time step [s]", ylabel="error [m]")
         for line in (axes.xaxis, axes.yaxis):
             line.set_minor_formatter("")  # labels between powers of ten would overlap
         return axes
@@ -244,44 +243,32 @@ def slope_table(results: Sequence[ConvergenceResult]) -> TextTable:
     return text_table(("method", "order", *problems), rows)
 
 
-def _slope_text(convergence_result: ConvergenceResult) -> str:
-    wrong = "" if convergence_holds(convergence_result) else " (!)"
-    if convergence_result.fit is None:
-        return f"{'exact' if convergence_result.is_exact else 'too few steps'}{wrong}"
-    return f"{convergence_result.fit.value:.3f}{wrong}"
+def _slope_text(result: ConvergenceResult) -> str:
+    wrong = "" if convergence_holds(result) else " (!)"
+    if result.fit is None:
+        return f"{'exact' if result.is_exact else 'too few steps'}{wrong}"
+    return f"{result.fit.value:.3f}{wrong}"
 
 
-def convergence_holds(convergence_result: ConvergenceResult) -> bool:
+def convergence_holds(result: ConvergenceResult) -> bool:
     """Tell if a slope is as declared over a decade, or the method is exact on the problem."""
-    if not convergence_result.smooth:
-        return (
-            convergence_result.fit is not None
-            and abs(convergence_result.fit.value - min(convergence_result.order, 2)) <= 0.1
-        )
-    if convergence_result.method in ORDERS:
+    if not result.smooth:
+        return result.fit is not None and abs(result.fit.value - min(result.order, 2)) <= 0.1
+    if result.method in ORDERS:
         # Their order is not the toolkit's to prove; they must reach the exact solution.
-        return min(convergence_result.errors) <= OUTSIDE_REACH
-    if convergence_result.fit is None and convergence_result.order > HIGH_ORDER:
+        return min(result.errors) <= OUTSIDE_REACH
+    if result.fit is None and result.order > HIGH_ORDER:
         return True  # errors of order eight are rounding before they have fallen for half a decade
     clear = (
-        convergence_result.is_exact
-        or convergence_result.decades_of_fit >= (ROOT_SPAN if convergence_result.problem == NAME else FULL)
-        or convergence_result.order > HIGH_ORDER
+        result.is_exact
+        or result.decades_of_fit >= (ROOT_SPAN if result.problem == NAME else FULL)
+        or result.order > HIGH_ORDER
     )
-    if (
-        convergence_result.order in (3, 5, 7, 9)
-        and convergence_result.fit is not None
-        and convergence_result.fit.value > convergence_result.order
-    ):
+    tolerance = next(allowed for highest, allowed in TOLERANCES.items() if result.order <= highest)
+    if result.order in (3, 5, 7, 9) and result.fit is not None and result.fit.value > result.order:
         # On a motion that is symmetric in time the leading error of an odd order may cancel.
-        return clear and convergence_result.fit.value < convergence_result.order + 1 + _slope_tolerance(
-            convergence_result.order
-        )
-    return clear and convergence_result.shows_declared_order(_slope_tolerance(convergence_result.order))
-
-
-def _slope_tolerance(order: int) -> float:
-    return next(workspace for highest, workspace in TOLERANCES.items() if order <= highest)
+        return clear and result.fit.value < result.order + 1 + tolerance
+    return clear and result.shows_declared_order(tolerance)
 
 
 def convergence_verdict(results: Sequence[ConvergenceResult]) -> tuple[str, bool]:

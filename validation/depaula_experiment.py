@@ -200,8 +200,7 @@ class DepaulaStepTest(PlainData):
                     color=COLOURS[k],
                     label=f"{form}, relative to the finest",
                 )
-        axes.set_xlabel("time step [s]")
-        axes.set_ylabel("error after 2 s [m]")
+        axes.set(xlabel="time step [s]", ylabel="error after 2 s [m]")
         return axes
 
     def plot_path(self, ax: Axes | None = None) -> Axes:
@@ -222,8 +221,7 @@ class DepaulaStepTest(PlainData):
             zorder=0,
             label="free fall",
         )
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel("height [mm]")
+        axes.set(xlabel="time [s]", ylabel="height [mm]")
         return axes
 
     def plot_peaks(self, ax: Axes | None = None) -> Axes:
@@ -245,8 +243,7 @@ class DepaulaStepTest(PlainData):
             ha="right",
             fontsize=8,
         )
-        axes.set_xlabel("bounce")
-        axes.set_ylabel("peak off the start [m]")
+        axes.set(xlabel="bounce", ylabel="peak off the start [m]")
         axes.set_xticks(range(1, 1 + len(self.runs_of_form(PLAIN)[-1].peaks)))
         return axes
 

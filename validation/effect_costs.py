@@ -5,6 +5,7 @@ An effect is added to nothing, and taken away from the whole.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -83,17 +84,9 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
     value = {name: 1e6 * values / steps[name] for name, values in seconds.items()}
     rows = []
     for name in names:
-        first = _median_difference(value.get(f"{name} alone"), value[NOTHING])
-        last = _median_difference(value[FULL], value.get(f"without {name}"))
-        rows.append(
-            {
-                "effect": name,
-                "first": first[0],
-                "first_doubt": first[1],
-                "last": last[0],
-                "last_doubt": last[1],
-            }
-        )
+        first = _median_difference("first", value.get(f"{name} alone"), value[NOTHING])
+        last = _median_difference("last", value[FULL], value.get(f"without {name}"))
+        rows.append({"effect": name, **first, **last})
     return {
         "scene": scene.name,
         "grains": scene.grains.count,
@@ -107,29 +100,16 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
 def _scenes_to_time(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
     """Scenes to time; those that cannot be run are left out."""
     none = {f"effects.{name}": None for name in names}
-    wanted: dict[str, Callable[[], Scene]] = {
-        NOTHING: lambda: scene.replace(**none),
-        FULL: lambda: scene,
-        **{
-            f"{name} alone": partial(
-                _replace_effect, scene, {key: None for key in none if key != f"effects.{name}"}
-            )
-            for name in names
-        },
-        **{f"without {name}": partial(_replace_effect, scene, {f"effects.{name}": None}) for name in names},
-        **{name: partial(_replace_effect, scene, {"pairs.method": name}) for name in SUMS},
-    }
+    wanted: dict[str, dict[str, Any]] = {NOTHING: none, FULL: {}}
+    for name in names:
+        wanted[f"{name} alone"] = {key: None for key in none if key != f"effects.{name}"}
+    wanted |= {f"without {name}": {f"effects.{name}": None} for name in names}
+    wanted |= {name: {"pairs.method": name} for name in SUMS}
     result = {}
-    for name, made in wanted.items():
-        try:
-            result[name] = made()
-        except GranularError:
-            continue  # such as the mesh without four walls
+    for name, changes in wanted.items():
+        with contextlib.suppress(GranularError):  # such as of the mesh without four walls
+            result[name] = scene.replace(**changes)
     return result
-
-
-def _replace_effect(scene: Scene, changes: Mapping[str, Any]) -> Scene:
-    return scene.replace(**changes)
 
 
 def _compile_engine(scene: Scene) -> None:
@@ -163,13 +143,14 @@ def _time_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[st
     return result
 
 
-def _median_difference(more: np.ndarray | None, less: np.ndarray | None) -> tuple[float, float]:
+def _median_difference(name: str, more: np.ndarray | None, less: np.ndarray | None) -> dict[str, float]:
     """Median of the differences of pairs, and half its 95 % interval; NaN without a pair."""
     if more is None or less is None:
-        return math.nan, math.nan
+        return {name: math.nan, f"{name}_doubt": math.nan}
     off = more - less
     quarters = np.percentile(off, [25.0, 75.0])
-    return float(np.median(off)), float(1.57 * (quarters[1] - quarters[0]) / math.sqrt(len(off)))
+    doubt = 1.57 * (quarters[1] - quarters[0]) / math.sqrt(len(off))
+    return {name: float(np.median(off)), f"{name}_doubt": float(doubt)}
 
 
 def first_and_last_costs_agree(row: Mapping[str, Any]) -> bool:

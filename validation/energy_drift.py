@@ -192,10 +192,6 @@ def _method_kind(name: str) -> str:
     return "reversible" if method.variable else "control"
 
 
-def _step_text(dt: float | str) -> str:
-    return dt if isinstance(dt, str) else f"{dt:.3g}"
-
-
 def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
     """Return a table with a row a study."""
     rows = [
@@ -203,7 +199,7 @@ def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
             study.system,
             study.method,
             _method_kind(study.method),
-            _step_text(study.dt),
+            study.dt if isinstance(study.dt, str) else f"{study.dt:.3g}",
             study.steps,
             f"{study.trend.swing:.1e}",
             f"{study.trend.total_drift:+.1e}",
@@ -278,8 +274,7 @@ def _energy_figures(page: HtmlPage, system: str, group: Sequence[EnergyStudy]) -
                 )
             low, high = axes.get_ylim()
             axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # what hardly changes looks so
-            axes.set_ylabel("greatest energy error")
-            axes.set_xlabel("fraction of the run")
+            axes.set(ylabel="greatest energy error", xlabel="fraction of the run")
             draw_legend_below(axes)
             page.add_figure(
                 drawing,
@@ -340,14 +335,7 @@ def _energy_verdict(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
 
 def energy_task(run: EnergyRun, **more: Any) -> Task:
     """Task that tests the energy of one long run."""
-    key = {
-        "system": run.system,
-        "scene": run.scene.digest(),
-        "method": run.method,
-        "dt": run.dt,
-        "time": run.time,
-        **more,
-    }
+    key = {**run._asdict(), "scene": run.scene.digest(), **more}
     return Task(f"{run.method}: {run.system}", key, lambda: run_energy_study(run).to_plain())
 
 

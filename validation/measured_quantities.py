@@ -80,14 +80,6 @@ def _turning_points(record: PistonRecord) -> tuple[np.ndarray, np.ndarray]:
     return t[turns] - step * rise / bend, z[turns] - 0.5 * rise**2 / bend
 
 
-def _period(run: Trajectory) -> float:
-    return swing_period_and_damping(run.piston())[0]
-
-
-def _damping_ratio(run: Trajectory) -> float:
-    return swing_period_and_damping(run.piston())[1]
-
-
 def _mean_final_force(run: Trajectory) -> float:
     """Mean over the last tenth of the records: a bed's force fluctuates."""
     force = run.dataset["piston_force"].values
@@ -106,8 +98,8 @@ QUANTITIES = {
         MeasuredQuantity("energy", "1", _ledger_residual, relative=False, exact=0.0, differs_by_start=True),
         MeasuredQuantity("positions", "D", _final_positions, relative=False, differs_by_start=True),
         MeasuredQuantity("rest height", "m", _height_at_rest),
-        MeasuredQuantity("period", "s", _period),
-        MeasuredQuantity("damping ratio", "1", _damping_ratio),
+        MeasuredQuantity("period", "s", lambda run: swing_period_and_damping(run.piston())[0]),
+        MeasuredQuantity("damping ratio", "1", lambda run: swing_period_and_damping(run.piston())[1]),
         MeasuredQuantity("piston force", "N", _mean_final_force),
         MeasuredQuantity("mean distance", "m", _final_pair_distance),
     )

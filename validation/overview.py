@@ -282,8 +282,7 @@ def plot_error_over_run_time(axes: Axes, studies: Sequence[WorkPrecision]) -> No
     for level in LEVELS.values():
         axes.axhline(level, color=GREY, linewidth=0.6, linestyle=":")
     label_run_times(axes)
-    axes.set_xlabel("time of a run [s]")
-    axes.set_ylabel("error")
+    axes.set(xlabel="time of a run [s]", ylabel="error")
 
 
 def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:

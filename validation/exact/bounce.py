@@ -72,12 +72,7 @@ def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
     """Make the problem of a grain that bounces on the magnetic wall [D, 2.3.4]; start [D], time [s]."""
     scene = bounce_scene(start, time)
     return ExactProblem(
-        "bounce",
-        "a grain bouncing on the magnetic wall",
-        scene,
-        time,
-        partial(exact_bounce, scene),
-        fewest_steps=round(2000 * time / TIME),
+        "bounce", scene, time, partial(exact_bounce, scene), fewest_steps=round(2000 * time / TIME)
     )
 
 
@@ -163,14 +158,7 @@ def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_
     """
     height = float(wall_rest_height(bounce_scene(10.0, time))) * (1.0 + amplitude)
     scene = bounce_scene(height, time, "oscillation")
-    return ExactProblem(
-        "oscillation",
-        "small oscillation above the wall",
-        scene,
-        time,
-        partial(exact_bounce, scene),
-        fewest_steps=12,
-    )
+    return ExactProblem("oscillation", scene, time, partial(exact_bounce, scene), fewest_steps=12)
 
 
 def wall_rest_height(scene: Scene) -> Number:

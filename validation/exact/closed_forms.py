@@ -24,9 +24,7 @@ def free_fall_problem(time: float = 0.25) -> ExactProblem:
     # Exact in every method of order two or more, but for rounding; order one misses by g t h/2.
     arrangement = {"positions": [["20 D", "40 D"]], "velocities": [[0.1, 0.5]]}
     scene = few_grains_scene("free-fall", time, {"gravity": {}}, arrangement=arrangement)
-    return ExactProblem(
-        "free-fall", "free fall", scene, time, partial(_exact_free_fall, scene), fewest_steps=16
-    )
+    return ExactProblem("free-fall", scene, time, partial(_exact_free_fall, scene), fewest_steps=16)
 
 
 def _exact_free_fall(scene: Scene, time: float) -> GrainStates:
@@ -56,15 +54,7 @@ def drag_problem(time: float = 0.1) -> ExactProblem:
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[2.0, 1.0]]}
     effects = {"drag": {"coefficient": COEFFICIENT}}
     scene = few_grains_scene("drag", time, effects, arrangement=arrangement)
-    return ExactProblem(
-        "drag",
-        "viscous drag alone",
-        scene,
-        time,
-        partial(_exact_drag, scene),
-        fewest_steps=8,
-        conservative=False,
-    )
+    return ExactProblem("drag", scene, time, partial(_exact_drag, scene), fewest_steps=8)
 
 
 def _exact_drag(scene: Scene, time: float) -> GrainStates:
@@ -100,14 +90,7 @@ def sliding_problem(time: float = SLIDING_TIME) -> ExactProblem:
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[0.4, 0.3]]}
     scene = few_grains_scene("sliding", time, {"friction": {"load": LOAD}}, arrangement=arrangement)
     return ExactProblem(
-        "sliding",
-        "a grain stopped by dry friction",
-        scene,
-        time,
-        partial(_exact_sliding, scene),
-        fewest_steps=256,
-        conservative=False,
-        smooth=False,
+        "sliding", scene, time, partial(_exact_sliding, scene), fewest_steps=256, smooth=False
     )
 
 

@@ -41,15 +41,7 @@ def driven_piston_problem(speed: float = SPEED, time: float = TIME) -> ExactProb
         piston={"height": f"{top!r} D"},
         protocol=[{"kind": "move", "name": "move", "to": 0.005 * top - speed * time, "duration": time}],
     )
-    return ExactProblem(
-        "driven-piston",
-        "a piston driven against a grain",
-        scene,
-        time,
-        partial(exact_driven_piston, scene),
-        fewest_steps=24,
-        conservative=False,
-    )
+    return ExactProblem("driven-piston", scene, time, partial(exact_driven_piston, scene), fewest_steps=24)
 
 
 def exact_driven_piston(scene: Scene, time: float) -> GrainStates:

@@ -72,12 +72,10 @@ class ExactProblem:
     """A scene whose motion is known."""
 
     name: str
-    title: str
     scene: Scene
     time: float  # [s]
     exact: Callable[[float], GrainStates]  # [s]
     fewest_steps: int  # steps of about half a radian of the stiffest mode
-    conservative: bool = True  # the energy stays the same
     smooth: bool = True  # has as many derivatives as a high order asks for
 
     def perturb_start(self, last_place_units: int) -> ExactProblem:

@@ -64,14 +64,7 @@ def scattering_problem(
         "velocities": [[speed, 0.0], [-speed, 0.0]],
     }
     scene = few_grains_scene("scattering", time, {"dipole": {}}, arrangement=arrangement)
-    return ExactProblem(
-        "scattering",
-        "two grains that scatter",
-        scene,
-        time,
-        partial(exact_scattering, scene),
-        fewest_steps=32,
-    )
+    return ExactProblem("scattering", scene, time, partial(exact_scattering, scene), fewest_steps=32)
 
 
 def relative_orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:

@@ -85,25 +85,15 @@ def piston_cases() -> tuple[HardCase, ...]:
             2.0,
         ),
         HardCase(
-            "slabs under the bed",
-            "a finite magnetic slab as the bottom, another as the piston",
-            _slab_walls,
-            0.05,
-            1.0,
+            "slabs under the bed", "a finite magnetic slab as the bottom, another as the piston", _slab_walls
         ),
         HardCase(
-            "slabs under the bed, with a gap",
-            "grains flow out between two slabs",
-            lambda: _slab_walls(**gap),
-            0.05,
-            1.0,
+            "slabs under the bed, with a gap", "grains flow out between two slabs", lambda: _slab_walls(**gap)
         ),
         HardCase(
             "slabs with friction and a gap",
             "grains rub on their way out between two slabs",
             lambda: _slab_walls(**gap).replace(**rubbing),
-            0.05,
-            1.0,
         ),
     )
 
@@ -127,15 +117,11 @@ def size_cases() -> tuple[HardCase, ...]:
             "aspect ratio 0.1",
             "half of the grains are a tenth as wide [D, 4.1]",
             lambda: _bed_of_several_sizes(big=("6 mm", 0.5), small=("0.6 mm", 0.5)),
-            0.05,
-            1.0,
         ),
         HardCase(
             "three species of ratio 10",
             "the widest grains are ten times as wide as the narrowest",
             lambda: _bed_of_several_sizes(big=("6 mm", 0.4), middle=("1.9 mm", 0.3), small=("0.6 mm", 0.3)),
-            0.05,
-            1.0,
         ),
     )
 
@@ -217,8 +203,6 @@ def pair_sum_cases() -> tuple[HardCase, ...]:
             f"list of pairs within {radius} D",
             "the list takes pairs in and leaves others out as the bed moves [D, 5.2]",
             partial(_bed_with_pair_list, radius),
-            0.05,
-            1.0,
             errors=("EnergyError",),
             may_degrade=True,
         )
@@ -247,8 +231,6 @@ def pair_sum_cases() -> tuple[HardCase, ...]:
             "far field at longer steps",
             "a damper's far field in impulses every eighth step, as by default",
             lambda: cut_to_few_grains("damper", **FAR),
-            0.05,
-            1.0,
         ),
         HardCase(
             "resonance of the far field's impulses",

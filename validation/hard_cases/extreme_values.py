@@ -31,7 +31,7 @@ def _bouncing_grain(**changes: Any) -> Scene:
 def small_count_cases() -> tuple[HardCase, ...]:
     """Hard cases of beds of no grain, one and two."""
     return tuple(
-        HardCase(words, "sums over grains or pairs are empty", partial(_bed_with_count, number), 0.05, 1.0)
+        HardCase(words, "sums over grains or pairs are empty", partial(_bed_with_count, number))
         for number, words in ((0, "no grain"), (1, "one grain"), (2, "two grains"))
     )
 

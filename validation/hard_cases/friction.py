@@ -31,11 +31,6 @@ def _slow_compression(**changes: Any) -> Scene:
     return mono_bed(23, speed=8.33e-3, relaxation=0.1).replace(**changes)
 
 
-def _strong_friction() -> Scene:
-    """Return the static and dynamic friction alike, and the torque that presses to second order."""
-    return _slow_compression(**{"effects.friction": {"static": 0.8, "dynamic": 0.8, "torque": "second"}})
-
-
 def _pair_list_scheme() -> Scene:
     """De Paula's scheme: regularised friction, and its list of pairs."""
     return cut_to_few_grains(
@@ -54,6 +49,7 @@ def friction_cases() -> tuple[HardCase, ...]:
     distance = ErrorMeasure("distance from the exact place [D]", make_distance_from_exact(problem))
     limit = 10.4 * 1e-2**2 / 8.0 / 5e-3  # a h^2/8: see the problem
     rubbing: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
+    strong = {"static": 0.8, "dynamic": 0.8, "torque": "second"}
     return (
         HardCase(
             "friction below the threshold",
@@ -67,7 +63,7 @@ def friction_cases() -> tuple[HardCase, ...]:
         HardCase(
             "sliding friction",
             "a grain slides and stops",
-            lambda: problem.scene,
+            problem.scene.replace,
             problem.time,
             problem.time,
             distance,
@@ -107,7 +103,7 @@ def friction_cases() -> tuple[HardCase, ...]:
         HardCase(
             "slow compression with friction of 0.8",
             "static and dynamic friction alike, the torque to second order, de Paula's protocol",
-            _strong_friction,
+            lambda: _slow_compression(**{"effects.friction": strong}),
             0.5,
             30.0,
         ),

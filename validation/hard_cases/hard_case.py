@@ -42,8 +42,8 @@ class HardCase:
     name: str
     difficulty: str
     scene: Callable[[], Scene]
-    quick_time: float  # [s]
-    full_time: float  # [s]
+    quick_time: float = 0.05  # [s]
+    full_time: float = 1.0  # [s]
     measure: ErrorMeasure = LEDGER
     limit: float = FAIR  # error up to which the run is accurate
     errors: tuple[str, ...] = ()  # names of those that may end it

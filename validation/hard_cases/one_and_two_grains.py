@@ -87,24 +87,11 @@ def collision_cases() -> tuple[HardCase, ...]:
             "distance from the exact place afterwards [D]", make_distance_from_exact(problem)
         )
         cases += [
-            HardCase(
-                name,
-                "the pair's stiffness grows like r^-5",
-                partial(_return_scene, problem.scene),
-                time,
-                time,
-                measure,
-                1e-2,
-            ),
-            HardCase(
-                f"{name}, energy",
-                "the same, judged by its energy",
-                partial(_return_scene, problem.scene),
-                time,
-                time,
-                ENERGY_AFTERWARDS,
-                1e-6,
-            ),
+            HardCase(title, difficulty, problem.scene.replace, time, time, judged, limit)
+            for title, difficulty, judged, limit in (
+                (name, "the pair's stiffness grows like r^-5", measure, 1e-2),
+                (f"{name}, energy", "the same, judged by its energy", ENERGY_AFTERWARDS, 1e-6),
+            )
         ]
     for speed in (1.0, 10.0, 100.0):
         scene = _shot_at_wall(speed)
@@ -114,7 +101,7 @@ def collision_cases() -> tuple[HardCase, ...]:
             HardCase(
                 f"shot at the wall with {speed:g} D/tau",
                 "the wall's stiffness grows like w^-4.5",
-                partial(_return_scene, scene),
+                scene.replace,
                 length,
                 length,
                 ENERGY_AFTERWARDS,
@@ -122,10 +109,6 @@ def collision_cases() -> tuple[HardCase, ...]:
             )
         )
     return tuple(cases)
-
-
-def _return_scene(scene: Scene) -> Scene:
-    return scene
 
 
 def _unequal_masses(ratio: float) -> Scene:
@@ -210,11 +193,6 @@ def _overdamped_grain(ratio: float) -> Scene:
     return scene.replace(**{"output.scalars": 1e-3, "output.frames": 0.1})
 
 
-def _nearly_overdamped_damper(drag: float) -> Scene:
-    """Small damper, released above its place of rest."""
-    return cut_to_few_grains("damper", **{"effects.drag.coefficient": drag})
-
-
 def damping_cases() -> tuple[HardCase, ...]:
     """Hard cases of drags from weak to overwhelming, and of beds that hardly swing."""
     fall = ErrorMeasure("relative error of the fall", terminal_fall_error)
@@ -222,7 +200,7 @@ def damping_cases() -> tuple[HardCase, ...]:
         HardCase(
             f"damping ratio near 1: drag of {drag:g} kg/s",
             "a piston that just swings, or just does not",
-            partial(_nearly_overdamped_damper, drag),
+            partial(cut_to_few_grains, "damper", **{"effects.drag.coefficient": drag}),
             0.2,
             3.0,
         )
