@@ -90,8 +90,10 @@ def report_energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     )
     if not full:
         return swings
-    bounces = tuple(_bounce_run(*bounce) for bounce in _BOUNCES)
-    return (*swings, *bounces, variable_step_bounce_run(), *(_bed_run(*bounce) for bounce in _BEDS))
+    grain, bed = bounce.bounce_problem().scene, load_scene("bed").replace(**{"effects.drag": None})
+    bounces = [_run_with_records("bouncing grain", grain, *settings) for settings in _BOUNCES]
+    beds = [_run_with_records("bed without friction", bed, *settings) for settings in _BEDS]
+    return (*swings, *bounces, variable_step_bounce_run(), *beds)
 
 
 # The controls at steps at which their trend shows, and is still within what the ledger lets pass.
@@ -111,12 +113,7 @@ def wall_oscillation_run(method: str, periods: int) -> EnergyRun:
     """Run of a grain that oscillates above the wall by half its height at rest."""
     start, dt = bounce.oscillation_problem(0.5), _STEPS.get(method, 2e-3)
     time = periods * bounce.harmonic_period(start.scene, 0.5)
-    return EnergyRun("swing above the wall", _set_record_intervals(start.scene, dt, time), method, dt, time)
-
-
-def _bounce_run(method: str, dt: float, time: float) -> EnergyRun:
-    scene = _set_record_intervals(bounce.bounce_problem().scene, dt, time)
-    return EnergyRun("bouncing grain", scene, method, dt, time)
+    return _run_with_records("swing above the wall", start.scene, method, dt, time)
 
 
 def variable_step_bounce_run() -> EnergyRun:
@@ -127,16 +124,12 @@ def variable_step_bounce_run() -> EnergyRun:
     return EnergyRun("bouncing grain", scene.replace(**records), "adaptive-verlet", "auto*4", time)
 
 
-def _bed_run(method: str, dt: float, time: float) -> EnergyRun:
-    scene = load_scene("bed").replace(**{"effects.drag": None})
-    return EnergyRun("bed without friction", _set_record_intervals(scene, dt, time), method, dt, time)
-
-
-def _set_record_intervals(scene: Scene, dt: float, time: float) -> Scene:
-    """Scene with so many records, integers of steps apart, and frames of a lone grain."""
+def _run_with_records(system: str, scene: Scene, method: str, dt: float, time: float) -> EnergyRun:
+    """Run with so many records, integers of steps apart, and frames of a lone grain."""
     record = max(1, round(time / SAMPLES / dt)) * dt
     every = 1 if scene.grains.count == 1 else SAMPLES
-    return scene.replace(**{"output.scalars": record, "output.frames": every * record})
+    scene = scene.replace(**{"output.scalars": record, "output.frames": every * record})
+    return EnergyRun(system, scene, method, dt, time)
 
 
 def run_energy_study(run: EnergyRun) -> EnergyStudy:

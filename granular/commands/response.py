@@ -171,13 +171,9 @@ def _measure_impulse_response(options: Any) -> None:
     }
     lines = [str(result)]
     if options.out is not None:
-        lines.append(_write_impulse_response(result, Path(options.out)))
+        _write_table_and_picture(Path(options.out), "impulse", result.table, result)
+        lines.append(f"written to {Path(options.out)}: impulse.csv, impulse.png")
     print_result(figures, "\n".join(lines), options.json)
-
-
-def _write_impulse_response(result: ImpulseResponse, path: Path) -> str:
-    _write_table_and_picture(path, "impulse", result.table, result)
-    return f"written to {path}: impulse.csv, impulse.png"
 
 
 def _write_table_and_picture(

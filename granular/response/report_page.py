@@ -259,8 +259,7 @@ def _add_equivalent_damping_figure(page: HtmlPage, response: FrequencyResponse) 
             both[0].plot(swing, part.added_damping, label=amplitude_phrase(response, size), **look)
             both[1].plot(swing, 1e-3 * part.added_stiffness, **look)
         both[0].set_ylabel("added damping [kg/s]")
-        both[1].set_ylabel("stiffness [kN/m]")
-        both[1].set_xlabel("displacement of the machine [mm]")
+        both[1].set(ylabel="stiffness [kN/m]", xlabel="displacement of the machine [mm]")
         drawing.legend(loc="outside upper left", ncols=2)
         page.add_figure(
             drawing,

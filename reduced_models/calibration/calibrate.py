@@ -285,17 +285,9 @@ def _calibrated_value(
 
 
 def _feature_matches(wanted: RecordFeatures, ended: GaussNewtonResult) -> tuple[FeatureMatch, ...]:
-    scatter = np.sqrt(np.diag(ended.scatter))
-    return tuple(
-        FeatureMatch(
-            name,
-            float(wanted.values[k]),
-            math.exp(ended.centre.mean[k]),
-            float(wanted.errors[k]),
-            float(scatter[k]),
-        )
-        for k, name in enumerate(wanted.names)
-    )
+    simulated, scatter = map(math.exp, ended.centre.mean), np.sqrt(np.diag(ended.scatter))
+    columns = (wanted.values.tolist(), simulated, wanted.errors.tolist(), scatter.tolist())
+    return tuple(map(FeatureMatch, wanted.names, *columns))
 
 
 def _weak_direction_notes(keys: list[str], information: Float[np.ndarray, "p p"]) -> list[str]:

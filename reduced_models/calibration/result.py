@@ -147,8 +147,7 @@ class Calibration:
             for k, motion in enumerate(self.motions):
                 label = "simulated, one line a random start" if k == 0 else None
                 top.plot(motion.time, 1e3 * motion.height, color=COLOURS[0], linewidth=0.7, label=label)
-            top.set_ylabel("height [mm]")
-            top.set_xlabel("time [s]")
+            top.set(ylabel="height [mm]", xlabel="time [s]")
             top.legend()
             names = [feature.name.replace("_", " ") for feature in self.matches]
             bottom.errorbar(

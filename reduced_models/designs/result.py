@@ -244,8 +244,7 @@ class Design:
                     label=f"random start {check.seed}",
                 )
             axes.axhline(1e3 * self.rest_height, color=GREY, linestyle=":")
-            axes.set_xlabel("time [s]")
-            axes.set_ylabel("height of the piston [mm]")
+            axes.set(xlabel="time [s]", ylabel="height of the piston [mm]")
             axes.legend()
             return drawing
 
@@ -260,27 +259,19 @@ class Design:
         )
         for note in self.notes:
             page.add_warning(note)
+        shown = (self.promised_figures, *self.checks)
+        rows = [
+            (words, wanted, *(format_number(getattr(figures, name) / unit) for figures in shown))
+            for words, wanted, name, unit in (
+                ("frequency of the undamped swing [Hz]", format_number(target.frequency), "frequency", 1.0),
+                ("damping ratio", format_number(target.damping), "damping_ratio", 1.0),
+                ("height of rest [D]", "", "rest_height", DIAMETER),
+            )
+        ]
         page.add_table(
             ("", "wanted", "expected", *(f"random start {check.seed}" for check in self.checks)),
             [
-                (
-                    "frequency of the undamped swing [Hz]",
-                    format_number(target.frequency),
-                    format_number(self.promised_figures.frequency),
-                    *(format_number(c.frequency) for c in self.checks),
-                ),
-                (
-                    "damping ratio",
-                    format_number(target.damping),
-                    format_number(self.promised_figures.damping_ratio),
-                    *(format_number(c.damping_ratio) for c in self.checks),
-                ),
-                (
-                    "height of rest [D]",
-                    "",
-                    format_number(self.promised_figures.rest_height / DIAMETER),
-                    *(format_number(c.rest_height / DIAMETER) for c in self.checks),
-                ),
+                *rows,
                 (
                     "least gap at rest, over contact",
                     "",

@@ -142,8 +142,7 @@ class DropScores:
             axes.plot(heights[order], errors, marker="o", label=figure_label(row.name), **line_style(k))
         axes.set_yscale("log")
         label_log_axis_plainly(axes.yaxis)
-        axes.set_xlabel("height of the drop's start [mm]")
-        axes.set_ylabel("error [% of the drop]")
+        axes.set(xlabel="height of the drop's start [mm]", ylabel="error [% of the drop]")
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
         return axes
 

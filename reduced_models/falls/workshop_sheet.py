@@ -75,12 +75,12 @@ def workshop_sheet(
     page.add_paragraph(walls_text(scene))
     _add_walls_note(page, scene)
     page.add_section("Liquid and gap")
-    drag = _drag_coefficient(scene)
+    drag = scene.effects.drag
     liquid = "The damper has no drag, so no liquid."
-    if drag:
+    if drag is not None and drag.coefficient:
         liquid = (
-            f"A disc needs a drag of {drag:.3g} kg/s: 2 eta A/h of a liquid of the viscosity eta in gaps h "
-            "between its faces A and the plates, without flow back between discs."
+            f"A disc needs a drag of {drag.coefficient:.3g} kg/s: 2 eta A/h of a liquid of the viscosity eta "
+            "in gaps h between its faces A and the plates, without flow back between discs."
         )
     page.add_paragraph(
         f"{liquid} Take the narrowest gap into which every disc fits, sorted by thickness: in the play discs "
@@ -168,11 +168,6 @@ def _grade_rows(scene: Scene, costs: Tolerances | None) -> list[tuple[str, ...]]
         changes = [f"{100.0 * (ratio**s - 1.0):+.1f}" for s in slopes.get("grains.remanence", ())[1:]]
         rows.append((name, f"{grade.lowest:.2f} to {grade.highest:.2f}", *(changes or ["", ""])))
     return rows
-
-
-def _drag_coefficient(scene: Scene) -> float:
-    drag = scene.effects.drag
-    return 0.0 if drag is None else drag.coefficient
 
 
 def _add_walls_note(page: HtmlPage, scene: Scene) -> None:

@@ -288,9 +288,6 @@ def _law_misfit(
             return np.asarray(target - whitening @ (bump @ view.rate(values)))
 
         result = least_squares(left, np.zeros(len(units)), x_scale="jac", max_nfev=_EVALUATIONS)
-        least = min(least, _rms_per_degree_of_freedom(result.fun, len(units)))
+        freedom = max(1, len(target) - len(units))
+        least = min(least, math.sqrt(float(result.fun @ result.fun) / freedom))
     return least
-
-
-def _rms_per_degree_of_freedom(residuals: np.ndarray, parameters: int) -> float:
-    return math.sqrt(float(residuals @ residuals) / max(1, len(residuals) - parameters))

@@ -13,7 +13,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError
@@ -118,7 +118,7 @@ def compare(
     if own and test_records:
         raise InputError("own parameters do not carry over to held-out records; leave one of them")
     chosen = [_law_to_compare(law, records[0]) for law in laws]
-    rows = [_fit_law_to_row(entry, records, test_fraction, test_records, own, starts) for entry in chosen]
+    rows = [_fit_law_to_row(*entry, records, test_fraction, test_records, own, starts) for entry in chosen]
     sound = [row for row in rows if not row.failure]
     if not sound:
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
@@ -156,13 +156,6 @@ def _total_test_error(models: Sequence[ReducedModel], roll_outs: Sequence[RollOu
     return error, math.hypot(*(value * spread for value, spread in known)) / (len(known) * error)
 
 
-class _LawToCompare(NamedTuple):
-    """A law to compare, and the map that it was given, if any."""
-
-    law: Law
-    map: HeightMap | None
-
-
 def law_name(law: str | Law | ReducedModel) -> str:
     """Name under which `compare` lists a law."""
     if isinstance(law, ReducedModel):
@@ -172,28 +165,27 @@ def law_name(law: str | Law | ReducedModel) -> str:
     return " ".join(law.split())
 
 
-def _law_to_compare(law: Any, record: PistonRecord) -> _LawToCompare:
+def _law_to_compare(law: Any, record: PistonRecord) -> tuple[Law, HeightMap | None]:
+    """Law to compare, and the map that it was given, if any."""
     if isinstance(law, str | Law):
-        return _LawToCompare(resolve_law(law, record), None)
+        return resolve_law(law, record), None
     model = law if isinstance(law, ReducedModel) else getattr(law, "model", None)
     if not isinstance(model, ReducedModel):
         raise InputError(f"law = {quote(law)}; give a name, an equation, a Law or a model")
     if model.law.start is not None:
-        return _LawToCompare(model.law, model.map)
-    return _LawToCompare(
-        dataclasses.replace(model.law, start=start_values_near(model.all_parameters)), model.map
-    )
+        return model.law, model.map
+    return dataclasses.replace(model.law, start=start_values_near(model.all_parameters)), model.map
 
 
 def _fit_law_to_row(
-    entry: _LawToCompare,
+    law: Law,
+    given: HeightMap | None,
     records: Sequence[PistonRecord],
     test_fraction: float,
     test_records: Sequence[PistonRecord],
     own: Sequence[str],
     starts: int,
 ) -> ComparisonRow:
-    law, given = entry
     private = [name for name in own if name in law.parameters]
     how: Any = {} if given is None or given.fitted else {"map": given}
     try:
@@ -210,7 +202,7 @@ def _fit_law_to_row(
 
 
 def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) -> Comparison:
-    correlation = min(_residual_correlation_time(row) for row in sound)
+    correlation = min(max(model.quality.correlation for model in row.models) for row in sound)
     scored = [_add_information_criteria(row, correlation) for row in sound]
     noise = root_mean_square([_relative_noise(model) for model in scored[0].models])
     least, limit = min(row.error for row in scored), largest_tied_error(scored, noise)
@@ -231,14 +223,12 @@ def simplest_known_first(alike: Sequence[ComparisonRow], *, at_noise: bool) -> l
     least = min(row.bic for row in alike)
     known = list(LAWS)
 
-    def is_equivalent(row: ComparisonRow) -> bool:
-        return not at_noise or row.bic <= least + STRONG
-
     def rank(row: ComparisonRow) -> tuple[bool, int, int]:
         there = row.name in known
         return (not there, row.parameters, known.index(row.name) if there else 0)
 
-    equivalent = sorted(filter(is_equivalent, alike), key=lambda row: (rank(row)[:2], row.error))
+    equivalent = [row for row in alike if not at_noise or row.bic <= least + STRONG]
+    equivalent.sort(key=lambda row: (rank(row)[:2], row.error))
     closest = [row for row in equivalent if row.error <= (1.0 + TIE) * equivalent[0].error]
     first = min(closest, key=rank)
     others = sorted((row for row in alike if row not in equivalent), key=lambda row: row.bic)
@@ -249,10 +239,6 @@ def merge_comparisons(*tables: Comparison) -> Comparison:
     """Comparison of all laws of some, which were fitted to the same records."""
     rows = [row for table in tables for row in table.rows]
     return _rank_rows(rows, [row for row in rows if not row.failure])
-
-
-def _residual_correlation_time(row: ComparisonRow) -> float:
-    return max(model.quality.correlation for model in row.models)
 
 
 def _relative_noise(model: ReducedModel) -> float:

@@ -169,8 +169,7 @@ class MeasuredSwing:
                 if reach < _FLAT * abs(middle):  # noise alone is not blown up
                     ax.set_ylim(middle - _FLAT * abs(middle), middle + _FLAT * abs(middle))
             axes[0].set_ylabel("frequency [Hz]")
-            axes[1].set_ylabel("damping ratio [%]")
-            axes[1].set_xlabel(f"amplitude [{unit}]")
+            axes[1].set(ylabel="damping ratio [%]", xlabel=f"amplitude [{unit}]")
             axes[1].set_xscale("log")
             label_log_axis_plainly(axes[1].xaxis)
             axes[0].legend(loc="best")

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _MOST_POINTS = 3000  # of a line; more cannot be seen
 _MOST_LIFT_LINES, _MOST_FALL_LINES = 4, 3  # of laws over a lift, a fall; more hide each other
+_STACKED: dict[str, Any] = {"size": READABLE, "sharex": True, "height_ratios": (2, 1)}
 _ENERGIES = {
     "kinetic_energy": "grains, kinetic",
     "pair_energy": "pairs",
@@ -88,10 +89,7 @@ def _add_curves_and_residuals(
 ) -> None:
     """Add a record with curves over it, and below what each of them misses."""
     shown, time = _coordinate_axis(record), record.time - record.time[0]
-    with figure(2, 1, height=height, size=READABLE, sharex=True, height_ratios=(2, 1)) as (
-        drawing,
-        (top, bottom),
-    ):
+    with figure(2, 1, height=height, **_STACKED) as (drawing, (top, bottom)):
         signal = record.signal
         seen = _break_at_gaps(*downsample(time, shown.scale * signal))
         top.plot(*seen, color=GREY, linewidth=3.0, label=label)
@@ -109,8 +107,7 @@ def _add_curves_and_residuals(
             for start, end in tested:
                 axes.axvspan(start, end, color=GREY, alpha=0.15, linewidth=0.0)
         top.set_ylabel(shown.label)
-        bottom.set_ylabel(difference.label)
-        bottom.set_xlabel("time [s]")
+        bottom.set(ylabel=difference.label, xlabel="time [s]")
         if legend:
             drawing.legend(loc="outside upper left", ncols=2)
         else:
@@ -166,8 +163,7 @@ def add_phase_portrait(page: HtmlPage, record: PistonRecord, best: ReducedModel)
             (motion.height, motion.velocity, figure_label(best.law.name), {"linewidth": 1.0}),
         ):
             axes.plot(*downsample(shown.scale * height, shown.scale * velocity), label=name, **look)
-        axes.set_xlabel(shown.label)
-        axes.set_ylabel(f"velocity [{shown.unit}/s]")
+        axes.set(xlabel=shown.label, ylabel=f"velocity [{shown.unit}/s]")
         axes.legend(loc="upper right")
         page.add_figure(drawing, "Phase portrait, with the best law.")
 
@@ -251,8 +247,7 @@ def add_falls_section(page: HtmlPage, falls: DropScores) -> None:
                 label=figure_label(row.name),
                 **line_style(k),
             )
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel("height [mm]")
+        axes.set(xlabel="time [s]", ylabel="height [mm]")
         axes.legend(loc="upper right")
         page.add_figure(drawing, "A fall from farther up, and what the best laws predict of it.")
     with figure(height=4.4, size=READABLE) as (drawing, axes):
@@ -303,10 +298,7 @@ def _add_energy_ledger_section(page: HtmlPage, run: Trajectory) -> None:
     parts = {key: data[key].values for key in _ENERGIES if key in data}
     stored_energy = np.sum([value for key, value in parts.items() if key.endswith("_energy")], axis=0)
     residual = stored_energy - stored_energy[0] + parts.get("drag_loss", 0.0) - parts.get("work", 0.0)
-    with figure(2, 1, height=6.2, size=READABLE, sharex=True, height_ratios=(2, 1)) as (
-        drawing,
-        (top, bottom),
-    ):
+    with figure(2, 1, height=6.2, **_STACKED) as (drawing, (top, bottom)):
         for k, (key, value) in enumerate(parts.items()):
             shown = value - value[0] if key in ("weight_energy", "piston_energy") else value
             t, energy = downsample(time, 1e3 * shown)
@@ -314,8 +306,7 @@ def _add_energy_ledger_section(page: HtmlPage, run: Trajectory) -> None:
         top.set_ylabel("energy [mJ]")
         top.legend(ncols=2, loc="upper right")
         bottom.plot(*downsample(time, 1e6 * residual), color=COLOURS[0])
-        bottom.set_ylabel("residual [µJ]")
-        bottom.set_xlabel("time [s]")
+        bottom.set(ylabel="residual [µJ]", xlabel="time [s]")
         page.add_figure(
             drawing, "Where the energy is (the weights' relative to the start), and what the ledger misses."
         )

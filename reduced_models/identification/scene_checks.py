@@ -62,6 +62,7 @@ class RunCheck(NamedTuple):
 
     what: str
     changes: Mapping[str, Any]
+    factor: float = 0.0  # of another time step: error of the step used, over the change by the other one
 
 
 class CheckFailure(NamedTuple):
@@ -71,18 +72,11 @@ class CheckFailure(NamedTuple):
     cause: str
 
 
-class TimeStepCheck(NamedTuple):
-    """A run with another time step."""
-
-    check: RunCheck
-    factor: float  # error of the step used, over the change by the other one
-
-
 class CheckOutcomes(NamedTuple):
     """Records of further runs of a scene, and laws judged on its falls."""
 
     step: PistonRecord | CheckFailure | None
-    step_check: TimeStepCheck | None
+    step_check: RunCheck | None
     derived: DerivedFigures | None  # without a run by another step
     starts: tuple[tuple[str, PistonRecord | CheckFailure], ...]
     lift: PistonRecord | None
@@ -267,17 +261,17 @@ class SceneChecks:
         """Run what depends on the scene's own run, wait for all, and score the laws of its fall."""
         derived, doubts = self._derive_figures(run)
         step_check = choose_step_check(run) if derived is None or derived.step_errors is None else None
-        other = [] if step_check is None else self._start_runs([step_check.check])
+        other = [] if step_check is None else self._start_runs([step_check])
         fall = self._fall
         drops = self._start_runs([] if fall is None else other_drop_checks(run, fall))
         fits = [call.result() for call in reversed(self._fall_fits)][::-1]
         order = [*other, *self._starts, *self._lift, *drops]
         outcomes = self._background.wait_for_outcomes([case for _, case in order], TITLE, progress)
-        motions = iter([_records_of_case(*pair) for pair in zip(order, outcomes, strict=True)])
+        every = [_records_of_case(*pair) for pair in zip(order, outcomes, strict=True)]
+        motions = iter(every)
         changed, starts, lifts, others = (
             [next(motions) for _ in group] for group in (other, self._starts, self._lift, drops)
         )
-        every = [*changed, *starts, *lifts, *others]
         failures = doubts + [motion for motion in every if isinstance(motion, CheckFailure)]
         scores = None
         if fall is not None:
@@ -349,7 +343,7 @@ def add_check_errors(
     check, derived = outcomes.step_check, outcomes.derived
     runs_by_name = list(outcomes.starts)
     if check is not None and outcomes.step is not None:
-        runs_by_name.insert(0, (check.check.what, outcomes.step))
+        runs_by_name.insert(0, (check.what, outcomes.step))
     every = (*figures, *model.parameter_quantities())
     fits = [
         _quantities_of_further_run(what, swing, duration, model, mass, every) for what, swing in runs_by_name
@@ -360,9 +354,10 @@ def add_check_errors(
         known: Sequence[QuantityWithError], others: Sequence[Sequence[QuantityWithError] | None]
     ) -> tuple[QuantityWithError, ...]:
         if check is not None:
-            return add_step_and_start_errors(
-                known, _richardson_errors(known, others[0], check.factor), *others[1:]
-            )
+            steps, *starts = others
+            pairs = () if steps is None else zip(known, steps, strict=True)
+            changes = [check.factor * abs(other.value - figure.value) for figure, other in pairs]
+            return add_step_and_start_errors(known, changes or None, *starts)
         assert derived is not None
         return add_step_and_start_errors(known, [derived.step_error(figure) for figure in known], *others)
 
@@ -377,15 +372,6 @@ def add_check_errors(
     failed = [outcome for outcome in fits if isinstance(outcome, CheckFailure)]
     every = with_errors(every, refitted)
     return every[: len(figures)], every[len(figures) :], measured, failed
-
-
-def _richardson_errors(
-    figures: Sequence[QuantityWithError], other: Sequence[QuantityWithError] | None, factor: float
-) -> list[float] | None:
-    """Step errors of figures by a run with another step; None if that run failed."""
-    if other is None:
-        return None
-    return [factor * abs(b.value - a.value) for a, b in zip(figures, other, strict=True)]
 
 
 def _cut_to_duration(record: PistonRecord, duration: float) -> PistonRecord:
@@ -421,7 +407,7 @@ def _quantities_of_further_run(
     return figures
 
 
-def choose_step_check(run: Trajectory) -> TimeStepCheck:
+def choose_step_check(run: Trajectory) -> RunCheck:
     """Check of a run by twice its time step, or half of it if twice is too coarse."""
     # Richardson extrapolation (Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, sec.
     # II.4): half the step changes 1 - 2^-p of the error; of twice the step all of the change is taken, a
@@ -432,9 +418,9 @@ def choose_step_check(run: Trajectory) -> TimeStepCheck:
     settings = run.settings()
     twice, half = (multiply_time_step(settings["dt"], by) for by in (2.0, 0.5))
     if 2.0 * settings["step_times_highest_frequency"] <= RESOLVED and can_run(run.scene, twice, run.method):
-        return TimeStepCheck(RunCheck("twice the time step", {"dt": twice}), 1.0)
+        return RunCheck("twice the time step", {"dt": twice}, 1.0)
     power = 2.0**run.method.order
-    return TimeStepCheck(RunCheck("half the time step", {"dt": half}), power / (power - 1.0))
+    return RunCheck("half the time step", {"dt": half}, power / (power - 1.0))
 
 
 def random_start_checks(scene: Scene) -> list[RunCheck]:
@@ -511,14 +497,7 @@ def other_drop_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
         other = rest + ratio * (height - rest)
         below = None if grid is None else other - (height - grid)
         changes = {**alone, "piston.height": other, "arrangement.height": below}
-        drops.append(RunCheck(f"from {1e3 * other:.0f} mm", changes))
-    return [drop for drop in drops if _gives_valid_scene(scene, drop)]
-
-
-def _gives_valid_scene(scene: Scene, check: RunCheck) -> bool:
-    """Return true for a scene that can be changed so; a lower piston may leave no space."""
-    try:
-        scene.replace(**check.changes)
-    except GranularError:
-        return False
-    return True
+        with contextlib.suppress(GranularError):  # a lower piston may leave no space
+            scene.replace(**changes)
+            drops.append(RunCheck(f"from {1e3 * other:.0f} mm", changes))
+    return drops
