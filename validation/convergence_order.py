@@ -210,7 +210,8 @@ def convergence(
     steps, errors, seconds = [], [], []
     for count in counts:
         started = time.perf_counter()
-        neighbours = [solve(problem, near) for near in _neighbouring_counts(problem, count)]
+        more = range(1 if problem.smooth else NEIGHBOURS)
+        neighbours = [solve(problem, count + by) for by in more]
         seconds.append((time.perf_counter() - started) / len(neighbours))
         errors.append(max(float(np.abs(state.positions - exact).max()) for state in neighbours))
         steps.append(problem.time / (neighbours[0].steps or count))
@@ -226,10 +227,6 @@ def convergence(
         fit_convergence_slope(steps, errors, rounding),
         tuple(seconds),
     )
-
-
-def _neighbouring_counts(problem: ExactProblem, count: int) -> range:
-    return range(count, count + (1 if problem.smooth else NEIGHBOURS))
 
 
 def _rounding_error(problem: ExactProblem, solve: Solver, count: int, plain: np.ndarray) -> float:

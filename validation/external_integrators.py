@@ -46,11 +46,11 @@ def supports_scene(scene: Scene) -> bool:
     effects = scene.effects
     others = (effects.friction, effects.contact, effects.shaking)
     walls = effects.walls
-    laws = [] if walls is None else [walls.left, walls.right, walls.bottom, walls.top]
+    laws = [] if walls is None else [wall.law for _, wall in walls.present_walls]
     return (
         not any(others)
         and len(scene.grains.species) == 1
-        and all(wall is None or wall.law == "experimental" for wall in laws)
+        and all(law == "experimental" for law in laws)
         and (scene.piston is None or isinstance(scene.protocol[0], Hold))
     )
 
@@ -99,18 +99,11 @@ def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
 
 def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]:
     """Axis, direction of the force and place [D] of each wall."""
-    walls, result = scene.effects.walls, []
-    if walls is None:
-        return []
-    if walls.left is not None:
-        result.append((0, 1.0, 0.0))
-    if walls.right is not None:
-        result.append((0, -1.0, scene.cell.width / scales.length))
-    if walls.bottom is not None:
-        result.append((1, 1.0, 0.0))
-    if walls.top is not None and scene.piston is not None:
-        result.append((1, -1.0, scene.piston.height / scales.length))
-    return result
+    walls, right = scene.effects.walls, scene.cell.width / scales.length
+    planes = {"left": (0, 1.0, 0.0), "right": (0, -1.0, right), "bottom": (1, 1.0, 0.0)}
+    if scene.piston is not None:
+        planes["top"] = (1, -1.0, scene.piston.height / scales.length)
+    return [] if walls is None else [planes[side] for side, _ in walls.present_walls]
 
 
 def external_solver(name: str) -> Callable[[ExactProblem, int], GrainStates]:

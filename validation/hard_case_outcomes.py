@@ -165,7 +165,8 @@ def outcome_matrix(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
     first: dict[str, HardCaseOutcome] = {}
     for outcome in outcomes:
         new = first.setdefault(outcome.case, outcome) is outcome
-        column = own if new else _settings_column(outcome)
+        step = f"with {outcome.method}" if outcome.dt == "auto" else f"dt = {outcome.dt}"
+        column = own if new else step
         columns[column] = None
         rows.setdefault(outcome.case, {})[column] = _ending_text(outcome)
     return text_table(
@@ -184,10 +185,6 @@ def outcome_matrix(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
 
 def _with_unit(words: str) -> str:
     return words if words.endswith("]") or not words else f"{words} [1]"
-
-
-def _settings_column(outcome: HardCaseOutcome) -> str:
-    return f"with {outcome.method}" if outcome.dt == "auto" else f"dt = {outcome.dt}"
 
 
 def _ending_text(outcome: HardCaseOutcome) -> str:

@@ -76,16 +76,12 @@ def _from_plain(kind: Any, value: Any) -> Any:
     if isinstance(value, list):
         first = get_args(kind)[0]
         return tuple(_from_plain(first, entry) for entry in value)
-    records = [entry for entry in (kind, *get_args(kind)) if _is_record_type(entry)]
+    kinds = (kind, *get_args(kind))
+    records = [entry for entry in kinds if dataclasses.is_dataclass(entry) or hasattr(entry, "_fields")]
     if isinstance(value, Mapping) and records:
         hints = get_type_hints(records[0])
         return records[0](**{name: _from_plain(hints[name], entry) for name, entry in value.items()})
     return value
-
-
-def _is_record_type(kind: Any) -> bool:
-    """Tell if a type is a dataclass or a named tuple."""
-    return dataclasses.is_dataclass(kind) or hasattr(kind, "_fields")
 
 
 class Task(NamedTuple):

@@ -60,13 +60,11 @@ def render(options: Any) -> None:
     from granular.user_code import import_user_code
 
     import_user_code(options.user_files)
-    if Path(options.out).suffix.lower() in WRITERS:
-        _render_movie(options)
-    else:
-        _render_still(options)
+    path = (_render_movie if Path(options.out).suffix.lower() in WRITERS else _render_still)(options)
+    print_result({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
 
 
-def _render_still(options: Any) -> None:
+def _render_still(options: Any) -> Path:
     from granular.render import save_picture, still
     from granular.schema.units import si_value
 
@@ -80,17 +78,16 @@ def _render_still(options: Any) -> None:
     time = None if options.time is None else si_value(options.time, "s")
     number = -1 if options.frame is None else options.frame
     figure = still(options.run, number, time=time, colour=options.colour)
-    path = save_picture(figure, options.out, overwrite=options.force)
-    print_result({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
+    return save_picture(figure, options.out, overwrite=options.force)
 
 
-def _render_movie(options: Any) -> None:
+def _render_movie(options: Any) -> Path:
     from granular.render import movie
     from granular.render.movie import WIDTH
 
     if options.frame is not None or options.time is not None:
         raise InputError("--frame and --time are for stills; choose a movie's part with --stage")
-    path = movie(
+    return movie(
         options.run,
         options.out,
         colour=options.colour,
@@ -101,7 +98,6 @@ def _render_movie(options: Any) -> None:
         overwrite=options.force,
         progress=not options.quiet,
     )
-    print_result({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
 
 
 def _parse_playback_speed(words: str | None) -> float | None:

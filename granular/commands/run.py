@@ -26,7 +26,6 @@ from granular.shared.files import write_text
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
-    from granular.studies.sweep import Study
 
 
 @command(
@@ -139,12 +138,8 @@ def sweep(options: Any) -> None:
     )
     print_result(figures, text, options.json)
     if done.unfinished:
-        raise GranularError(_failure_cause_lines(done))
-
-
-def _failure_cause_lines(study: Study) -> str:
-    errors = [outcome["error"] for outcome in study.outcomes if "cause" in outcome]
-    return (
-        f"{len(errors)} of {len(study.cases)} cases could not be computed, the first because of "
-        f"{errors[0]}; correct that, and the same command goes on with them"
-    )
+        errors = [outcome["error"] for outcome in done.outcomes if "cause" in outcome]
+        raise GranularError(
+            f"{len(errors)} of {len(done.cases)} cases could not be computed, the first because of "
+            f"{errors[0]}; correct that, and the same command goes on with them"
+        )

@@ -31,11 +31,12 @@ from granular.pairs.direct_sum import pad_values
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
 from granular.parts.drags import counter_flow_factor, disc_drag
+from granular.parts.liquids import find_liquid
 from granular.schema.apparatus import Cell, Grains
-from granular.schema.field_kinds import FieldError
+from granular.schema.field_kinds import FieldError, at_key
 from granular.schema.natural_units import Scales
-from granular.schema.piston_parts import viscosity_at_key
 from granular.schema.sections import quantity, text_field
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -100,7 +101,8 @@ class Drag(DissipativeEffect):
         viscosity = self.viscosity
         if self.liquid is not None:
             celsius = grains.liquid_temperature
-            viscosity = viscosity_at_key(self.liquid, celsius, "effects", "drag", "liquid")
+            with at_key("effects", "drag", "liquid", errors=InputError):
+                viscosity = find_liquid(self.liquid, celsius).viscosity
         if viscosity is None:
             return self
         result = copy.copy(self)

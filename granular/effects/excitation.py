@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.compiled import compiled
 from granular.kernel_data.cubic_spline import evaluate_cubic_spline
-from granular.schema.field_kinds import FieldError
+from granular.schema.field_kinds import FieldError, at_key
 from granular.schema.natural_units import Scales
 from granular.schema.sections import (
     Section,
@@ -134,10 +134,8 @@ class Excitation(Section):
         from granular.readers.file_formats import read_time_series
 
         unit = "N" if self.acceleration is None else "m/s^2"
-        try:
+        with at_key("file", errors=RecordError):
             times, values = read_time_series(Path(str(self.file)), unit)
-        except RecordError as error:
-            raise FieldError(str(error), "file") from None
         if len(times) < LEAST_ROWS:
             raise FieldError(
                 f"{quote(self.file)} holds {len(times)} times with a number; give at least {LEAST_ROWS}",

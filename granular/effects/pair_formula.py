@@ -19,7 +19,7 @@ from granular.effects.formula import EnergyFormula, FormulaList
 from granular.effects.pair_law import PairFunctions, PairLawEffect, Species
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, NONE, Dimension
-from granular.schema.field_kinds import FieldError, SectionListKind, unknown_word_message
+from granular.schema.field_kinds import SectionListKind, at_key, unknown_word_message
 from granular.schema.sections import quantity, section_field, text_field
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
@@ -53,14 +53,12 @@ class PairFormula(EnergyFormula, PairLawEffect):
         if self.tail is None:
             return
         known = ("q1", "q2", *(name for name, _ in self.values))
-        try:
+        with at_key("tail", errors=InputError):
             tree = parse(self.tail)
             for name in variable_names(tree):
                 if name.text not in known:
                     raise InputError(unknown_word_message(name.text, known, "name"))
             self.check_unit(tree, "J m^3")
-        except InputError as error:
-            raise FieldError(str(error), "tail") from None
 
     @staticmethod
     def derive_functions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,13 @@ from granular.pairs.pair_sum_settings import PairSumSettings
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_positions_and_velocities
 from granular.schema.apparatus import Cell, Grains, Output, Piston
-from granular.schema.field_kinds import FieldError, NestedSectionKind, SectionListKind, unknown_word_message
+from granular.schema.field_kinds import (
+    FieldError,
+    NestedSectionKind,
+    SectionListKind,
+    at_key,
+    unknown_word_message,
+)
 from granular.schema.sections import Section, nested_section_field, section_field, text_field
 from granular.schema.units import si_value
 from granular.shared.citations import module_docstring_of
@@ -102,10 +108,8 @@ def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str,
         effect = find_effect(name)
         if effect is None:
             raise FieldError(f"{unknown_word_message(name, effect_names(), 'effect')} {IMPORT}")
-        try:
+        with at_key(name):
             section = NestedSectionKind(True, section=effect).read_value(plain[name], diameter)
-        except FieldError as error:
-            raise error.with_outer_path(name) from None
         if section is not None:
             result[name] = section
     return result
@@ -282,10 +286,8 @@ class Scene(Section):
                 raise FieldError(
                     "cannot act in a cell with periodic sides; leave it out", "effects", effect.key
                 )
-        try:
+        with at_key("pairs"):
             self.pairs.check_periodic_cell(self.grains.count, shorter_period, self.grains.species[0].diameter)
-        except FieldError as error:
-            raise error.with_outer_path("pairs") from None
 
     def greatest_height(self) -> float:
         """Greatest height of piston and grains that is known before the run [m].

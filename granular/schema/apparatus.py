@@ -15,7 +15,7 @@ import numpy as np
 
 from granular.parts.grades import RECOIL_PERMEABILITY, REFERENCE_TEMPERATURE, find_grade
 from granular.parts.moment import Magnet, make_magnet, remanence_of_moment
-from granular.schema.field_kinds import FieldError
+from granular.schema.field_kinds import FieldError, at_key
 from granular.schema.piston_parts import Blade, Guide
 from granular.schema.sections import (
     Section,
@@ -143,10 +143,8 @@ class Grains(Section):
             )
         if self.grade is None:
             return
-        try:
+        with at_key("grade", errors=InputError):
             grade = find_grade(self.grade)
-        except InputError as error:
-            raise FieldError(str(error), "grade") from None
         if self.temperature is not None and self.temperature > grade.highest_temperature:
             raise FieldError(
                 f"{self.temperature:g} °C must be at most {grade.highest_temperature:g} °C, the limit of "

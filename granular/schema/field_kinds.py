@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import difflib
 import math
 import operator
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from granular.schema.units import si_value
-from granular.shared.errors import SceneError
+from granular.shared.errors import InputError, SceneError
 from granular.shared.message_text import quote, sanitize
 
 _LONGEST = 200  # characters of a name
@@ -29,9 +30,14 @@ class FieldError(SceneError):
         self.reason, self.path = reason, path
         super().__init__(f"{'.'.join(map(sanitize, path))}: {reason}" if path else reason)
 
-    def with_outer_path(self, *outer: str) -> FieldError:
-        """Make the same error, with the keys that lead to the section before its path."""
-        return FieldError(self.reason, *outer, *self.path)
+
+@contextlib.contextmanager
+def at_key(*path: str, errors: type[InputError] = FieldError) -> Iterator[None]:
+    """Make field errors of what is read inside, with the keys that lead to it before their own path."""
+    try:
+        yield
+    except errors as error:
+        raise FieldError(getattr(error, "reason", str(error)), *path, *getattr(error, "path", ())) from None
 
 
 def unknown_word_message(word: str, known: Sequence[str], what: str) -> str:
@@ -138,10 +144,8 @@ class QuantityKind(FieldKind):
     def parse(self, value: Any, diameter: float | None) -> float:
         """Read a number in the field's SI unit, or a text with a unit of its dimension; diameter [m]."""
         if isinstance(value, str):
-            try:
+            with at_key(errors=SceneError):
                 number = si_value(value, self.unit, diameter)
-            except SceneError as error:
-                raise FieldError(str(error)) from None
         else:
             number = _parse_number(value)
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -273,10 +277,8 @@ def _read_items(
 ) -> tuple[Any, ...]:
     result = []
     for index, item in enumerate(items):
-        try:
+        with at_key(str(index)):
             result.append(read(item, diameter))
-        except FieldError as error:
-            raise error.with_outer_path(str(index)) from None
     return tuple(result)
 
 

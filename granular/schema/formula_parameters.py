@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import Dimension, infer_dimension, unit_text
 from granular.formulas.tree import Node
-from granular.schema.field_kinds import FieldError, FieldKind, unknown_word_message
+from granular.schema.field_kinds import FieldError, FieldKind, at_key, unknown_word_message
 from granular.schema.sections import Section, section_field
 from granular.schema.units import si_value, unit_size
 from granular.shared.errors import InputError, SceneError
@@ -28,10 +28,8 @@ class ParameterValuesKind(FieldKind):
         """Read parameters, each a number with a unit; diameter [m]."""
         result = {}
         for name, given in dict(value).items():
-            try:
+            with at_key(name, errors=SceneError):
                 result[name] = _text_in_si(given, diameter)
-            except SceneError as error:
-                raise FieldError(str(error), name) from None
         return tuple(sorted(result.items()))
 
 

@@ -4,17 +4,9 @@ from __future__ import annotations
 
 from granular.parts.drags import blade_drag, guide_drag
 from granular.parts.liquids import find_liquid
-from granular.schema.field_kinds import FieldError
+from granular.schema.field_kinds import FieldError, at_key
 from granular.schema.sections import Section, integer_field, quantity, text_field
 from granular.shared.errors import InputError
-
-
-def viscosity_at_key(liquid: str, celsius: float, *path: str) -> float:
-    """Viscosity of a liquid by name [Pa s]; temperature [deg C], path of the key that names it."""
-    try:
-        return find_liquid(liquid, celsius).viscosity
-    except InputError as error:
-        raise FieldError(str(error), *path) from None
 
 
 class Blade(Section):
@@ -66,7 +58,8 @@ class Guide(Section):
     def drag(self, temperature: float, viscosity: float | None) -> float:
         """Drag of all rods [kg/s]; temperature of the liquid [deg C], viscosity of the cell's one [Pa s]."""
         if self.liquid is not None:
-            viscosity = viscosity_at_key(self.liquid, temperature, "piston", "guide", "liquid")
+            with at_key("piston", "guide", "liquid", errors=InputError):
+                viscosity = find_liquid(self.liquid, temperature).viscosity
         if viscosity is None:
             words = "must be given, as the cell holds no liquid; or give effects.drag.liquid"
             raise FieldError(words, "piston", "guide", "liquid")

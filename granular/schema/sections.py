@@ -22,6 +22,7 @@ from granular.schema.field_kinds import (
     SectionListKind,
     TemperatureKind,
     TextKind,
+    at_key,
     unknown_word_message,
 )
 from granular.shared.message_text import quote
@@ -157,11 +158,9 @@ class Section:
     def _read_fields(self, diameter: float | None) -> None:
         for field in dataclasses.fields(self):
             kind: FieldKind = field.metadata["kind"]
-            try:
+            with at_key(field.name):
                 value = kind.read_value(getattr(self, field.name), diameter)
                 object.__setattr__(self, field.name, value)
-            except FieldError as error:
-                raise error.with_outer_path(field.name) from None
         self.validate()
 
     def validate(self) -> None:

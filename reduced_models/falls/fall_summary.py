@@ -23,6 +23,7 @@ from reduced_models.falls.predicted_law import (
     LAW,
     OutsideRangeWarning,
     accelerated_mass,
+    affine_drag,
     predict_bed_parameters,
 )
 from reduced_models.laws.equation import compile_rates
@@ -229,12 +230,7 @@ def _summarise_simulated_fall(scene: Scene, start: float, progress: bool) -> Fal
     motion = run.piston()
     assert motion.velocity is not None
     assert motion.force is not None
-    assert scene.piston is not None
-    drag = 0.0 if scene.effects.drag is None else scene.effects.drag.coefficient
-    faces = scene.grains.face_area_ratios()[scene.grains.species_indices()]
-    affine = (drag * float(faces.sum()) / 3.0 + scene.piston.drag) * float(
-        np.trapezoid(motion.velocity**2, motion.time)
-    )
+    affine = affine_drag(scene) * float(np.trapezoid(motion.velocity**2, motion.time))
     losses = [name for name in ("drag_loss", "contact_loss") if name in run.dataset]
     lost = sum(float(run.dataset[name].values[-1]) for name in losses)
     rest = float(motion.height[-len(motion.height) // 10 :].mean())

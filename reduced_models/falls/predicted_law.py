@@ -181,6 +181,14 @@ def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
     return WEIGHT * piston.mass * gravity.acceleration / values["weight"]
 
 
+def affine_drag(scene: Scene) -> float:
+    """Drag of the piston and of grains that follow it affinely, over its velocity [kg/s]."""
+    grains, drag, piston = scene.grains, scene.effects.drag, scene.piston
+    faces = float(grains.face_area_ratios()[grains.species_indices()].sum())
+    own = 0.0 if piston is None else piston.drag
+    return (0.0 if drag is None else drag.coefficient) * faces / 3.0 + own
+
+
 def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -> dict[str, float]:
     """Predict lam [1/s], weight [m/s^2], rest [m], power, modulus and strength of ``elastoplastic-bed``."""
     # Derived in the module's first lines; walls, lateness and the bed's numbers were fitted to 120 simulated

@@ -237,11 +237,8 @@ class Comparison:
         """
         sound = [row for row in self.rows if not row.failure]
         shown = sound[:most]
-        if most is not None and len(sound) > most:
-            shown = [
-                *sound[: most - 1],
-                next((row for row in sound[most - 1 :] if row.name == LINEAR), sound[most - 1]),
-            ]
+        if most and len(sound) > most:
+            shown[-1] = next((row for row in sound[most - 1 :] if row.name == LINEAR), shown[-1])
         count = len(sound[0].records)
         heads = list(records) or [f"record {k + 1}" for k in range(count)]
         aic, bic = (min(getattr(row, name) for row in sound) for name in ("aic", "bic"))

@@ -45,7 +45,7 @@ from reduced_models.identification.scene_checks import (
     friction_of,
     read_parts_of_source,
     release_stages,
-    tolerances_of_run,
+    rest_of,
 )
 from reduced_models.identification.wells import well_quantities
 from reduced_models.laws.catalogue import LAWS, law_named
@@ -215,7 +215,10 @@ def identify(
         clock.lap("record" if run is None else "simulation")
         result = _fit_and_compare(record, run, laws, discovery, drive, mass, starts, budget, clock)
         if toleranced is not None and run is not None:
-            result = dataclasses.replace(result, of_parts=tolerances_of_run(run, toleranced, progress))
+            from granular.studies.tolerances import tolerances_at
+
+            of_parts = tolerances_at([rest_of(run)], toleranced, progress=progress)
+            result = dataclasses.replace(result, of_parts=of_parts)
             clock.lap("tolerances of the parts")
         doubts = [f"fit of {result.best.law.name}: {note}" for note in result.best.notes]
         for note in (*result.notes, *doubts):

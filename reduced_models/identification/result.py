@@ -225,7 +225,10 @@ class Identification:
         figures = figure_lines(self.figures, self.mass, model.confidence, amplitude)
         start += figures or [f"  no oscillation about an equilibrium: {model.no_swing}"]
         start += self._derived_lines
-        end = [*model.equation_lines(self.parameters or None), *self._closed_form_lines, *self._fall_lines]
+        end = model.equation_lines(self.parameters or None)
+        if self.elliptic_motion is not None:
+            end += wrap_words(f"starts as {self.elliptic_motion.text()}, m = k^2")
+        end += self._fall_lines
         free = None if most is None else max(most - len(start) - len(end), 2 * _FEWEST)
         said = caution_lines(self.cautions, None if free is None else max(_FEWEST, free - 2 * _FEWEST))
         laws = self.comparison.law_lines(
@@ -243,12 +246,6 @@ class Identification:
         if self.of_parts is not None:
             lines += wrap_words(self.of_parts.summary, "  ")
         return lines
-
-    @property
-    def _closed_form_lines(self) -> list[str]:
-        """Closed form of the motion with which a cubic law starts."""
-        motion = self.elliptic_motion
-        return [] if motion is None else wrap_words(f"starts as {motion.text()}, m = k^2")
 
     @property
     def _record_texts(self) -> list[str]:

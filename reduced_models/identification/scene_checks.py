@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
     from granular.studies.background_cases import BackgroundCall, BackgroundCase, BackgroundCaseRunner
     from granular.studies.tolerance_parts import Part
-    from granular.studies.tolerances import Tolerances
 
 CHECK_SEEDS = 2
 """Further random starts of the bed that are run to see the scatter."""
@@ -75,10 +74,9 @@ class CheckFailure(NamedTuple):
 class CheckOutcomes(NamedTuple):
     """Records of further runs of a scene, and laws judged on its falls."""
 
-    step: PistonRecord | CheckFailure | None
     step_check: RunCheck | None
     derived: DerivedFigures | None  # without a run by another step
-    starts: tuple[tuple[str, PistonRecord | CheckFailure], ...]
+    runs: tuple[tuple[str, PistonRecord | CheckFailure], ...]  # by another step, then from other starts
     lift: PistonRecord | None
     falls: DropScores | None
     failures: tuple[CheckFailure, ...]
@@ -166,13 +164,6 @@ def read_parts_of_source(
             "its first stage until = 'rest', or use the command tolerances"
         )
     return read_parts(scene, parts)
-
-
-def tolerances_of_run(run: Trajectory, parts: Sequence[Part], progress: bool) -> Tolerances:
-    """Follow the tolerances of parts about the equilibrium next to a run's first rest."""
-    from granular.studies.tolerances import tolerances_at
-
-    return tolerances_at([rest_of(run)], parts, progress=progress)
 
 
 def friction_of(run: Trajectory) -> MotionFriction | None:
@@ -289,12 +280,11 @@ class SceneChecks:
                 failures.append(CheckFailure("other falls", str(cause)))
         lifted = [record for record in map(_main_record, lifts) if isinstance(record, PistonRecord)]
         return CheckOutcomes(
-            step=_main_record(changed[0]) if changed else None,
             step_check=step_check,
             derived=derived,
-            starts=tuple(
+            runs=tuple(
                 (check.what, _main_record(motion))
-                for (check, _), motion in zip(self._starts, starts, strict=True)
+                for (check, _), motion in zip([*other, *self._starts], [*changed, *starts], strict=True)
             ),
             lift=lifted[0] if lifted else None,
             falls=scores,
@@ -341,12 +331,9 @@ def add_check_errors(
     """Return figures, parameters and own swing with errors of step and start, as far as there are runs."""
     # By the same law and map over the same duration [s], so that what differs is the run.
     check, derived = outcomes.step_check, outcomes.derived
-    runs_by_name = list(outcomes.starts)
-    if check is not None and outcomes.step is not None:
-        runs_by_name.insert(0, (check.what, outcomes.step))
     every = (*figures, *model.parameter_quantities())
     fits = [
-        _quantities_of_further_run(what, swing, duration, model, mass, every) for what, swing in runs_by_name
+        _quantities_of_further_run(what, swing, duration, model, mass, every) for what, swing in outcomes.runs
     ]
     refitted = [None if isinstance(outcome, CheckFailure) else outcome for outcome in fits]
 
@@ -366,7 +353,7 @@ def add_check_errors(
             None
             if isinstance(swing, CheckFailure)
             else quantities_at_amplitudes(_cut_to_duration(swing, duration), measured)
-            for _, swing in runs_by_name
+            for _, swing in outcomes.runs
         ]
         measured = dataclasses.replace(measured, figures=with_errors(measured.figures, read))
     failed = [outcome for outcome in fits if isinstance(outcome, CheckFailure)]

@@ -34,6 +34,7 @@ from reduced_models.falls.predicted_law import (
     ROWS,
     OutsideRangeWarning,
     accelerated_mass,
+    affine_drag,
     has_rows,
     lattice_at_rest,
     predict_bed_parameters,
@@ -98,8 +99,6 @@ class CoupledSystem(NamedTuple):
         parameters, piston, gravity = predict_bed_parameters(still), scene.piston, scene.effects.gravity
         assert piston is not None
         assert piston.mass is not None
-        drag = 0.0 if scene.effects.drag is None else scene.effects.drag.coefficient
-        grains, faces = scene.grains, scene.grains.face_area_ratios()[scene.grains.species_indices()]
         lattice = lattice_at_rest(still)
         softer, factor, _ = ROWS if has_rows(still) else (0.0, 1.0, 1.0)
         return cls(
@@ -107,9 +106,9 @@ class CoupledSystem(NamedTuple):
             stiffness=0.0,
             damping=0.0,
             piston=piston.mass,
-            bed=float(grains.masses().sum()),
+            bed=float(scene.grains.masses().sum()),
             moving=accelerated_mass(still, parameters),
-            drag=drag * float(faces.sum()) / 3.0 + piston.drag,
+            drag=affine_drag(scene),
             gravity=0.0 if gravity is None else gravity.acceleration,
             rest=parameters["rest"],
             modulus=factor * MODULUS * lattice.relative_shear_modulus,

@@ -104,12 +104,10 @@ def group_by_family(points: Iterable[WorkPrecisionPoint]) -> dict[str, tuple[Wor
     result: dict[str, list[WorkPrecisionPoint]] = {}
     for point in points:
         result.setdefault(point.setting.family, []).append(point)
-    return {name: tuple(sorted(group, key=_cost_of_point)) for name, group in result.items()}
-
-
-def _cost_of_point(point: WorkPrecisionPoint) -> int:
     # What failed is taken for the coarsest: too long a step is why a run fails.
-    return point.steps if not point.has_failed else 0
+    for group in result.values():
+        group.sort(key=lambda point: 0 if point.has_failed else point.steps)
+    return {name: tuple(group) for name, group in result.items()}
 
 
 class AdvisedSetting(NamedTuple):

@@ -32,6 +32,7 @@ from validation.exact.problem import (
     DIGITS,
     ExactProblem,
     GrainStates,
+    NaturalUnits,
     Number,
     few_grains_scene,
     grain_start_state,
@@ -63,9 +64,7 @@ class PotentialWell(NamedTuple):
     potential: Potential
     low: Number  # [D]
     high: Number  # [D]
-    velocity: Number  # [m/s]
-    length: Number  # [m]
-    time: Number  # [s]
+    units: NaturalUnits
 
 
 def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
@@ -101,7 +100,7 @@ def potential_well(scene: Scene) -> PotentialWell:
     guess = rest * (2 - start / rest) if start < 1.5 * rest else (5 * weight * start) ** mpf(-0.4)
     other = findroot(lambda y: potential(y) - potential(start), guess)
     low, high = min(start, other), max(start, other)
-    return PotentialWell(potential, low, high, units.velocity, units.length, units.time)
+    return PotentialWell(potential, low, high, units)
 
 
 def bounce_period(scene: Scene) -> Number:
@@ -110,7 +109,7 @@ def bounce_period(scene: Scene) -> Number:
 
     with workdps(DIGITS):
         well_ = potential_well(scene)
-        return oscillation_period(well_.potential, well_.low, well_.high) * well_.time
+        return oscillation_period(well_.potential, well_.low, well_.high) * well_.units.time
 
 
 def exact_bounce(scene: Scene, time: float) -> GrainStates:
@@ -119,15 +118,15 @@ def exact_bounce(scene: Scene, time: float) -> GrainStates:
 
     with workdps(DIGITS):
         well_ = potential_well(scene)
-        late = mpf(time) / well_.time
+        late = mpf(time) / well_.units.time
         position = position_after_upper_turning(well_.potential, well_.low, well_.high, late)
         magnitude = speed_from_energy(well_.potential, well_.potential(well_.high), position)
         half = oscillation_period(well_.potential, well_.low, well_.high) / 2
         upwards = int(floor(late / half)) % 2 == 1
         velocity = magnitude if upwards else -magnitude
         return GrainStates(
-            np.array([[grain_start_state(scene)[0][0], float(position * well_.length)]]),
-            np.array([[0.0, float(velocity * well_.velocity)]]),
+            np.array([[grain_start_state(scene)[0][0], float(position * well_.units.length)]]),
+            np.array([[0.0, float(velocity * well_.units.velocity)]]),
         )
 
 
