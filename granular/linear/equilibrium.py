@@ -38,6 +38,10 @@ MOST_ITERATIONS, MOST_MATRICES = 60, 4
 """Most of Newton's steps; and of matrices made for them, unless each further one halves the largest force: a
 settled bed of 368 grains takes three and two, and where an equilibrium has just vanished none halves it."""
 
+FURTHER = (1e-2, 1e-2)
+"""Reductions of the forces by further relaxations, if Newton's method still fails: it did from 1e-9 N, not
+from 1e-11 N, in a bed whose softest mode has 0.0026 N/m."""
+
 LONGEST_STEP = 0.1
 """Longest step of a coordinate [D]: beyond it a neighbour's force is another one."""
 
@@ -217,8 +221,11 @@ def find_equilibrium(
         return _newton(bed, start, held, first, fresh=near is None)
     except InputError as error:
         with contextlib.suppress(InputError):  # a bed without a floor falls out of its cell
-            at = relax(bed, start, held, first.stiffness.diagonal(), RELAXED)
-            return _newton(bed, at, held, make_pencil(bed, at), fresh=True)
+            at = start
+            for reduction in (RELAXED, *FURTHER):
+                at = relax(bed, at, held, first.stiffness.diagonal(), reduction)
+                with contextlib.suppress(InputError):
+                    return _newton(bed, at, held, make_pencil(bed, at), fresh=True)
         raise error from None
 
 

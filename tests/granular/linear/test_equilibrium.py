@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granular import equilibrium, evaluate
+from granular import equilibrium, evaluate, load_scene, simulate
 from granular.linear import normal_modes, piston_roots
 from granular.linear import pencil as pencils
-from granular.linear.equilibrium import _newton, equilibrium_from
+from granular.linear.equilibrium import COARSE_REST, _newton, equilibrium_from, settling_changes
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import D, at_rest, moved, small_damper
@@ -152,3 +152,13 @@ def test_newton_ends_where_an_equilibrium_has_just_vanished(monkeypatch: pytest.
     with pytest.raises(InputError, match=r"no equilibrium is near: forces of 1\.?\d*e-08 N stay"):
         _newton(bed, start, (), first, fresh=True)
     assert len(made) <= 8
+
+
+@pytest.mark.long
+def test_a_bed_with_a_soft_mode_is_relaxed_until_newton_s_method_ends() -> None:
+    changes = {"grains.remanence": 1.025 * 1.3, "arrangement.seed": 210}
+    scene = load_scene("damper").replace(**changes)
+    rest = equilibrium(simulate(scene.replace(**settling_changes(scene, COARSE_REST)), progress=False))
+    assert rest.is_stable
+    assert rest.lowest_stiffness[0] < 0.01  # [N/m]; the next one is 0.7
+    assert rest.residual < 1e-9
