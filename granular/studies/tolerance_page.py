@@ -28,14 +28,13 @@ def add_tolerances(page: HtmlPage, result: Tolerances) -> None:
     """Add bars, table and notes to a page."""
     page.add_section("Tolerances of the parts")
     page.add_paragraph(
-        f"{result.summary[0].upper()}{result.summary[1:]}. That is how far dampers differ whose parts differ "
-        "from their numbers in the scene. Any ± outside of this section is numerical: of fit, step, and the "
-        "random packing of the bed."
+        f"{result.summary[0].upper()}{result.summary[1:]}. Dampers built of such parts differ by that. "
+        "Any ± outside of this section is numerical: of fit, step, and the random packing of the bed."
     )
     page.add_figure(
         _draw_bars(result),
-        "Relative standard deviations by each part alone and by all together; random starts of the bed, "
-        "which are not of the parts, in grey.",
+        "Relative standard deviations by each part alone and by all together. Grey: random starts of the "
+        "bed, which are not of the parts.",
     )
     largest = "; ".join(f"{name}: {', '.join(keys)}" for name, keys in result.largest().items())
     page.add_paragraph(f"Largest causes, {largest}.")

@@ -180,23 +180,25 @@ class Tolerances:
     def summary(self) -> str:
         """Totals and the largest causes in one line."""
         rest, frequency, damping = self.figures.mean(axis=0) * self.totals
-        largest = ", ".join(f"{name} {keys[0]}" for name, keys in self.largest(1).items())
+        largest = ", ".join(f"of {name} {keys[0]}" for name, keys in self.largest(1).items())
         return (
-            f"of the parts: rest ± {1e3 * rest:.2g} mm, f0 ± {frequency:.2g} Hz, "
-            f"zeta ± {100.0 * damping:.2g} % (standard deviations; most by {largest})"
+            f"of the parts: rest ± {1e3 * rest:.2g} mm, f0 ± {frequency:.2g} Hz, zeta ± "
+            f"{100.0 * damping:.2g} % of critical (standard deviations; largest cause {largest})"
         )
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Meaning of the table in sentences."""
         notes = [
-            "A tolerance is a standard deviation, of all pieces of a part together, as of a batch: scatter "
-            "of single magnets about their mean hardly counts (3 % of the moment: 0.02 % of rest and "
-            "frequency, 0.3 % of the damping ratio).",
-            "Figures are those of small motions, without dry friction."
+            "A tolerance is the standard deviation of a part from batch to batch: all magnets of a bed share "
+            "it. Scatter of single magnets within a batch hardly counts: in the packaged damper, 3 % of the "
+            "moment changes rest and frequency by 0.02 %, the damping ratio by 0.3 %.",
+            "The damping ratio is that of small motions, without dry friction."
             if self.amplitude is None
             else f"The damping ratio is with dry friction, at an amplitude of {1e3 * self.amplitude:g} mm.",
         ]
+        if len(self.figures) > 1:
+            notes.append("± of a slope is its standard deviation from bed to bed.")
         if self.curved:
             remedy = "the drawn dampers contain it" if len(self.drawn) > 1 else "draw dampers (--draws 200)"
             keys = ", ".join(self.curved)
@@ -205,7 +207,7 @@ class Tolerances:
             if error > BEDS_DIFFER:
                 notes.append(f"Beds differ: ± of {name} is known to {100.0 * error:.0f} %; more --beds help.")
         if self.rearranged:
-            notes.append(f"{self.rearranged} drawn dampers pack otherwise, and count as they pack.")
+            notes.append(f"Grains pack otherwise in {self.rearranged} drawn dampers, which count so.")
         return tuple(notes)
 
     def __str__(self) -> str:
@@ -216,10 +218,14 @@ class Tolerances:
 
 def table_rows(result: Tolerances) -> list[tuple[str, ...]]:
     """Header and rows of the table, with the sum of all parts."""
-    rows = [
-        ("part", "tolerance", *(f"slope of {f}" for f in FIGURES), *(f"{f} ± [% of it]" for f in FIGURES))
-    ]
     beds, draws = len(result.figures), len(result.drawn)
+    header = (
+        "part",
+        "tolerance",
+        *(f"slope of {f}" for f in FIGURES),
+        *(f"{f} ± [% of it]" for f in FIGURES),
+    )
+    rows = [header]
     for k, part in enumerate(result.parts):
         cells = []
         for slopes in result.slopes[:, k].T:

@@ -173,7 +173,7 @@ def test_smaller_steps_if_the_bed_rearranges(rest: Equilibrium, monkeypatch: pyt
     assert found.curved == tuple(TWO)
     numbers = np.random.default_rng(0).standard_normal((3, 2))
     assert found.rearranged == np.count_nonzero(np.abs(numbers).max(axis=1) > 0.5) == 2
-    assert "2 drawn dampers pack otherwise, and count as they pack." in found.notes
+    assert "Grains pack otherwise in 2 drawn dampers, which count so." in found.notes
 
 
 def test_dampers_are_drawn_if_slopes_are_not_enough(
