@@ -121,7 +121,12 @@ def response(options: Any) -> None:
 
 
 def _measure_frequency_response(options: Any) -> None:
-    """Run the sines, or the sweep, and say what is left."""
+    """Run the sines, or the sweep, and say how far the machine moves."""
+    import numpy as np
+
+    from granular.response.response import frequency_response
+    from granular.response.transients import run_frequency_sweep, sweep_rate_at_peak
+
     require_options(options, lowest="--from", highest="--to")
     refuse_options(options, "sines", "length", "fraction")
     points = POINTS if options.points is None else options.points
@@ -131,11 +136,17 @@ def _measure_frequency_response(options: Any) -> None:
             "two frequencies, the lower one first, and at least 2 points"
         )
     scene, sizes = _scene_and_drive_amplitudes(options)
-    result = _run_sines_or_sweep(options, scene, sizes, points)
+    settings = {"dt": parse_time_step(options.dt), "out": options.out, "progress": not options.quiet}
+    if options.sweep is not None:
+        refuse_options(options, "a sweep, only with sines", "duration", "workers")
+        settings |= given_options(options, "points")
+        result = run_frequency_sweep(scene, options.lowest, options.highest, options.sweep, **settings)
+    else:
+        settings |= given_options(options, "duration")
+        frequencies = np.geomspace(options.lowest, options.highest, points).tolist()
+        result = frequency_response(scene, frequencies, amplitudes=sizes, workers=options.workers, **settings)
     lines, figures = [result.table], {"peaks": result.peaks(), "out": options.out}
     if options.sweep is not None:
-        from granular.response.transients import sweep_rate_at_peak
-
         figures["sweep_rate"] = sweep_rate_at_peak(result)
         if figures["sweep_rate"] is not None:
             lines.append(
@@ -160,7 +171,9 @@ def _measure_impulse_response(options: Any) -> None:
         scene_from_options(options),
         options.force[0],
         **given_options(options, "fraction", "length", "duration"),
-        **_settings(options),
+        dt=parse_time_step(options.dt),
+        out=options.out,
+        progress=not options.quiet,
     )
     figures: dict[str, Any] = {
         "seconds": result.settling_time,
@@ -212,34 +225,6 @@ def _scene_and_drive_amplitudes(options: Any) -> tuple[Scene, list[float] | None
             saved["start"] = host.excitation.start
         scene = scene.replace(**{"effects.host.excitation": saved})
     return scene, next(iter(given.values()), None)
-
-
-def _run_sines_or_sweep(
-    options: Any, scene: Scene, sizes: list[float] | None, points: int
-) -> FrequencyResponse:
-    import numpy as np
-
-    from granular.response.response import frequency_response
-    from granular.response.transients import run_frequency_sweep
-
-    lowest, highest, settings = options.lowest, options.highest, _settings(options)
-    if options.sweep is not None:
-        refuse_options(options, "a sweep, only with sines", "duration", "workers")
-        settings |= given_options(options, "points")
-        return run_frequency_sweep(scene, lowest, highest, options.sweep, **settings)
-    return frequency_response(
-        scene,
-        np.geomspace(lowest, highest, points).tolist(),
-        amplitudes=sizes,
-        workers=options.workers,
-        **given_options(options, "duration"),
-        **settings,
-    )
-
-
-def _settings(options: Any) -> dict[str, Any]:
-    """Arguments that all runs take."""
-    return {"dt": parse_time_step(options.dt), "out": options.out, "progress": not options.quiet}
 
 
 def _write_response(result: FrequencyResponse, path: Path) -> str:

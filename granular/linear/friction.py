@@ -217,7 +217,7 @@ def motion_friction(
     --------
     >>> from granular import damper, equilibrium
     >>> from granular.linear import motion_friction
-    >>> found = motion_friction(equilibrium(damper(count=24)), static=0.02)
+    >>> found = motion_friction(equilibrium(damper(count=48, drop=24.0)), static=0.02)
     >>> bool(found.moving_load < found.load)
     True
     """

@@ -18,6 +18,7 @@ import numpy as np
 from granular.linear import motion_friction, piston_roots
 from granular.linear.bed_forces import check_free_piston
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
+from granular.linear.friction import names_friction
 from granular.linear.roots import Root, refine_root, require_free_piston
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -45,6 +46,9 @@ changes its neighbours moves by half a spacing or so."""
 
 CURVED = 0.05
 """Part of a standard deviation that departures from slopes may add before slopes alone are said not to do."""
+
+ROUNDED = 1e-8
+"""Relative change of a figure below which it is rounding, and no departure from a slope."""
 
 BEDS_DIFFER = 0.1
 """Relative standard error of a total, by the number of beds, from which it is said."""
@@ -113,7 +117,7 @@ class Tolerances:
         beds, variances = len(self.figures), (self.sides**2).mean(axis=2).sum(axis=1)
         if len(self.drawn) > beds:
             variances = np.array([self.drawn[k::beds].var(axis=0) for k in range(beds)])
-        size = 2.0 * np.maximum(variances.mean(axis=0), 1e-30) * beds**0.5
+        size = 2.0 * np.maximum(variances.mean(axis=0), ROUNDED**2) * beds**0.5
         return np.asarray(variances.std(axis=0, ddof=int(beds > 1)) / size)
 
     @property
@@ -122,7 +126,7 @@ class Tolerances:
         by_slopes = self.slopes * np.array([part.slope_step for part in self.parts])[:, None]
         departures = self.sides - by_slopes[:, :, None] * np.array([[1.0], [-1.0]])
         # A change a x + c x^2 with x of the standard normal distribution has the variance a^2 + 2 c^2.
-        square = np.maximum((by_slopes**2).mean(axis=0).sum(axis=0), 1e-30)
+        square = np.maximum((by_slopes**2).mean(axis=0).sum(axis=0), ROUNDED**2)
         excess = np.sqrt(1.0 + 2.0 * (departures**2).mean(axis=(0, 2)) / square) - 1.0
         return tuple(part.key for part, row in zip(self.parts, excess, strict=True) if row.max() > CURVED)
 
@@ -288,7 +292,8 @@ def tolerances(
     ------
     InputError
         If the scene has no free piston or cannot settle, a key is no number of the scene, a tolerance has
-        another unit or is not positive, or a damper within the tolerances has no equilibrium.
+        another unit or is not positive, or a damper within the tolerances has no equilibrium; or
+        if an amplitude is given and the scene names no friction.
 
     Examples
     --------
@@ -297,10 +302,17 @@ def tolerances(
     >>> tolerances(load_scene("damper"), parts).totals  # doctest: +SKIP
     """
     check_free_piston(scene)
-    if beds < 1 or (draws or 0) < 0:
-        raise InputError(f"beds = {beds}, draws = {draws}; give 1 bed or more, and no fewer than 0 draws")
+    if beds < 1 or min(draws or 0, seed) < 0:
+        raise InputError(
+            f"beds = {beds}, draws = {draws}, seed = {seed}; give 1 bed or more, and draws and seed from 0 on"
+        )
     if amplitude is not None and not amplitude > 0.0:
         raise InputError(f"amplitude = {amplitude:g} m must be above 0")
+    if amplitude is not None and not names_friction(scene):
+        raise InputError(
+            f"the scene {scene.name!r} names no friction, and amplitude = {amplitude:g} m is for it; give "
+            "effects.friction, piston.friction or no amplitude"
+        )
     read = read_parts(scene, parts)
     states = settled_beds(scene, beds, out=out, progress=progress)
     rests = [equilibrium_from(*state) for state in states]

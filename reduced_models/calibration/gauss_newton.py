@@ -50,7 +50,8 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> Ga
     for _ in range(MOST_MOVES):
         scatter = _scatter_covariance(points)
         estimate = linear_estimate(centre, slopes, scatter, wanted)
-        short = np.clip(_SETTLED * estimate.standard_deviations, _LEAST_STEP, _LINEAR)
+        deviations = np.sqrt(np.diag(estimate.noise + estimate.scatter))
+        short = np.clip(_SETTLED * deviations, _LEAST_STEP, _LINEAR)
         # Along a direction that is hardly known, a short step of the logarithms may move features by much.
         if (np.abs(estimate.step) <= short).all() and (np.abs(estimate.moved) <= _SETTLED).all():
             return GaussNewtonResult(centre, estimate, scatter, len(points) * len(simulator.seeds), True)
@@ -98,11 +99,6 @@ class LinearEstimate(NamedTuple):
     gain: Float[np.ndarray, "p d"]  # of the step by a change of a feature
     moved: Float[np.ndarray, "d"]  # change of the features by the step, in standard deviations
     away: Float[np.ndarray, "d"]  # and their difference to the record after it
-
-    @property
-    def standard_deviations(self) -> np.ndarray:
-        """Standard deviations (p,) along the directions that are known."""
-        return np.sqrt(np.diag(self.noise + self.scatter))
 
 
 def linear_estimate(

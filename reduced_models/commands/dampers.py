@@ -146,16 +146,16 @@ def design(options: Any) -> None:
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}; give 1 or more")
     require_options(options, frequency="--frequency", damping="--damping")
-    from granular.scene.published_beds import damper
     from granular.studies.tolerance_parts import read_parts
     from granular.studies.tolerances import tolerances_at
+    from reduced_models.designs.damper import DamperCandidate
     from reduced_models.designs.design import design as design_damper
     from reduced_models.records.sources import make_directory
 
     parts = None
     if options.parts or options.usual:
-        # Every design has the keys of the packaged damper: wrong ones are refused before it.
-        scene = damper(magnets=options.magnets)
+        # Every design has these keys: wrong ones are refused before it.
+        scene = DamperCandidate(7.5, 368, 0.1, options.small_share, options.magnets).scene()
         parts = parts_from_options(options, scene)
         read_parts(scene, parts)
     with _say_where_results_are(options.out):

@@ -24,8 +24,7 @@ def fit_motion_figures(motion: PistonRecord) -> dict[str, float]:
     """Frequency [Hz], damping ratio, misfit and the law's lam [1/s], k1 [1/s^2], k2, k3 after the release."""
     from reduced_models.fitting.fit import fit
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         model = fit(motion, law=LAW, test_fraction=0.0, starts=STARTS)
     resting = model.at_rest
     return {

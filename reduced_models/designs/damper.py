@@ -44,9 +44,9 @@ POWERS = np.array(
 )
 """Powers of rest height [m], frequency [Hz] and damping ratio in these numbers: those of a crystal of dipoles
 (pressure with the power 5/2 of the density) that follows its piston affinely, with a frequency that grows
-with the power 1/80 of the damping ratio. That power and the figures above are from 144 simulated dampers over
-all of these limits, whose figures the laws give with errors of 2.5, 1.4 and 7.1 % rms."""
-ALIKE = np.array([-0.020, 0.018, -0.055])
+with the power 1/80 of the damping ratio. That power and the figures above are from 144 simulated dampers
+within these limits, from 2 kg on, whose figures the laws give with errors of 2.5, 1.4 and 7.1 % rms."""
+ONE_SIZE = np.array([-0.020, 0.018, -0.055])
 """Errors of the laws for beds of one size, in logarithms: medians of the first falls of fifteen dampers
 (`benchmarks.design_targets`), and those of the packaged damper."""
 DISCS = np.log([1.08, 0.95, 1.05])
@@ -95,7 +95,7 @@ class DamperCandidate(NamedTuple):
         InputError
             If ``grains`` is no number above 0.
         """
-        _check_above_zero("grains", self.grains)
+        check_above_zero("grains", self.grains)
         return math.sqrt(self.grains / REFERENCE_COUNT)
 
     @property
@@ -109,7 +109,7 @@ class DamperCandidate(NamedTuple):
         InputError
             If ``drag`` is no number above 0.
         """
-        _check_above_zero("drag", self.drag, "kg/s")
+        check_above_zero("drag", self.drag, "kg/s")
         return self.drag / (3.0 * math.pi * DIAMETER)
 
     def scene(self, seed: int = 1) -> Scene:
@@ -154,19 +154,24 @@ class DamperCandidate(NamedTuple):
         return made.replace(**changes)
 
 
-def _check_above_zero(name: str, value: Any, unit: str = "") -> None:
+def check_above_zero(name: str, value: Any, unit: str = "") -> None:
+    """Refuse what is no finite number above 0."""
     if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 < float(value) < math.inf:
         raise InputError(f"{name} = {quote(value)}; give a number above 0 {unit}".rstrip())
 
 
+def check_fraction(name: str, value: Any, largest: float) -> None:
+    """Refuse what is no number from 0 to the largest one."""
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 <= float(value) <= largest:
+        raise InputError(f"{name} = {quote(value)}; give a fraction from 0 to {largest:g}")
+
+
 def _check_figures(candidate: DamperCandidate) -> None:
     """Refuse figures of a damper that are out of their ranges."""
-    _check_above_zero("mass", candidate.mass, "kg")
-    _check_above_zero("grains", candidate.grains)
-    _check_above_zero("drag", candidate.drag, "kg/s")
-    fraction: Any = candidate.small_share
-    if not (isinstance(fraction, Real) and 0.0 <= float(fraction) <= 1.0):
-        raise InputError(f"small_share = {quote(fraction)}; give a fraction from 0 to 1")
+    check_above_zero("mass", candidate.mass, "kg")
+    check_above_zero("grains", candidate.grains)
+    check_above_zero("drag", candidate.drag, "kg/s")
+    check_fraction("small_share", candidate.small_share, 1.0)
 
 
 class PredictedFigures(NamedTuple):
@@ -188,8 +193,8 @@ def scaled_logarithms(candidate: DamperCandidate) -> Float[np.ndarray, "3"]:
     load = candidate.mass / candidate.cell_width_ratio
     numbers = np.log([load, candidate.grains, candidate.drag, lighter])
     discs = DISCS if candidate.magnets == "cylinders" else 0.0
-    alike = 0.0 if candidate.small_share else ALIKE
-    return np.asarray(REFERENCE_FIGURES + (numbers - REFERENCE) @ POWERS + discs + alike)
+    one_size = 0.0 if candidate.small_share else ONE_SIZE
+    return np.asarray(REFERENCE_FIGURES + (numbers - REFERENCE) @ POWERS + discs + one_size)
 
 
 def figures_of(logarithms: np.ndarray) -> PredictedFigures:

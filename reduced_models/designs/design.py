@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,21 +27,9 @@ from granular.studies.sweep import sweep
 from reduced_models.designs.checks import figures_of_design_check, measure_design_check
 from reduced_models.designs.damper import DamperCandidate, figures_of, scaled_logarithms
 from reduced_models.designs.proposal import damper_by_laws, propose_design
-from reduced_models.designs.result import (
-    DAMPING_TOLERANCE,
-    FREQUENCY_TOLERANCE,
-    Design,
-    DesignCheck,
-    DesignRound,
-)
+from reduced_models.designs.result import Design, DesignCheck, DesignRound
 from reduced_models.designs.target import DesignTarget
 
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
-DISC_FREQUENCY_TOLERANCE = 0.03
-"""Taken for discs if no proposal is nearer: their beds come to rest in one order or another, and of two
-neighbouring proposals for 4 Hz one has 3.90 and the other 4.09 Hz."""
 SEEDS = (2,)
 """Random starts of the checks; the simulations behind the scaling laws took the first."""
 WANTED = 0.01
@@ -147,6 +134,7 @@ def design(
         raise InputError(f"seeds = {quote(seeds)}; give integers from 0 on")
     if not len(seeds):
         raise InputError("seeds is empty; give at least one random start")
+    seeds = [int(seed) for seed in seeds]
     if workers is not None and (not isinstance(workers, int) or workers < 1):
         raise InputError(f"workers = {quote(workers)}; give an integer from 1 on")
     first = propose_design(target)
@@ -174,18 +162,19 @@ def _search_damper(
         except StoreError:
             raise
         except GranularError as error:
-            if any(_is_met(target, made) for made in rounds):
+            if any(made.meets_target(target) for made in rounds):
                 break
             raise DesignError(str(error), Design(target, tuple(rounds)) if rounds else None) from None
         rounds.append(DesignRound(candidate, figures_of(scaled_logarithms(candidate) + errors), checks))
         result = Design(target, tuple(rounds))
-        if _is_met(target, rounds[-1]) and rounds[-1].mean_miss(target) <= 1.0:
+        if rounds[-1].meets_target(target) and rounds[-1].mean_miss(target) <= 1.0:
             break
-        errors = _median_errors(rounds)
+        # Medians, since some beds are about to rearrange.
+        errors = np.median([made.logarithms - scaled_logarithms(made.damper) for made in rounds], axis=0)
         candidate = _damper_between(target, rounds) or damper_by_laws(target, errors, candidate.grains)
         while any(candidate == made.damper for made in rounds):
             candidate = candidate._replace(drag=candidate.drag * ASIDE)
-    met = [made for made in rounds if _is_met(target, made)]
+    met = [made for made in rounds if made.meets_target(target)]
     if not met:
         raise DesignError(_miss_text(result), result)
     best = min(met, key=lambda made: made.mean_miss(target))
@@ -198,9 +187,7 @@ def _damper_between(target: DesignTarget, rounds: Sequence[DesignRound]) -> Damp
     Its drag is that of the nearest one, corrected, if there is a damper between them already.
     """
     wanted = np.log([target.frequency, target.damping])
-    misses = [
-        np.log([made.mean_figure("frequency"), made.mean_figure("damping_ratio")]) - wanted for made in rounds
-    ]
+    misses = [made.logarithms[1:] - wanted for made in rounds]
     order = sorted(range(len(rounds)), key=lambda index: abs(misses[index][0]))
     above = next((index for index in order if misses[index][0] > WANTED), None)
     below = next((index for index in order if misses[index][0] < -WANTED), None)
@@ -213,22 +200,7 @@ def _damper_between(target: DesignTarget, rounds: Sequence[DesignRound]) -> Damp
     ends = [np.log(rounds[index].damper[:3]) for index in (above, below)]
     mass, grains, drag = np.exp((1.0 - part) * ends[0] + part * ends[1]).tolist()
     drag *= math.exp((part - 1.0) * misses[above][1] - part * misses[below][1])
-    return rounds[above].damper._replace(mass=mass, grains=round(grains), drag=drag)
-
-
-def _median_errors(rounds: Sequence[DesignRound]) -> Float[np.ndarray, "3"]:
-    """Median errors of the scaling laws' logarithms at the proposals: some beds are about to rearrange."""
-    names = ("rest_height", "frequency", "damping_ratio")
-    errors = [
-        np.log([made.mean_figure(name) for name in names]) - scaled_logarithms(made.damper) for made in rounds
-    ]
-    return np.asarray(np.median(errors, axis=0))
-
-
-def _is_met(target: DesignTarget, made: DesignRound) -> bool:
-    """Return whether all checks of a proposal are within the tolerances."""
-    frequency = FREQUENCY_TOLERANCE if target.magnets == "dipoles" else DISC_FREQUENCY_TOLERANCE
-    return Design(target, (made,)).meets_target(frequency, DAMPING_TOLERANCE)
+    return rounds[above].damper._replace(mass=target.mass or mass, grains=round(grains), drag=drag)
 
 
 def _run_checks(

@@ -32,7 +32,7 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
     ----------
     target : DesignTarget
         Wanted frequency [Hz] and damping ratio. With neither grains nor mass fixed, 368 grains are taken if
-        a piston of 2 to 8 kg does on them, else fewer, and on 92 grains heavier pistons.
+        a piston of 1.6 to 8 kg does on them, else fewer, and on 92 grains heavier pistons.
 
     Returns
     -------

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from numbers import Integral, Real
+from numbers import Integral
 from typing import NamedTuple
 
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
-from reduced_models.designs.damper import COUNTS, LARGEST_SHARE
+from reduced_models.designs.damper import COUNTS, LARGEST_SHARE, check_above_zero, check_fraction
 
 
 class DesignTarget(NamedTuple):
@@ -51,31 +50,18 @@ class DesignTarget(NamedTuple):
             fixed, grains is no integer from 92 to 368, the fraction of small ones is not from 0 to
             0.5, or there are no such magnets.
         """
-        for name, value, unit in (
-            ("frequency", self.frequency, " Hz"),
-            ("damping", self.damping, ""),
-            ("mass", self.mass, " kg"),
-        ):
-            if value is None and name == "mass":
-                continue
-            if value is None or not _is_number(value) or not 0.0 < value < math.inf:
-                raise InputError(f"{name} = {quote(value)}; give a number above 0{unit}")
+        check_above_zero("frequency", self.frequency, "Hz")
+        check_above_zero("damping", self.damping)
+        if self.mass is not None:
+            check_above_zero("mass", self.mass, "kg")
         if self.grains is not None and self.mass is not None:
             raise InputError(
-                f"grains = {quote(self.grains)} and mass = {quote(self.mass)} fix the frequency "
-                "already; "
+                f"grains = {quote(self.grains)} and mass = {quote(self.mass)} fix the frequency already; "
                 "give one of them, or none"
             )
         low, high = COUNTS
         if self.grains is not None and not (isinstance(self.grains, Integral) and low <= self.grains <= high):
             raise InputError(f"grains = {quote(self.grains)}; give an integer from {low} to {high}")
-        if not (_is_number(self.small_share) and 0.0 <= self.small_share <= LARGEST_SHARE):
-            raise InputError(
-                f"small_share = {quote(self.small_share)}; give a fraction from 0 to {LARGEST_SHARE:g}"
-            )
+        check_fraction("small_share", self.small_share, LARGEST_SHARE)
         if self.magnets not in ("dipoles", "cylinders"):
             raise InputError(f"magnets = {quote(self.magnets)}; give 'dipoles' or 'cylinders'")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)

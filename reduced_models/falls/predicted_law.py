@@ -48,6 +48,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.falls.lattice_pressure import POWER, PressedLattice, lattice_under_pressure
@@ -213,8 +214,6 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
             f"the scene {quote(scene.name)} has {unknown}; the law of a fall is known where four walls of "
             "the package's laws hold the grains and all pairs repel: simulate the scene instead"
         )
-    from granular.schema.natural_units import Scales
-
     scales, width = Scales.from_grains(grains), scene.cell.width
     drag = 0.0 if effects.drag is None else effects.drag.coefficient
     weight = piston.mass * gravity
@@ -265,8 +264,6 @@ def _unknown_keys(scene: Scene) -> Iterator[str]:
 
 def lattice_at_rest(scene: Scene) -> PressedLattice:
     """Lattice of a scene's grains under the weight of its piston."""
-    from granular.schema.natural_units import Scales
-
     piston, gravity, scales = scene.piston, scene.effects.gravity, Scales.from_grains(scene.grains)
     assert piston is not None
     assert piston.mass is not None

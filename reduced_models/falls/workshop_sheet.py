@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.linear import piston_roots
-from granular.linear.bed_forces import rubs_dry
 from granular.linear.equilibrium import Equilibrium
+from granular.linear.friction import names_friction
 from granular.parts.grades import GRADES, REMANENCE_SLOPE
 from granular.parts.liquids import silicone_oil_viscosity_ratio
 from granular.scene.scene import Scene
@@ -88,7 +88,7 @@ def workshop_sheet(
         "damping ratio added to that of the drag at an amplitude of "
         f"{1e3 * amplitude:.3g} mm, with static coefficients of metal on PTFE unless the scene names its "
         "own; if the bed sticks, a run decides."
-        f"{'' if scene.effects.friction else ' The simulations had no friction.'}"
+        f"{'' if scene.effects.friction else ' The simulations had no friction on the plates.'}"
     )
     page.add_table(GAP_COLUMNS, gaps)
     page.add_section("Limits of use")
@@ -137,7 +137,7 @@ def workshop_sheet(
 def usual_tolerances(bed: Equilibrium, amplitude: float) -> Tolerances:
     """Usual tolerances of a bed's parts, with dry friction at an amplitude [m] if there is any."""
     parts = read_parts(bed.scene, usual_parts(bed.scene))
-    return tolerances_at([bed], parts, amplitude=amplitude if rubs_dry(bed.scene) else None, draws=0)
+    return tolerances_at([bed], parts, amplitude=amplitude if names_friction(bed.scene) else None, draws=0)
 
 
 def _disc_sizes_text(scene: Scene) -> str:

@@ -21,7 +21,6 @@ from reduced_models.records.backbone import Backbone, backbone_of_extremes, driv
 from reduced_models.records.envelope import extremes_apart, find_extremes
 from reduced_models.records.inputs import input_column
 
-_NAMED = (0.5, 0.1)  # amplitudes of the headline, over the greatest one
 _FREQUENCY, _DAMPING = 0.01, 0.1  # relative differences, up to which law and record agree
 _KNOWN = 3e-3  # relative error of a frequency above which extremes are left to the fit
 _HOW = {
@@ -48,13 +47,6 @@ class MeasuredSwing:
     amplitudes: tuple[float, ...]  # that are shown [m], the greatest first
     figures: tuple[QuantityWithError, ...]
     units: EngineeringUnits
-
-    @property
-    def headline_indices(self) -> tuple[int, ...]:
-        """Indices of the amplitudes that the headline names: about half of the greatest, and a tenth."""
-        wanted = [fraction * self.amplitudes[0] for fraction in _NAMED]
-        nearest = [int(np.argmin(np.abs(np.log(np.array(self.amplitudes) / size)))) for size in wanted]
-        return tuple(dict.fromkeys(nearest))
 
     @property
     def greatest_differences(self) -> tuple[float, float]:

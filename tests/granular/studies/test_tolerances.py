@@ -129,8 +129,23 @@ def test_others_are_refused_in_a_line(key: str, tolerance: str, message: str) ->
 def test_no_part_and_no_bed_are_refused() -> None:
     with pytest.raises(InputError, match="no part has a tolerance"):
         tolerances(load_scene("damper"), {})
-    with pytest.raises(InputError, match="beds = 0, draws = None; give 1 bed or more"):
+    with pytest.raises(InputError, match="beds = 0, draws = None, seed = 0; give 1 bed"):
         tolerances(load_scene("damper"), TWO, beds=0)
+    with pytest.raises(InputError, match=r"seed = -1; .* draws and seed from 0 on"):
+        tolerances(load_scene("damper"), TWO, seed=-1)
+    with pytest.raises(InputError, match=r"names no friction, and amplitude = 0\.001 m"):
+        tolerances(load_scene("damper"), TWO, amplitude=1e-3)
+
+
+def test_parts_that_move_no_figure_have_no_departures(rest: Equilibrium) -> None:
+    """Rounding alone differs between both sides: of the rest by the drag, of all by friction."""
+    found = tolerances_at([rest], read_parts(rest.scene, {"effects.drag.coefficient": "0.1 %"}))
+    assert abs(found.slopes[0, 0, 0]) < 1e-8
+    assert found.curved == ()
+    assert len(found.drawn) == 0
+    scene = rest.scene.replace(**{"piston.friction": 0.05})
+    rubbing = dataclasses.replace(rest, scene=scene)
+    assert tolerances_at([rubbing], read_parts(scene, {"piston.friction": "20 %"})).curved == ()
 
 
 def test_slopes_are_those_of_small_changes(rest: Equilibrium) -> None:

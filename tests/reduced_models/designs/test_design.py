@@ -21,9 +21,9 @@ from reduced_models import DamperCandidate, DesignTarget, design, fit, propose_d
 from reduced_models.__main__ import main
 from reduced_models.designs.checks import figures_of_design_check, measure_design_check
 from reduced_models.designs.damper import COUNTS, DIAMETER, LOADS, POWERS, figures_of, scaled_logarithms
-from reduced_models.designs.design import MOST, DesignError
+from reduced_models.designs.design import MOST, DesignError, _damper_between
 from reduced_models.designs.proposal import HEAVY, damper_by_laws, reachable_frequencies
-from reduced_models.designs.result import DAMPING_TOLERANCE, FREQUENCY_TOLERANCE, DesignCheck
+from reduced_models.designs.result import DAMPING_TOLERANCE, FREQUENCY_TOLERANCE, DesignCheck, DesignRound
 from tests.granular.linear.small_beds import at_rest, small_damper
 
 TARGETS = [
@@ -244,6 +244,26 @@ def test_discs_that_are_met_after_a_near_proposal_are_taken(monkeypatch):
     assert not found.notes
 
 
+def test_random_starts_may_be_an_array(monkeypatch):
+    settle_in_orders(monkeypatch, 4.0)
+    found = design(4.0, 0.08, seeds=np.array([2, 3]), progress=False)
+    assert [check["seed"] for check in json.loads(json.dumps(found.to_plain()))["rounds"][0]["checks"]] == [
+        2,
+        3,
+    ]
+
+
+def test_dampers_between_two_falls_keep_a_given_mass():
+    target = DesignTarget(3.4, 0.08, mass=4.1)
+    rounds = [
+        DesignRound(DamperCandidate(4.1, grains, 0.2), None, (made_up_check(2, frequency),))
+        for grains, frequency in ((200, 3.6), (300, 3.1))
+    ]
+    between = _damper_between(target, rounds)
+    assert between.mass == 4.1
+    assert 200 < between.grains < 300
+
+
 def test_page_has_the_bars_of_parts(monkeypatch):
     settle_in_orders(monkeypatch, 4.0)
     found = design(4.0, 0.08, progress=False)
@@ -299,6 +319,9 @@ def test_command_prints_the_tolerances_of_parts(monkeypatch, capsys):
     assert "of the parts" not in capsys.readouterr().out
     with pytest.raises(InputError, match=r"'piston\.colour' is no number of a part"):
         main([*words, "--part", "piston.colour=1%"])
+    # Both sizes of a mixture are parts of the design, though not of the bed above.
+    with pytest.raises(InputError, match=r"no number of a part of the scene 'damper'"):
+        main([*words, "--small-share", "0.3", "--part", "grains.species.1.diameter=1%"])
 
 
 @pytest.mark.long

@@ -234,6 +234,8 @@ def test_tolerances_are_in_the_sheet_with_their_friction() -> None:
     found = usual_tolerances(rubbing, AMPLITUDE)
     assert DRAG not in [part.key for part in found.parts]
     assert found.amplitude == AMPLITUDE
+    # Friction on side walls is in no damping ratio.
+    assert usual_tolerances(bed(**{"effects.wall_friction.coefficient": 0.1}), AMPLITUDE).amplitude is None
 
 
 def test_a_grade_changes_a_damper_as_its_remanence_does() -> None:

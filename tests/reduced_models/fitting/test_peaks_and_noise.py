@@ -18,6 +18,7 @@ from reduced_models.records.derivatives import noise_level, rounding_step
 from reduced_models.records.envelope import find_extremes
 from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.sensor_artefacts import end_time_of_motion
+from tests.reduced_models.records.made_decays import headline_indices
 
 REST, SIZE = 0.06, 1e-3
 """Equilibrium and first amplitude of the made decays [m]."""
@@ -75,7 +76,7 @@ def test_the_headline_is_right_or_left_to_the_fit(disturbed: Callable[..., np.nd
     if found.own is None:
         assert "do not tell" in str(found)
         return
-    for k in found.own.headline_indices:
+    for k in headline_indices(found.own):
         frequency, ratio = found.own.quantities_at(k)
         assert frequency.value == pytest.approx(2.0, rel=5e-3)
         assert abs(frequency.value - 2.0) < 3.0 * frequency.total_error

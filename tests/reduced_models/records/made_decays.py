@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
 from granular import PistonRecord
+from reduced_models.identification.measured_swing import MeasuredSwing
 
 LAWS = {
     "linear": "linear",
@@ -38,6 +39,13 @@ SEEDS = range(3)
 REST, CYCLES = 0.06, 24.0
 WHITE = 1e-3
 """White noise over the first amplitude of records with spikes."""
+
+
+def headline_indices(own: MeasuredSwing) -> tuple[int, ...]:
+    """Indices of the shown amplitudes that are about half of the largest one, and a tenth of it."""
+    wanted = [fraction * own.amplitudes[0] for fraction in (0.5, 0.1)]
+    nearest = [int(np.argmin(np.abs(np.log(np.array(own.amplitudes) / size)))) for size in wanted]
+    return tuple(dict.fromkeys(nearest))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -23,6 +23,7 @@ from tests.reduced_models.records.made_decays import (
     OTHERS,
     SEEDS,
     Decay,
+    headline_indices,
     made_other_record,
     made_record,
     write_record,
@@ -58,7 +59,7 @@ def printed_figures(decay: Decay, path: Path) -> tuple[list[Figure], list[str]]:
         found = identify(record, laws=[LAWS[decay.kind]], starts=4, progress=False)
     figures = []
     if found.own is not None:
-        for k in found.own.headline_indices:
+        for k in headline_indices(found.own):
             amplitude = found.own.amplitudes[k]
             omega, ratio = decay.at_amplitude(amplitude)
             for figure, truth in zip(
@@ -141,7 +142,7 @@ def test_records_of_other_kinds() -> None:
         ]
         if found.own is not None:
             damped = made.omega * (1.0 if kind == "driven" else math.sqrt(1.0 - made.ratio**2))
-            for k in found.own.headline_indices:
+            for k in headline_indices(found.own):
                 frequency, ratio = found.own.quantities_at(k)
                 figures += [
                     Figure("own frequency", frequency.value, frequency.total_error, damped / math.tau),
