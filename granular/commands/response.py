@@ -122,11 +122,6 @@ def response(options: Any) -> None:
 
 def _measure_frequency_response(options: Any) -> None:
     """Run the sines, or the sweep, and say how far the machine moves."""
-    import numpy as np
-
-    from granular.response.response import frequency_response
-    from granular.response.transients import run_frequency_sweep, sweep_rate_at_peak
-
     require_options(options, lowest="--from", highest="--to")
     refuse_options(options, "sines", "length", "fraction")
     points = POINTS if options.points is None else options.points
@@ -135,6 +130,11 @@ def _measure_frequency_response(options: Any) -> None:
             f"--from {options.lowest:g} --to {options.highest:g} --points {points}: give "
             "two frequencies, the lower one first, and at least 2 points"
         )
+    import numpy as np
+
+    from granular.response.response import frequency_response
+    from granular.response.transients import run_frequency_sweep, sweep_rate_at_peak
+
     scene, sizes = _scene_and_drive_amplitudes(options)
     settings = {"dt": parse_time_step(options.dt), "out": options.out, "progress": not options.quiet}
     if options.sweep is not None:
