@@ -111,11 +111,12 @@ def _meet_damping(damper: DamperCandidate, wanted: float) -> DamperCandidate:
 
 def reachable_frequencies(target: DesignTarget) -> tuple[float, float]:
     """Lowest and highest frequency [Hz] of dampers with the damping ratio and the numbers of a target."""
+    dampers = _limiting_dampers(target)
     low, high = (
-        math.exp(scaled_logarithms(_meet_damping(damper, math.log(target.damping)))[1])
-        for damper in _limiting_dampers(target)
+        math.exp(scaled_logarithms(_meet_damping(damper, math.log(target.damping)))[1]) for damper in dampers
     )
-    return low / MARGIN, high * (MARGIN if target.small_share else SMALLEST)
+    few, heavy = dampers[1].grains == COUNTS[0], dampers[1].mass >= HEAVY * dampers[1].cell_width_ratio
+    return low / MARGIN, high * (SMALLEST if few and heavy and not target.small_share else MARGIN)
 
 
 def _limiting_dampers(target: DesignTarget) -> tuple[DamperCandidate, DamperCandidate]:

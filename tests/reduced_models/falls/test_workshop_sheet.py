@@ -176,7 +176,6 @@ def test_the_parts_of_designs_make_the_dampers(frequency: float, damping: float,
         root.frequency / result.frequency - 1.0,
         root.damping_ratio / result.damping_ratio - 1.0,
     ]
-    print(frequency, damping, magnets, [f"{change:+.2%}" for change in changes])
     assert (np.abs(changes) <= [0.01, 0.01, 0.03]).all()
     wanted = result.scene
     assert scene.grains.count == wanted.grains.count
