@@ -172,8 +172,7 @@ def identify(options: Any) -> None:
         "--intervals",
         default="linear",
         metavar="HOW",
-        help="linear (default), bootstrap (resampled records) or profile (right also where "
-        "parameters are bounded or trade places)",
+        help="linear (default) or profile (right also where parameters are bounded or trade places)",
     ),
     option(
         "--drift",

@@ -13,13 +13,10 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
 from reduced_models.fitting.covariance import (
-    REPLICATES,
     FitStatistics,
-    bootstrap_replicates,
     joint_covariance,
     marginal_information,
     shifts_by_calibration_errors,
-    stratified_normal_draws,
 )
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.refinement import SearchResult, delay_remarks
@@ -32,7 +29,6 @@ from reduced_models.fitting.residual_diagnostics import (
 )
 from reduced_models.fitting.uncertainty import (
     Interval,
-    bootstrap_intervals,
     interval_analysis,
     physical_covariance,
     small_motion_figures,
@@ -93,9 +89,6 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
             "that their intervals cannot be computed; try another law, or check the units"
         )
     residuals = tuple(joint.residuals(theta))
-    again = None
-    if problem.intervals == "bootstrap":
-        again = bootstrap_replicates(joint, theta, REPLICATES, problem.seed)
     covariance, independent = joint_covariance(
         joint.linearised_residuals(theta),
         [grid.loss for grid in joint.grids],
@@ -109,8 +102,6 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
     )
     shifts = shifts_by_calibration_errors(joint, theta)
     covariance = covariance + shifts.T @ shifts
-    if again is not None:
-        again = again + stratified_normal_draws((len(again), len(shifts)), problem.seed) @ shifts
     free = ~joint.held_entries
     known = [
         FitStatistics(
@@ -147,11 +138,6 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
             shifts[:, here],
         )
         intervals = linear
-        if again is not None:
-            drawn = bootstrap_intervals(
-                joint.unknowns, again[:, here], theta[here], problem.confidence, known[k]
-            )
-            intervals = widen_to_linear_intervals(linear, undetermined, drawn)
         if profiled is not None:
             intervals = widen_to_linear_intervals(linear, undetermined, profiled[k])
         names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
@@ -276,14 +262,11 @@ def _provenance_words(record: PistonRecord, problem: FitProblem, period: float |
     limits = [f"{low:g} <= {name} <= {high:g}" for name, (low, high) in pairs if low < high]
     limits += [f"{name} = {low:g} given" for name, (low, high) in pairs if low == high]
     bounds = ", ".join(limits)
-    intervals: str = problem.intervals
-    if intervals == "bootstrap":
-        intervals = f"bootstrap, {REPLICATES} records, seed {problem.seed}"
     return {
         "data": f"{len(record)} samples over {record.time[-1] - record.time[0]:.6g} s, sha256 {digest[:16]}",
         "record": "\n".join(describe_record(record, period)),
         "records": str(len(problem.data)),
-        "fit": f"{problem.starts} starts, intervals {intervals}" + (f", {bounds}" * bool(bounds)),
+        "fit": f"{problem.starts} starts, intervals {problem.intervals}" + (f", {bounds}" * bool(bounds)),
     }
 
 

@@ -1,21 +1,15 @@
-"""Covariance and bootstrap of a joint search vector: what the data say of fitted parameters.
+"""Covariance of a joint search vector: what the data say of fitted parameters.
 
 Residuals that follow each other, because the noise does or because the law is not quite right, say
 less of some parameters and more of others than white ones. The covariance is the sandwich estimate
 with the autoregression of the residuals between two linearisations (Huber 1967; White 1980,
 doi:10.2307/1912934), which holds for the losses that spare outliers too, and for noise that grows with
 the speed. A sensor that rounds errs alike while its reading stands: such readings count as one.
-
-The sieve bootstrap needs no linearisation: the innovation of each residual, beyond what follows
-from the ones before it, is drawn with replacement; the autoregression makes residuals of the draws,
-which are laid on the fitted motion, and each such record is fitted again from the fit (Buehlmann
-1997, doi:10.2307/3318584). Intervals are the percentiles of the replicates.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -26,13 +20,7 @@ from reduced_models.fitting.residual_diagnostics import (
     gradient_covariance,
 )
 from reduced_models.least_squares.joint_records import Entries, JointRecords
-from reduced_models.least_squares.residuals import (
-    Loss,
-    add_random_walk,
-    cost_and_weight,
-    half_cost_curvature,
-    remove_random_walk,
-)
+from reduced_models.least_squares.residuals import Loss, cost_and_weight, half_cost_curvature
 from reduced_models.records.derivatives import rounding_step
 
 if TYPE_CHECKING:
@@ -43,9 +31,6 @@ if TYPE_CHECKING:
 LEAST_DOF = 2.0
 _AS_NOISY = 1.5  # times the variance of another record
 _RESOLVED = 1e-12  # of the greatest strength, a thousand times the rounding of an eigenvalue
-# Five of them are beyond each end of an interval of 95 %.
-REPLICATES = 200
-_ROUNDS = 10  # of reweighting, for a middle
 
 
 class FitStatistics(NamedTuple):
@@ -170,16 +155,6 @@ def shifts_by_calibration_errors(
     return result
 
 
-def stratified_normal_draws(shape: tuple[int, int], seed: int) -> Float[np.ndarray, "count columns"]:
-    """Return standard normal numbers, each column with the quantiles of the normal law."""
-    # Latin hypercube sampling (McKay, Beckman, Conover 1979, doi:10.1080/00401706.1979.10489755).
-    from scipy.stats import norm
-
-    random, (count, columns) = np.random.default_rng(seed), shape
-    scores = norm.ppf((np.arange(count) + 0.5) / count)
-    return np.reshape([random.permutation(scores) for _ in range(columns)], (columns, count)).T
-
-
 def _record_variance_weights(residuals: Sequence[np.ndarray]) -> np.ndarray:
     """Return common variance over that of each record, where all are as noisy; otherwise ones."""
     levels = np.array([float((left**2).mean()) for left in residuals])
@@ -216,62 +191,3 @@ def marginal_information(
     cross = normal[np.ix_(entries, others)]
     inner = np.linalg.pinv(normal[np.ix_(others, others)], hermitian=True)
     return np.asarray(normal[np.ix_(entries, entries)] - cross @ inner @ cross.T)
-
-
-def bootstrap_replicates(
-    joint: JointRecords, theta: Float[np.ndarray, "p"], count: int, seed: int
-) -> Float[np.ndarray, "count p"]:
-    """Search vectors (count, p) fitted to resampled records."""
-    random = np.random.default_rng(seed)
-    residuals = joint.residuals(theta)
-    lengths = [len(residual) for residual in residuals]
-    unit = joint.unknowns.residual_unit
-    # A residual is solution minus data.
-    fitted = [
-        grid.record.height + residual * unit for grid, residual in zip(joint.grids, residuals, strict=True)
-    ]
-    draws = [
-        _residual_resampler(residual, grid.gain, grid.loss)
-        for residual, grid in zip(residuals, joint.grids, strict=True)
-    ]
-    result = np.empty((count, len(theta)))
-    for k in range(count):
-        heights = [motion - unit * draw(random) for motion, draw in zip(fitted, draws, strict=True)]
-        grids = tuple(grid.with_heights(height) for grid, height in zip(joint.grids, heights, strict=True))
-        trial = dataclasses.replace(joint, grids=grids)
-        result[k] = trial.refit(theta, lengths, tolerance=1e-6)
-    return result
-
-
-def _residual_resampler(
-    residuals: np.ndarray, gain: float, loss: Loss
-) -> Callable[[np.random.Generator], np.ndarray]:
-    """Draws of residuals that follow each other as these do, about their middle."""
-    from scipy.signal import lfilter
-
-    count = len(residuals)
-    if gain > 0.0:
-        left = remove_random_walk(residuals, gain)
-        left = left - robust_location(left, loss)
-        return lambda random: add_random_walk(random.choice(left, count), gain)
-    centred = residuals - robust_location(residuals, loss)
-    series = fit_autoregression(centred)
-    new = series.innovations(centred)
-    new = new - robust_location(new, loss)
-    # What comes first has nothing before it: as much again, and more, is drawn and left out.
-    ahead = count if len(series.weights) else 0
-
-    def draw(random: np.random.Generator) -> np.ndarray:
-        drawn = random.choice(new, count + ahead)
-        return np.asarray(lfilter([1.0], series.whitening_filter, drawn)[ahead:])
-
-    return draw
-
-
-def robust_location(values: Float[np.ndarray, "n"], loss: Loss) -> float:
-    """Location of the least loss of values, which outliers do not move as they move the mean."""
-    result = 0.0
-    for _ in range(_ROUNDS):
-        _, weight = cost_and_weight(values - result, loss.compiled_arguments, np)
-        result = float(np.average(values, weights=weight))
-    return result

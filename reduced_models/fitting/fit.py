@@ -150,16 +150,16 @@ def fit(
     confidence : float
         Confidence level of the intervals, a fraction between 0 and 1.
     seed : int
-        Seed of all that is random, from 0 on: the starts, and the records that a bootstrap draws.
+        Seed of the random starts, from 0 on.
     own : sequence of str
         Parameters that each of several records has for itself; the others are shared. Every record
         has its own initial state.
     bounds : mapping of str to (float, float), optional
         Least and greatest value of parameters, in SI units; None for an open end.
-    intervals : "linear", "bootstrap" or "profile"
-        From the linearisation at the best fit, by fitting resampled records, or by holding each
-        parameter at values further and further away and fitting the others again: right also
-        where parameters are bounded or trade places (see `reduced_models.fitting.profile_likelihood`).
+    intervals : "linear" or "profile"
+        From the linearisation at the best fit, or by holding each parameter at values further and
+        further away and fitting the others again: right also where parameters are bounded or trade
+        places (see `reduced_models.fitting.profile_likelihood`).
         Intervals of the small swing at rest are always those of the linearisation.
     start, fix : mapping of str to float, optional
         Values, in SI units, about which parameters are looked for first, and values that they keep,
@@ -261,7 +261,7 @@ def fit(
     check_parameter_names(chosen, declared)
     chosen = dataclasses.replace(chosen, positive=tuple(dict.fromkeys((*chosen.positive, *positive))))
     if drift and intervals == "profile":
-        raise InputError("profile intervals know no drift; give intervals='linear' or 'bootstrap'")
+        raise InputError("profile intervals know no drift; give intervals='linear'")
     shared, value = fixed_values(fix or {}, len(records))
     pairs = parameter_bounds(chosen, bounds or {}, shared, value)
     given = weights_and_noise(records, weights, noise)

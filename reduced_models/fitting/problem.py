@@ -31,7 +31,7 @@ RecordLike = (
 )
 """A record, a table of one, the name of its file, or its times and heights."""
 Pairs = Mapping[str, tuple[float, float]]
-Intervals = Literal["linear", "bootstrap", "profile"]
+Intervals = Literal["linear", "profile"]
 
 _SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
 """Scales of the losses, in standard deviations of the noise: nine tenths as sharp as least squares,

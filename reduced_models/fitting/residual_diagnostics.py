@@ -143,11 +143,6 @@ class Autoregression(NamedTuple):
         """Power (size//2 + 1,) at the frequencies of a real transform of that size."""
         return np.asarray(self.variance / np.abs(np.fft.rfft(self.whitening_filter, size)) ** 2)
 
-    def innovations(self, residuals: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n-k"]:
-        """Return the new part of residuals (n,), from the first that has enough before it on."""
-        result = np.convolve(residuals, self.whitening_filter)[: len(residuals)]
-        return np.asarray(result[len(self.weights) :])
-
 
 def fit_autoregression(residuals: Float[np.ndarray, "n"]) -> Autoregression:
     """Autoregression of residuals (n,) about zero."""

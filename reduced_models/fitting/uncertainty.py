@@ -67,31 +67,13 @@ def interval_analysis(
     return intervals, at_rest, undetermined_directions(open_names, information)
 
 
-def bootstrap_intervals(
-    unknowns: Unknowns,
-    replicates: Float[np.ndarray, "k p"],
-    theta: Float[np.ndarray, "p"],
-    confidence: float,
-    known: FitStatistics,
-) -> dict[str, Interval]:
-    """Percentile intervals from search vectors (k, p) that were fitted to resampled records."""
-    # Percentiles ignore how few independent samples there are: they are stretched by Student's quantile over
-    # the normal one (Hesterberg 2015, doi:10.1080/00031305.2015.1089789).
-    from scipy.stats import norm
-
-    fractions = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
-    wider = known.student_quantile(confidence) / float(norm.ppf(fractions[1]))
-    edges = theta + wider * (np.quantile(replicates, fractions, axis=0) - theta)
-    return intervals_between(unknowns, *edges)
-
-
 def widen_to_linear_intervals(
     linear: Mapping[str, Interval],
     undetermined: Sequence[ParameterDirection],
     intervals: Mapping[str, Interval],
 ) -> dict[str, Interval]:
-    """Intervals of resampling or profiles, no narrower than linear ones in directions left open."""
-    # Along open directions a refit stays where it starts, and a profile ends where the prior does.
+    """Intervals of profiles, no narrower than linear ones in directions left open."""
+    # Along open directions a profile ends where the prior does.
     left_open = {name for direction in undetermined if direction.is_undetermined for name in direction.powers}
     return {
         name: ((min(low, linear[name][0]), max(high, linear[name][1])) if name in left_open else (low, high))

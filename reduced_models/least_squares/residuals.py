@@ -83,15 +83,6 @@ def remove_random_walk(residuals: Float[np.ndarray, "n ..."], gain: float) -> Fl
     return np.asarray(lfilter([1.0, -1.0], [1.0, gain - 1.0], residuals, axis=0))
 
 
-def add_random_walk(left: Float[np.ndarray, "n"], gain: float) -> Float[np.ndarray, "n"]:
-    """Residuals (n,) of which `remove_random_walk` leaves these."""
-    if gain == 0.0:
-        return left
-    from scipy.signal import lfilter
-
-    return np.asarray(lfilter([1.0, gain - 1.0], [1.0, -1.0], left))
-
-
 Kind = Literal["normal", "linear", "residual"]
 Selection = int | np.ndarray | None
 """Samples of a record: the first so many, those of a mask (n,), or all."""

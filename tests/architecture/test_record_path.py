@@ -88,7 +88,7 @@ def test_files_that_records_pass_with_all_options() -> None:
     files = passed(
         (integer, "linear", {"intervals": "profile", "loss": "huber"}),
         (integer, "van-der-pol-like", {"drift": True}),
-        ([integer, integer], "linear", {"own": ("omega",), "intervals": "bootstrap", "starts": 4}),
+        ([integer, integer], "linear", {"own": ("omega",), "starts": 4}),
         (integer.between(6.0, 40.0), hysteresis, {"initial": integer.between(0.0, 6.0), "starts": 2}),
         (integer, "z'' + c*z' + k*z = b*t", {"starts": 2, "noise": 0.01}),
     )

@@ -8,9 +8,7 @@ import numpy as np
 
 from granular import PistonRecord
 from reduced_models import fit
-from reduced_models.fitting.covariance import robust_location
 from reduced_models.fitting.problem import clip_outliers
-from reduced_models.least_squares.residuals import Loss
 
 TIME = np.linspace(0.0, 40.0, 2000)
 
@@ -45,9 +43,3 @@ def test_a_fit_that_spares_outliers_starts_without_them() -> None:
             warnings.simplefilter("error")
             model = fit(dirty, "linear", starts=1, test_fraction=0.0, loss="soft_l1")
         assert abs(model.parameters["omega"] - 1.05) < 0.005
-
-
-def test_the_middle_of_residuals_is_where_their_loss_is_least() -> None:
-    values = np.concatenate([np.random.default_rng(0).normal(size=1000), np.full(30, 50.0)])
-    assert abs(robust_location(values, Loss("soft_l1", 1.0))) < 0.15
-    assert robust_location(values, Loss()) == np.mean(values)

@@ -20,7 +20,7 @@ from reduced_models.fitting.residual_diagnostics import (
 from reduced_models.fitting.search import compile_fit_ahead
 from reduced_models.laws import law_named
 from reduced_models.laws.solution import _adaptive_solver, solve_law
-from reduced_models.least_squares.residuals import _compile_residuals, add_random_walk, remove_random_walk
+from reduced_models.least_squares.residuals import _compile_residuals
 from reduced_models.records.derivatives import spectral_peak_frequency
 from reduced_models.records.first_guesses import first_guesses
 
@@ -210,11 +210,6 @@ def test_a_short_record_does_not_seem_to_forget_sooner() -> None:
             found.append(weights[0])
     assert len(found) > 180
     assert np.mean(found) == pytest.approx(0.95, abs=0.004)
-
-
-def test_a_walk_is_taken_out_and_put_back() -> None:
-    noise = np.random.default_rng(2).normal(size=300)
-    np.testing.assert_allclose(add_random_walk(remove_random_walk(noise, 0.2), 0.2), noise, atol=1e-12)
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""Several records at once, own parameters, bounds, gaps, resampled intervals."""
+"""Several records at once, own parameters, bounds, gaps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import ReducedModel, fit
+from reduced_models import fit
 from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
 from reduced_models.records.derivatives import noise_level
@@ -89,36 +89,6 @@ def test_noise_level_heeds_the_times() -> None:
     assert noise_level(smooth, time) < 1e-5
     noisy = smooth + random.normal(0.0, 0.02, 5000)
     assert noise_level(noisy, time) == pytest.approx(0.02, rel=0.05)
-
-
-@pytest.fixture(scope="module")
-def resampled(made: Any) -> ReducedModel:
-    """A fit with resampled intervals."""
-    return fit(made("linear", level=0.02), "linear", intervals="bootstrap")
-
-
-def test_resampled_intervals_agree_with_linear_ones(made: Any, resampled: ReducedModel) -> None:
-    """Where the law is right and the noise is white, both are the same but for sampling error."""
-    linear_ones = fit(made("linear", level=0.02), "linear").intervals
-    for name, pair in resampled.intervals.items():
-        ratio = np.diff(pair)[0] / np.diff(linear_ones[name])[0]
-        assert 0.75 < ratio < 1.3
-    assert "bootstrap" in resampled.provenance["fit"]
-
-
-def test_the_seed_reaches_the_resampled_records(
-    made: Any, resampled: ReducedModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The best fit is the same from any starts; what is drawn around it is not."""
-    record = made("linear", level=0.02)
-    first, other = resampled, fit(record, "linear", intervals="bootstrap", seed=2)
-    assert first.parameters == pytest.approx(other.parameters, rel=1e-6)
-    for name, pair in first.intervals.items():
-        assert all(a != b for a, b in zip(pair, other.intervals[name], strict=True))
-        assert pair == pytest.approx(other.intervals[name], rel=0.05)
-    monkeypatch.setattr("reduced_models.fitting.assessment.REPLICATES", 8)
-    few, again = (fit(record, "linear", intervals="bootstrap", seed=1) for _ in range(2))
-    assert few.intervals == again.intervals
 
 
 def test_bad_arguments(made: Any) -> None:
