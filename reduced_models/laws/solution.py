@@ -3,7 +3,7 @@
 A fit solves the law thousands of times, for many starts side by side. There a Runge-Kutta method
 of sixth order on a uniform grid is best: it vectorises, its cost does not depend on what the trial
 parameters do, and its compiled code is small. The result is then judged, and every later
-prediction made, by diffrax with an adaptive step.
+prediction made, by diffrax with an adaptive step, piece after piece of the time, however many there are.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from granular.shared.errors import RecordError
 from reduced_models.jax_setup import Compiled, jax, jit
-from reduced_models.laws.equation import PROGRAMS, compile_rates
+from reduced_models.laws.equation import PROGRAMS, compile_jacobian, compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import Interpolation, piecewise_cubics
 
@@ -37,15 +37,11 @@ A = TypeVar("A", jax.Array, NDArray[Any])
 """Arrays of JAX or of NumPy."""
 
 States = tuple[Value, ...]
-Parameters = tuple[tuple[Value, ...], Value]
-"""Arguments of a law's field in diffrax: the law's own, and the amplitude."""
 
 Ending = Literal["complete", "blow-up", "steps"]
 
 TOLERANCE = 1e-10
 """Relative tolerance of an adaptive solution; times the motion's amplitude, the absolute one."""
-STEP_BUDGETS = (2**14, 2**17)
-"""Steps of an adaptive solution; the second budget is spent where the first does not suffice."""
 FAR = 1e9
 """A solution that goes this many amplitudes away diverges."""
 
@@ -63,16 +59,16 @@ _STAGES = (
 _WEIGHTS = (13 / 200, 0.0, 11 / 40, 11 / 40, 4 / 25, 4 / 25, 13 / 200)
 
 # Most steps of a grid that is counted by a law's period: 4,096 periods of 64 steps.
-MOST_STEPS = 2**18
+_MOST_GRID_STEPS = 2**18
 
 
 def count_grid_steps(duration: float, period: float, per_period: int) -> int:
     """Return the steps of a grid over a duration [s], with at least so many a period [s]."""
     wanted = per_period * duration / period
-    if wanted > MOST_STEPS:
+    if wanted > _MOST_GRID_STEPS:
         raise RecordError(
             f"the record holds about {duration / period:.3g} periods, and a fit can follow at most "
-            f"{MOST_STEPS // per_period}; fit a part of it, record.between(start, stop)"
+            f"{_MOST_GRID_STEPS // per_period}; fit a part of it, record.between(start, stop)"
         )
     return round_up_to_chunks(wanted)
 
@@ -97,8 +93,8 @@ def padded_step_count(steps: int) -> int:
 
 CHUNK = 64
 """Grid steps that are solved together; every grid has an integer of such chunks."""
-_LEAST_STEPS, _LEAST_TIMES = 512, 8192
-"""Least lengths that code is compiled for: what is left empty costs less than another compilation."""
+_LEAST_STEPS = 512
+"""Least length that code is compiled for: what is left empty costs less than another compilation."""
 
 
 def solve_on_grid(
@@ -176,49 +172,86 @@ class Solution:
 
     z: Float[np.ndarray, "n"]  # NaN at times that it does not reach
     velocity: Float[np.ndarray, "n"]
-    ending: Ending  # steps: their budget was spent, as on a stiff law
+    ending: Ending  # steps: it takes more than `MOST_STEPS`
+
+
+_PIECES = 2**11
+"""Pieces of the time that one call of a program solves."""
+_CALL = 2**14
+"""Steps of one call, behind which the solution is looked at, and may be broken off."""
+MOST_STEPS = 64
+"""Steps of a solution for each piece of its time and for each of its shortest time constants."""
+_STIFF = 2.0
+"""Steps in time constants from which stability sets them: accuracy asks for less than a half."""
+_DEARER = 10.0
+"""Cost of an implicit step over that of an explicit one; corners between stiff stretches ask for both."""
+_STANDSTILL = 1e-12  # of the time: what a call at a singularity advances
+_SEEN = 64  # states of a call whose time constants are looked at
 
 
 @functools.lru_cache(maxsize=PROGRAMS)
-def _adaptive_solver(equation: str, budget: int) -> Compiled[..., tuple[jax.Array, ...]]:
-    rates = compile_rates(equation)
+def _adaptive_solver(
+    equation: str, inputs: tuple[str, ...], *, implicit: bool = False
+) -> Compiled[..., tuple[jax.Array, ...]]:
+    rates = compile_rates(equation, inputs)
 
-    def field(t: object, state: States, parameters: Parameters) -> States:
-        # Hidden states, whose own size is 1 or so, are carried in amplitudes, for one tolerance.
-        z, v, *memory = state
-        values, size = parameters
-        a, *changes = rates(z, v, *(value / size for value in memory), *values)
-        return v, a, *(size * change for change in changes)
+    def field(s: Any, state: Any, piece: Any) -> jax.Array:
+        cubic, values = piece
+        given = cubic[0] + s * (cubic[1] + s * (cubic[2] + s * cubic[3]))
+        return _stack_rows((state[1], *rates(*state, *given, *values)), state[0])
 
-    def far_away(t: object, state: States, parameters: Parameters, **_: object) -> jax.Array:
-        return jnp.abs(state[0]) > FAR * parameters[1]
+    term = diffrax.ODETerm(field)
 
-    def solve(times: jax.Array, state: States, parameters: Parameters, size: Value) -> tuple[jax.Array, ...]:
-        # A dense solution: asking for times here would check them by a callback into Python, and
-        # code with callbacks cannot be kept on disk.
-        start = (state[0], state[1], *(size * value for value in state[2:]))
-        result = diffrax.diffeqsolve(
-            diffrax.ODETerm(field),
-            diffrax.Dopri8(),
-            times[0],
-            times[-1],
-            None,
-            start,
-            parameters,
-            saveat=diffrax.SaveAt(dense=True, t1=True),
-            stepsize_controller=diffrax.PIDController(rtol=TOLERANCE, atol=TOLERANCE * size),
-            event=diffrax.Event(far_away),
-            max_steps=budget,
-            throw=False,
-        )
-        z, v, *_ = jax.vmap(result.evaluate)(times)
-        reached = times <= result.ts[-1]
-        complete = result.result == diffrax.RESULTS.successful
-        blown_up = result.result == diffrax.RESULTS.event_occurred
-        reached = (reached & jnp.isfinite(z)) | complete
-        return jnp.where(reached, z, jnp.nan), jnp.where(reached, v, jnp.nan), complete, blown_up
+    def solve(
+        start: tuple[Value, Value, jax.Array],
+        length: jax.Array,
+        cubics: jax.Array,
+        values: States,
+        size: Value,
+    ) -> tuple[Any, ...]:
+        """Go on from a time [s] in the first piece, with a step [s] and a state, to a piece of no length."""
+        # Hidden states have a size of 1 or so.
+        tolerance = TOLERANCE * jnp.where(jnp.arange(len(start[2])) < 2, size, 1.0)
+        control = diffrax.PIDController(rtol=TOLERANCE, atol=tolerance)
 
-    return jit(solve, (equation, budget))
+        def make_solver(step: Value, state: jax.Array) -> Any:
+            if not implicit:
+                return diffrax.Dopri8()
+            # Newton's method looks for rates: their error is to be that of the state within a step.
+            error: Any = (tolerance + TOLERANCE * jnp.abs(state)) / step
+            return diffrax.Kvaerno5(root_finder=diffrax.VeryChord(rtol=TOLERANCE, atol=error))
+
+        solver, piece = make_solver(*start[1:]), (cubics[0], values)
+        order = solver.order(term)
+        first = solver.init(term, 0.0, start[1], start[2], piece)
+        memory = control.init(term, *start, start[1], piece, solver.func, order)[1]
+
+        def advance(carried: tuple[Any, ...]) -> tuple[Any, ...]:
+            k, (time, step, state), memory, spent, output = carried
+            piece, end = (cubics[k], values), jnp.minimum(time + step, length[k])
+            solver = make_solver(end - time, state)
+            moved, error, _, _, found = solver.step(term, time, end, state, piece, first, made_jump=True)
+            sound = diffrax.is_okay(found) & jnp.isfinite(error).all() & jnp.isfinite(moved).all()
+            error, moved = jnp.where(sound, error, jnp.inf), jnp.where(sound, moved, state)
+            keep, now, then, _, memory, _ = control.adapt_step_size(
+                time, end, state, moved, piece, error, order, memory
+            )
+            ended, state = keep & (end == length[k]), jnp.where(keep, moved, state)
+            # The end of a piece shortens a step, and not the steps behind it.
+            longer = ended & (then - now >= end - time)
+            step = jnp.where(longer, jnp.maximum(step, then - now), then - now)
+            place = jnp.where(ended, 0.0, now), step, state
+            return k + ended, place, memory, spent + 1, output.at[k].set(state)
+
+        def goes_on(carried: tuple[Any, ...]) -> jax.Array:
+            k, (_, _, state), _, spent, _ = carried
+            return (length[k] > 0.0) & (spent < _CALL) & (jnp.abs(state[0]) < FAR * size)
+
+        output = jnp.zeros((len(length), len(start[2])))
+        place = jax.tree.map(jnp.asarray, start)
+        return jax.lax.while_loop(goes_on, advance, (0, place, memory, 0, output))
+
+    return jit(solve, (equation, inputs, implicit))
 
 
 def solve_law(
@@ -233,108 +266,60 @@ def solve_law(
     how: Interpolation = "spline",
 ) -> Solution:
     """Return the motion of a law at times [s]; size is the amplitude that the tolerance refers to."""
-    # Dopri8 (Prince and Dormand 1981, doi:10.1016/0771-050X(81)90010-3), with steps that adapt or, if driven,
-    # that end at the samples.
-    values = tuple(map(float, parameters))
-    start = (float(z0), float(v0), *map(float, hidden or (0.0,) * len(law.hidden)))
-    if law.inputs:
-        return _driven_solution(law, times, start, values, size, list(inputs), how)
-    count = len(times)
-    padded = np.full(padded_length(count, _LEAST_TIMES), times[-1])
-    padded[:count] = times
-    for budget in STEP_BUDGETS:
-        solve = _adaptive_solver(law.equation, budget)
-        z, v, complete, blown_up = solve(padded, start, (values, float(size)), float(size))
-        if complete or blown_up:
+    # Dopri8 (Prince and Dormand 1981, doi:10.1016/0771-050X(81)90010-3), and where that is stiff Kvaerno5
+    # (Kvaerno 2004, doi:10.1023/B:BITN.0000046811.70614.38), with steps that adapt and that end at the times.
+    values, size = tuple(map(float, parameters)), float(size)
+    length, cubics = piecewise_cubics(times, list(inputs), how)
+    state = np.array([z0, v0, *(hidden or (0.0,) * len(law.hidden))], dtype=np.float64)
+    states = np.full((len(length) + 1, len(state)), np.nan)
+    states[0] = state
+    done, time, step, spent = 0, 0.0, float(length[0]), 0
+    rate, implicit, explicit_advance = 0.0, False, 0.0
+    ending: Ending = "complete"
+    while done < len(length):
+        here = slice(done, done + _PIECES)
+        empty = (0, 1 + _PIECES - len(length[here]))
+        pieces = np.pad(length[here], empty), np.pad(cubics[here], (empty, (0, 0), (0, 0)))
+        solve = _adaptive_solver(law.equation, law.inputs, implicit=implicit)
+        count, place, _, steps, output = solve((time, step, state), *pieces, values, size)
+        before = length[:done].sum() + time
+        k, state = int(count), np.asarray(place[2])
+        states[done + 1 : done + 1 + k] = output[:k]
+        done, time, step, spent = done + k, float(place[0]), float(place[1]), spent + int(steps)
+        if not abs(state[0]) < FAR * size:
+            ending = "blow-up"
             break
-    ending: Ending = "complete" if complete else ("blow-up" if blown_up else "steps")
-    return Solution(np.asarray(z)[:count], np.asarray(v)[:count], ending)
+        if steps < _CALL:
+            continue
+        total = length[:done].sum() + time
+        fastest = _fastest_rates(law, values, np.asarray(output)[: k + 1], cubics[here])
+        rate, advance = max(rate, float(fastest.max())), total - before
+        if implicit:
+            implicit = advance > _DEARER * explicit_advance
+        elif not explicit_advance and np.median(fastest) * advance > _STIFF * _CALL:
+            implicit, explicit_advance = True, advance
+        if advance <= _STANDSTILL * length.sum() or spent > MOST_STEPS * (done + 1 + rate * total):
+            ending = "steps"
+            break
+    every = len(length) // (len(times) - 1)
+    if ending != "complete":
+        states[done + 1 :] = np.nan
+    return Solution(states[::every, 0], states[::every, 1], ending)
+
+
+def _fastest_rates(
+    law: Law, values: States, states: Float[np.ndarray, "k n"], cubics: np.ndarray
+) -> Float[np.ndarray, "m"]:
+    """Greatest rates [1/s] at which a law answers to a change of some of its states; zero at a jump."""
+    slopes = compile_jacobian(law.equation, law.inputs)
+    seen = np.unique(np.linspace(0, len(states) - 1, _SEEN).astype(int))
+    velocity = np.eye(states.shape[1])[1]
+    matrices = [np.vstack([velocity, slopes(*states[k], *cubics[k, 0], *values)]) for k in seen]
+    return np.abs(np.linalg.eigvals(np.nan_to_num(matrices, posinf=0.0, neginf=0.0))).max(axis=1)
 
 
 def compile_solution_ahead(law: Law) -> None:
-    """Compile what `solve_law` calls for a law without inputs and the usual number of times."""
-    start, parameters = (0.0,) * (2 + len(law.hidden)), ((0.0,) * len(law.parameters), 0.0)
-    _adaptive_solver(law.equation, STEP_BUDGETS[0]).compile_ahead(
-        np.zeros(_LEAST_TIMES), start, parameters, 0.0
-    )
-
-
-_DRIVEN_TOLERANCE = 1e-7
-"""Agreement of two numbers of steps, in amplitudes, that a driven solution needs."""
-_SURE = 16  # parts of a sample's time in which a solution that leaves every bound does blow up
-_MOST_DRIVEN = 2**22
-"""Steps of a driven solution: as many as a gigabyte holds."""
-
-
-@functools.lru_cache(maxsize=PROGRAMS)
-def _fixed_step_solver(equation: str, inputs: tuple[str, ...]) -> Callable[..., jax.Array]:
-    rates = compile_rates(equation, inputs)
-    solver = diffrax.Dopri8()
-
-    def field(s: Any, state: Any, piece: Any) -> States:
-        cubic, values = piece
-        given = cubic[0] + s * (cubic[1] + s * (cubic[2] + s * cubic[3]))
-        a, *changes = rates(*state, *given, *values)
-        return state[1], a, *changes
-
-    term = diffrax.ODETerm(field)
-
-    def solve(start: States, values: States, length: jax.Array, cubics: jax.Array, split: Value) -> jax.Array:
-        """State behind each piece of the inputs, that is solved in ``split`` steps."""
-        first = solver.init(term, 0.0, length[0], start, (cubics[0], values))
-
-        def interval(state: jax.Array, piece: tuple[jax.Array, jax.Array]) -> Any:
-            step = piece[0] / split
-
-            def advance(index: Value, state: jax.Array) -> jax.Array:
-                result = solver.step(
-                    term,
-                    index * step,
-                    (index + 1) * step,
-                    tuple(state),
-                    (piece[1], values),
-                    first,
-                    made_jump=True,
-                )[0]
-                return jnp.stack(result)
-
-            state = jax.lax.fori_loop(0, split, advance, state)
-            return state, state[:2]
-
-        return jax.lax.scan(interval, jnp.stack(start), (length, cubics))[1]
-
-    return jit(solve, (equation, inputs))
-
-
-def _driven_solution(
-    law: Law,
-    times: np.ndarray,
-    start: tuple[float, ...],
-    values: tuple[float, ...],
-    size: float,
-    inputs: list[np.ndarray],
-    how: Interpolation,
-) -> Solution:
-    """Solve by diffrax's Dopri8 in equal parts of the time between samples, until two numbers agree."""
-    result = piecewise_cubics(times, inputs, how)
-    every = len(result.length) // (len(times) - 1)
-    count = len(result.length)
-    padded = padded_step_count(count)
-    length, cubics = np.ones(padded), np.zeros((padded, *result.cubics.shape[1:]))
-    length[:count], cubics[:count] = result.length, result.cubics
-    solve = _fixed_step_solver(law.equation, law.inputs)
-    before = np.full((len(times), 2), np.inf)
-    split = 1
-    while split * count <= _MOST_DRIVEN:
-        states = np.asarray(solve(start, values, length, cubics, split))[:count]
-        here = np.concatenate([[start[:2]], states[every - 1 :: every]])
-        with np.errstate(invalid="ignore"):
-            sound = np.abs(here[:, 0]) < FAR * size
-            change = np.abs(here[:, 0] - before[:, 0]).max()
-        if sound.all() and change <= _DRIVEN_TOLERANCE * size:
-            return Solution(here[:, 0], here[:, 1], "complete")
-        if not sound.all() and split >= _SURE:
-            here[int(np.argmin(sound)) :] = np.nan
-            return Solution(here[:, 0], here[:, 1], "blow-up")
-        before, split = here, 2 * split
-    return Solution(before[:, 0], before[:, 1], "steps")
+    """Compile what `solve_law` calls for a law without inputs."""
+    length, cubics = np.zeros(1 + _PIECES), np.zeros((1 + _PIECES, 4, 0))
+    start, values = (0.0, 0.0, np.zeros(2 + len(law.hidden))), (0.0,) * len(law.parameters)
+    _adaptive_solver(law.equation, ()).compile_ahead(start, length, cubics, values, 0.0)

@@ -230,7 +230,7 @@ class FittedLaw:
 
 def _incomplete_solution_text(name: str, times: np.ndarray, result: Solution) -> str:
     """Why a solution does not reach the last of the times."""
-    from reduced_models.laws.solution import STEP_BUDGETS
+    from reduced_models.laws.solution import MOST_STEPS
 
     reached = np.flatnonzero(np.isfinite(result.z))
     last = times[reached[-1]] if len(reached) else times[0]
@@ -238,7 +238,7 @@ def _incomplete_solution_text(name: str, times: np.ndarray, result: Solution) ->
         cause = f"diverges behind t = {last:g} s"
     else:
         cause = (
-            f"needs more than {STEP_BUDGETS[-1]} steps behind t = {last:g} s (it is stiff there, "
-            "or leaves where the law is defined)"
+            f"needs more than {MOST_STEPS} steps for each time asked for and each of the law's time "
+            f"constants behind t = {last:g} s (the law jumps there, or is not defined)"
         )
     return f"the solution of the law {quote(name)} {cause}; start nearer to rest or ask for a shorter time"

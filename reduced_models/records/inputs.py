@@ -111,10 +111,8 @@ def piecewise_cubics(
     time: Float[np.ndarray, "n"], columns: list[np.ndarray], interpolation: Interpolation = "spline"
 ) -> PiecewiseCubics:
     """Columns as cubics between samples; a band-limited one by a spline of finer samples; time [s]."""
-    from scipy.interpolate import CubicSpline
-
     length = np.diff(time)
-    if interpolation == "band-limited":
+    if interpolation == "band-limited" and columns:
         fraction = np.arange(_FINER) / _FINER
         fine = np.append((time[:-1, None] + length[:, None] * fraction).ravel(), time[-1])
         columns = [_interpolate_column(time, column, fine, interpolation) for column in columns]
@@ -125,6 +123,8 @@ def piecewise_cubics(
         if interpolation == "linear":
             cubics[:, 1, k] = np.diff(values) / length
         elif interpolation != "previous":
+            from scipy.interpolate import CubicSpline
+
             cubics[:, :, k] = CubicSpline(time, values).c[::-1].T
     return PiecewiseCubics(length, cubics)
 
