@@ -230,8 +230,8 @@ def _adaptive_solver(
             k, (time, step, state), memory, spent, output = carried
             piece, end = (cubics[k], values), jnp.minimum(time + step, length[k])
             solver = make_solver(end - time, state)
-            moved, error, _, _, found = solver.step(term, time, end, state, piece, first, made_jump=True)
-            sound = diffrax.is_okay(found) & jnp.isfinite(error).all() & jnp.isfinite(moved).all()
+            moved, error, _, _, outcome = solver.step(term, time, end, state, piece, first, made_jump=True)
+            sound = diffrax.is_okay(outcome) & jnp.isfinite(error).all() & jnp.isfinite(moved).all()
             error, moved = jnp.where(sound, error, jnp.inf), jnp.where(sound, moved, state)
             keep, now, then, _, memory, _ = control.adapt_step_size(
                 time, end, state, moved, piece, error, order, memory
@@ -240,16 +240,16 @@ def _adaptive_solver(
             # The end of a piece shortens a step, and not the steps behind it.
             longer = ended & (then - now >= end - time)
             step = jnp.where(longer, jnp.maximum(step, then - now), then - now)
-            place = jnp.where(ended, 0.0, now), step, state
-            return k + ended, place, memory, spent + 1, output.at[k].set(state)
+            position = jnp.where(ended, 0.0, now), step, state
+            return k + ended, position, memory, spent + 1, output.at[k].set(state)
 
         def goes_on(carried: tuple[Any, ...]) -> jax.Array:
             k, (_, _, state), _, spent, _ = carried
             return (length[k] > 0.0) & (spent < _CALL) & (jnp.abs(state[0]) < FAR * size)
 
         output = jnp.zeros((len(length), len(start[2])))
-        place = jax.tree.map(jnp.asarray, start)
-        return jax.lax.while_loop(goes_on, advance, (0, place, memory, 0, output))
+        position = jax.tree.map(jnp.asarray, start)
+        return jax.lax.while_loop(goes_on, advance, (0, position, memory, 0, output))
 
     return jit(solve, (equation, inputs, implicit))
 
@@ -281,11 +281,11 @@ def solve_law(
         empty = (0, 1 + _PIECES - len(length[here]))
         pieces = np.pad(length[here], empty), np.pad(cubics[here], (empty, (0, 0), (0, 0)))
         solve = _adaptive_solver(law.equation, law.inputs, implicit=implicit)
-        count, place, _, steps, output = solve((time, step, state), *pieces, values, size)
+        count, position, _, steps, output = solve((time, step, state), *pieces, values, size)
         before = length[:done].sum() + time
-        k, state = int(count), np.asarray(place[2])
+        k, state = int(count), np.asarray(position[2])
         states[done + 1 : done + 1 + k] = output[:k]
-        done, time, step, spent = done + k, float(place[0]), float(place[1]), spent + int(steps)
+        done, time, step, spent = done + k, float(position[0]), float(position[1]), spent + int(steps)
         if not abs(state[0]) < FAR * size:
             ending = "blow-up"
             break
