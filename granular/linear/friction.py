@@ -175,7 +175,7 @@ class MotionFriction:
         stuck = f"; grains stick below {1e3 * sticks:.3g} mm, a run decides there" if sticks else ""
         return (
             f"  friction       F_c   {self.force:.4g} N, of a load of {self.load:.4g} N; it adds "
-            f"{added:.3g} % x 1 mm/amplitude to zeta\n    {beside}{stuck}"
+            f"{added:.3g} % x 1 mm/amplitude to zeta,\n    {beside}{stuck}"
         )
 
 

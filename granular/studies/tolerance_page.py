@@ -33,11 +33,16 @@ def add_tolerances(page: HtmlPage, result: Tolerances) -> None:
     )
     page.add_figure(
         _draw_bars(result),
-        "Relative standard deviations by each part alone and by all together. Grey: random starts of the "
-        "bed, which are not of the parts.",
+        "Relative standard deviations by each part alone and by all together."
+        + " Grey: random starts of the bed, which are not of the parts." * (len(result.figures) > 1),
     )
-    largest = "; ".join(f"{name}: {', '.join(keys)}" for name, keys in result.largest().items())
-    page.add_paragraph(f"Largest causes, {largest}.")
+    moved_by = dict(zip((part.key for part in result.parts), result.contributions, strict=True))
+    largest = (
+        f"of {name} {', '.join(f'{key} ± {100.0 * moved_by[key][k]:.2g} %' for key in keys)}"
+        for k, (name, keys) in enumerate(result.largest().items())
+        if keys
+    )
+    page.add_paragraph(f"Largest causes: {'; '.join(largest) or 'none'}.")
     header, *rows = table_rows(result)
     page.add_table(header, rows)
     for note in result.notes:

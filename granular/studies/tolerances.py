@@ -141,12 +141,12 @@ class Tolerances:
         Returns
         -------
         dict of str to tuple of str
-            Keys by figure, the largest contribution first.
+            Keys by figure, the largest contribution first, and none of a part that does not move it.
         """
         order = np.argsort(-self.contributions, axis=0)[:count].T.tolist()
         return {
-            name: tuple(self.parts[k].key for k in column)
-            for name, column in zip(FIGURES, order, strict=True)
+            name: tuple(self.parts[k].key for k in column if self.contributions[k, figure] > ROUNDED)
+            for figure, (name, column) in enumerate(zip(FIGURES, order, strict=True))
         }
 
     def to_plain(self) -> dict[str, Any]:
@@ -184,7 +184,7 @@ class Tolerances:
     def summary(self) -> str:
         """Totals and the largest causes in one line."""
         rest, frequency, damping = self.figures.mean(axis=0) * self.totals
-        largest = ", ".join(f"of {name} {keys[0]}" for name, keys in self.largest(1).items())
+        largest = ", ".join(f"of {name} {keys[0]}" for name, keys in self.largest(1).items() if keys) or "none"
         return (
             f"of the parts: rest ± {1e3 * rest:.2g} mm, f0 ± {frequency:.2g} Hz, zeta ± "
             f"{100.0 * damping:.2g} % of critical (standard deviations; largest cause {largest})"

@@ -224,7 +224,8 @@ class Identification:
         amplitude = f"peaks do not tell: {self.no_own}" if self.own is None else self.own.range_text
         figures = figure_lines(self.figures, self.mass, model.confidence, amplitude)
         start += figures or [f"  no oscillation about an equilibrium: {model.no_swing}"]
-        start += self._derived_lines
+        for words in self._derived_texts:
+            start += [part for line in words.splitlines() for part in wrap_words(line, "")]
         end = model.equation_lines(self.parameters or None)
         if self.elliptic_motion is not None:
             end += wrap_words(f"starts as {self.elliptic_motion.text()}, m = k^2")
@@ -238,14 +239,12 @@ class Identification:
         return "\n".join([*start, *laws, *end, *said])
 
     @property
-    def _derived_lines(self) -> list[str]:
+    def _derived_texts(self) -> list[str]:
         """Figures that the bed's stiffness and load give without a fit."""
-        lines = [] if self.friction is None else str(self.friction).splitlines()
+        texts = [] if self.friction is None else [str(self.friction)]
         if self.derived is not None:
-            lines += wrap_words(f"derived without a fit: {self.derived.text(self.figures)}", "  ")
-        if self.of_parts is not None:
-            lines += wrap_words(self.of_parts.summary, "  ")
-        return lines
+            texts.append(f"  derived without a fit: {self.derived.text(self.figures)}")
+        return texts + ([] if self.of_parts is None else [f"  {self.of_parts.summary}"])
 
     @property
     def _record_texts(self) -> list[str]:
@@ -298,8 +297,8 @@ class Identification:
         if self.own is not None and not self.own.law_agrees:
             page.add_warning(f"{blocks.capitalise(self.own.agreement_text)}.")
         blocks.add_answer(page, self.figures, self.best, self.mass, self.parameters)
-        for words in self._derived_lines:
-            page.add_paragraph(f"{blocks.capitalise(words.strip())}.")
+        for words in self._derived_texts:
+            page.add_paragraph(f"{blocks.capitalise(' '.join(words.split()))}.")
         for words in (*self.cautions, *texts):
             page.add_warning(f"{blocks.capitalise(words)}.")
         for words in self._falls_verdict:

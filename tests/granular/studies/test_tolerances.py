@@ -66,6 +66,7 @@ def test_contributions_add_up_in_squares() -> None:
     np.testing.assert_allclose(toy.totals, [0.05, 0.02, 0.01], rtol=1e-14)
     np.testing.assert_allclose(toy.slopes[0], [[3.0, 0.0, 1.0], [-0.4, 0.2, 0.0]], rtol=1e-14)
     assert toy.largest(1) == {"rest": ("b",), "f0": ("b",), "zeta": ("a",)}
+    assert toy.largest() == {"rest": ("b", "a"), "f0": ("b",), "zeta": ("a",)}
     assert toy.curved == ()
 
 
