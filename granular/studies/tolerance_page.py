@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def tolerances_page(result: Tolerances, scene: Scene) -> HtmlPage:
     """Page of a damper's tolerances."""
-    page = HtmlPage(f"Tolerances of scene {scene.name!r}", f"{result.means[0].upper()}{result.means[1:]}.")
+    page = HtmlPage(f"Tolerances of scene {scene.name!r}", f"{len(result.parts)} parts.")
     add_tolerances(page, result)
     page.add_section("Scene")
     page.add_preformatted(scene.to_toml())
@@ -28,8 +28,9 @@ def add_tolerances(page: HtmlPage, result: Tolerances) -> None:
     """Add bars, table and notes to a page."""
     page.add_section("Tolerances of the parts")
     page.add_paragraph(
-        f"{result.summary[0].upper()}{result.summary[1:]}. Dampers built of such parts differ by that. "
-        "Any ± outside of this section is numerical: of fit, step, and the random packing of the bed."
+        f"Small motions: {result.means}; {result.summary}. Of dampers built of such parts, about 95 % lie "
+        "within twice that. Any ± outside of this section is numerical: of fit, step, and the random packing "
+        "of the bed, by which built dampers differ too."
     )
     page.add_figure(
         _draw_bars(result),

@@ -184,10 +184,10 @@ class Tolerances:
     def summary(self) -> str:
         """Totals and the largest causes in one line."""
         rest, frequency, damping = self.figures.mean(axis=0) * self.totals
-        largest = ", ".join(f"of {name} {keys[0]}" for name, keys in self.largest(1).items() if keys) or "none"
+        causes = (f"of {name} {keys[0]}" for name, keys in self.largest(1).items() if keys)
         return (
             f"of the parts: rest ± {1e3 * rest:.2g} mm, f0 ± {frequency:.2g} Hz, zeta ± "
-            f"{100.0 * damping:.2g} % of critical (standard deviations; largest cause {largest})"
+            f"{100.0 * damping:.2g} % of critical (standard deviations; largest cause {', '.join(causes) or 'none'})"
         )
 
     @property

@@ -127,7 +127,7 @@ def add_swing_section(
     page.add_paragraph(_swing_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
     if len(known) > 1:
-        page.add_paragraph("The error behind ± is numerical, the root of the sum of the squares of its sources:")
+        page.add_paragraph("The error behind ± is numerical, the root of the sum of squares of its sources:")
         page.add_table(
             ("figure", *known, "unit"),
             [

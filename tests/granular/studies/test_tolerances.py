@@ -387,7 +387,7 @@ def test_drawn_dampers_of_the_packaged_scene_scatter_as_slopes_say() -> None:
     }
     found = tolerances(load_scene("damper"), parts, draws=100, seed=5, progress=False)
     assert found.curved == ()
-    # A bed that leaves its basin relaxes downhill to another packing, which counts. Of 600 dampers drawn about
-    # six other beds 110 did: 18 +- 4 of 100, and more than 30 only if more than three errors off.
+    # A bed that leaves its basin relaxes downhill to another packing, which counts. Of 600 dampers drawn
+    # about six other beds 110 did: 18 +- 4 of 100, above 30 only if more than three errors off.
     assert 0 < found.rearranged < 30
     np.testing.assert_allclose(found.totals, found.sums_of_squares, rtol=0.1)

@@ -271,7 +271,7 @@ def test_page_has_the_bars_of_parts(monkeypatch):
     of_parts = tolerances_at([rest], read_parts(rest.scene, {"piston.mass": "1%"}))
     plain, page = found.page().to_html(), found.page(of_parts).to_html()
     assert page.count("<svg") == plain.count("<svg") + 1
-    assert "Largest causes, rest: piston.mass" in page
+    assert "Largest causes: of rest piston.mass ± " in page
     assert "Any ± outside of this section is numerical" in page
 
 
