@@ -187,7 +187,8 @@ class Tolerances:
         causes = (f"of {name} {keys[0]}" for name, keys in self.largest(1).items() if keys)
         return (
             f"of the parts: rest ± {1e3 * rest:.2g} mm, f0 ± {frequency:.2g} Hz, zeta ± "
-            f"{100.0 * damping:.2g} % of critical (standard deviations; largest cause {', '.join(causes) or 'none'})"
+            f"{100.0 * damping:.2g} % of critical (standard deviations; largest cause "
+            f"{', '.join(causes) or 'none'})"
         )
 
     @property

@@ -26,8 +26,8 @@ def test_liquids_have_the_viscosities_of_tables(name: str) -> None:
         assert 1e3 * found == pytest.approx(viscosity, rel=OFF.get(name, 0.03))
 
 
-# [mPa s], as CoolProp 8.0.0 and chemicals 1.5.2 evaluate the fits that others published: water by IAPWS R12-08,
-# air by Lemmon and Jacobsen (2004), mixtures by Melinder (2010), glycerol by the VDI Heat Atlas (PPDS).
+# [mPa s], as CoolProp 8.0.0 and chemicals 1.5.2 evaluate the fits that others published: water by IAPWS
+# R12-08, air by Lemmon and Jacobsen (2004), mixtures by Melinder (2010), glycerol by the VDI Heat Atlas.
 FITS = {
     "water": {5: 1.5182, 40: 0.65273, 90: 0.31418},
     "air": {-50: 0.014614, 25: 0.018448, 150: 0.024027, 250: 0.02797},
