@@ -359,7 +359,7 @@ def draw_pendulum() -> None:
     """A pendulum released at two radians: the linear law, and the pendulum's own."""
     times = np.linspace(0.0, 20.0, 1000)
     start = PistonRecord(times, 2.0 * np.exp(-0.1 * times) * np.cos(1.3 * times))
-    true = fit(start, "z'' + c*z' + k*sin(z) = 0", start={"c": 0.2, "k": 2.0}).simulate(times)
+    true = fit(start, "z'' + c*z' + k*sin(z) = 0", parameters={"c": 0.2, "k": 2.0}).simulate(times)
     errors = np.random.default_rng(2).normal(0.0, 0.02, len(times))
     record = PistonRecord(times, true.height + errors)
     with figure(width=7.0, height=3.2) as (drawing, axes):

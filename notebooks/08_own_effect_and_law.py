@@ -32,7 +32,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from granular import GranularError, damper, effect, evaluate, load_scene, quantity, simulate
-from reduced_models import compare, fit
+from reduced_models import Parameter, compare, fit
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
 
@@ -221,10 +221,14 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # the fall squeezes grains below a diameter; see notebook 4
     record = simulate(damper(count=92 if QUICK else 368, lift=1.0), progress=False).piston()
 KNOWN_WEIGHT = "z'' + 2*lam*z' = 9.8*((rest/z)**power - 1)"
-bounds = {"lam": (0.0, 5.0), "rest": (0.02, 0.08), "power": (1.0, 4.0)}
+parameters = {
+    "lam": Parameter(low=0.0, high=5.0),
+    "rest": Parameter(low=0.02, high=0.08),
+    "power": Parameter(low=1.0, high=4.0),
+}
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # the note is printed with the model
-    known_weight = fit(record, KNOWN_WEIGHT, bounds=bounds)
+    known_weight = fit(record, KNOWN_WEIGHT, parameters=parameters)
 print(known_weight)
 known_weight.plot(record)
 plt.show()

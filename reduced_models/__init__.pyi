@@ -11,6 +11,8 @@ from .falls.unseen_fall_scores import score_drops
 from .fitting.fit import fit
 from .fitting.force_fit import fit_force
 from .fitting.law_estimator import LawEstimator
+from .fitting.options import FitOptions
+from .fitting.parameter import Parameter
 from .fitting.posterior import sample_posterior
 from .identification.comparison import compare
 from .identification.comparison_table import Comparison
@@ -34,11 +36,13 @@ __all__ = [
     "DamperCandidate",
     "DesignTarget",
     "FirstGuesses",
+    "FitOptions",
     "ForceLaw",
     "ForceModel",
     "HeightMap",
     "Law",
     "LawEstimator",
+    "Parameter",
     "PistonRecord",
     "ReducedModel",
     "Sensor",

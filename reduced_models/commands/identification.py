@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +42,7 @@ from reduced_models.commands.records import (
 )
 
 if TYPE_CHECKING:
+    from reduced_models.fitting.parameter import Parameter
     from reduced_models.laws.height_map import HeightMap
 
 LAWS = option(
@@ -203,6 +204,7 @@ examples:
 def fit(options: Any) -> None:
     """Fit a law to the records of some sources, or list the laws of the package."""
     from reduced_models.fitting.fit import fit as fit_law
+    from reduced_models.fitting.options import FitOptions
     from reduced_models.laws.catalogue import LAWS
     from reduced_models.laws.force_law import FORCE_LAWS
     from reduced_models.records.sensor import parse_sensor
@@ -212,15 +214,15 @@ def fit(options: Any) -> None:
         print_result({**LAWS.descriptions(), "force": FORCE_LAWS.descriptions()}, text, options.json)
         return
     require_options(options, sources="SOURCE")
-    laws = (FORCE_LAWS.get(options.law), LAWS.get(options.law))
-    units = {name: unit for law in laws if law is not None for name, unit in law.units.items()}
     leave_cautions_to_print_out(options)
     models = fit_law(
         load_records(options.sources, options),
         options.law,
-        bounds=parse_bounds(options.bounds, units),
-        measured=None if options.measured is None else parse_sensor(options.measured),
-        **pick_options(options, "own", "test_fraction", "starts", "intervals", "drift"),
+        parameters=parse_parameters(options.bounds, options.own),
+        options=FitOptions(
+            drift=options.drift, measured=None if options.measured is None else parse_sensor(options.measured)
+        ),
+        **pick_options(options, "intervals", "starts", "test_fraction"),
     )
     text = "\n\n".join(map(str, models))
     if options.out is not None:
@@ -229,33 +231,20 @@ def fit(options: Any) -> None:
     print_result({"models": [model.to_plain() for model in models]}, text, options.json)
 
 
-def parse_bounds(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
-    """Read bounds of parameters from ``NAME=LOW:HIGH`` texts, by the parameters' SI units."""
-    bounds = {}
-    for item in items:
+def parse_parameters(bounds: Sequence[str], own: Sequence[str]) -> dict[str, Parameter]:
+    """Read limits of parameters, ``NAME=LOW:HIGH``, and names of those that each record has for itself."""
+    from reduced_models.fitting.parameter import Parameter
+
+    parameters = {}
+    for item in bounds:
         name, _, pair = item.partition("=")
         low, colon, high = pair.partition(":")
-        name = name.strip()
         if not colon:
             raise InputError(f"--bound {quote(item)} is not NAME=LOW:HIGH; write lam=0:2")
-        unit = units.get(name, "")
-        bounds[name] = (_parse_bound(low, -math.inf, unit), _parse_bound(high, math.inf, unit))
-    return bounds
-
-
-def _parse_bound(words: str, missing: float, unit: str) -> float:
-    """Return the number in the unit of the law, or a quantity of that dimension."""
-    from granular.schema.units import si_value
-
-    try:
-        return float(words) if words.strip() else missing
-    except ValueError:
-        pass
-    if not unit:
-        raise InputError(f"the bound {quote(words)} is not a number; write lam=0:2")
-    if unit == "rad/s" and "Hz" in words:
-        raise InputError(f"the bound {quote(words)} is a frequency; give 2 pi times it, in rad/s")
-    return si_value(words, unit)
+        parameters[name.strip()] = Parameter(low=low.strip() or None, high=high.strip() or None)
+    for name in own:
+        parameters[name] = dataclasses.replace(parameters.get(name, Parameter()), per_record=True)
+    return parameters
 
 
 @command(

@@ -26,6 +26,7 @@ from reduced_models.discovery.terms import (
 )
 from reduced_models.fitting.fit import fit
 from reduced_models.fitting.force_fit import fit_force
+from reduced_models.fitting.options import FitOptions
 from reduced_models.laws.force_law import ForceLaw
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -76,7 +77,8 @@ def polish_candidate(
         )
     try:
         with warnings.catch_warnings(action="ignore"):  # notes stand in the model
-            models = fit(records, law, map=height_map, starts=STARTS, test_fraction=0.0, seed=seed)
+            how = FitOptions(map=height_map)
+            models = fit(records, law, starts=STARTS, test_fraction=0.0, seed=seed, options=how)
     except TimeBudgetError:
         raise
     except GranularError as error:
@@ -124,7 +126,7 @@ def polish_force_candidate(
     try:
         with warnings.catch_warnings(action="ignore"):  # notes stand in the model
             model = fit_force(
-                records, law, sensor=_AS_IT_IS, starts=STARTS, test_fraction=0.0, start=scales, seed=seed
+                records, law, parameters=scales, sensor=_AS_IT_IS, starts=STARTS, test_fraction=0.0, seed=seed
             )
     except GranularError as error:
         return dataclasses.replace(candidate, note=str(error))

@@ -18,7 +18,7 @@ from granular.shared.message_text import quote
 from granular.shared.text_tables import align_columns
 from reduced_models.falls.predicted_law import predict_bed_parameters
 from reduced_models.fitting.fit import fit, resolve_law
-from reduced_models.fitting.options import STARTS
+from reduced_models.fitting.options import STARTS, FitOptions
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 
@@ -258,20 +258,21 @@ def score_fitted_laws(
 def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, starts: int) -> DropScore:
     """Fit a law to one fall from rest, without judging it yet; record [s, m]."""
     law = resolve_law(name, record)
-    start: dict[str, float] | None = None
+    known: dict[str, float] = {}
     if scene is not None and law.name == "elastoplastic-bed":
         with contextlib.suppress(InputError):
-            start = predict_bed_parameters(scene)
+            known = predict_bed_parameters(scene)
     try:
         with warnings.catch_warnings(action="ignore"):  # the model keeps its notes
             model = fit(
                 record,
                 law,
-                test_fraction=0.0,
+                parameters=known,
                 starts=starts,
-                start=start,
-                initial={"height": float(record.height[0]), "velocity": 0.0},
-                map="fitted",
+                test_fraction=0.0,
+                options=FitOptions(
+                    map="fitted", initial={"height": float(record.height[0]), "velocity": 0.0}
+                ),
             )
     except GranularError as cause:
         return DropScore(law.name, None, failure=str(cause))

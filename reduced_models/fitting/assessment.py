@@ -69,9 +69,10 @@ LAG = 0.1
 """Fraction of the interval between samples: a shorter lag is not reported."""
 _DRIFT_FOUND = (
     "the record's zero drifts, by {size:.2g} {unit} in all, as a random walk next to its noise: fitted with "
-    "that, which the intervals allow for; drift=False (fit --no-drift on the command line) leaves it out"
+    "that, which the intervals allow for; FitOptions(drift=False) (fit --no-drift on the command line) "
+    "leaves it out"
 )
-_LET_DRIFT = "fit with drift=True (fit --drift on the command line)"
+_LET_DRIFT = "fit with FitOptions(drift=True) (fit --drift on the command line)"
 _NEARLY_ALL, _ROUNDED = 0.99, 0.6
 """Fraction of the residuals, and the part of the step of a sensor that rounds, half of which is its own
 error, below which they show nothing but its rounding."""

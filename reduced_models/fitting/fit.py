@@ -13,8 +13,8 @@ import dataclasses
 import functools
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Concatenate, Literal, ParamSpec, Protocol, cast, overload
+from collections.abc import Callable, Sequence
+from typing import Any, Concatenate, ParamSpec, Protocol, cast, overload
 
 import numpy as np
 
@@ -27,16 +27,11 @@ from reduced_models.fitting.motion_history import fit_with_histories, is_motion_
 from reduced_models.fitting.options import (
     STARTS,
     TEST_FRACTION,
-    Bounds,
-    Fixed,
-    Initial,
+    FitOptions,
     check_fit_options,
-    check_parameter_names,
-    fixed_values,
-    parameter_bounds,
-    parameter_starts,
     prescribed_initial_state,
 )
+from reduced_models.fitting.parameter import Parameters, as_parameters, parameter_settings
 from reduced_models.fitting.problem import (
     FitProblem,
     Intervals,
@@ -52,14 +47,13 @@ from reduced_models.fitting.search import multistart_search
 from reduced_models.fitting.sensor_identifiability import IdentifiableSensor, identifiable_sensor
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.force_law import ForceLaw
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.residuals import BLOWN_UP, LossName, remove_random_walk
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import SURE
-from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, has_inputs_besides_time
-from reduced_models.records.sensor import Sensor, SensorQuantity, resolve_sensor
+from reduced_models.records.inputs import INTERPOLATIONS, column_names, has_inputs_besides_time
+from reduced_models.records.sensor import Sensor, resolve_sensor
 
 _MOST_SAMPLES = 2000  # of a record, from which the interpolation of inputs is chosen
 _CLEARLY = 0.98  # of the spline's error, for another to be taken
@@ -102,24 +96,16 @@ def fit(
     record: Records,
     law: str | Law | ForceLaw = "linear",
     *,
-    map: HeightMap | Literal["auto", "fitted"] = "auto",  # noqa: A002
+    parameters: Parameters | None = None,
+    noise: Any = None,
+    weights: Any = None,
+    loss: LossName = "linear",
+    intervals: Intervals = "linear",
+    confidence: float = 0.95,
     starts: int = STARTS,
     test_fraction: float = TEST_FRACTION,
-    confidence: float = 0.95,
     seed: int = 0,
-    own: Sequence[str] = (),
-    bounds: Bounds | None = None,
-    intervals: Intervals = "linear",
-    start: Mapping[str, float] | None = None,
-    fix: Fixed | None = None,
-    positive: Sequence[str] = (),
-    weights: Any = None,
-    noise: Any = None,
-    loss: LossName = "linear",
-    initial: Initial | PistonRecord | Sequence[PistonRecord] | None = None,
-    input_interpolation: Interpolation | None = None,
-    drift: bool | None = None,
-    measured: SensorQuantity | Sensor | None = None,
+    options: FitOptions | None = None,
 ) -> tuple[ReducedModel, ...]:
     """Fit a law to a record, or to several together, through its differential equation.
 
@@ -136,10 +122,27 @@ def fit(
         Law; for forces as in `fit_force`. The coordinate, that with two primes, may have any name;
         ``t`` is the time since the record's start. Names that are columns of the record are inputs;
         all others are parameters.
-    map : HeightMap, "auto" or "fitted"
-        How the height enters a law that has a map (``law.mapped``): as given, fitted, or fitted
-        unless the record is described as well with z = height (Bayesian information criterion;
-        Schwarz 1978, doi:10.1214/aos/1176344136).
+    parameters : mapping of str to Parameter, float or str, optional
+        What is known of parameters by name: values, limits, which are kept, and which each of several
+        records has for itself (see `Parameter`); the others are shared. A number alone is one to
+        begin from. Not all may be fixed. Every record has its own initial state.
+    noise : float or float (n,), optional
+        Standard deviation of the noise, above 0, in m or the unit of the signal that is compared, of
+        all samples or of each; for several records a list. Intervals then come from it, and weights
+        where it is given for each sample.
+    weights : float (n,), optional
+        Weights of the residuals, above 0, without unit; for several records a list of such.
+    loss : "linear", "soft_l1" or "huber"
+        What residuals cost: their squares, or less where they are far beyond the noise, so that
+        outliers weigh little (Huber 1964, doi:10.1214/aoms/1177703732); intervals are then those
+        of the sandwich estimate (White 1980, doi:10.2307/1912934).
+    intervals : "linear" or "profile"
+        From the linearisation at the best fit, or by holding each parameter at values further and
+        further away and fitting the others again: right also where parameters are bounded or trade
+        places (see `reduced_models.fitting.profile_likelihood`).
+        Intervals of the small swing at rest are always those of the linearisation.
+    confidence : float
+        Confidence level of the intervals, a fraction between 0 and 1.
     starts : int
         Number of random starts, from 1 to 10000.
     test_fraction : float
@@ -147,54 +150,11 @@ def fit(
         that is held out: a model is fitted without them, through them, and judged on them. Of a
         motion with few swings it is the end. The model that is given back is fitted to all of the
         record. 0 for none.
-    confidence : float
-        Confidence level of the intervals, a fraction between 0 and 1.
     seed : int
         Seed of the random starts, from 0 on.
-    own : sequence of str
-        Parameters that each of several records has for itself; the others are shared. Every record
-        has its own initial state.
-    bounds : mapping of str to (float, float), optional
-        Least and greatest value of parameters, in SI units; None for an open end.
-    intervals : "linear" or "profile"
-        From the linearisation at the best fit, or by holding each parameter at values further and
-        further away and fitting the others again: right also where parameters are bounded or trade
-        places (see `reduced_models.fitting.profile_likelihood`).
-        Intervals of the small swing at rest are always those of the linearisation.
-    start, fix : mapping of str to float, optional
-        Values, in SI units, about which parameters are looked for first, and values that they keep,
-        but not all of them; ``fix`` also takes a list for a parameter, a value for each record, such
-        as the lengths of pendulums.
-    positive : sequence of str
-        Parameters that are above zero, next to those of which the law says so.
-    weights : float (n,), optional
-        Weights of the residuals, above 0, without unit; for several records a list of such.
-    noise : float or float (n,), optional
-        Standard deviation of the noise, above 0, in m or the unit of the signal that is compared, of
-        all samples or of each; for several records a list. Intervals then come from it, and weights
-        where it is given for each sample.
-    loss : "linear", "soft_l1" or "huber"
-        What residuals cost: their squares, or less where they are far beyond the noise, so that
-        outliers weigh little (Huber 1964, doi:10.1214/aoms/1177703732); intervals are then those
-        of the sandwich estimate (White 1980, doi:10.2307/1912934).
-    initial : "rest", "free", mapping of str to float, or PistonRecord, optional
-        The start of the motion: at velocity zero, or free with the hidden states too, or numbers
-        (or ``"free"``) for ``height`` [m], ``velocity`` [m/s] and hidden states by name. Or the
-        record of the motion before, that ends where this one begins (for several records a list of
-        such): hidden states are carried along it. Otherwise height and velocity are free, and
-        hidden states are zero.
-    input_interpolation : str, optional
-        What an input does between samples: ``"spline"``, ``"linear"``, ``"previous"`` (it keeps its
-        last value) or ``"band-limited"``; otherwise that with the least held-out error.
-    drift : bool, optional
-        Whether the records' zero may drift, as a random walk; intervals then allow for it. If not
-        given, it may where the residuals are such a walk next to white noise, and a note says so.
-    measured : str or Sensor, optional
-        What is compared: ``"height"``, ``"velocity"``, ``"acceleration"`` or ``"base_force"``, or a
-        `Sensor` with gain, offset and filter; that of which the record holds the measurement if not
-        given. Where it does not tell the level of rest, heights count from there. ``"force"`` of a
-        record with heights: these are prescribed, and laws of the force are fitted, see
-        `fit_force`.
+    options : FitOptions, optional
+        The map, the drift of the zero, the interpolation of inputs, the sensor and the start of the
+        motion, where they are not as usual.
 
     Returns
     -------
@@ -233,41 +193,40 @@ def fit(
     (0.288, 0.0367)
     """
     records = list_of_records(record)
-    if is_force_fit(law, measured, records[0]):
-        others = (map, tuple(own), intervals, weights, noise, loss, initial, input_interpolation, bool(drift))
-        if others != ("auto", (), "linear", None, None, "linear", None, None, False):
+    how = FitOptions() if options is None else options
+    if not isinstance(how, FitOptions):
+        raise InputError(f"options = {quote(how)}; give FitOptions(...)")
+    if is_force_fit(law, how.measured, records[0]):
+        words = (how.map, intervals, loss)
+        others = (weights, noise, how.initial, how.input_interpolation, how.drift or None)
+        if words != ("auto", "linear", "linear") or any(value is not None for value in others):
             raise InputError(
-                "the motion is prescribed, and the force is fitted: leave out map, own, intervals, "
+                "the motion is prescribed, and the force is fitted: leave out map, intervals, "
                 "weights, noise, loss, initial, input_interpolation and drift"
             )
         model = fit_force(
             records,
             law,  # type: ignore[arg-type]  # checked there
-            sensor=measured if isinstance(measured, Sensor) else None,
+            parameters=parameters,
+            sensor=how.measured if isinstance(how.measured, Sensor) else None,
             starts=starts,
             test_fraction=test_fraction,
             confidence=confidence,
             seed=seed,
-            bounds=bounds,
-            start=start,
-            fix=fix,  # type: ignore[arg-type]  # checked there
-            positive=positive,
         )
         return (model,)  # type: ignore[return-value]  # said under Returns
     assert not isinstance(law, ForceLaw)
-    check_fit_options(starts, test_fraction, confidence, map, intervals, loss, input_interpolation, seed)
-    declared = (*own, *(bounds or {}), *(start or {}), *(fix or {}), *positive)
-    chosen = resolve_law(law, records[0], declared)
-    check_parameter_names(chosen, declared)
-    chosen = dataclasses.replace(chosen, positive=tuple(dict.fromkeys((*chosen.positive, *positive))))
-    if drift and intervals == "profile":
+    check_fit_options(starts, test_fraction, confidence, intervals, loss, seed)
+    declared = as_parameters(parameters)
+    law = resolve_law(law, records[0], tuple(declared))
+    settings = parameter_settings(law, declared, len(records))
+    chosen, pairs, initial = settings.law, settings.bounds, how.initial
+    if how.drift and intervals == "profile":
         raise InputError("profile intervals know no drift; give intervals='linear'")
-    shared, value = fixed_values(fix or {}, len(records))
-    pairs = parameter_bounds(chosen, bounds or {}, shared, value)
     given = weights_and_noise(records, weights, noise)
     histories = prepend_histories(chosen, initial, records) if is_motion_history(initial) else []
     state = {} if histories else prescribed_initial_state(chosen, initial)
-    given_sensor = measured or records[0].measured
+    given_sensor = how.measured or records[0].measured
     sensor = None if given_sensor == "height" else resolve_sensor(given_sensor)
     if sensor is not None and histories:
         raise InputError("initial: a motion before is followed by its heights; fit these")
@@ -286,17 +245,17 @@ def fit(
         law=chosen,
         data=tuple(
             split_training_data(
-                record, test_fraction, *how, loss, fixed, view.sensor, about_rest="level" in view.untold
+                record, test_fraction, *known, loss, fixed, view.sensor, about_rest="level" in view.untold
             )
-            for record, how, fixed in zip(records, given, value, strict=True)
+            for record, known, fixed in zip(records, given, settings.by_record, strict=True)
         ),
-        map="fitted" if sensor is not None and map == "auto" else map,
-        own=tuple(dict.fromkeys((*own, *value[0]))),
+        map="fitted" if sensor is not None and how.map == "auto" else how.map,
+        own=settings.own,
         bounds=pairs,
-        start=parameter_starts(chosen, start or {}),
+        start=settings.start,
         initial=state,
         loss=loss,
-        interpolation=input_interpolation or "spline",
+        interpolation=how.input_interpolation or "spline",
         known_noise=noise is not None,
         starts=starts,
         confidence=confidence,
@@ -311,15 +270,15 @@ def fit(
             f"no start led to a solution of {quote(chosen.name)} that stays finite over the "
             "record; try another law, more starts or a shorter record"
         )
-    if has_inputs_besides_time(chosen.inputs) and input_interpolation is None and test_fraction > 0.0:
+    if has_inputs_besides_time(chosen.inputs) and how.input_interpolation is None and test_fraction > 0.0:
         result = _best_interpolation(result)
     if histories:
         result = fit_with_histories(result, histories)
-    if drift:
+    if how.drift:
         result = _fit_with_drift(result)
     result = solve_on_verified_grids(result)
     models = models_from_fit(result)
-    if drift is None and intervals != "profile" and _has_random_walk_residuals(result, models):
+    if how.drift is None and intervals != "profile" and _has_random_walk_residuals(result, models):
         models = models_from_fit(solve_on_verified_grids(_fit_with_drift(result)), drift_was_found=True)
     for note in dict.fromkeys(note for model in models for note in model.notes):
         warnings.warn(f"fit of {chosen.name}: {note}", CautionWarning, stacklevel=3)

@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,15 +25,8 @@ from reduced_models.fitting.force_search import (
     ForceSearchResult,
     search_force_parameters,
 )
-from reduced_models.fitting.options import (
-    STARTS,
-    TEST_FRACTION,
-    Bounds,
-    check_fit_options,
-    check_parameter_names,
-    parameter_bounds,
-    parameter_starts,
-)
+from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_fit_options
+from reduced_models.fitting.parameter import Parameter, Parameters, as_parameters, parameter_settings
 from reduced_models.fitting.problem import list_of_records
 from reduced_models.fitting.residual_diagnostics import autocorrelation_time, diagnose_residuals
 from reduced_models.laws.force_law import ForceLaw, is_force_equation, resolve_force_law
@@ -62,15 +55,12 @@ def fit_force(
     record: PistonRecord | Sequence[PistonRecord],
     law: str | ForceLaw = "linear",
     *,
+    parameters: Parameters | None = None,
     sensor: Sensor | None = None,
     starts: int = STARTS,
     test_fraction: float = TEST_FRACTION,
     confidence: float = 0.95,
     seed: int = 0,
-    bounds: Bounds | None = None,
-    start: Mapping[str, float] | None = None,
-    fix: Mapping[str, float] | None = None,
-    positive: Sequence[str] = (),
 ) -> ForceModel:
     """Fit the law of a force to records of prescribed strokes.
 
@@ -85,6 +75,8 @@ def fit_force(
     law : str or ForceLaw
         Name in `FORCE_LAWS`, or an equation such as ``"force = c*z' + k*z + zero"``; names that are
         columns of the record, such as a current, are inputs, and all others are parameters.
+    parameters : mapping of str to Parameter, float or str, optional
+        What is known of parameters by name, as in `fit`; all records share them.
     sensor : Sensor, optional
         Load cell, with its column, and its gain and offset where they are known. The sign of an
         unknown gain follows from the energy, which a damper takes.
@@ -97,13 +89,6 @@ def fit_force(
         Confidence level of the intervals, a fraction between 0 and 1.
     seed : int
         Seed of the starts, from 0 on.
-    bounds : mapping of str to (float, float), optional
-        Least and greatest value of parameters, in SI units; None for an open end.
-    start, fix : mapping of str to float, optional
-        Values, in SI units, about which parameters are looked for first, and values that they keep,
-        but not all of them.
-    positive : sequence of str
-        Parameters that are above zero, next to those of which the law says so.
 
     Returns
     -------
@@ -138,18 +123,18 @@ def fit_force(
     """
     records = [item.with_time_from_zero() for item in list_of_records(record)]
     check_fit_options(starts, test_fraction, confidence, seed=seed)
-    declared = (*(bounds or {}), *(start or {}), *(fix or {}), *positive)
-    chosen = resolve_force_law(law, column_names(records[0]), declared)
-    chosen = dataclasses.replace(chosen, positive=tuple(dict.fromkeys((*chosen.positive, *positive))))
-    field = chosen.acceleration_law
-    check_parameter_names(field, declared)
-    given = dict(fix or {})
-    if chosen.given:
-        given.setdefault(chosen.given, float(np.mean([item.height.mean() for item in records])))
-    pairs = parameter_bounds(field, bounds or {}, given)
+    known = as_parameters(parameters)
+    chosen = resolve_force_law(law, column_names(records[0]), tuple(known))
+    if chosen.given and chosen.given not in known:
+        level = float(np.mean([item.height.mean() for item in records]))
+        known[chosen.given] = Parameter(level, fixed=True)
+    settings = parameter_settings(chosen.acceleration_law, known, len(records))
+    if settings.own:
+        raise InputError("records of a prescribed stroke share all parameters; leave per_record out")
+    field, chosen = settings.law, dataclasses.replace(chosen, positive=settings.law.positive)
     measured, notes = _measured_forces(records, sensor)
-    problem = ForceFitProblem(chosen, field, tuple(records), measured.forces, pairs, starts, seed)
-    result = search_force_parameters(problem, parameter_starts(field, start or {}))
+    problem = ForceFitProblem(chosen, field, tuple(records), measured.forces, settings.bounds, starts, seed)
+    result = search_force_parameters(problem, settings.start)
     model = _make_model(problem, result, measured, confidence, test_fraction, notes)
     for note in model.notes:
         warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=2)

@@ -16,7 +16,8 @@ from granular.run.piston_record import PistonRecord
 from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from reduced_models.fitting.fit import fit
-from reduced_models.fitting.options import STARTS, TEST_FRACTION, Bounds
+from reduced_models.fitting.options import STARTS, TEST_FRACTION
+from reduced_models.fitting.parameter import Parameters
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.residuals import LossName
 from reduced_models.models.model import ReducedModel
@@ -39,10 +40,8 @@ class LawEstimator:
     test_fraction : float
         Fraction of the motion's whole swings, from 0 to 0.9, on which a first model is judged; 0 in
         a search, which holds out by itself.
-    bounds : mapping of str to (float, float), optional
-        Least and greatest value of parameters, in SI units; None for an open end.
-    positive : tuple of str
-        Parameters of an equation that are above zero.
+    parameters : mapping of str to Parameter, float or str, optional
+        Values and limits of parameters by name.
     loss : "linear", "soft_l1" or "huber"
         What residuals cost: their squares, or less where they are far beyond the noise.
     inputs : tuple of str
@@ -64,16 +63,14 @@ class LawEstimator:
         law: str | Law = "linear",
         starts: int = STARTS,
         test_fraction: float = TEST_FRACTION,
-        bounds: Bounds | None = None,
-        positive: tuple[str, ...] = (),
+        parameters: Parameters | None = None,
         loss: LossName = "linear",
         inputs: tuple[str, ...] = (),
     ) -> None:
         self.law = law
         self.starts = starts
         self.test_fraction = test_fraction
-        self.bounds = bounds
-        self.positive = positive
+        self.parameters = parameters
         self.loss = loss
         self.inputs = inputs
 
@@ -92,9 +89,9 @@ class LawEstimator:
         Returns
         -------
         dict of str to any
-            ``law``, ``starts``, ``test_fraction``, ``bounds``, ``positive``, ``loss``, ``inputs``.
+            ``law``, ``starts``, ``test_fraction``, ``parameters``, ``loss``, ``inputs``.
         """
-        names = ("law", "starts", "test_fraction", "bounds", "positive", "loss", "inputs")
+        names = ("law", "starts", "test_fraction", "parameters", "loss", "inputs")
         return {name: getattr(self, name) for name in names}
 
     def set_params(self, **parameters: Any) -> Self:

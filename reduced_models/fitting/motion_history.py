@@ -32,9 +32,7 @@ _ROUNDS = 20
 _SAME = 1e-7  # change of a search vector that is none
 
 
-def is_motion_history(
-    initial: Initial | PistonRecord | Sequence[PistonRecord] | None,
-) -> TypeGuard[PistonRecord | Sequence[PistonRecord]]:
+def is_motion_history(initial: Initial | None) -> TypeGuard[PistonRecord | Sequence[PistonRecord]]:
     """Tell a motion before the record from other starts."""
     if isinstance(initial, Sequence) and not isinstance(initial, str) and initial:
         return all(isinstance(entry, PistonRecord) for entry in initial)

@@ -2,40 +2,91 @@
 
 from __future__ import annotations
 
-import math
+import dataclasses
 from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
-import numpy as np
-
+from granular.run.piston_record import PistonRecord
 from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
+from reduced_models.fitting.parameter import si_number
 from reduced_models.fitting.problem import Intervals
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.residuals import LOSSES
-from reduced_models.records.inputs import INTERPOLATIONS
+from reduced_models.records.inputs import INTERPOLATIONS, Interpolation
+from reduced_models.records.sensor import Sensor, SensorQuantity
 
 STARTS = 16
 TEST_FRACTION = 0.3
 MOST_STARTS = 10_000
 """Ten times a thousand, with which a short record takes minutes."""
 
-Bounds = Mapping[str, tuple[float | None, float | None]]
-Fixed = Mapping[str, float | Sequence[float]]
-Initial = Literal["free", "rest"] | Mapping[str, float | str]
+Initial = Literal["free", "rest"] | Mapping[str, float | str] | PistonRecord | Sequence[PistonRecord]
+
+
+@dataclasses.dataclass(frozen=True)
+class FitOptions:
+    """How a law and its records are read by `fit`, where that is not as usual.
+
+    Parameters
+    ----------
+    map : HeightMap, "auto" or "fitted"
+        How the height enters a law that has a map (``law.mapped``): as given, fitted, or fitted
+        unless the record is described as well with z = height (Bayesian information criterion;
+        Schwarz 1978, doi:10.1214/aos/1176344136).
+    drift : bool, optional
+        Whether the records' zero may drift, as a random walk; intervals then allow for it. If not
+        given, it may where the residuals are such a walk next to white noise, and a note says so.
+    input_interpolation : str, optional
+        What an input does between samples: ``"spline"``, ``"linear"``, ``"previous"`` (it keeps its
+        last value) or ``"band-limited"``; otherwise that with the least held-out error.
+    measured : str or Sensor, optional
+        What is compared: ``"height"``, ``"velocity"``, ``"acceleration"`` or ``"base_force"``, or a
+        `Sensor` with gain, offset and filter; that of which the record holds the measurement if not
+        given. Where it does not tell the level of rest, heights count from there. ``"force"`` of a
+        record with heights: these are prescribed, and laws of the force are fitted, see
+        `fit_force`.
+    initial : "rest", "free", mapping of str to float, or PistonRecord, optional
+        The start of the motion: at velocity zero, or free with the hidden states too, or numbers
+        (or ``"free"``) for ``height`` [m], ``velocity`` [m/s] and hidden states by name. Or the
+        record of the motion before, that ends where this one begins (for several records a list of
+        such): hidden states are carried along it. Otherwise height and velocity are free, and
+        hidden states are zero.
+
+    Raises
+    ------
+    InputError
+        If the map or the interpolation is none of these.
+
+    Examples
+    --------
+    >>> from reduced_models import FitOptions
+    >>> FitOptions(initial="rest").drift is None
+    True
+    """
+
+    map: HeightMap | Literal["auto", "fitted"] = "auto"
+    drift: bool | None = None
+    input_interpolation: Interpolation | None = None
+    measured: SensorQuantity | Sensor | None = None
+    initial: Initial | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.map, HeightMap) and self.map not in ("auto", "fitted"):
+            raise InputError(f"map = {quote(self.map)}; give 'auto', 'fitted' or a HeightMap")
+        if self.input_interpolation is not None:
+            _check_word("input_interpolation", self.input_interpolation, INTERPOLATIONS)
 
 
 def check_fit_options(
     starts: int = STARTS,
     test_fraction: float = TEST_FRACTION,
     confidence: float = 0.95,
-    height_map: object = "auto",
     intervals: str = "linear",
     loss: str = "linear",
-    interpolation: str | None = None,
     seed: int = 0,
 ) -> None:
     """Check that the options of `fit` are in their ranges."""
@@ -47,84 +98,13 @@ def check_fit_options(
         raise InputError(f"confidence = {quote(confidence)}; give a fraction between 0 and 1")
     if not isinstance(seed, Integral) or seed < 0:
         raise InputError(f"seed = {quote(seed)}; give an integer from 0 on")
-    if not isinstance(height_map, HeightMap) and height_map not in ("auto", "fitted"):
-        raise InputError(f"map = {quote(height_map)}; give 'auto', 'fitted' or a HeightMap")
-    for name, value, known in (
-        ("intervals", intervals, get_args(Intervals)),
-        ("loss", loss, LOSSES),
-        ("input_interpolation", interpolation or "spline", INTERPOLATIONS),
-    ):
-        if value not in known:
-            raise InputError(f"{name} = {quote(value)}; give {_names_text(known)}")
+    _check_word("intervals", intervals, get_args(Intervals))
+    _check_word("loss", loss, LOSSES)
 
 
-def _names_text(names: Sequence[str]) -> str:
-    return ", ".join(map(repr, names[:-1])) + f" or {names[-1]!r}"
-
-
-def fixed_values(fix: Fixed, records: int) -> tuple[dict[str, float], tuple[dict[str, float], ...]]:
-    """Values that parameters keep in all records, and those that they keep in each one."""
-    shared: dict[str, float] = {}
-    entry: tuple[dict[str, float], ...] = tuple({} for _ in range(records))
-    for name, value in fix.items():
-        if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
-            if len(value) != records:
-                raise InputError(
-                    f"fix of {name}: {len(value)} values for {records} records; give one for each"
-                )
-            for own, item in zip(entry, value, strict=True):
-                own[name] = _check_finite_number(f"fix of {name}", item)
-        else:
-            shared[name] = _check_finite_number(f"fix of {name}", value)
-    return shared, entry
-
-
-def parameter_bounds(
-    law: Law, bounds: Bounds, fix: Mapping[str, float], by_record: Sequence[Mapping[str, float]] = ({},)
-) -> dict[str, tuple[float, float]]:
-    """Least and greatest values of parameters; equal ones where a value is given."""
-    result = {}
-    for name, pair in bounds.items():
-        _check_parameter_name(law, name)
-        if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
-            raise InputError(
-                f"bounds of {name}: {quote(pair)} is no pair; give (least, greatest), None for an open end"
-            )
-        low = -math.inf if pair[0] is None else _check_finite_number(f"bounds of {name}", pair[0])
-        high = math.inf if pair[1] is None else _check_finite_number(f"bounds of {name}", pair[1])
-        if low == high:
-            raise InputError(f"bounds of {name}: both are {low:g}; write fix={{{name!r}: {low:g}}}")
-        if not low < high:
-            raise InputError(f"bounds of {name}: {low:g} is not below {high:g}; give them in order")
-        if name in law.positive and high <= 0.0:
-            raise InputError(
-                f"bounds of {name}: up to {high:g}, and the law holds for values above 0; raise it"
-            )
-        result[name] = (low, high)
-    for name, value in (*fix.items(), *(pair for own in by_record for pair in own.items())):
-        _check_parameter_name(law, name)
-        _check_finite_number(f"fix of {name}", value)
-        if name in law.positive and value <= 0.0:
-            raise InputError(f"fix of {name}: {value:g}, and the law holds for values above 0")
-        low, high = result.get(name, (-math.inf, math.inf))
-        if not low <= value <= high:
-            raise InputError(f"fix of {name}: {value:g} lies outside its bounds; change one of them")
-        if name in fix:
-            result[name] = (value, value)
-    if len({*fix, *by_record[0]}) >= len(law.parameters):
-        raise InputError("all parameters are fixed, so there is nothing to fit; leave one out")
-    return result
-
-
-def parameter_starts(law: Law, start: Mapping[str, float]) -> dict[str, float]:
-    """Start values of parameters, as numbers in SI units."""
-    result = {}
-    for name, value in start.items():
-        _check_parameter_name(law, name)
-        result[name] = _check_finite_number(f"start of {name}", value)
-        if name in law.positive and result[name] <= 0.0:
-            raise InputError(f"start of {name}: {result[name]:g}; give a value above 0")
-    return result
+def _check_word(name: str, value: str, known: Sequence[str]) -> None:
+    if value not in known:
+        raise InputError(f"{name} = {quote(value)}; give {', '.join(map(repr, known[:-1]))} or {known[-1]!r}")
 
 
 def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
@@ -148,26 +128,5 @@ def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
         if value == "free":
             result.pop(name, None)
         else:
-            result[name] = _check_finite_number(f"initial {name}", value)
-    return result
-
-
-def check_parameter_names(law: Law, names: Sequence[str]) -> None:
-    """Check that all names are parameters of a law."""
-    for name in names:
-        _check_parameter_name(law, name)
-
-
-def _check_parameter_name(law: Law, name: str) -> None:
-    if name not in law.parameters:
-        raise InputError(unknown_word_message(str(name), law.parameters, "parameter"))
-
-
-def _check_finite_number(what: str, value: Any) -> float:
-    try:
-        result = math.nan if isinstance(value, bool | str) else float(value)
-    except (TypeError, ValueError):
-        result = math.nan
-    if math.isnan(result):
-        raise InputError(f"{what}: {quote(value)} is no number; give one")
+            result[name] = si_number(f"initial {name}", value, "")
     return result

@@ -16,7 +16,7 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, MissingPackageError
 from granular.shared.message_text import quote
-from reduced_models.fitting.options import check_parameter_names
+from reduced_models.fitting.parameter import check_parameter_names
 from reduced_models.fitting.problem import list_of_records
 from reduced_models.jax_setup import jax, jax_call
 from reduced_models.least_squares.joint_records import JointRecords, joint_vector, joint_vector_entries
@@ -43,7 +43,7 @@ def sample_posterior(
     model: ReducedModel | Sequence[ReducedModel],
     record: PistonRecord | Sequence[PistonRecord],
     *,
-    own: Sequence[str] = (),
+    per_record: Sequence[str] = (),
     draws: int = 500,
     warmup: int = 300,
     chains: int = 2,
@@ -62,7 +62,7 @@ def sample_posterior(
         Result of `fit` for these records; one model for each.
     record : PistonRecord or table of one (pandas, xarray), or a sequence of them
         Records that the model was fitted to, times [s] and heights [m].
-    own : sequence of str
+    per_record : sequence of str
         Parameters that each of several records has for itself. They are taken for draws from a
         normal population, in the search's units, whose mean and spread are found with them
         (``<name>_mean``, ``<name>_spread``).
@@ -85,7 +85,7 @@ def sample_posterior(
     ------
     InputError
         If a number of draws or chains or the seed is out of its range, there is no record, models
-        and records are not as many, a name in ``own`` is no parameter, or a model was fitted to a
+        and records are not as many, a name in ``per_record`` is no parameter, or a model was fitted to a
         sensor's signal.
     RecordError
         If a table is no record, or a record is too short, does not move, has heights or times beyond
@@ -108,8 +108,8 @@ def sample_posterior(
         raise MissingPackageError(
             f"{error.name} is not installed; pip install 'granular-damper[posterior]'"
         ) from None
-    joint, theta = _gridded_records(model, record, own)
-    potential, centre, spread = _negative_log_density(joint, theta, own)
+    joint, theta = _gridded_records(model, record, per_record)
+    potential, centre, spread = _negative_log_density(joint, theta, per_record)
     start = np.random.default_rng(seed).normal(0.0, 0.1, (chains, len(centre)))
     kernel = numpyro.infer.NUTS(potential_fn=potential, forward_mode_differentiation=True)
     sampler = numpyro.infer.MCMC(
@@ -123,7 +123,7 @@ def sample_posterior(
     with jax_call():
         sampler.run(jax.random.PRNGKey(seed), init_params=jnp.asarray(start if chains > 1 else start[0]))
         result = np.asarray(sampler.get_samples(group_by_chain=True))
-    return arviz.from_dict(_name_draws(joint, own, centre + result @ spread.T))
+    return arviz.from_dict(_name_draws(joint, per_record, centre + result @ spread.T))
 
 
 def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, np.ndarray]:

@@ -328,8 +328,9 @@ def search_entries_from_draws(
     unknowns: Unknowns, draws: Mapping[str, np.ndarray]
 ) -> Float[np.ndarray, "count k"]:
     """Entries (count, k) of search vectors, initial states left out, of parameters and map."""
+    # A law that may be below zero draws either sign, also where limits keep it above.
     result = [
-        np.log(draws[name]) if name in unknowns.law.positive else draws[name] / unit
+        np.log(np.abs(draws[name])) if name in unknowns.law.positive else draws[name] / unit
         for name, unit in zip(unknowns.law.parameters, unknowns.units, strict=True)
     ]
     if unknowns.map is None:

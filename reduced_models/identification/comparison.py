@@ -12,14 +12,16 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from granular.run.piston_record import PistonRecord
+from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
 from reduced_models.fitting.fit import fit, resolve_law
-from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_fit_options
+from reduced_models.fitting.options import STARTS, TEST_FRACTION, FitOptions, check_fit_options
+from reduced_models.fitting.parameter import Parameter, Parameters, as_parameters
 from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_prescribed_strokes
 from reduced_models.fitting.start_values import start_values_near
 from reduced_models.identification.comparison_table import (
@@ -53,7 +55,7 @@ def compare(
     test_fraction: float = TEST_FRACTION,
     test_records: Sequence[RecordLike] = (),
     *,
-    own: Sequence[str] = (),
+    parameters: Parameters | None = None,
     starts: int = STARTS,
 ) -> Comparison:
     """Compare laws on held-out data.
@@ -75,9 +77,9 @@ def compare(
     test_records : sequence of the same
         Whole records that no fit sees; each is predicted from an initial state that its first
         period tells.
-    own : sequence of str
-        Parameters that each record has for itself, for the laws that have them. Not together with
-        held-out records, which would have none.
+    parameters : mapping of str to Parameter, float or str, optional
+        Values and limits of parameters by name, as in `fit`, for the laws that have them. None may
+        be a record's own together with ``test_records``, which would have no value of it.
     starts : int
         Number of random starts of each fit, from 1 to 10000.
 
@@ -92,7 +94,8 @@ def compare(
     ------
     InputError
         If no record or no law is given, there is no law of a name, an argument is out of its range,
-        what `discover` gave has no model, ``own`` and ``test_records`` are both given, or no law
+        what `discover` gave has no model, no law has a parameter of a name, one that is a record's own does
+        not go together with ``test_records``, or no law
         can be fitted, as to records that are too short or do not move.
     RecordError
         If a table is no record, or a record holds no heights or those of a prescribed stroke.
@@ -115,10 +118,15 @@ def compare(
     test_records = list_of_records(test_records) if len(test_records) else ()
     if not laws:
         raise InputError("laws is empty; name at least one")
-    if own and test_records:
-        raise InputError("own parameters do not carry over to held-out records; leave one of them")
-    chosen = [_law_to_compare(law, records[0]) for law in laws]
-    rows = [_fit_law_to_row(*entry, records, test_fraction, test_records, own, starts) for entry in chosen]
+    known = as_parameters(parameters)
+    if test_records and any(item.is_per_record for item in known.values()):
+        raise InputError("a record's own parameters do not carry over to test_records; leave one of them out")
+    chosen = [_law_to_compare(law, records[0], tuple(known)) for law in laws]
+    every = tuple(dict.fromkeys(name for law, _ in chosen for name in law.parameters))
+    for name in known:
+        if name not in every:
+            raise InputError(unknown_word_message(name, every, "parameter"))
+    rows = [_fit_law_to_row(*entry, records, test_fraction, test_records, known, starts) for entry in chosen]
     sound = [row for row in rows if not row.failure]
     if not sound:
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
@@ -165,10 +173,10 @@ def law_name(law: str | Law | ReducedModel) -> str:
     return " ".join(law.split())
 
 
-def _law_to_compare(law: Any, record: PistonRecord) -> tuple[Law, HeightMap | None]:
+def _law_to_compare(law: Any, record: PistonRecord, declared: Sequence[str]) -> tuple[Law, HeightMap | None]:
     """Law to compare, and the map that it was given, if any."""
     if isinstance(law, str | Law):
-        return resolve_law(law, record), None
+        return resolve_law(law, record, declared), None
     model = law if isinstance(law, ReducedModel) else getattr(law, "model", None)
     if not isinstance(model, ReducedModel):
         raise InputError(f"law = {quote(law)}; give a name, an equation, a Law or a model")
@@ -183,20 +191,24 @@ def _fit_law_to_row(
     records: Sequence[PistonRecord],
     test_fraction: float,
     test_records: Sequence[PistonRecord],
-    own: Sequence[str],
+    parameters: Mapping[str, Parameter],
     starts: int,
 ) -> ComparisonRow:
-    private = [name for name in own if name in law.parameters]
-    how: Any = {} if given is None or given.fitted else {"map": given}
+    known = {name: item for name, item in parameters.items() if name in law.parameters}
+    options = None if given is None or given.fitted else FitOptions(map=given)
     try:
         with warnings.catch_warnings(action="ignore"):  # the models keep their notes
-            models = fit(records, law, test_fraction=test_fraction, own=private, starts=starts, **how)
+            models = fit(
+                records, law, parameters=known, starts=starts, test_fraction=test_fraction, options=options
+            )
         roll_outs = tuple(roll_out(models[0], value) for value in test_records)
     except GranularError as cause:
         return ComparisonRow(law.name, failure=str(cause))
     stretches = tuple(model.quality.test_error for model in models if model.quality.test_error is not None)
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
-    count += len(private) * (len(records) - 1)
+    count -= sum(item.fixed for item in known.values())
+    own = sum(item.is_per_record and not item.fixed for item in known.values())
+    count += own * (len(records) - 1)
     error, spread = _total_test_error(models, roll_outs)
     return ComparisonRow(law.name, models, count, stretches, roll_outs, error, standard_error=spread)
 

@@ -261,7 +261,7 @@ _NUMBERS = ("pi", "e", "inf", "nan", "infinity")
 def refuse_suspicious_name(law: str, name: str, columns: Collection[str]) -> None:
     """Refuse a parameter whose name says that it is something else."""
     lower, near = name.lower(), {column.lower(): column for column in columns}
-    declare = f"or declare the parameter, start={{{name!r}: ...}}"
+    declare = f"or declare the parameter, parameters={{{name!r}: ...}}"
     if lower in near:
         raise InputError(
             f"{law} names {name}, and the record has a column {near[lower]!r}; write that, {declare}"

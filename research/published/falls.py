@@ -53,7 +53,7 @@ def fall_errors() -> dict[str, float]:
         ``nine_tenths``, ``worst``; what three of the six are; and the predicted level of rest less
         the simulated one [%], of 7.5 and of 15 kg.
     """
-    from reduced_models import fit
+    from reduced_models import FitOptions, Parameter, fit
     from reduced_models.falls.predicted_law import predict_bed_parameters
     from reduced_models.falls.unseen_fall_scores import fall_prediction_error
 
@@ -64,17 +64,17 @@ def fall_errors() -> dict[str, float]:
     heights = np.random.default_rng(SEED).choice(HEIGHTS, FALLS)
     others = [fall(scene, h, FITTED_SEED + 1 + k) for k, h in enumerate(heights)]
     numbers: dict[str, float] = {"falls": float(FALLS)}
-    for words, fixed in (("six", {}), ("three", {name: theory[name] for name in THEORY})):
+    for words, fixed in (("six", ()), ("three", THEORY)):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             model = fit(
                 record,
                 law="elastoplastic-bed",
                 test_fraction=0.0,
-                map="fitted",
-                fix=fixed,
-                start={name: value for name, value in theory.items() if name not in fixed},
-                initial={"height": float(record.height[0]), "velocity": 0.0},
+                parameters={name: Parameter(value, fixed=name in fixed) for name, value in theory.items()},
+                options=FitOptions(
+                    map="fitted", initial={"height": float(record.height[0]), "velocity": 0.0}
+                ),
             )
         errors = 100.0 * np.array([fall_prediction_error(model, other, level) for other in others])
         numbers |= _named(words, errors)

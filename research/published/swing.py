@@ -51,7 +51,7 @@ def swing_figures(record: Mapping[str, Any], scene: Scene) -> dict[str, Any]:
     scaled = PistonRecord(time=times, height=source_height(heights, rest))
     plain = PistonRecord(time=times, height=heights)
     start = {"height": 1.0, "velocity": 0.0}
-    source, linear = (_fit(scaled, law, initial=start) for law in (LAW, LINEAR))
+    source, linear = (_fit(scaled, law, start) for law in (LAW, LINEAR))
     free, free_linear = (_fit(plain, law) for law in ("van-der-pol-like", "linear"))
     alpha, omega, g0 = (source.parameters[name] for name in ("alpha", "omega", "g0"))
     small = free_linear.at_rest
@@ -79,9 +79,9 @@ def _at_rest(model: Any) -> float:
     return float("nan") if model.at_rest is None else float(model.at_rest.damping_ratio)
 
 
-def _fit(record: PistonRecord, law: str, **settings: Any) -> Any:
-    from reduced_models import fit
+def _fit(record: PistonRecord, law: str, initial: Mapping[str, float] | None = None) -> Any:
+    from reduced_models import FitOptions, fit
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return fit(record, law=law, test_fraction=0.0, **settings)
+        return fit(record, law, test_fraction=0.0, options=FitOptions(initial=initial))

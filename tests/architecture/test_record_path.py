@@ -14,7 +14,7 @@ import pytest
 
 import reduced_models
 from granular import PistonRecord
-from reduced_models import fit
+from reduced_models import FitOptions, Parameter, fit
 
 MESH_REACH = Path(reduced_models.__file__).parent
 MOST_FILES = 18
@@ -87,9 +87,13 @@ def test_files_that_records_pass_with_all_options() -> None:
     hysteresis = "z'' + k*(z - rest) + c*z' + f*w = 0; w' = r*z' - r*Abs(z')*w"
     files = passed(
         (integer, "linear", {"intervals": "profile", "loss": "huber"}),
-        (integer, "van-der-pol-like", {"drift": True}),
-        ([integer, integer], "linear", {"own": ("omega",), "starts": 4}),
-        (integer.between(6.0, 40.0), hysteresis, {"initial": integer.between(0.0, 6.0), "starts": 2}),
+        (integer, "van-der-pol-like", {"options": FitOptions(drift=True)}),
+        ([integer, integer], "linear", {"parameters": {"omega": Parameter(per_record=True)}, "starts": 4}),
+        (
+            integer.between(6.0, 40.0),
+            hysteresis,
+            {"options": FitOptions(initial=integer.between(0.0, 6.0)), "starts": 2},
+        ),
         (integer, "z'' + c*z' + k*z = b*t", {"starts": 2, "noise": 0.01}),
     )
     assert len(files) <= MOST_FILES, sorted(files)

@@ -15,9 +15,10 @@ from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch
 from granular.shared.files import replace_non_finite_by_none
 from reduced_models.__main__ import main, parser
-from reduced_models.commands.identification import parse_bounds
+from reduced_models.commands.identification import parse_parameters
 from reduced_models.commands.records import parse_reading_options
 from reduced_models.discovery.result import CandidateEquation, Discovery
+from reduced_models.fitting.parameter import parameter_settings
 from reduced_models.laws import LAWS
 from reduced_models.laws.height_map import HeightMap
 
@@ -149,7 +150,7 @@ def test_fit_compare_and_simulate(
         (("fit", "lab.csv", "--law", "linear", "--own", "mass"), "unknown parameter 'mass'"),
         (("fit", "lab.csv", "--law", "linear", "--bound", "lam=1 m:2"), "in 1/s is wanted"),
         (("fit", "lab.csv", "--law", "linear", "--bound", "omega=3 Hz:"), "give 2 pi times it"),
-        (("fit", "lab.csv", "--law", "q'' + k*q = g0", "--bound", "k=one:2"), "is not a number"),
+        (("fit", "lab.csv", "--law", "q'' + k*q = g0", "--bound", "k=one:2"), "give a number in SI"),
         (("fit", "lab.csv", "--test-fraction", "1"), "from 0 to 0.9"),
         (("fit", "lab.csv", "--test-fraction", "2 s"), "a pure number or a fraction in % is wanted"),
         (("compare", "lab.csv", "--law", "linaer"), "did you mean 'linear'"),
@@ -177,9 +178,10 @@ def test_bad_words_of_the_other_commands(
 
 
 def test_numbers_have_units_where_they_are_taken() -> None:
-    units = LAWS["polynomial-spring"].units
-    found = parse_bounds(["rest=1 cm:20 mm", "k2=-1e-3 1/(mm s^2):", "lam=0:2"], units)
-    assert found == {"rest": (0.01, 0.02), "k2": (-1.0, math.inf), "lam": (0.0, 2.0)}
+    found = parse_parameters(["rest=1 cm:20 mm", "k2=-1e-3 1/(mm s^2):", "lam=0:2"], ["lam"])
+    settings = parameter_settings(LAWS["polynomial-spring"], found, 1)
+    assert settings.bounds == {"rest": (0.01, 0.02), "k2": (-1.0, math.inf), "lam": (0.0, 2.0)}
+    assert settings.own == ("lam",)
     words = ["design", "--frequency", "3.5 Hz", "--damping", "4 %", "--small-share", "25 %"]
     options = parser().parse_args(words)
     assert (options.frequency, options.damping, options.small_share) == (3.5, 0.04, 0.25)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from reduced_models import PistonRecord, ReducedModel, fit
+from reduced_models import FitOptions, PistonRecord, ReducedModel, fit
 
 TIME = np.arange(2000) / 1000.0
 OMEGA = 2.0 * np.pi * 4.1
@@ -69,6 +69,6 @@ def test_the_scale_of_a_force_moves_the_mass_that_it_drives() -> None:
     table = {"time [s]": TIME, "height [m]": swing, "cell [V]": volts}
     record = PistonRecord.from_table(table, columns={"force": "cell"}, scale={"force": "60 +- 1.2 N/V"})
     law = "z'' + c*z' + k*z = force/m"
-    model = fit(record, law, starts=1, test_fraction=0.0, input_interpolation="linear")
+    model = fit(record, law, starts=1, test_fraction=0.0, options=FitOptions(input_interpolation="linear"))
     assert model.parameters["m"] == pytest.approx(5.0, rel=0.01)
     assert spread(model, "m") == pytest.approx(1.96 * 0.02 * model.parameters["m"], rel=0.05)

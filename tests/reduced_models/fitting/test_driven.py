@@ -9,7 +9,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from reduced_models import Law, LawEstimator, ReducedModel, fit, load_model
+from reduced_models import FitOptions, Law, LawEstimator, ReducedModel, fit, load_model
 from reduced_models.laws.solution import solve_law
 from reduced_models.least_squares.samples import grid_over_record
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, interpolate_inputs, piecewise_cubics
@@ -101,7 +101,7 @@ def test_the_interpolation_is_chosen_by_what_is_held_out(
     for name, value in TRUE.items():
         low, high = model.intervals[name]
         assert abs(model.parameters[name] - value) < high - low
-    given = fit(record, LAW.equation, input_interpolation="linear", starts=1)
+    given = fit(record, LAW.equation, starts=1, options=FitOptions(input_interpolation="linear"))
     assert given.quality.residual > 5e-3
     model.save(tmp_path / "model.json")
     back = load_model(tmp_path / "model.json")
@@ -131,7 +131,7 @@ def test_the_uncertainty_of_a_force_is_that_of_what_multiplies_it(
     """Two per cent of a load cell's scale, next to what the record leaves open."""
     table = {"time [s]": held.time, "height [m]": held.height, "cell [V]": held.columns["force"]}
     record = PistonRecord.from_table(table, columns={"force": "cell"}, scale={"force": "1 +- 0.02 N/V"})
-    wide = fit(record, LAW.equation, starts=1, input_interpolation="previous")
+    wide = fit(record, LAW.equation, starts=1, options=FitOptions(input_interpolation="previous"))
     assert wide.parameters == pytest.approx(model.parameters, rel=1e-6)
     plain, more = (0.5 * np.diff(one.intervals["g"])[0] for one in (model, wide))
     assert more == pytest.approx(np.hypot(plain, 1.96 * 0.02 * model.parameters["g"]), rel=0.05)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from reduced_models import ReducedModel, fit, load_model
+from reduced_models import Parameter, ReducedModel, fit, load_model
 from reduced_models.fitting.assessment import residual_structure_text
 from reduced_models.laws.linearization import dry_friction_coefficient, harmonic_cycles, law_rates
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
@@ -114,7 +114,11 @@ def test_peaks_contradict_a_law_that_is_held_to_another_damping(tmp_path: Path) 
     """The law keeps its figure; what is printed is what the peaks show."""
     with pytest.warns(UserWarning, match="not right"):
         model = fit(
-            released(0.02, 0.0, 1e-4), "linear", starts=1, test_fraction=0.0, fix={"lam": 0.1 * OMEGA}
+            released(0.02, 0.0, 1e-4),
+            "linear",
+            starts=1,
+            test_fraction=0.0,
+            parameters={"lam": Parameter(0.1 * OMEGA, fixed=True)},
         )
     rest = model.at_rest
     assert rest is not None

@@ -14,7 +14,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from reduced_models import HeightMap, ReducedModel, fit, load_model
+from reduced_models import FitOptions, HeightMap, ReducedModel, fit, load_model
 from reduced_models.fitting.options import STARTS
 from reduced_models.fitting.refinement import FINEST, SOLVER_LIMIT, _refine_grid
 from reduced_models.laws import LAWS, law_named
@@ -93,7 +93,7 @@ def test_intervals_cover_the_truth(records: int, least: float) -> None:
     """95 % intervals, over records with noise of their own: a right one fails in less than 1 of 300."""
     given = HeightMap()
     models = [
-        fit(noisy(seed), "van-der-pol-like", map=given, starts=1, test_fraction=0.0)
+        fit(noisy(seed), "van-der-pol-like", starts=1, test_fraction=0.0, options=FitOptions(map=given))
         for seed in range(100, 100 + records)
     ]
     for name, value in TRUE.items():
@@ -108,7 +108,11 @@ def test_the_height_map_is_found() -> None:
     assert errors(model).max() < 1e-5
     assert model.map.shift == pytest.approx(0.06, rel=1e-6)
     assert model.map.scale == pytest.approx(0.002, rel=1e-5)
-    given = fit(PistonRecord(TIME, 0.06 + 0.002 * CLEAN), "van-der-pol-like", map=HeightMap(0.06, 0.002))
+    given = fit(
+        PistonRecord(TIME, 0.06 + 0.002 * CLEAN),
+        "van-der-pol-like",
+        options=FitOptions(map=HeightMap(0.06, 0.002)),
+    )
     assert errors(given).max() < 1e-6
 
 
@@ -431,7 +435,7 @@ def test_custom_law(tmp_path: Path) -> None:
     assert np.array_equal(back.simulate(times).height, model.simulate(times).height)
     mapped = dataclasses.replace(back.law, mapped=True)
     with pytest.raises(InputError, match="does not say where to start"):
-        fit(linear_record(), mapped, map="fitted")
+        fit(linear_record(), mapped, options=FitOptions(map="fitted"))
     plain = model.to_plain() | {"equation": "z'' = -k*z"}
     with pytest.raises(InputError, match="not those of a reduced model"):
         ReducedModel.from_plain(plain)
@@ -457,8 +461,7 @@ def test_records_that_say_too_little(record: PistonRecord, words: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [{"law": "linaer"}, {"starts": 0}, {"test_fraction": 1.0}, {"confidence": 0.0}, {"map": "none"}],
+    "arguments", [{"law": "linaer"}, {"starts": 0}, {"test_fraction": 1.0}, {"confidence": 0.0}]
 )
 def test_bad_arguments(arguments: dict) -> None:
     with pytest.raises(InputError):

@@ -15,7 +15,17 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from reduced_models import ForceLaw, ForceModel, Sensor, compare, discover, fit, fit_force
+from reduced_models import (
+    FitOptions,
+    ForceLaw,
+    ForceModel,
+    Parameter,
+    Sensor,
+    compare,
+    discover,
+    fit,
+    fit_force,
+)
 from reduced_models.laws import FORCE_LAWS
 from tests.reduced_models.fitting.made_strokes import made_stroke, random_stroke
 
@@ -25,8 +35,8 @@ LAWS = ("viscous-coulomb", "bouc-wen", "elastoplastic-bed")
 def misses(law: str, seed: int) -> dict[str, float]:
     """Errors of the parameters, in half-widths of their intervals."""
     record, truth = random_stroke(law, seed)
-    given = {"rest": truth.pop("rest")} if "rest" in truth else {}
-    model: Any = fit(record, law, measured="force", fix=given)
+    given = {"rest": Parameter(truth.pop("rest"), fixed=True)} if "rest" in truth else {}
+    model: Any = fit(record, law, parameters=given, options=FitOptions(measured="force"))
     assert isinstance(model, ForceModel)
     half = {name: 0.5 * (high - low) for name, (low, high) in model.intervals.items()}
     return {name: (model.parameters[name] - value) / half[name] for name, value in truth.items()}
@@ -75,7 +85,7 @@ def test_cycles_take_what_friction_and_drag_take() -> None:
     truth = {"c": 80.0, "friction": 6.0, "creep": 1e-4, "k": 900.0, "zero": 0.0}
     random = np.random.default_rng(0)
     record = made_stroke("viscous-coulomb", truth, 0.01, 1.5, 0.003, random)
-    model = fit_force(record, law, fix={"creep": 1e-4})
+    model = fit_force(record, law, parameters={"creep": Parameter(1e-4, fixed=True)})
     omega = 2.0 * math.pi * 3.0
     cycle = model.harmonic_cycle(0.004, 3.0)
     loss = math.pi * 80.0 * omega * 0.004**2 + 4.0 * 6.0 * 0.004
@@ -163,15 +173,16 @@ def test_a_current_is_an_input() -> None:
 def test_what_is_refused() -> None:
     record = sine(2.0, 0.01, c=100.0)
     with pytest.raises(InputError, match="no law of a force"):
-        fit(record, "z'' + k*z = 0", measured="force")
+        fit(record, "z'' + k*z = 0", options=FitOptions(measured="force"))
     with pytest.raises(InputError, match="prescribed"):
-        fit(record, "linear", measured="force", drift=True)
+        fit(record, "linear", options=FitOptions(drift=True, measured="force"))
     with pytest.raises(RecordError, match="'force'"):
         fit_force(PistonRecord(record.time, record.height))
     wrong: list[tuple[dict[str, Any], str]] = [
         ({"law": 3}, "give a name, an equation or a ForceLaw"),
-        ({"fix": {"c": "soft"}}, "fix of c: 'soft' is no number"),
+        ({"parameters": {"c": "soft"}}, "parameter c: 'soft' is not a quantity"),
         ({"sensor": "force"}, "give a Sensor"),
+        ({"parameters": {"c": Parameter(per_record=True)}}, "leave per_record out"),
         ({"seed": -1}, "seed = -1"),
     ]
     for options, words in wrong:

@@ -13,7 +13,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import ReducedModel, fit
+from reduced_models import FitOptions, ReducedModel, fit
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates
 from tests.reduced_models.models.test_printed_equation import assert_memory_as_printed
@@ -54,7 +54,7 @@ def integer() -> PistonRecord:
 def check(law: str) -> ReducedModel:
     record = integer()
     before, after = record.between(0.0, CUT), record.between(CUT, TIME[-1])
-    model = fit(after, law, initial=before, starts=4)
+    model = fit(after, law, starts=4, options=FitOptions(initial=before))
     assert model.quality.residual == pytest.approx(NOISE, rel=0.05)
     for name, value in TRUE.items():
         low, high = model.intervals[name]
@@ -107,7 +107,7 @@ def test_printed_parameters_of_bouc_wen_are_those_of_its_swing() -> None:
 
 def test_a_free_hidden_state_is_found_from_the_motion_alone() -> None:
     """As it was, without the motion before."""
-    free = fit(integer().between(CUT, TIME[-1]), "bouc-wen", initial="free", starts=2)
+    free = fit(integer().between(CUT, TIME[-1]), "bouc-wen", starts=2, options=FitOptions(initial="free"))
     assert free.hidden["w"] == pytest.approx(motion()[2][np.searchsorted(TIME, CUT)], abs=0.01)
     assert free.quality.residual == pytest.approx(NOISE, rel=0.05)
 
@@ -117,7 +117,7 @@ def test_hidden_states_of_a_text() -> None:
     """With them as they were, no more is left over than where they are free."""
     model = check(LAWS["bouc-wen"].equation)
     late = integer().between(CUT, TIME[-1])
-    free = fit(late, "bouc-wen", initial="free")
+    free = fit(late, "bouc-wen", options=FitOptions(initial="free"))
     assert model.hidden["w"] == pytest.approx(free.hidden["w"], abs=0.1)
     assert model.quality.residual < 1.01 * free.quality.residual
     with warnings.catch_warnings():
@@ -136,8 +136,8 @@ def test_what_is_no_history(made: Callable[..., PistonRecord]) -> None:
         (PistonRecord(TIME, TIME, force=TIME).between(0.0, CUT), "columns"),
     ):
         with pytest.raises(InputError, match=words):
-            fit(late, "bouc-wen", initial=initial)
+            fit(late, "bouc-wen", options=FitOptions(initial=initial))
     with pytest.raises(InputError, match="has no hidden state"):
-        fit(made("linear"), "linear", initial=record)
+        fit(made("linear"), "linear", options=FitOptions(initial=record))
     with pytest.raises(InputError, match="or the motion before"):
-        fit(late, "bouc-wen", initial=3)  # type: ignore[call-overload]  # what types forbid
+        fit(late, "bouc-wen", options=FitOptions(initial=3))  # type: ignore[call-overload]  # what types forbid

@@ -9,7 +9,7 @@ import pytest
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import LawEstimator
+from reduced_models import LawEstimator, Parameter
 
 SHORT = "fits fewer than the 20 samples that a law is identified from"
 ONE_COLUMN = "gives tables of several columns and wants a word on each; here there is one, the time"
@@ -152,7 +152,9 @@ def test_bounds_and_loss_are_those_of_a_fit() -> None:
     given = {"starts": 1, "test_fraction": 0.0, "loss": "huber"}
     free = LawEstimator("linear", **given).fit(record.time, height).model_
     assert free.parameters["lam"] == pytest.approx(0.2, rel=0.01)
-    held = LawEstimator("linear", bounds={"lam": (0.3, 0.5)}, **given).fit(record.time, height)
+    held = LawEstimator("linear", parameters={"lam": Parameter(low=0.3, high=0.5)}, **given).fit(
+        record.time, height
+    )
     assert held.model_.parameters["lam"] == pytest.approx(0.3)
 
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import t as student
 
 from granular import PistonRecord
-from reduced_models import HeightMap, ReducedModel, fit
+from reduced_models import FitOptions, HeightMap, Parameter, ReducedModel, fit
 from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
 
@@ -37,7 +37,7 @@ def squares(model: ReducedModel) -> float:
 
 def profile_t(record: PistonRecord, model: ReducedModel, name: str, value: float) -> float:
     """By a fit of its own with the parameter held in place."""
-    held = quiet(record, model.law.name, bounds={name: (value, value * (1.0 + 1e-9))})
+    held = quiet(record, model.law.name, parameters={name: Parameter(low=value, high=value * (1.0 + 1e-9))})
     freedom = len(record) - len(model.parameters) - 2
     variance = squares(model) * model.quality.correlation / freedom
     return math.sqrt((squares(held) - squares(model)) / variance)
@@ -82,11 +82,13 @@ def test_intervals_keep_to_the_bounds() -> None:
     record = weakly_damped(1)
     free = quiet(record, "linear", intervals="profile")
     bound = 0.5 * (free.parameters["lam"] + free.intervals["lam"][0])
-    inside = quiet(record, "linear", intervals="profile", bounds={"lam": (bound, 1.0)})
+    inside = quiet(record, "linear", intervals="profile", parameters={"lam": Parameter(low=bound, high=1.0)})
     assert inside.intervals["lam"][0] == pytest.approx(bound, rel=1e-9)
     assert inside.intervals["lam"][1] == pytest.approx(free.intervals["lam"][1], rel=1e-3)
     bound = 0.5 * (free.parameters["lam"] + free.intervals["lam"][1])
-    at_bound = quiet(record, "linear", intervals="profile", bounds={"lam": (bound, 1.0)})
+    at_bound = quiet(
+        record, "linear", intervals="profile", parameters={"lam": Parameter(low=bound, high=1.0)}
+    )
     assert at_bound.parameters["lam"] == pytest.approx(bound, rel=1e-9)
     assert at_bound.intervals["lam"][0] == pytest.approx(bound, rel=1e-9)
     assert at_bound.intervals["lam"][1] > bound
@@ -99,7 +101,7 @@ def test_what_the_data_leave_open_has_no_end() -> None:
     swing = 1.2e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time)
     noise = np.random.default_rng(1).normal(0.0, 1e-5, len(time))
     record = PistonRecord(time, 0.059 + swing + noise)
-    model = quiet(record, "van-der-pol-like", map="fitted", intervals="profile")
+    model = quiet(record, "van-der-pol-like", intervals="profile", options=FitOptions(map="fitted"))
     assert model.intervals["alpha"][0] == 0.0
     assert model.intervals["alpha"][1] == math.inf
     low, high = model.intervals["omega"]
@@ -110,13 +112,17 @@ def test_what_the_data_leave_open_has_no_end() -> None:
 def test_the_sum_of_squares_of_several_records_rises_to_the_quantile() -> None:
     """Profile a damping that they share, by fits to both with it held there."""
     records = [weakly_damped(seed) for seed in (1, 2)]
-    models = quiet(records, "linear", own=["g0"], intervals="profile")
+    models = quiet(records, "linear", intervals="profile", parameters={"g0": Parameter(per_record=True)})
     assert models[0].intervals["lam"] == models[1].intervals["lam"]
     freedom = sum(map(len, records)) - 8  # damping, frequency; two loads, heights and velocities
     least = sum(map(squares, models))
     variance = least * np.mean([one.quality.correlation for one in models]) / freedom
     end = models[0].intervals["lam"][1]
-    held = quiet(records, "linear", own=["g0"], bounds={"lam": (end, end * (1.0 + 1e-9))})
+    held = quiet(
+        records,
+        "linear",
+        parameters={"g0": Parameter(per_record=True), "lam": Parameter(low=end, high=end * (1.0 + 1e-9))},
+    )
     rise = math.sqrt((sum(map(squares, held)) - least) / variance)
     assert rise == pytest.approx(student.ppf(0.975, freedom), rel=0.02)
 
@@ -125,8 +131,16 @@ def test_the_sum_of_squares_of_several_records_rises_to_the_quantile() -> None:
 def test_several_records_share_an_interval(made: Any) -> None:
     """Shared parameters have one interval; own ones have their own; maps that are given none."""
     records = [made("linear", seed=seed, start=start) for seed, start in ((1, 1.0), (2, 2.0))]
-    models = quiet(records, "linear", own=["g0"], intervals="profile", map=HeightMap())
-    linear = quiet(records, "linear", own=["g0"], map=HeightMap())
+    models = quiet(
+        records,
+        "linear",
+        intervals="profile",
+        parameters={"g0": Parameter(per_record=True)},
+        options=FitOptions(map=HeightMap()),
+    )
+    linear = quiet(
+        records, "linear", parameters={"g0": Parameter(per_record=True)}, options=FitOptions(map=HeightMap())
+    )
     assert models[0].intervals["omega"] == models[1].intervals["omega"]
     for mine, other in zip(models, linear, strict=True):
         for name, (low, high) in other.intervals.items():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from reduced_models import ReducedModel, fit
+from reduced_models import FitOptions, ReducedModel, fit
 
 TIME = np.linspace(0.0, 40.0, 2000)
 TRUE = {"lam": 0.05, "omega": 1.05, "g0": -1.0}
@@ -100,10 +100,10 @@ def test_drift_is_noted_and_modelled(
 ) -> None:
     """Found by the residuals, unless it is refused; the notes name the argument and the option."""
     record = noisy("drift", made("linear", level=0.0).height, 0)
-    with pytest.warns(UserWarning, match=r"zero drifts.* drift=False \(fit --no-drift on the command"):
+    with pytest.warns(UserWarning, match=r"zero drifts.* FitOptions\(drift=False\) \(fit --no-drift on the"):
         found = fit(record, "linear", starts=1)
-    with pytest.warns(UserWarning, match=r"drift slowly.* drift=True \(fit --drift on the command"):
-        fit(record, "linear", starts=1, drift=False)
+    with pytest.warns(UserWarning, match=r"drift slowly.* FitOptions\(drift=True\) \(fit --drift on the"):
+        fit(record, "linear", starts=1, options=FitOptions(drift=False))
     record.to_csv(tmp_path / "record.csv")
     words = ("fit", str(tmp_path / "record.csv"), "--law", "linear", "--starts", "1")
     assert "zero drifts" in command("reduced_models", *words).stdout
@@ -111,7 +111,7 @@ def test_drift_is_noted_and_modelled(
     told = command("reduced_models", *words, "--drift").stdout
     assert "drift of the record's zero: " in told
     assert "note: " not in told
-    modelled = fit(record, "linear", starts=1, drift=True)
+    modelled = fit(record, "linear", starts=1, options=FitOptions(drift=True))
     assert not any("drift" in note for note in modelled.notes)
     assert found.parameters == pytest.approx(modelled.parameters, rel=1e-4)
     low, high = modelled.intervals["g0"]

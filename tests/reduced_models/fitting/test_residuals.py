@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from reduced_models import ReducedModel, fit
+from reduced_models import FitOptions, ReducedModel, fit
 from reduced_models.identification.residual_tests import residual_tests
 
 TIME = np.arange(0.0, 6.0, 0.005)
@@ -25,7 +25,9 @@ def fitted(height: np.ndarray, drift: bool | None = None) -> ReducedModel:
     """Fit of the linear law from one start."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return fit(PistonRecord(TIME, height), "linear", starts=1, test_fraction=0.0, drift=drift)
+        return fit(
+            PistonRecord(TIME, height), "linear", starts=1, test_fraction=0.0, options=FitOptions(drift=drift)
+        )
 
 
 def test_a_fast_second_mode_is_noted() -> None:

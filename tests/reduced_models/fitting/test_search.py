@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene
-from reduced_models import Law, fit, jax_setup, predict
+from reduced_models import FitOptions, Law, fit, jax_setup, predict
 from reduced_models.fitting.residual_diagnostics import (
     diagnose_residuals,
     fit_autoregression,
@@ -120,7 +120,7 @@ def test_a_law_that_is_wrong_by_little_is_named(made: Callable[..., PistonRecord
 def test_a_fit_to_accelerations_leads_out_of_a_wrong_valley(made: Callable[..., PistonRecord]) -> None:
     """One start at half the frequency ends where nothing is explained."""
     with pytest.warns(UserWarning, match="only 0 of 1 random starts"):
-        model = fit(made("linear"), "linear", start={"omega": 0.5}, starts=1)
+        model = fit(made("linear"), "linear", starts=1, parameters={"omega": 0.5})
     assert model.quality.collocation == "better"
     assert model.quality.relative < 0.011
     assert model.parameters["omega"] == pytest.approx(1.05, rel=0.01)
@@ -247,7 +247,12 @@ def test_programs_that_are_compiled_ahead_are_those_of_the_fit(
         compile_fit_ahead(law, 4)
         assert compiled == expected
     forget_programs()
-    fit(PistonRecord(TIME, np.exp(-0.05 * TIME) * np.cos(TIME)), law, starts=4, map="fitted")
+    fit(
+        PistonRecord(TIME, np.exp(-0.05 * TIME) * np.cos(TIME)),
+        law,
+        starts=4,
+        options=FitOptions(map="fitted"),
+    )
     assert compiled == ["linear"]
     forget_programs()
 

@@ -12,7 +12,7 @@ from scipy.signal import lsim
 
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError, RecordWarning
-from reduced_models import ReducedModel, Sensor, compare, fit
+from reduced_models import FitOptions, ReducedModel, Sensor, compare, fit
 from reduced_models.laws.law import law_from_text
 from reduced_models.laws.symmetry import find_similarity
 from reduced_models.least_squares.sensor_signal import sensor_signal_tables, solution_signal
@@ -25,7 +25,7 @@ LINEAR = {"lam": 1.1, "omega": OMEGA, "g0": 0.0}
 
 
 def fitted(made: Made, **options: int) -> ReducedModel:
-    return fit(made.record, made.law, measured=made.sensor, **options)
+    return fit(made.record, made.law, options=FitOptions(measured=made.sensor), **options)
 
 
 def misses(made: Made, model: ReducedModel) -> dict[str, float]:
@@ -97,7 +97,7 @@ def test_a_geophone_of_unknown_gain() -> None:
     assert set(model.untold) == {"level", "g0", "size", "friction"}
     # A gain that is known to a tenth tells friction to a tenth.
     bounded = Sensor("velocity", gain=(26.0, 32.0), high_pass=4.5, damping_ratio=0.6)
-    model = fit(made.record, "coulomb", measured=bounded)
+    model = fit(made.record, "coulomb", options=FitOptions(measured=bounded))
     low, high = model.intervals["friction"]
     assert low < truth["friction"] < high
     wanted = 4.0 * (32.0 - 26.0) / 29.0 / math.sqrt(12.0)

@@ -9,7 +9,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import fit
+from reduced_models import Parameter, fit
 from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
 from reduced_models.records.derivatives import noise_level
@@ -26,7 +26,7 @@ def linear(g0: float, start: float, seed: int) -> PistonRecord:
 def test_shared_and_own_parameters() -> None:
     """Two masses on one spring: frequency and damping are shared, the load is not."""
     records = [linear(-1.0, 1.0, 1), linear(0.5, 3.0, 2)]
-    models = fit(records, "linear", own=["g0"])
+    models = fit(records, "linear", parameters={"g0": Parameter(per_record=True)})
     assert [model.parameters["g0"] for model in models] == pytest.approx([-1.0, 0.5], rel=0.01)
     for name, value in (("lam", 0.05), ("omega", 1.05)):
         assert models[0].parameters[name] == models[1].parameters[name]
@@ -57,17 +57,17 @@ def test_the_same_record_twice_halves_the_variance() -> None:
 
 def test_bounds_hold_and_are_noted(made: Any) -> None:
     record = made("linear")
-    free = fit(record, "linear", bounds={"omega": (0.5, 2.0)})
+    free = fit(record, "linear", parameters={"omega": Parameter(low=0.5, high=2.0)})
     assert free.parameters == pytest.approx(fit(record, "linear").parameters, rel=1e-6)
     assert not any("bound" in note for note in free.notes)
-    half_open = fit(record, "linear", bounds={"omega": (0.5, None)})
+    half_open = fit(record, "linear", parameters={"omega": Parameter(low=0.5)})
     assert not any("bound" in note for note in half_open.notes)
     with pytest.warns(UserWarning, match="omega = 1.06 lies at its bound"):
-        held = fit(record, "linear", bounds={"omega": (1.06, 2.0)})
+        held = fit(record, "linear", parameters={"omega": Parameter(low=1.06, high=2.0)})
     assert held.parameters["omega"] == pytest.approx(1.06, rel=1e-12)
-    for bounds in ({"omega": (2.0, 1.0)}, {"omega": (-2.0, -1.0)}, {"omege": (0.0, 1.0)}):
-        with pytest.raises(InputError):
-            fit(record, "linear", bounds=bounds)
+    for name, limits in (("omega", Parameter(low=-2.0, high=-1.0)), ("omege", Parameter(low=0.0))):
+        with pytest.raises(InputError, match=f"{name}"):
+            fit(record, "linear", parameters={name: limits})
 
 
 def test_irregular_samples_with_a_gap(made: Any) -> None:
@@ -93,7 +93,7 @@ def test_noise_level_heeds_the_times() -> None:
 
 def test_bad_arguments(made: Any) -> None:
     record = made("linear")
-    for options in ({"own": ["omege"]}, {"intervals": "profil"}):
+    for options in ({"parameters": {"omege": Parameter(per_record=True)}}, {"intervals": "profil"}):
         with pytest.raises(InputError):
             fit(record, "linear", **options)
     with pytest.raises(InputError, match="no record"):

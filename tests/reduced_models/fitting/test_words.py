@@ -12,8 +12,9 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import Law, ReducedModel, compare, fit
+from reduced_models import FitOptions, Law, Parameter, ReducedModel, compare, fit
 from reduced_models.fitting.fit import resolve_law
+from reduced_models.laws import LAWS
 from reduced_models.laws.law import law_from_text
 from reduced_models.laws.solution import solve_law
 from reduced_models.laws.symmetry import canonical_parameters, find_symmetries
@@ -57,7 +58,7 @@ def test_home_lies_within_bounds() -> None:
 @pytest.mark.long
 def test_a_search_starts_within_bounds_on_the_other_sign() -> None:
     """A stiffness below zero with the rest half a turn on is the same pendulum."""
-    model = fit(pendulum(), PENDULUM, bounds={"k": (-20.0, 0.0)})
+    model = fit(pendulum(), PENDULUM, parameters={"k": Parameter(low=-20.0, high=0.0)})
     assert model.parameters["k"] == pytest.approx(-9.0, rel=1e-3)
     assert math.sin(model.parameters["rest"] - 0.2) == pytest.approx(0.0, abs=2e-3)
     assert model.quality.converged >= 8
@@ -106,7 +107,12 @@ def test_the_time_in_a_law() -> None:
     assert law.inputs == ("t",)
     assert law.parameters == ("c", "k", "a")
     found = solve_law(law, TIME, 1.0, 0.0, (0.2, 1.1, 0.05), 1.0, [TIME])
-    model = fit(PistonRecord(TIME + 100.0, found.z), law.equation, starts=1, input_interpolation="linear")
+    model = fit(
+        PistonRecord(TIME + 100.0, found.z),
+        law.equation,
+        starts=1,
+        options=FitOptions(input_interpolation="linear"),
+    )
     for name, value in (("c", 0.2), ("k", 1.1), ("a", 0.05)):
         assert model.parameters[name] == pytest.approx(value, rel=1e-5)
     later = model.simulate(np.linspace(0.0, 60.0, 300))
@@ -152,25 +158,27 @@ def test_other_words_are_asked_about(text: str, made: Callable[..., PistonRecord
     assert "\n" not in str(caught.value)
 
 
+WORD: Any = "moving"  # that types forbid
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"bounds": {"omega": (4.0, 4.0)}}, r"both are 4; write fix=\{'omega': 4\}"),
-        ({"bounds": {"omega": 4.0}}, r"is no pair; give \(least, greatest\)"),
-        ({"bounds": {"omega": (2.0, 1.0)}}, "2 is not below 1"),
-        ({"fix": {"omege": 1.0}}, "omega"),
-        ({"fix": {"omega": -1.0}}, "values above 0"),
-        ({"fix": {"omega": [1.0, 2.0]}}, "2 values for 1 records"),
-        ({"fix": {"omega": 1.0, "lam": 0.1, "g0": 0.0}}, "nothing to fit"),
-        ({"start": {"omega": "fast"}}, "'fast' is no number"),
-        ({"positive": ["omege"]}, "omega"),
+        ({"parameters": ["omega"]}, "give a mapping"),
+        ({"parameters": {"omege": 1.0}}, "omega"),
+        ({"parameters": {"omega": Parameter(-1.0, fixed=True)}}, "parameter omega: it is above 0"),
+        ({"parameters": {"g0": Parameter(0.0, low=0.0)}}, "parameter g0: it is above 0"),
+        ({"parameters": {"omega": Parameter([1.0, 2.0], fixed=True)}}, "2 values for 1 records"),
+        ({"parameters": {name: Parameter(1.0, fixed=True) for name in LAWS["linear"].parameters}}, "nothing"),
+        ({"parameters": {"omega": "fast"}}, "parameter omega: 'fast' is not a quantity"),
+        ({"parameters": {"omega": Parameter(low="1 m")}}, "a quantity in rad/s is wanted"),
+        ({"parameters": {"omega": "3 Hz"}}, "give 2 pi times it"),
         ({"loss": "cauchy"}, "'linear', 'soft_l1' or 'huber'"),
         ({"weights": np.ones(3)}, r"one a sample \(2000\)"),
         ({"noise": -1.0}, "positive numbers"),
-        ({"initial": "moving"}, "give 'rest', 'free' or numbers by name"),
-        ({"initial": {"speed": 1.0}}, "state at the start"),
-        ({"input_interpolation": "cubic"}, "'spline', 'linear', 'previous' or 'band-limited'"),
-        ({"drift": True, "intervals": "profile"}, "know no drift"),
+        ({"options": FitOptions(initial=WORD)}, "give 'rest', 'free' or numbers by name"),
+        ({"options": FitOptions(initial={"speed": 1.0})}, "state at the start"),
+        ({"options": FitOptions(drift=True), "intervals": "profile"}, "know no drift"),
         ({"seed": -1}, "seed = -1; give an integer from 0 on"),
         ({"test_fraction": "a third"}, "give a fraction from 0 to 0.9"),
         ({"confidence": None}, "give a fraction between 0 and 1"),
@@ -213,10 +221,10 @@ def test_known_noise_weights_and_the_start(made: Callable[..., PistonRecord]) ->
     spared = fit(PistonRecord(TIME, height), "linear", weights=weights)
     for name, value in plain.parameters.items():
         assert spared.parameters[name] == pytest.approx(value, rel=2e-3)
-    still = fit(record, "linear", initial="rest")
+    still = fit(record, "linear", options=FitOptions(initial="rest"))
     assert still.initial[1] == 0.0
-    assert fit(record, "linear", initial="free").initial == plain.initial
-    given = fit(record, "linear", initial={"height": 1.0, "velocity": 0.0})
+    assert fit(record, "linear", options=FitOptions(initial="free")).initial == plain.initial
+    given = fit(record, "linear", options=FitOptions(initial={"height": 1.0, "velocity": 0.0}))
     assert given.initial == pytest.approx((1.0, 0.0), abs=1e-12)
 
 
@@ -246,7 +254,9 @@ def test_eight_lengths_of_a_pendulum_tell_gravity_and_the_pivot(made: Callable[.
         records.append(PistonRecord(TIME[:500], height + noise))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        models = fit(records, law, fix={"L": lengths.tolist()}, start={"g": 9.0, "d": 0.01})
+        models = fit(
+            records, law, parameters={"g": 9.0, "d": 0.01, "L": Parameter(lengths.tolist(), fixed=True)}
+        )
     for name, value in (("g", 9.81), ("d", 0.02), ("c", 0.02)):
         low, high = models[0].intervals[name]
         assert value == pytest.approx(models[0].parameters[name], abs=1.5 * (high - low))
@@ -259,5 +269,5 @@ def test_a_given_start_is_kept_in_its_units() -> None:
     time = np.linspace(0.0, 6.0, 1500)
     swing = 1.2e-3 * np.exp(-0.8 * time) * np.sin(21.8 * time)
     record = PistonRecord(time, 0.059 + swing)
-    model = fit(record, "linear", initial={"height": 0.059, "velocity": 0.026}, starts=1)
+    model = fit(record, "linear", starts=1, options=FitOptions(initial={"height": 0.059, "velocity": 0.026}))
     assert model.initial == pytest.approx((0.059, 0.026), rel=1e-12)

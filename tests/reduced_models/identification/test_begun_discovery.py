@@ -72,7 +72,7 @@ def test_a_discovery_is_begun_where_the_best_law_leaves_more_than_a_tenth(
     poor: PistonRecord, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     law = Law("found", TRUE)
-    model = fit(poor, law, starts=2, start={"c": 0.1, "w": 4.0, "b": 3.0})
+    model = fit(poor, law, starts=2, parameters={"c": 0.1, "w": 4.0, "b": 3.0})
     monkeypatch.setattr(discovery, "discover", lambda *_, **__: types.SimpleNamespace(model=model))
     found = identify(poor, progress=False, starts=2)
     assert [row.name for row in found.comparison.rows] == ["found", "linear"]

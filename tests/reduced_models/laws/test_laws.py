@@ -11,7 +11,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from reduced_models import ReducedModel, fit, load_model
+from reduced_models import FitOptions, ReducedModel, fit, load_model
 from reduced_models.laws import LAWS, law_named
 from reduced_models.laws.equation import compile_jacobian, parse_equation
 from reduced_models.laws.law import law_from_text
@@ -114,7 +114,7 @@ def test_inputs_are_columns_of_the_record(tmp_path: Any) -> None:
     record = PistonRecord(time, found.z + noise, extra={"forcing": drive})
     record.to_csv(tmp_path / "driven.csv")
     record = PistonRecord.from_csv(tmp_path / "driven.csv")
-    model = fit(record, text, starts=1, input_interpolation="spline")
+    model = fit(record, text, starts=1, options=FitOptions(input_interpolation="spline"))
     assert model.parameters == pytest.approx(true, rel=0.005)
     assert model.quality.relative == pytest.approx(0.01, rel=0.05)
     model.save(tmp_path / "model.json")

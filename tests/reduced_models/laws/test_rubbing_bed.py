@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from granular import Equilibrium, PistonRecord, equilibrium, load_scene, simulate
 from granular.linear import MotionFriction
-from reduced_models import fit, roll_out
+from reduced_models import FitOptions, fit, roll_out
 from reduced_models.identification.candidate_laws import frequency_rises
 from reduced_models.laws import FORCE_LAWS
 from reduced_models.laws.equation import compile_rates
@@ -61,7 +61,7 @@ def test_starts_of_a_known_bed_are_near_its_figures() -> None:
 @pytest.mark.long
 def test_a_made_loop_gives_its_numbers_back() -> None:
     record = made_stroke("rubbing-bed", LOOP | {"c": 5.0}, 8e-3, 1.0, 0.01, np.random.default_rng(0))
-    model: Any = fit(record, "rubbing-bed", measured="force")
+    model: Any = fit(record, "rubbing-bed", options=FitOptions(measured="force"))
     for name, value in (LOOP | {"c": 5.0}).items():
         low, high = model.intervals[name]
         assert abs(model.parameters[name] - value) <= 1.5 * (high - low), name

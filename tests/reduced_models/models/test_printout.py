@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from reduced_models import fit, load_model
+from reduced_models import Parameter, fit, load_model
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.models.printout import caution_lines, equation_lines, figure_lines, format_percent
 from reduced_models.models.quantities import QuantityWithError
@@ -84,7 +84,9 @@ def test_a_motion_about_zero_without_noise_has_its_equilibrium_there() -> None:
     swing = 1e-3 * np.exp(-0.8 * TIME) * np.cos(21.8 * TIME)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model = fit(PistonRecord(TIME, swing), "linear", starts=2, fix={"g0": 0.0})
+        model = fit(
+            PistonRecord(TIME, swing), "linear", starts=2, parameters={"g0": Parameter(0.0, fixed=True)}
+        )
     assert model.at_rest is not None
     assert model.at_rest.height == 0.0
     assert "z0    0 mm" in str(model)

@@ -1,0 +1,172 @@
+"""Values and limits of the parameters of a law, as they are known before a fit."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.schema.field_kinds import unknown_word_message
+from granular.schema.units import si_value
+from granular.shared.errors import InputError
+from granular.shared.message_text import quote
+from reduced_models.laws.law import Law
+
+Quantity = float | str
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """Value and limits of a parameter of a law, as they are known before a fit.
+
+    Numbers are in SI units; texts have units, as ``"2.5 N/m"``, where the law names the parameter's.
+
+    Parameters
+    ----------
+    value : float or str, or a sequence of them, optional
+        Value about which the parameter is looked for first, or the one that it keeps if it is fixed.
+        Several are kept, one for each record, such as the lengths of pendulums.
+    low, high : float or str, optional
+        Least and greatest value; None for an open end. Where ``low`` is 0 or more the parameter is
+        above zero, and is searched on the logarithmic scale.
+    fixed : bool
+        Whether the parameter keeps its value.
+    per_record : bool
+        Whether each of several records has a value for itself; otherwise they share one.
+
+    Raises
+    ------
+    InputError
+        If a number is none, the limits are not in order, a value lies outside them, one is lacking
+        where it is fixed, or several are not fixed.
+
+    Examples
+    --------
+    >>> from reduced_models import Parameter
+    >>> Parameter(2.0, low=0.0)
+    Parameter(value=2.0, low=0.0, high=None, fixed=False, per_record=False)
+    """
+
+    value: Quantity | Sequence[Quantity] | None = None
+    low: Quantity | None = None
+    high: Quantity | None = None
+    fixed: bool = False
+    per_record: bool = False
+
+    def __post_init__(self) -> None:
+        if self.is_list and not self.fixed:
+            raise InputError("several values are kept, one for each record; add fixed=True, or give one")
+        if self.fixed and self.value is None:
+            raise InputError("fixed, but without a value; give one")
+        self.numbers()
+
+    @property
+    def is_list(self) -> bool:
+        """Whether there is a value for each record."""
+        return isinstance(self.value, Sequence | np.ndarray) and not isinstance(self.value, str)
+
+    @property
+    def is_per_record(self) -> bool:
+        """Whether each record has a value for itself."""
+        return self.per_record or self.is_list
+
+    def numbers(self, unit: str | None = None) -> tuple[list[float], float, float]:
+        """Values, least and greatest value in an SI unit; NaN for texts while it is not known."""
+        low = -math.inf if self.low is None else si_number("low", self.low, unit)
+        high = math.inf if self.high is None else si_number("high", self.high, unit)
+        if low == high:
+            raise InputError(f"low and high are both {low:g}; give value={low:g}, fixed=True")
+        if low > high:
+            raise InputError(f"low = {low:g} is above high = {high:g}; give them in order")
+        given: Any = self.value if self.is_list else [] if self.value is None else [self.value]
+        values = [si_number("value", item, unit) for item in given]
+        for value in values:
+            if value < low or value > high or math.isinf(value):
+                raise InputError(f"value = {value:g} lies outside {low:g} to {high:g}; change one of them")
+        return values, low, high
+
+
+Parameters = Mapping[str, Parameter | Quantity]
+
+
+def as_parameters(given: Parameters | None) -> dict[str, Parameter]:
+    """Parameters by name; a value alone is one to begin from."""
+    if not isinstance(given, Mapping | None):
+        raise InputError(f"parameters = {quote(given)}; give a mapping, as {{'k': Parameter(low=0)}}")
+    return {
+        name: value if isinstance(value, Parameter) else Parameter(value)
+        for name, value in (given or {}).items()
+    }
+
+
+def si_number(what: str, given: object, unit: str | None) -> float:
+    """Return a number, or a text in an SI unit: "" is one that no law names, None one not known yet."""
+    try:
+        result = math.nan if isinstance(given, bool) else float(given)  # type: ignore[arg-type]  # tried
+    except (TypeError, ValueError):
+        result = math.nan
+    if not math.isnan(result):
+        return result
+    if not isinstance(given, str):
+        raise InputError(f"{what} = {quote(given)} is no number; give one, or a text such as '2.5 N/m'")
+    if unit is None:
+        return math.nan
+    if not unit:
+        raise InputError(f"{what} = {quote(given)}, and the law names no unit for it; give a number in SI")
+    if unit == "rad/s" and "Hz" in given:
+        raise InputError(f"{what} = {quote(given)} is a frequency; give 2 pi times it, in rad/s")
+    return si_value(given, unit)
+
+
+class ParameterSettings(NamedTuple):
+    """What a search takes of the parameters of a law, in SI units."""
+
+    law: Law  # with the parameters that are above zero
+    bounds: dict[str, tuple[float, float]]  # equal where one value is kept
+    start: dict[str, float]
+    by_record: tuple[dict[str, float], ...]  # values that are kept in each record
+    own: tuple[str, ...]  # parameters that each record has for itself
+
+
+def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: int) -> ParameterSettings:
+    """Return values and limits of parameters, checked against a law and the number of records."""
+    bounds, start, own, positive = {}, {}, [], list(law.positive)
+    by_record: tuple[dict[str, float], ...] = tuple({} for _ in range(records))
+    check_parameter_names(law, parameters)
+    for name, known in parameters.items():
+        try:
+            values, low, high = known.numbers(law.units.get(name, ""))
+            if low >= 0.0 and not known.fixed and name not in positive:
+                positive.append(name)
+            if name in positive and min([high, *values]) <= 0.0:
+                raise InputError("it is above 0, by its limits or by the law; give values above 0")
+            if known.is_list and len(values) != records:
+                raise InputError(f"{len(values)} values for {records} records; give one for each")
+        except InputError as error:
+            raise InputError(f"parameter {name}: {error}") from None
+        if known.is_per_record:
+            own.append(name)
+        if known.is_list:
+            for kept, value in zip(by_record, values, strict=True):
+                kept[name] = value
+        elif known.fixed:
+            bounds[name] = (values[0], values[0])
+        else:
+            if values:
+                start[name] = values[0]
+            if low > (0.0 if name in positive else -math.inf) or high < math.inf:
+                bounds[name] = (low, high)
+    if sum(low == high for low, high in bounds.values()) + len(by_record[0]) == len(law.parameters):
+        raise InputError("all parameters are fixed, so there is nothing to fit; leave one out")
+    law = dataclasses.replace(law, positive=tuple(positive))
+    return ParameterSettings(law, bounds, start, by_record, tuple(own))
+
+
+def check_parameter_names(law: Law, names: Iterable[str]) -> None:
+    """Check that all names are parameters of a law."""
+    for name in names:
+        if name not in law.parameters:
+            raise InputError(unknown_word_message(str(name), law.parameters, "parameter"))
