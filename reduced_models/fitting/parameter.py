@@ -57,36 +57,11 @@ class Parameter:
     per_record: bool = False
 
     def __post_init__(self) -> None:
-        if self.is_list and not self.fixed:
+        if _is_list(self.value) and not self.fixed:
             raise InputError("several values are kept, one for each record; add fixed=True, or give one")
         if self.fixed and self.value is None:
             raise InputError("fixed, but without a value; give one")
-        self.numbers()
-
-    @property
-    def is_list(self) -> bool:
-        """Whether there is a value for each record."""
-        return isinstance(self.value, Sequence | np.ndarray) and not isinstance(self.value, str)
-
-    @property
-    def is_per_record(self) -> bool:
-        """Whether each record has a value for itself."""
-        return self.per_record or self.is_list
-
-    def numbers(self, unit: str | None = None) -> tuple[list[float], float, float]:
-        """Values, least and greatest value in an SI unit; NaN for texts while it is not known."""
-        low = -math.inf if self.low is None else si_number("low", self.low, unit)
-        high = math.inf if self.high is None else si_number("high", self.high, unit)
-        if low == high:
-            raise InputError(f"low and high are both {low:g}; give value={low:g}, fixed=True")
-        if low > high:
-            raise InputError(f"low = {low:g} is above high = {high:g}; give them in order")
-        given: Any = self.value if self.is_list else [] if self.value is None else [self.value]
-        values = [si_number("value", item, unit) for item in given]
-        for value in values:
-            if value < low or value > high or math.isinf(value):
-                raise InputError(f"value = {value:g} lies outside {low:g} to {high:g}; change one of them")
-        return values, low, high
+        _numbers(self, None)
 
 
 Parameters = Mapping[str, Parameter | Quantity]
@@ -103,7 +78,7 @@ def as_parameters(given: Parameters | None) -> dict[str, Parameter]:
 
 
 def si_number(what: str, given: object, unit: str | None) -> float:
-    """Return a number, or a text in an SI unit: "" is one that no law names, None one not known yet."""
+    """Return a number [unit]; a unit None is not known yet: texts are NaN in it. "" is one never named."""
     try:
         result = math.nan if isinstance(given, bool) else float(given)  # type: ignore[arg-type]  # tried
     except (TypeError, ValueError):
@@ -119,6 +94,31 @@ def si_number(what: str, given: object, unit: str | None) -> float:
     if unit == "rad/s" and "Hz" in given:
         raise InputError(f"{what} = {quote(given)} is a frequency; give 2 pi times it, in rad/s")
     return si_value(given, unit)
+
+
+def _is_list(value: object) -> bool:
+    return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+
+
+def _numbers(known: Parameter, unit: str | None) -> tuple[list[float], float, float]:
+    """Values, least and greatest value of a parameter, in an SI unit as of `si_number`."""
+    low = -math.inf if known.low is None else si_number("low", known.low, unit)
+    high = math.inf if known.high is None else si_number("high", known.high, unit)
+    if low == high:
+        raise InputError(f"low and high are both {low:g}; give value={low:g}, fixed=True")
+    if low > high:
+        raise InputError(f"low = {low:g} is above high = {high:g}; give them in order")
+    given: Any = known.value if _is_list(known.value) else [] if known.value is None else [known.value]
+    values = [si_number("value", item, unit) for item in given]
+    for value in values:
+        if value < low or value > high or math.isinf(value):
+            raise InputError(f"value = {value:g} lies outside {low:g} to {high:g}; change one of them")
+    return values, low, high
+
+
+def is_per_record(known: Parameter) -> bool:
+    """Return whether each of several records has a value for itself."""
+    return known.per_record or _is_list(known.value)
 
 
 class ParameterSettings(NamedTuple):
@@ -138,18 +138,18 @@ def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: i
     check_parameter_names(law, parameters)
     for name, known in parameters.items():
         try:
-            values, low, high = known.numbers(law.units.get(name, ""))
+            values, low, high = _numbers(known, law.units.get(name, ""))
             if low >= 0.0 and not known.fixed and name not in positive:
                 positive.append(name)
             if name in positive and min([high, *values]) <= 0.0:
                 raise InputError("it is above 0, by its limits or by the law; give values above 0")
-            if known.is_list and len(values) != records:
+            if _is_list(known.value) and len(values) != records:
                 raise InputError(f"{len(values)} values for {records} records; give one for each")
         except InputError as error:
             raise InputError(f"parameter {name}: {error}") from None
-        if known.is_per_record:
+        if is_per_record(known):
             own.append(name)
-        if known.is_list:
+        if _is_list(known.value):
             for kept, value in zip(by_record, values, strict=True):
                 kept[name] = value
         elif known.fixed:

@@ -21,7 +21,7 @@ from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, FitOptions, check_fit_options
-from reduced_models.fitting.parameter import Parameter, Parameters, as_parameters
+from reduced_models.fitting.parameter import Parameter, Parameters, as_parameters, is_per_record
 from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_prescribed_strokes
 from reduced_models.fitting.start_values import start_values_near
 from reduced_models.identification.comparison_table import (
@@ -119,7 +119,7 @@ def compare(
     if not laws:
         raise InputError("laws is empty; name at least one")
     known = as_parameters(parameters)
-    if test_records and any(item.is_per_record for item in known.values()):
+    if test_records and any(map(is_per_record, known.values())):
         raise InputError("a record's own parameters do not carry over to test_records; leave one of them out")
     chosen = [_law_to_compare(law, records[0], tuple(known)) for law in laws]
     every = tuple(dict.fromkeys(name for law, _ in chosen for name in law.parameters))
@@ -207,7 +207,7 @@ def _fit_law_to_row(
     stretches = tuple(model.quality.test_error for model in models if model.quality.test_error is not None)
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
     count -= sum(item.fixed for item in known.values())
-    own = sum(item.is_per_record and not item.fixed for item in known.values())
+    own = sum(is_per_record(item) and not item.fixed for item in known.values())
     count += own * (len(records) - 1)
     error, spread = _total_test_error(models, roll_outs)
     return ComparisonRow(law.name, models, count, stretches, roll_outs, error, standard_error=spread)
