@@ -135,7 +135,7 @@ def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: i
     """Return values and limits of parameters, checked against a law and the number of records."""
     bounds, start, own, positive = {}, {}, [], list(law.positive)
     by_record: tuple[dict[str, float], ...] = tuple({} for _ in range(records))
-    check_parameter_names(law, parameters)
+    check_parameter_names(parameters, law.parameters)
     for name, known in parameters.items():
         try:
             values, low, high = _numbers(known, law.units.get(name, ""))
@@ -165,8 +165,8 @@ def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: i
     return ParameterSettings(law, bounds, start, by_record, tuple(own))
 
 
-def check_parameter_names(law: Law, names: Iterable[str]) -> None:
-    """Check that all names are parameters of a law."""
+def check_parameter_names(names: Iterable[str], parameters: Sequence[str]) -> None:
+    """Check that names are among the parameters of a law, or of several."""
     for name in names:
-        if name not in law.parameters:
-            raise InputError(unknown_word_message(str(name), law.parameters, "parameter"))
+        if name not in parameters:
+            raise InputError(unknown_word_message(str(name), parameters, "parameter"))

@@ -132,7 +132,7 @@ def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[Joint
     models = list(model) if isinstance(model, Sequence) else [model]
     if len(models) != len(records):
         raise InputError(f"{len(models)} models for {len(records)} records; give one for each")
-    check_parameter_names(models[0].law, own)
+    check_parameter_names(own, models[0].law.parameters)
     if any(entry.sensor is not None for entry in models):
         raise InputError("sample_posterior takes models that were fitted to heights; this was a sensor's")
     guesses = [first_guesses(record.time, record.height) for record in records]

@@ -16,12 +16,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from granular.run.piston_record import PistonRecord
-from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, FitOptions, check_fit_options
-from reduced_models.fitting.parameter import Parameter, Parameters, as_parameters, is_per_record
+from reduced_models.fitting.parameter import (
+    Parameter,
+    Parameters,
+    as_parameters,
+    check_parameter_names,
+    is_per_record,
+)
 from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_prescribed_strokes
 from reduced_models.fitting.start_values import start_values_near
 from reduced_models.identification.comparison_table import (
@@ -122,10 +127,7 @@ def compare(
     if test_records and any(map(is_per_record, known.values())):
         raise InputError("a record's own parameters do not carry over to test_records; leave one of them out")
     chosen = [_law_to_compare(law, records[0], tuple(known)) for law in laws]
-    every = tuple(dict.fromkeys(name for law, _ in chosen for name in law.parameters))
-    for name in known:
-        if name not in every:
-            raise InputError(unknown_word_message(name, every, "parameter"))
+    check_parameter_names(known, [*dict.fromkeys(name for law, _ in chosen for name in law.parameters)])
     rows = [_fit_law_to_row(*entry, records, test_fraction, test_records, known, starts) for entry in chosen]
     sound = [row for row in rows if not row.failure]
     if not sound:
