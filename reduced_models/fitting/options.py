@@ -29,7 +29,7 @@ Initial = Literal["free", "rest"] | Mapping[str, float | str] | PistonRecord | S
 
 @dataclasses.dataclass(frozen=True)
 class FitOptions:
-    """How a law and its records are read by `fit`, where that is not as usual.
+    """Rare options of `fit`: how a law and its records are read.
 
     Parameters
     ----------

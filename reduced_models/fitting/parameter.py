@@ -122,7 +122,7 @@ def is_per_record(known: Parameter) -> bool:
 
 
 class ParameterSettings(NamedTuple):
-    """What a search takes of the parameters of a law, in SI units."""
+    """Values and limits of parameters as a search takes them, in SI units."""
 
     law: Law  # with the parameters that are above zero
     bounds: dict[str, tuple[float, float]]  # equal where one value is kept
@@ -150,8 +150,8 @@ def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: i
         if is_per_record(known):
             own.append(name)
         if _is_list(known.value):
-            for kept, value in zip(by_record, values, strict=True):
-                kept[name] = value
+            for fixed, value in zip(by_record, values, strict=True):
+                fixed[name] = value
         elif known.fixed:
             bounds[name] = (values[0], values[0])
         else:
