@@ -73,10 +73,9 @@ def fitted_pendulum(**options: Any) -> ReducedModel:
     return model
 
 
-HELD: dict[str, Any] = {"positive": ["k", "lam"]} | {
-    "fix": {"lam": 0.03},
-    "bounds": {"k": (1.0, None)},
-    "initial": "free",
+HELD: dict[str, Any] = {
+    "parameters": {"lam": Parameter(0.03, fixed=True), "k": Parameter(low=1.0)},
+    "options": FitOptions(initial="free"),
 }
 
 
@@ -94,8 +93,9 @@ def test_a_pendulum_as_it_is_written() -> None:
 
 @pytest.mark.long  # quick: a start that is given in `test_search`
 def test_a_pendulum_from_other_starts() -> None:
-    for options in ({"positive": ["k", "lam"]}, {"start": {"k": -8.0, "rest": 3.0}}):
-        fitted_pendulum(**options)
+    above_zero = dict.fromkeys(("k", "lam"), Parameter(low=0.0))
+    for parameters in (above_zero, {"k": -8.0, "rest": 3.0}):
+        fitted_pendulum(parameters=parameters)
     held, again = (fitted_pendulum(**HELD, seed=seed) for seed in (0, 2))
     assert again.parameters["k"] == pytest.approx(held.parameters["k"], rel=1e-6)
     assert again.quality.converged >= 8  # whatever the random starts

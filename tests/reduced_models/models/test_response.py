@@ -132,8 +132,7 @@ def test_the_manners_of_an_estimator(made: Any) -> None:
         "law": "linear",
         "starts": 16,
         "test_fraction": 0.3,
-        "bounds": None,
-        "positive": (),
+        "parameters": None,
         "loss": "linear",
         "inputs": (),
     }
