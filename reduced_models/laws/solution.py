@@ -40,7 +40,7 @@ States = tuple[Value, ...]
 
 Ending = Literal["complete", "blow-up", "steps"]
 
-TOLERANCE = 1e-10
+TOLERANCE = 1e-12
 """Relative tolerance of an adaptive solution; times the motion's amplitude, the absolute one."""
 FAR = 1e9
 """A solution that goes this many amplitudes away diverges."""
