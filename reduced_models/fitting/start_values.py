@@ -12,6 +12,7 @@ motion.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +35,7 @@ from reduced_models.records.sensor import Sensor
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-_NODES = 160
+_NODES, _MOST_NODES = 160, 320
 _DRAWS = 96  # a frequency in the law has a narrow valley, that few of them fall into
 _OTHER_DRAWS = 1
 _STEPS = 20  # of a draw, at most
@@ -120,7 +121,9 @@ def _fit_draws_to_accelerations(
     """Draws after a fit of the accelerations, the best one first, the poor ones left out."""
     from scipy.optimize import least_squares
 
-    z, v, a, nodes = fit_local_cubics(record.time, record.height, guess.period, _NODES)
+    motion = fit_local_cubics(record.time, record.height, guess.period, _NODES)
+    # Of a long record with few samples a swing it is all of them.
+    z, v, a, nodes = motion[:, :: math.ceil(motion.shape[1] / _MOST_NODES)]
     drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], nodes)
     field = compile_rates(law.equation, law.inputs, "numpy")
     scale = max(float(np.abs(a).max()), 1e-300)
