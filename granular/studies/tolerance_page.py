@@ -29,8 +29,8 @@ def add_tolerances(page: HtmlPage, result: Tolerances) -> None:
     page.add_section("Tolerances of the parts")
     page.add_paragraph(
         f"Small motions: {result.means}; {result.summary}. Of dampers built of such parts, about 95 % lie "
-        "within twice that. Any ± outside of this section is numerical: of fit, step, and the random packing "
-        "of the bed, by which built dampers differ too."
+        "within twice that. Except in a line 'of the parts', any ± outside of this section is numerical: of "
+        "fit, step, and the random packing of the bed, by which built dampers differ too."
     )
     page.add_figure(
         _draw_bars(result),
@@ -43,7 +43,10 @@ def add_tolerances(page: HtmlPage, result: Tolerances) -> None:
         for k, (name, keys) in enumerate(result.largest().items())
         if keys
     )
-    page.add_paragraph(f"Largest causes: {'; '.join(largest) or 'none'}.")
+    page.add_paragraph(
+        f"Largest causes: {'; '.join(largest) or 'none'}. Each is one standard deviation, in % of "
+        "the figure itself: that of zeta is in % of zeta, not of critical."
+    )
     header, *rows = table_rows(result)
     page.add_table(header, rows)
     for note in result.notes:

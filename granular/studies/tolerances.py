@@ -187,7 +187,7 @@ class Tolerances:
         causes = (f"of {name} {keys[0]}" for name, keys in self.largest(1).items() if keys)
         return (
             f"of the parts: rest ± {1e3 * rest:.2g} mm, f0 ± {frequency:.2g} Hz, zeta ± "
-            f"{100.0 * damping:.2g} % of critical (standard deviations; largest cause "
+            f"{100.0 * damping:.2g} % of critical (one standard deviation each; largest cause "
             f"{', '.join(causes) or 'none'})"
         )
 
@@ -195,15 +195,17 @@ class Tolerances:
     def notes(self) -> tuple[str, ...]:
         """Meaning of the table in sentences."""
         notes = [
-            "A tolerance is the standard deviation of a part from batch to batch: all magnets of a bed share "
-            "it. Scatter of single magnets within a batch hardly counts: in the packaged damper, 3 % of the "
-            "moment changes rest and frequency by 0.02 %, the damping ratio by 0.3 %.",
+            "A tolerance is one standard deviation of a part from batch to batch: a given one (--part) is "
+            "taken as that, a usual one (--usual) is a limit over the square root of 3. All magnets of a "
+            "bed share it. Scatter of single magnets within a batch hardly counts: in the packaged damper, "
+            "3 % of the moment changes rest and frequency by 0.02 %, the damping ratio by 0.3 %.",
+            "Parts that are not listed are taken as exact.",
+            "A slope is in % of the figure per % of the part; with a unit, it is a relative change per unit. "
+            "Slopes differ from bed to bed, by the standard deviation behind ±, which one bed does not have.",
             "The damping ratio is that of small motions, without dry friction."
             if self.amplitude is None
             else f"The damping ratio is with dry friction, at an amplitude of {1e3 * self.amplitude:g} mm.",
         ]
-        if len(self.figures) > 1:
-            notes.append("± of a slope is its standard deviation from bed to bed.")
         if self.curved:
             remedy = "the drawn dampers contain it" if len(self.drawn) > 1 else "draw dampers (--draws 200)"
             keys = ", ".join(self.curved)

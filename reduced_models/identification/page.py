@@ -78,7 +78,6 @@ def add_answer(
     rows = figure_rows(figures, mass)
     if rows:
         page.add_table(("", "", "value", ""), rows)
-        page.add_paragraph(f"{capitalise(error_sources_text(figures, model.confidence))}.")
     else:
         page.add_warning(f"No oscillation about an equilibrium: {model.no_swing}.")
     add_equations(page, model)
@@ -87,6 +86,8 @@ def add_answer(
         for item in (parameters or model.parameter_quantities())
     )
     page.add_paragraph(f"{model.law.name}: {', '.join(values)}")
+    if rows:  # behind the last ± that it is true of
+        page.add_paragraph(f"{capitalise(error_sources_text(figures, model.confidence))}.")
 
 
 def add_source_section(page: HtmlPage, source: RecordSource | None) -> None:
@@ -144,7 +145,7 @@ def add_swing_section(
 _FOLLOWING = ("fd", "delta", "Q")
 """Symbols of figures whose errors are those of frequency and damping ratio over again."""
 _MEANING_OF_PARTS = {
-    "fit": "Fit: half of the {:g} % interval that the record's noise leaves.",
+    "fit": "Fit: half of the {:g} % interval by what the law leaves of the record, noise or misfit.",
     "step": "Step: what twice the time step changes in the same fit (half of it, and the order of the "
     "method, where twice is too coarse); where it is not below the part of the starts, it shows how the "
     "bed packs, not the error of the step.",

@@ -277,7 +277,7 @@ def _add_bed_section(page: HtmlPage, run: Trajectory) -> None:
     page.add_table(("stage", "from [s]", "to [s]", "ended by", "piston height [mm]"), lines)
     closest = run.settings().get("closest_distance")
     least = min(species.diameter for species in scene.grains.species)
-    if closest is not None and closest < least:
+    if closest is not None and closest < least and scene.effects.contact is None:
         page.add_warning(
             f"At the closest, two grains were {1e3 * closest:.3g} mm apart, less than a diameter "
             f"({1e3 * least:g} mm): in reality they would have touched. The scene has no contact."

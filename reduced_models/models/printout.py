@@ -55,8 +55,8 @@ def error_sources_text(figures: Sequence[QuantityWithError], confidence: float) 
     parts = [part for part in PARTS if any(part in figure.parts for figure in figures)]
     sources = ", ".join(ERROR_SOURCES[part] for part in parts)
     if "start" in parts:  # of a simulation, whose forces are taken as they are
-        sources += "; force laws and parts are taken as exact"
-    return f"all ± are {100.0 * confidence:g} % intervals: {sources}"
+        sources += "; force laws and parts taken as exact"
+    return f"these ± are {100.0 * confidence:g} % intervals: {sources}"
 
 
 def figure_lines(

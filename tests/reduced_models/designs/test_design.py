@@ -272,7 +272,7 @@ def test_page_has_the_bars_of_parts(monkeypatch):
     plain, page = found.page().to_html(), found.page(of_parts).to_html()
     assert page.count("<svg") == plain.count("<svg") + 1
     assert "Largest causes: of rest piston.mass ± " in page
-    assert "Any ± outside of this section is numerical" in page
+    assert "any ± outside of this section is numerical" in page
 
 
 @pytest.mark.parametrize("wanted", [{"magnets": "dipoles"}, {"magnets": "cylinders"}])

@@ -129,7 +129,7 @@ def fits_a_screen(found: Identification, words: str) -> None:
         "natural frequency  f0 ",
         "damping ratio      zeta ",
         "equilibrium        z0 ",
-        "all ± are 95 % intervals: ",
+        "these ± are 95 % intervals: ",
     ):
         assert label in text
     assert text.count("a linear model ") == (len(found.models) > 1)

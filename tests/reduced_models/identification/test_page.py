@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from granular import PistonRecord, Scene
+from granular import PistonRecord, Scene, simulate
 from granular.shared.errors import InputError
+from granular.shared.html_pages import HtmlPage
 from granular.studies.tolerance_parts import Part
 from granular.studies.tolerances import Tolerances
 from reduced_models import identify, load_model
 from reduced_models.identification.comparison_table import Comparison, ComparisonRow
 from reduced_models.identification.page import comparison_page
+from reduced_models.identification.pictures import add_run_sections
 from reduced_models.identification.result import Identification
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.models.printed_model import swing_quantities
@@ -119,14 +122,35 @@ def test_tolerances_of_parts_stand_apart_from_the_errors() -> None:
     sides = np.stack([changes, -changes], axis=2)
     parts = Tolerances("damper", (part,), figures, changes / 0.005, sides, np.empty((0, 3)))
     named = dataclasses.replace(found(("linear",)), of_parts=parts)
-    line = "of the parts: rest ± 1.2 mm, f0 ± 0.035 Hz, zeta ± 0.2 %"
-    assert line in named.printout()
+    line = "of the parts: rest ± 1.2 mm, f0 ± 0.035 Hz, zeta ± 0.2 % of critical (one standard deviation each"
+    assert line in " ".join(named.printout().split())
     assert "of the parts" not in found(("linear",)).printout()
     page = named.page().to_html()
     assert "Largest causes: of rest piston.mass ± 2 %; of f0 piston.mass ± 1 %; of zeta piston.mass" in page
     assert f"<p>O{parts.summary[1:]}.</p>" in page
-    assert "Any ± outside of this section is numerical" in page
+    assert "any ± outside of this section is numerical" in page
     assert named.to_plain()["of_parts"]["totals"] == {"rest": 0.02, "f0": 0.01, "zeta": 0.05}
+
+
+def test_errors_are_said_to_be_intervals_below_the_last_of_them() -> None:
+    """The parameters have such errors, and tolerances of parts, further down, have none."""
+    page = found(("linear",)).page().to_html()
+    assert page.index("<p>linear: ") < page.index("<p>These ± are 95 % intervals: fit")
+
+
+def test_grains_that_come_close_are_doubted_without_contact_alone(small_damper: Scene) -> None:
+    """Grains in contact are pressed together by a little."""
+    near, shot = [[0.03, 0.004], [0.0361, 0.004]], [[5.0, 0.0], [-5.0, 0.0]]
+    begin = {"arrangement.positions": near, "arrangement.velocities": shot, "output.scalars": 1e-5}
+    scene = small_damper.replace(**{"grains.count": 2, **begin})
+    for one in (scene, scene.replace(**{"effects.contact.modulus": 1e9})):
+        page = HtmlPage("run", "")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            run = simulate(one, t_end=1e-4, progress=False)
+        assert run.settings()["closest_distance"] < 0.006
+        add_run_sections(page, run)
+        assert ("The scene has no contact" in page.to_html()) == (one is scene)
 
 
 def test_a_record_has_no_parts() -> None:

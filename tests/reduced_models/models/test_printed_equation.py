@@ -221,5 +221,5 @@ def test_what_a_law_says_of_rest_is_printed_with_its_errors() -> None:
         "damping ratio zeta 8.50 ± 0.50 % of critical; log decrement 0.536, Q 5.88",
         "stiffness k 438.65 ± 0.29 N/m per kg damping c 3.56 ± 0.21 N s/m per kg",
         "equilibrium z0 62.123456 ± 0.000045 mm",
-        "all ± are 95 % intervals: fit",
+        "these ± are 95 % intervals: fit",
     ]

@@ -75,7 +75,7 @@ def test_figures_in_an_engineer_s_words() -> None:
         "amplitude",
     ]
     assert "(for 7.5 kg)" in lines[2]
-    assert lines[5] == "  all ± are 95 % intervals: fit"
+    assert lines[5] == "  these ± are 95 % intervals: fit"
     assert lines[4].index("1 to 2 mm") == lines[0].index(lines[0].split("f0")[1].strip()[:4])
 
 
