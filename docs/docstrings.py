@@ -45,7 +45,7 @@ RESULTS = {
         "AtRest",
         "Quality",
         "FittedLaw",
-        "ForceCycle",
+        "HarmonicCycle",
         "RollOut",
         "Identification",
         "ComparisonRow",

@@ -9,7 +9,6 @@ from .falls.fall_summary import whole_fall
 from .falls.predicted_law import predict, valid_shaking_range
 from .falls.unseen_fall_scores import score_drops
 from .fitting.fit import fit
-from .fitting.force_fit import fit_force
 from .fitting.law_estimator import LawEstimator
 from .fitting.options import FitOptions
 from .fitting.parameter import Parameter
@@ -18,10 +17,8 @@ from .identification.comparison import compare
 from .identification.comparison_table import Comparison
 from .identification.identify import identify
 from .laws.catalogue import law_named
-from .laws.force_law import ForceLaw
 from .laws.height_map import HeightMap
 from .laws.law import Law
-from .models.force_model import ForceModel
 from .models.model import ReducedModel, load_model
 from .models.response import law_with_force_input
 from .models.roll_out import roll_out
@@ -37,8 +34,6 @@ __all__ = [
     "DesignTarget",
     "FirstGuesses",
     "FitOptions",
-    "ForceLaw",
-    "ForceModel",
     "HeightMap",
     "Law",
     "LawEstimator",
@@ -53,7 +48,6 @@ __all__ = [
     "design",
     "discover",
     "fit",
-    "fit_force",
     "identify",
     "law_named",
     "law_with_force_input",

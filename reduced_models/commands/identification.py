@@ -206,7 +206,7 @@ def fit(options: Any) -> None:
     from reduced_models.fitting.fit import fit as fit_law
     from reduced_models.fitting.options import FitOptions
     from reduced_models.laws.catalogue import LAWS
-    from reduced_models.laws.force_law import FORCE_LAWS
+    from reduced_models.laws.force_laws import FORCE_LAWS
     from reduced_models.records.sensor import parse_sensor
 
     if options.laws:

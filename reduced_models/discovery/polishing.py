@@ -6,7 +6,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,9 +25,7 @@ from reduced_models.discovery.terms import (
     state_symbols,
 )
 from reduced_models.fitting.fit import fit
-from reduced_models.fitting.force_fit import fit_force
 from reduced_models.fitting.options import FitOptions
-from reduced_models.laws.force_law import ForceLaw
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
@@ -106,7 +104,7 @@ def polish_force_candidate(
     column: str | None = None,
     seed: int = 0,
 ) -> CandidateEquation:
-    """Fit a candidate for a measured force by `fit_force`; candidate [N], height_map [m]."""
+    """Fit a candidate for a measured force by `fit`; candidate [N], height_map [m]."""
     import sympy
 
     template, values = replace_numbers_by_symbols(candidate.expression)
@@ -122,19 +120,24 @@ def polish_force_candidate(
     if hidden_state is not None:
         scales = dict(zip(hidden_state.kind.scales, hidden_state.scales, strict=True))
         equation = hidden_state.kind.substitute_into(equation)
-    law = ForceLaw(name_candidate_law(candidate), equation, positive=tuple(scales), inputs=inputs)
+    law = Law(name_candidate_law(candidate), equation, positive=tuple(scales), inputs=inputs)
     try:
         with warnings.catch_warnings(action="ignore"):  # notes stand in the model
-            model = fit_force(
-                records, law, parameters=scales, sensor=_AS_IT_IS, starts=STARTS, test_fraction=0.0, seed=seed
+            models = fit(
+                records,
+                law,
+                parameters=scales,
+                starts=STARTS,
+                test_fraction=0.0,
+                seed=seed,
+                options=FitOptions(measured=_AS_IT_IS),
             )
     except GranularError as error:
         return dataclasses.replace(candidate, note=str(error))
-    numbers = model.parameters
+    numbers = models[0].parameters
     if hidden_state is not None:
         hidden_state = hidden_state._replace(scales=tuple(numbers[name] for name in scales))
     expression = template.xreplace({sympy.Symbol(name): sympy.Float(numbers[name]) for name in values})
-    models: Any = (model,)
     return dataclasses.replace(candidate, expression=expression, models=models, hidden_state=hidden_state)
 
 

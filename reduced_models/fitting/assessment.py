@@ -40,7 +40,9 @@ from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, remo
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.model import ReducedModel
+from reduced_models.models.observed import stroke_cycles
 from reduced_models.models.quality import Quality
+from reduced_models.models.response import HarmonicCycle
 from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
 from reduced_models.records.envelope import (
     amplitude_remarks,
@@ -93,11 +95,14 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
     covariance, independent = joint_covariance(
         joint.linearised_residuals(theta),
         [grid.loss for grid in joint.grids],
-        [None if level is None else level / joint.unknowns.residual_unit for level in problem.noise],
+        [
+            None if level is None else level / grid.unknowns.residual_unit
+            for level, grid in zip(problem.noise, joint.grids, strict=True)
+        ],
         joint.entries,
         joint.held_entries,
         [
-            (grid.record.time, grid.record.height / joint.unknowns.residual_unit, grid.gain == 0.0)
+            (grid.record.time, grid.record.height / grid.unknowns.residual_unit, grid.gain == 0.0)
             for grid in joint.grids
         ],
     )
@@ -121,14 +126,20 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
 
         quantile = known[0].student_quantile(problem.confidence)
         profiled = profile_intervals(joint, theta, covariance, quantile)
-    models = []
+    models = dict[int, ReducedModel]()
     motions = [
-        PistonRecord(grid.record.time, grid.fitted_heights(theta[here]))
-        if problem.sensor is not None
-        else grid.record
+        grid.record
+        if grid.unknowns.compares_heights
+        else PistonRecord(grid.record.time, grid.fitted_heights(theta[here]))
         for grid, here in zip(joint.grids, joint.entries, strict=True)
     ]
-    for k, here in enumerate(joint.entries):
+    for k, (here, data) in enumerate(zip(joint.entries, problem.data, strict=True)):
+        if data.number in models:  # of which this is a further observation
+            left = remove_random_walk(residuals[k], joint.grids[k].gain)
+            model, quality = models[data.number], _assess_quality(result, k, residuals[k], left)
+            qualities = {**model.qualities, data.observation: quality}
+            models[data.number] = dataclasses.replace(model, qualities=qualities)
+            continue
         height = motions[k].height
         linear, at_rest, undetermined = interval_analysis(
             joint.unknowns,
@@ -145,12 +156,15 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
         model = _make_model_of_record(result, k, intervals, at_rest, motions, residuals[k])
         drift = _DRIFT_FOUND.format(size=model.quality.zero_drift, unit=model.unit)
         notes = (*model.notes, drift) if drift_was_found else model.notes
-        models.append(
-            dataclasses.replace(
-                model, undetermined=undetermined, covariance_names=names, covariance=matrix, notes=notes
-            )
+        models[data.number] = dataclasses.replace(
+            model,
+            undetermined=undetermined,
+            covariance_names=names,
+            covariance=matrix,
+            notes=notes,
+            quantile=known[k].student_quantile(problem.confidence),
         )
-    return tuple(models)
+    return tuple(models.values())
 
 
 def _make_model_of_record(
@@ -188,11 +202,12 @@ def _make_model_of_record(
         at_rest=None if rest is None else dataclasses.replace(rest, angle=record.angle),
         no_swing=at_rest.reason if isinstance(at_rest, NoSwing) else "",
         quality=quality,
-        domain=_ranges_of_motion(motions),
+        domain=_ranges_of_motion(motions) | _range_of_observation(unknowns.observation, record),
         notes=(
             *_model_notes(
                 quality, _robust_residual_size(grid, left), record, _release_transient_text(grid, left)
             ),
+            *problem.notes,
             *remarks,
             *held_at_zero_remarks(
                 unknowns.law,
@@ -215,7 +230,18 @@ def _make_model_of_record(
         sensor=_fitted_sensor(unknowns, theta),
         untold=problem.untold,
         conventions={name: value for name, value in parameters.items() if name not in known},
+        observation=unknowns.observation,
+        cycles=_cycles_of_strokes(result, motions),
     )
+
+
+def _cycles_of_strokes(result: SearchResult, motions: Sequence[PistonRecord]) -> tuple[HarmonicCycle, ...]:
+    """Cycles of a force on prescribed strokes, as they were measured."""
+    sensor = result.problem.sensor
+    if not result.problem.law.prescribed or sensor is None:
+        return ()
+    gain, offset = sensor.nominal_gain, sensor.nominal_offset
+    return stroke_cycles(motions, [(grid.record.height - offset) / gain for grid in result.joint.grids])
 
 
 def _fitted_sensor(unknowns: Unknowns, theta: np.ndarray) -> Sensor | None:
@@ -256,6 +282,10 @@ def _ranges_of_motion(records: Sequence[PistonRecord]) -> dict[str, tuple[float,
     }
 
 
+def _range_of_observation(name: str, record: PistonRecord) -> dict[str, tuple[float, float]]:
+    return {name: (float(record.height.min()), float(record.height.max()))} if name else {}
+
+
 def _provenance_words(record: PistonRecord, problem: FitProblem, period: float | None) -> dict[str, str]:
     """Origin of a model, in words: the same for the same data and settings."""
     digest = hashlib.sha256(record.time.tobytes() + record.height.tobytes()).hexdigest()
@@ -266,7 +296,7 @@ def _provenance_words(record: PistonRecord, problem: FitProblem, period: float |
     return {
         "data": f"{len(record)} samples over {record.time[-1] - record.time[0]:.6g} s, sha256 {digest[:16]}",
         "record": "\n".join(describe_record(record, period)),
-        "records": str(len(problem.data)),
+        "records": str(1 + problem.data[-1].number),
         "fit": f"{problem.starts} starts, intervals {problem.intervals}" + (f", {bounds}" * bool(bounds)),
     }
 

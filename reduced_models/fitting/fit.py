@@ -22,8 +22,8 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import CautionWarning, InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.assessment import has_sensor_drift, models_from_fit
-from reduced_models.fitting.force_fit import fit_force, is_force_fit
 from reduced_models.fitting.motion_history import fit_with_histories, is_motion_history, prepend_histories
+from reduced_models.fitting.observations import observed_records, training_data
 from reduced_models.fitting.options import (
     STARTS,
     TEST_FRACTION,
@@ -31,29 +31,26 @@ from reduced_models.fitting.options import (
     check_fit_options,
     prescribed_initial_state,
 )
-from reduced_models.fitting.parameter import Parameters, as_parameters, parameter_settings
+from reduced_models.fitting.parameter import Parameter, Parameters, as_parameters, parameter_settings
 from reduced_models.fitting.problem import (
     FitProblem,
     Intervals,
     RecordLike,
     list_of_records,
     read_given_record,
-    split_training_data,
-    weights_and_noise,
 )
 from reduced_models.fitting.refinement import SearchResult, fine_grids_over_records, solve_on_verified_grids
 from reduced_models.fitting.residual_diagnostics import random_walk_gain, whiteness_p_value
 from reduced_models.fitting.search import multistart_search
-from reduced_models.fitting.sensor_identifiability import IdentifiableSensor, identifiable_sensor
 from reduced_models.laws.catalogue import law_named
-from reduced_models.laws.force_law import ForceLaw
+from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.residuals import BLOWN_UP, LossName, remove_random_walk
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import SURE
 from reduced_models.records.inputs import INTERPOLATIONS, column_names, has_inputs_besides_time
-from reduced_models.records.sensor import Sensor, resolve_sensor
+from reduced_models.records.sensor import Sensor, SensorQuantity
 
 _MOST_SAMPLES = 2000  # of a record, from which the interpolation of inputs is chosen
 _CLEARLY = 0.98  # of the spline's error, for another to be taken
@@ -94,7 +91,7 @@ def _unwrap_single_record(
 @_unwrap_single_record
 def fit(
     record: Records,
-    law: str | Law | ForceLaw = "linear",
+    law: str | Law = "linear",
     *,
     parameters: Parameters | None = None,
     noise: Any = None,
@@ -117,11 +114,12 @@ def fit(
     record : PistonRecord, table (pandas, xarray, mapping), path, (time, height), or a list of these
         Times [s] and heights [m], or a file that `read_record` reads; samples may be irregular and have
         gaps. At least 20 samples must be left to fit.
-    law : str, Law or ForceLaw
+    law : str or Law
         A law of the package by its name, an equation such as ``"z'' + 2*lam*z' + k*z = g0"``, or a
-        Law; for forces as in `fit_force`. The coordinate, that with two primes, may have any name;
-        ``t`` is the time since the record's start. Names that are columns of the record are inputs;
-        all others are parameters.
+        Law, whose text may hold several equations (see `Law`). The coordinate, that with two primes,
+        may have any name; ``t`` is the time since the record's start. Names that are columns of the
+        record are inputs, or, alone on the left, what is compared; all others are parameters. Without
+        an equation of motion the record's heights are a prescribed stroke, as of a dynamometer.
     parameters : mapping of str to Parameter, float or str, optional
         What is known of parameters by name: values, limits, which are kept, and which each of several
         records has for itself (see `Parameter`); the others are shared. A number alone is one to
@@ -159,8 +157,7 @@ def fit(
     Returns
     -------
     ReducedModel, or a tuple of them
-        One for one record that is in no sequence, else a tuple with one for each. A `ForceModel`
-        for all records, or a tuple of that alone, where forces are fitted.
+        One for one record that is in no sequence, else a tuple with one for each.
 
     Raises
     ------
@@ -196,60 +193,27 @@ def fit(
     how = FitOptions() if options is None else options
     if not isinstance(how, FitOptions):
         raise InputError(f"options = {quote(how)}; give FitOptions(...)")
-    if is_force_fit(law, how.measured, records[0]):
-        words = (how.map, intervals, loss)
-        others = (weights, noise, how.initial, how.input_interpolation, how.drift or None)
-        if words != ("auto", "linear", "linear") or any(value is not None for value in others):
-            raise InputError(
-                "the motion is prescribed, and the force is fitted: leave out map, intervals, "
-                "weights, noise, loss, initial, input_interpolation and drift"
-            )
-        model = fit_force(
-            records,
-            law,  # type: ignore[arg-type]  # checked there
-            parameters=parameters,
-            sensor=how.measured if isinstance(how.measured, Sensor) else None,
-            starts=starts,
-            test_fraction=test_fraction,
-            confidence=confidence,
-            seed=seed,
-        )
-        return (model,)  # type: ignore[return-value]  # said under Returns
-    assert not isinstance(law, ForceLaw)
     check_fit_options(starts, test_fraction, confidence, intervals, loss, seed)
     declared = as_parameters(parameters)
-    law = resolve_law(law, records[0], tuple(declared))
+    law = resolve_law(law, records[0], tuple(declared), how.measured)
+    if law.given and law.given not in declared:
+        mean_height = float(np.mean([item.height.mean() for item in records]))
+        declared[law.given] = Parameter(mean_height, fixed=True)
     settings = parameter_settings(law, declared, len(records))
     chosen, pairs, initial = settings.law, settings.bounds, how.initial
     if how.drift and intervals == "profile":
         raise InputError("profile intervals know no drift; give intervals='linear'")
-    given = weights_and_noise(records, weights, noise)
     histories = prepend_histories(chosen, initial, records) if is_motion_history(initial) else []
     state = {} if histories else prescribed_initial_state(chosen, initial)
-    given_sensor = how.measured or records[0].measured
-    sensor = None if given_sensor == "height" else resolve_sensor(given_sensor)
-    if sensor is not None and histories:
+    observed = observed_records(chosen, records, how.measured, declared, state)
+    view = observed.view
+    if histories and (view.sensor is not None or chosen.observations):
         raise InputError("initial: a motion before is followed by its heights; fit these")
-    view = IdentifiableSensor(None)
-    if sensor is not None:
-        view = identifiable_sensor(chosen, sensor, declared, state)
     pairs |= dict.fromkeys(view.held, (0.0, 0.0))
-    if sensor is not None and sensor != view.sensor:  # its gain is held
-        records = [
-            dataclasses.replace(
-                record, deviations=sensor.deviations_with_open_gain(record.columns, record.deviations)
-            )
-            for record in records
-        ]
     problem = FitProblem(
         law=chosen,
-        data=tuple(
-            split_training_data(
-                record, test_fraction, *known, loss, fixed, view.sensor, about_rest="level" in view.untold
-            )
-            for record, known, fixed in zip(records, given, settings.by_record, strict=True)
-        ),
-        map="fitted" if sensor is not None and how.map == "auto" else how.map,
+        data=training_data(chosen, observed, test_fraction, weights, noise, loss, settings.by_record),
+        map="fitted" if view.sensor is not None and how.map == "auto" else how.map,
         own=settings.own,
         bounds=pairs,
         start=settings.start,
@@ -263,6 +227,7 @@ def fit(
         seed=seed,
         sensor=view.sensor,
         untold=view.untold,
+        notes=observed.notes,
     )
     result = multistart_search(problem)
     if not math.isfinite(result.cost):
@@ -270,7 +235,12 @@ def fit(
             f"no start led to a solution of {quote(chosen.name)} that stays finite over the "
             "record; try another law, more starts or a shorter record"
         )
-    if has_inputs_besides_time(chosen.inputs) and how.input_interpolation is None and test_fraction > 0.0:
+    if (
+        has_inputs_besides_time(chosen.inputs)
+        and not chosen.prescribed
+        and how.input_interpolation is None
+        and test_fraction > 0.0
+    ):
         result = _best_interpolation(result)
     if histories:
         result = fit_with_histories(result, histories)
@@ -285,15 +255,29 @@ def fit(
     return models
 
 
-def resolve_law(law: str | Law, record: PistonRecord, declared: Sequence[str] = ()) -> Law:
+def resolve_law(
+    law: str | Law,
+    record: PistonRecord,
+    declared: Sequence[str] = (),
+    measured: SensorQuantity | Sensor | None = None,
+) -> Law:
     """Law by its name, its equation, or as it is; ``declared`` names are parameters."""
-    if isinstance(law, Law):
-        return law
-    if not isinstance(law, str):
+    quantity = measured.quantity if isinstance(measured, Sensor) else measured
+    of_force = (quantity or record.measured) == "force" and record.measured in ("height", "force")
+    chosen = law
+    if isinstance(law, str):
+        if "=" in law or "'" in law:
+            chosen = law_from_text(law, column_names(record), declared)
+        else:
+            chosen = FORCE_LAWS[law] if of_force and law in FORCE_LAWS else law_named(law)
+    if not isinstance(chosen, Law):
         raise InputError(f"law = {quote(law)}; give a name, an equation or a Law")
-    if "=" in law or "'" in law:
-        return law_from_text(law, column_names(record), declared)
-    return law_named(law)
+    if of_force and not chosen.prescribed:
+        raise InputError(
+            f"{quote(law if isinstance(law, str) else chosen.name)} is no law of a force on a prescribed "
+            f'stroke; give one of {", ".join(FORCE_LAWS)}, or an equation, "force = c*z\' + k*z + zero"'
+        )
+    return chosen
 
 
 def _best_interpolation(result: SearchResult) -> SearchResult:
@@ -346,8 +330,10 @@ def _fit_with_drift(result: SearchResult) -> SearchResult:
 
 def _has_random_walk_residuals(result: SearchResult, models: Sequence[ReducedModel]) -> bool:
     """Tell whether residuals of a record drift, and are a random walk next to white noise."""
-    for model, residuals in zip(models, result.joint.residuals(result.theta), strict=True):
-        if model.quality.rounded or not has_sensor_drift(model.quality):
+    for data, residuals in zip(result.problem.data, result.joint.residuals(result.theta), strict=True):
+        model = models[data.number]
+        quality = model.qualities.get(data.observation, model.quality)
+        if quality.rounded or not has_sensor_drift(quality):
             continue
         gain = random_walk_gain(residuals)
         left = remove_random_walk(residuals, gain)

@@ -108,4 +108,4 @@ def _states_at_history_end(
     motion = motion[:, motion[3] <= 0.0]
     columns = [history.time if name == TIME else input_column(history, name) for name in law.inputs]
     drive = interpolate_inputs(history.time, columns, motion[3])
-    return np.asarray(acceleration_function(law, motion, drive)(np.array(values)[:, None])[1][:, 0])
+    return np.asarray(acceleration_function(law, motion, drive)(np.array(values)[:, None])[1][-1, :, 0])

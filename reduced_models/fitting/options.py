@@ -109,8 +109,12 @@ def _check_word(name: str, value: str, known: Sequence[str]) -> None:
 
 def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
     """Given height, velocity and hidden states at the start by name; the rest is free [m, m/s]."""
+    # Other coordinates have starts of their own; so have hidden states along a stroke, which may have begun
+    # anywhere.
+    free = law.hidden if law.prescribed else law.other_coordinates
+    still = {name: 0.0 for name in law.hidden if name not in free}
     if initial is None:
-        return dict.fromkeys(law.hidden, 0.0)
+        return still
     if initial == "free":
         return {}
     if initial == "rest":
@@ -121,7 +125,7 @@ def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
             f"initial = {quote(initial)}; give 'rest', 'free' or numbers by name, for "
             f"{', '.join(names)}, or the motion before"
         )
-    result = dict.fromkeys(law.hidden, 0.0)
+    result = dict(still)
     for name, value in initial.items():
         if name not in names:
             raise InputError(unknown_word_message(str(name), names, "state at the start"))

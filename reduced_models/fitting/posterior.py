@@ -133,8 +133,10 @@ def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[Joint
     if len(models) != len(records):
         raise InputError(f"{len(models)} models for {len(records)} records; give one for each")
     check_parameter_names(own, models[0].law.parameters)
-    if any(entry.sensor is not None for entry in models):
-        raise InputError("sample_posterior takes models that were fitted to heights; this was a sensor's")
+    if any(entry.sensor is not None or entry.observation for entry in models):
+        raise InputError(
+            "sample_posterior takes models that were fitted to heights; this was fitted to a signal"
+        )
     guesses = [first_guesses(record.time, record.height) for record in records]
     # All in the units of the first model: vectors of different units would not add up.
     unknowns, _ = search_vector_of_model(models[0], guesses[0])
@@ -146,7 +148,7 @@ def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[Joint
         record_on_grid(
             unknowns,
             record,
-            grid_over_record(record, names, guess.period, _STEPS * unknowns.law.resolution),
+            grid_over_record(record, names, guess.period, _STEPS * unknowns.law.step_ratio),
             models[0].input_interpolation,
         )
         for record, guess in zip(records, guesses, strict=True)

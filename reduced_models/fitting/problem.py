@@ -53,6 +53,8 @@ class TrainingData(NamedTuple):
     weights: Float[np.ndarray, "n"]
     noise: float  # [m]
     fixed: Mapping[str, float] = {}  # parameters that are given for this record alone
+    observation: str = ""  # of the law, that the heights of record and training are
+    number: int = 0  # of the record, of which there may be several observations
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -74,6 +76,7 @@ class FitProblem:
     intervals: Intervals
     seed: int
     sensor: Sensor | None = None
+    notes: tuple[str, ...] = ()  # on the data
     untold: tuple[str, ...] = ()  # by the signal; level: height of rest, size: size of the motion
 
     def bounds_of_record(self, data: TrainingData) -> Pairs:
@@ -120,6 +123,7 @@ def split_training_data(
     sensor: Sensor | None = None,
     *,
     about_rest: bool = False,
+    prescribed: bool = False,
 ) -> TrainingData:
     """Split a record into its training stretch and test swings, and take a glance at it; noise [m]."""
     # The fraction is one of the motion: an end at rest would say nothing of a law. It is whole swings spread
@@ -128,7 +132,9 @@ def split_training_data(
     motion = total
     if sensor is not None:
         columns = total.columns
-        motion = dataclasses.replace(total, height=sensor.approximate_heights(columns, about_rest=about_rest))
+        if not prescribed:
+            height = sensor.approximate_heights(columns, about_rest=about_rest)
+            motion = dataclasses.replace(total, height=height)
         total = dataclasses.replace(
             total, height=sensor.signal(columns), deviations=sensor.signal_deviations(total.deviations)
         )
@@ -137,7 +143,7 @@ def split_training_data(
         seen = np.isin(total.time, sound.time)
         total, motion = (entry.with_time_from_zero() for entry in (sound, motion.select(seen)))
         weights = None if weights is None else weights[seen]
-    moving = count_samples_in_motion(total) if test_fraction > 0.0 else len(total)
+    moving = count_samples_in_motion(total) if test_fraction > 0.0 and not prescribed else len(total)
     stop = float(total.time[moving - 1]) * (1.0 - test_fraction)
     # Two samples make a record; what is too short to fit is reported by its first guesses.
     count = max(2, int(np.searchsorted(total.time, stop, side="right")))
@@ -152,7 +158,8 @@ def split_training_data(
     guess = first_guesses(look.time, look.height)
     swings: tuple[slice, ...] = ()
     if test_fraction > 0.0:
-        swings = choose_test_swings(total.time, total.height, test_fraction, moving)
+        seen = motion.height if prescribed else total.height
+        swings = choose_test_swings(total.time, seen, test_fraction, moving)
     if not swings and len(total) - count >= 2:
         swings = (slice(count, max(moving, count + 2)),)
     return TrainingData(total, training, swings, look, guess, given, level, fixed or {})

@@ -30,7 +30,7 @@ from reduced_models.least_squares.joint_records import JointRecords, joint_vecto
 from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, cost_and_weight, record_on_grid
 from reduced_models.least_squares.samples import grid_over_record
-from reduced_models.records.inputs import TIME, StepGrid, has_inputs_besides_time, input_column
+from reduced_models.records.inputs import STROKE, TIME, StepGrid, has_inputs_besides_time, input_column
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -79,7 +79,7 @@ def fine_grids_over_records(problem: FitProblem) -> list[StepGrid]:
     """Fine grid over each record."""
     # A driven law's steps end at the samples; it starts coarse, and is refined if its solution needs that.
     law = problem.law
-    wanted = law.resolution * (COARSE_STEPS if has_inputs_besides_time(law.inputs) else FINE_STEPS)
+    wanted = law.step_ratio * (COARSE_STEPS if has_inputs_besides_time(law.inputs) else FINE_STEPS)
     return [
         grid_over_record(data.record, law.inputs, data.guess.period, wanted, problem.interpolation)
         for data in problem.data
@@ -91,17 +91,16 @@ def refine_best_start(
 ) -> SearchResult:
     """Fit on fine grids from the best start of a search, compared with the fit to accelerations."""
     _, costs = vectors
-    unknowns = coarse.unknowns
     grids = [
         record_on_grid(
-            unknowns,
+            seen.unknowns,
             data.record,
             grid,
             problem.interpolation,
             data.weights,
-            problem.loss_of_record(data, unknowns.residual_unit),
+            problem.loss_of_record(data, seen.unknowns.residual_unit),
         )
-        for data, grid in zip(problem.data, fine_grids_over_records(problem), strict=True)
+        for data, seen, grid in zip(problem.data, coarse.grids, fine_grids_over_records(problem), strict=True)
     ]
     joint = JointRecords(tuple(grids), coarse.entries, coarse.bounds)
     count = sum(problem.samples)
@@ -212,7 +211,7 @@ def _collocation_fit(
 ) -> np.ndarray | None:
     """Fit that starts from accelerations in the leading record; None where there are none."""
     unknowns, largest_swing_record = joint.unknowns, problem.largest_swing_record
-    if unknowns.map is None or unknowns.law.hidden or problem.own:
+    if unknowns.map is None or unknowns.law.hidden or unknowns.law.prescribed or problem.own:
         return None
     given = unknowns.map
     seen = largest_swing_record.guess.rescaled_to_law(given.shift, given.scale)
@@ -324,9 +323,15 @@ def _solver_error(grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray)
     """Greatest difference to the adaptive solution in amplitudes, its limit, and completeness."""
     # NaN of a solution that blows up compares false with every limit: it counts as infinite.
     unknowns = grid.unknowns
+    if unknowns.law.prescribed:
+        limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
+        if not unknowns.law.hidden:
+            return 0.0, limit, True
+        finer = grid.on_grid(grid.grid.finer).residuals(theta)
+        return float(np.abs(residuals - finer).max()), limit, True
     reference = _adaptive_solution(grid, theta)
     _, shift, scale, *_ = unknowns.physical_values(theta)
-    if unknowns.sensor is None:
+    if unknowns.compares_heights:
         fitted = grid.record.height + unknowns.residual_unit * residuals
     else:
         fitted = grid.fitted_heights(theta)
@@ -356,7 +361,7 @@ def delay_remarks(joint: JointRecords, theta: np.ndarray, k: int, period: float)
     before = float(np.linalg.norm(grid.linearised_residuals(theta[joint.entries[k]])[0]))
     remarks = []
     for name in grid.unknowns.law.inputs:
-        if name == TIME:
+        if name in (TIME, *STROKE):
             continue
 
         def left(delay: float, here: np.ndarray, name: str = name) -> float:

@@ -31,7 +31,9 @@ from reduced_models.fitting.start_values import (
     search_entries_from_draws,
     start_vectors,
     swing_form_unknowns,
+    unknowns_of_data,
 )
+from reduced_models.fitting.strokes import stroke_start_vectors
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
@@ -61,6 +63,7 @@ _FREER = 1.5  # times the cost of the swing form: more is the law's own, or anot
 _POOR = 0.05  # of the amplitude: what is left over where even the swing form may be in a wrong one
 # Steps over which all starts are followed, 512 periods; behind them, the best one.
 _MOST_COARSE = 2**13
+_STROKE_SAMPLES = 1200  # of all strokes that a search sees
 _THIN = 2.0  # samples a coarse step, above which their means are fitted
 _MOST_NUMBERS = 2**26
 """Starts times grid points times unknowns, which stand in memory four times: two gigabytes."""
@@ -118,13 +121,15 @@ def _multistart_search_with_map(
     # First of all: a record with too many periods is refused before any search.
     fine_grids_over_records(problem)
     unknowns = scale_unknowns(problem.law, height_map, problem.largest_swing_record, problem.sensor)
-    entries = joint_vector_entries(unknowns, len(problem.data), problem.own)
-    edges = [theta_bounds(unknowns, problem.bounds_of_record(data), problem.initial) for data in problem.data]
-    bounds = Bounds(*(joint_vector(side, entries) for side in zip(*edges, strict=True)))
-    grids = tuple(_coarse_record(unknowns, problem, data) for data in problem.data)
-    joint = JointRecords(grids, entries, bounds)
-    points = max(len(grid.samples.weight) for grid in grids)
-    _check_memory(problem.starts, points, len(entries[0]))
+    joint = _coarse_records(problem, unknowns)
+    points = max(len(grid.samples.weight) for grid in joint.grids)
+    _check_memory(problem.starts, points, len(joint.entries[0]))
+    if problem.law.prescribed:
+        units, theta = stroke_start_vectors(problem, joint)
+        joint = _coarse_records(problem, dataclasses.replace(unknowns, units=units))
+        normal, prior = coarse_normal_equations(problem, joint, math.inf)
+        return joint, levenberg_marquardt(normal, theta, prior, bounds=joint.bounds)
+    bounds = joint.bounds
     swing = _swing_vectors(problem, joint)
     if swing is None:
         return joint, _search_over_horizons(problem, joint, limit)
@@ -136,6 +141,17 @@ def _multistart_search_with_map(
         other = _search_over_horizons(problem, joint, limit)
         vectors = min(vectors, other, key=lambda vector: float(vector[1].min()))
     return joint, vectors
+
+
+def _coarse_records(problem: FitProblem, unknowns: Unknowns) -> JointRecords:
+    """Coarse records of a problem, with the bounds of their joint search vector."""
+    every = [unknowns_of_data(unknowns, data) for data in problem.data]
+    records = joint_vector_entries(unknowns, 1 + problem.data[-1].number, problem.own)
+    entries = tuple(records[data.number] for data in problem.data)
+    edges = [theta_bounds(unknowns, problem.bounds_of_record(data), problem.initial) for data in problem.data]
+    bounds = Bounds(*(joint_vector(side, entries) for side in zip(*edges, strict=True)))
+    grids = (_coarse_record(one, problem, data) for one, data in zip(every, problem.data, strict=True))
+    return JointRecords(tuple(grids), entries, bounds)
 
 
 def _search_over_horizons(problem: FitProblem, joint: JointRecords, limit: float) -> Vectors:
@@ -230,15 +246,19 @@ def _start_vectors(problem: FitProblem, unknowns: Unknowns) -> list[np.ndarray]:
 def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) -> GriddedRecord:
     """Means of a training stretch, or of its first part, on a coarse grid."""
     training, law, how = data.training, unknowns.law, problem.interpolation
-    wanted = law.resolution * COARSE_STEPS
+    weights = data.weights[: len(training)]
+    if law.prescribed:
+        every = max(1, sum(problem.samples) // _STROKE_SAMPLES)
+        training, weights = training.select(slice(None, None, every)), weights[::every]
+    wanted = law.step_ratio * COARSE_STEPS
     period = data.guess.shortest_start_period
     grid = grid_over_record(training, law.inputs, period, wanted, how)
     if grid.steps > _MOST_COARSE:
         count = int(np.searchsorted(training.time, grid.step * _MOST_COARSE, side="right"))
         training = training.first(count)
         grid = grid_over_record(training, law.inputs, period, wanted, how)
-    weights = data.weights[: len(training)]
-    if has_inputs_besides_time(law.inputs) or len(training) > _THIN * grid.steps:
+    weights = weights[: len(training)]
+    if not law.prescribed and (has_inputs_besides_time(law.inputs) or len(training) > _THIN * grid.steps):
         samples = means_on_grid(training, grid, law.inputs, how, weights)
     else:
         # A mean of few samples is moved to its grid point by the slope between them, which is off
@@ -247,7 +267,7 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
         padded = np.zeros_like(samples.weight)
         padded[: len(training)] = weights
         samples = samples.with_weights(padded)
-    samples = samples.through_sensor(unknowns.sensor, training, grid)
+    samples = samples.through_sensor(unknowns.sensor_of_motion, training, grid)
     loss = problem.loss_of_record(data, unknowns.residual_unit)
     return GriddedRecord(unknowns, training, grid, samples, how, weights, loss)
 
@@ -260,7 +280,7 @@ def coarse_normal_equations(problem: FitProblem, joint: JointRecords, swings: fl
         seen = means.step * (means.point + means.fraction) <= swings * data.guess.shortest_swing_period
         weight = means.weight * seen
         total += float((weight**2).sum())
-        normals.append(normal_equations(joint.unknowns, means.with_weights(weight), grid.loss))
+        normals.append(normal_equations(grid.unknowns, means.with_weights(weight), grid.loss))
     return joint_normal_equations(normals, joint.entries), joint.prior(total)
 
 

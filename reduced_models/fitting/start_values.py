@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,15 +21,15 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.fitting.problem import Pairs, TrainingData
-from reduced_models.laws.equation import compile_rates
+from reduced_models.laws.equation import compile_observation, compile_rates
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law, NormalizedSwingLaw, Starts
 from reduced_models.laws.symmetry import canonical_parameters
-from reduced_models.least_squares.levenberg_marquardt import Normal, Prior, levenberg_marquardt
+from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.records.derivatives import fit_local_cubics
-from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses
-from reduced_models.records.inputs import input_column, interpolate_inputs
+from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses, spectral_peaks
+from reduced_models.records.inputs import TIME, input_column, interpolate_inputs
 from reduced_models.records.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ _NEAR = 0.1  # spread of the logarithm of start values that are given
 
 # Of a law with hidden states:
 _SWINGS, _NODES_A_SWING = 6.0, 32
+_FASTER = 2.0  # motions of further coordinates than the slowest
 _ROUNDS, _HIDDEN_DRAWS, _RETAINED = 8, 4096, 48
 _TRIALS = 40
 _STEP = 1e-6  # of the logarithms, for slopes
@@ -60,21 +61,39 @@ def start_values(
     count: int,
     bounds: Pairs | None = None,
 ) -> dict[str, np.ndarray]:
-    """Random start values of a law, an array of ``count`` for each parameter."""
+    """Random start values (count,) of a law's parameters, and of further coordinates by their names."""
     if law.start is not None:
         return law.start(guess, random, count)
     if law.hidden:
-        draws = _hidden_starts(
-            law, guess, record, lambda size: _random_draws(law, guess, random, size, bounds)
-        )
+        scales = [guess.amplitude, guess.amplitude * guess.frequency] * (len(law.other_coordinates) // 2)
+
+        def draw(size: int) -> np.ndarray:
+            states = np.array(scales) * random.normal(size=(size, len(scales)))
+            return np.hstack([_random_draws(law, guess, random, size, bounds), states])
+
+        draws = _hidden_starts(law, guess, record, draw, _fixed_by_bounds(bounds))
     else:
         drawn = _random_draws(law, guess, random, _DRAWS, bounds)
+        for name in drive_frequencies(law):
+            if name not in _fixed_by_bounds(bounds):
+                peaks = spectral_peaks(record.time, record.height)
+                drawn[:, law.parameters.index(name)] = random.choice(peaks, _DRAWS)
         draws = _fit_draws_to_accelerations(law, guess, record, drawn, bounds)
     chosen = draws[np.arange(count) % len(draws)]
     # The best as it is: a frequency in the law may be known to far less than the spread.
     spread = _SPREAD * (np.arange(count) > 0)
     chosen = chosen * np.exp(spread[:, None] * random.normal(size=chosen.shape))
-    return {name: chosen[:, k].copy() for k, name in enumerate(law.parameters)}
+    return {name: chosen[:, k].copy() for k, name in enumerate((*law.parameters, *law.other_coordinates))}
+
+
+def drive_frequencies(law: Law) -> tuple[str, ...]:
+    """Parameters that are angular frequencies of a drive: factors of the time in a sine or cosine."""
+    import sympy
+
+    parsed, time = law.parsed_equation, sympy.Symbol(TIME)
+    waves = [wave for rate in parsed.rates for wave in rate.atoms(sympy.sin, sympy.cos)]
+    slopes = {str(wave.args[0].diff(time)) for wave in waves}
+    return tuple(name for name in law.parameters if name in slopes)
 
 
 def fit_to_accelerations(
@@ -168,33 +187,57 @@ def _fixed_by_bounds(bounds: Pairs | None) -> dict[str, float]:
 
 
 def _hidden_starts(
-    law: Law, guess: FirstGuesses, record: PistonRecord, draw: Callable[[int], np.ndarray]
+    law: Law,
+    guess: FirstGuesses,
+    record: PistonRecord,
+    draw: Callable[[int], np.ndarray],
+    fixed: Collection[str],
 ) -> np.ndarray:
-    """Parameters (k, p) of a law with hidden states, the best first, from random draws (k, p)."""
+    """Parameters and starts of further coordinates (k, p), the best first, from random draws (k, p)."""
     end = min(float(record.time[-1]), _SWINGS * guess.period)
-    nodes = np.linspace(0.0, end, max(48, round(_NODES_A_SWING * end / guess.period)))
-    motion = fit_local_cubics(record.time, record.height, guess.period, nodes)
+    # A further coordinate has a faster motion: wide windows would smooth it, and long steps of Heun's method
+    # add energy to it.
+    period = guess.period / (_FASTER if law.other_coordinates else 1.0)
+    nodes = np.linspace(0.0, end, max(48, round(_NODES_A_SWING * end / period)))
+    motion = fit_local_cubics(record.time, record.height, period, nodes)
     acceleration, times = motion[2:]
     drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], times)
-    carried = acceleration_function(law, motion, drive)
+    carried, count = acceleration_function(law, motion, drive), len(law.parameters)
+    others = [law.hidden.index(name) for name in law.other_coordinates]
+    columns = []
+    for name in law.observations if others else ():
+        if name != "height":
+            seen = interpolate_inputs(record.time, [input_column(record, name)], times)[:, 0]
+            columns.append((name, seen, max(float(np.abs(seen - seen.mean()).max()), 1e-300)))
     scale = max(float(np.abs(acceleration).max()), 1e-300)
     target = acceleration[:, None]
 
     def misfits(values: np.ndarray) -> np.ndarray:
         """Differences (n, m) for parameters (m, p), in units of the greatest acceleration."""
-        result = (carried(values.T)[0] - target) / scale
+        start = np.zeros((len(law.hidden), len(values)))
+        start[others] = values[:, count:].T
+        accelerations, path = carried(values[:, :count].T, start)
+        result = (accelerations - target) / scale
+        for name, seen, size in columns:
+            observe = compile_observation(law.equation, law.inputs, name, "numpy")
+            states = (*motion[:2, :, None], *path.swapaxes(0, 1), *drive.T[:, :, None])
+            with np.errstate(all="ignore"):
+                left = (observe(*states, *values[:, :count].T) - seen[:, None]) / size
+            result = np.vstack([result, np.broadcast_to(left, accelerations.shape)])
         return np.nan_to_num(np.clip(result, -_FAR, _FAR), nan=_FAR)
 
-    best = np.empty((0, len(law.parameters)))
+    best = np.empty((0, count + len(others)))
     for _ in range(_ROUNDS):
         drawn = np.vstack([best, draw(_HIDDEN_DRAWS)])
         order = np.argsort((misfits(drawn) ** 2).sum(axis=0))
         best = drawn[order[:_RETAINED]]
+    held = np.isin((*law.parameters, *law.other_coordinates), list(fixed))
     output, cost = levenberg_marquardt(
         _acceleration_normal_equations(best, misfits),
         np.zeros_like(best),
-        Prior(np.full(best.shape[1], 0.01), float(len(nodes))),
+        Prior(np.full(best.shape[1], 0.01), float(len(nodes) * (1 + len(columns)))),
         1e-4,
+        Bounds(np.where(held, 0.0, -np.inf), np.where(held, 0.0, np.inf)),
         trials=_TRIALS,
     )
     values = best * np.exp(np.clip(output, -50.0, 50.0))
@@ -205,17 +248,17 @@ def _hidden_starts(
 
 def acceleration_function(
     law: Law, motion: Float[np.ndarray, "4 n"], drive: Float[np.ndarray, "n inputs"]
-) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Return a function of parameters: accelerations along rows z, z', z'', time [s]; last hidden states."""
-    # Of parameters (p, m) to accelerations (n, m) and hidden states (h, m).
-    # Heun's method: hidden states go from zero along a motion that is known, at its nodes alone.
+) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+    """Return a function of parameters: accelerations along rows z, z', z'', time [s], and hidden states."""
+    # Of parameters (p, m) and hidden states (h, m), at zero if not given, to accelerations (n, m) and hidden
+    # states (n, h, m). Heun's method along a motion that is known, at its nodes alone.
     field = compile_rates(law.equation, law.inputs, "numpy")
     z, v, _, time = motion
 
-    def carried(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def carried(values: np.ndarray, start: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         count = values.shape[1]
-        hidden = np.zeros((len(law.hidden), count))
-        result = np.empty((len(time), count))
+        hidden = np.zeros((len(law.hidden), count)) if start is None else start
+        result, path = np.empty((len(time), count)), np.empty((len(time), *hidden.shape))
 
         def rates(k: int, states: np.ndarray) -> Any:
             rows = field(z[k], v[k], *states, *drive[k], *values)
@@ -223,6 +266,7 @@ def acceleration_function(
 
         with np.errstate(all="ignore"):
             for k in range(len(time)):
+                path[k] = hidden
                 result[k], *here = rates(k, hidden)
                 if k + 1 < len(time):
                     step = time[k + 1] - time[k]
@@ -231,7 +275,7 @@ def acceleration_function(
                     late = np.array(rates(k + 1, ahead)[1:])
                     moved = hidden + 0.5 * step * (slope + late)
                     hidden = np.nan_to_num(np.clip(moved, -_FAR, _FAR))
-        return result, hidden
+        return result, path
 
     return carried
 
@@ -261,6 +305,12 @@ def scale_unknowns(
 ) -> Unknowns:
     """Unknowns of a law, scaled by what a glance at a record tells; no map is a fitted one."""
     guess = data.guess
+    speed = guess.amplitude * guess.frequency
+    signal = data.training.height
+    size = float(np.abs(signal - signal.mean()).max()) if sensor is not None or data.observation else 1.0
+    measured = (guess.rest, guess.amplitude, speed, sensor, max(size, 1e-300), data.observation)
+    if law.prescribed:  # whose draws tell the units
+        return Unknowns(law, HeightMap(), (1.0,) * len(law.parameters), *measured)
     given = height_map or HeightMap(guess.rest, guess.amplitude)
     seen = guess.rescaled_to_law(given.shift, given.scale)
     # A rest level near zero says nothing of a parameter's size: the amplitude counts too.
@@ -272,10 +322,16 @@ def scale_unknowns(
     units = tuple(
         1.0 if name in law.positive else float(np.abs(typical[name]).mean()) or 1.0 for name in law.parameters
     )
-    speed = guess.amplitude * guess.frequency
+    return Unknowns(law, height_map, units, *measured)
+
+
+def unknowns_of_data(unknowns: Unknowns, data: TrainingData) -> Unknowns:
+    """Unknowns of a record, scaled by what is observed of it."""
+    if not data.observation:
+        return unknowns
     signal = data.training.height
-    size = float(np.abs(signal - signal.mean()).max()) if sensor is not None else 1.0
-    return Unknowns(law, height_map, units, guess.rest, guess.amplitude, speed, sensor, max(size, 1e-300))
+    size = max(float(np.abs(signal - signal.mean()).max()), 1e-300)
+    return dataclasses.replace(unknowns, observation=data.observation, signal=size)
 
 
 def start_vectors(
@@ -299,18 +355,22 @@ def start_vectors(
         positive = name in unknowns.law.positive or value != 0.0
         unit = unknowns.units[unknowns.law.parameters.index(name)]
         draws[name] = value * np.exp(spread) if positive else spread * unit
-    return append_initial_state(unknowns, data, search_entries_from_draws(unknowns, draws))
+    return append_initial_state(unknowns, data, search_entries_from_draws(unknowns, draws), draws)
 
 
 def append_initial_state(
-    unknowns: Unknowns, data: TrainingData, free: Float[np.ndarray, "count k"]
+    unknowns: Unknowns,
+    data: TrainingData,
+    free: Float[np.ndarray, "count k"],
+    states: Mapping[str, np.ndarray] | None = None,
 ) -> Float[np.ndarray, "count p"]:
     """Parameters and map (count, k) with the initial state of record and sensor behind them."""
     count, guess = len(free), data.guess
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
     velocity = np.full(count, guess.velocity / unknowns.speed)
     sensor = np.tile(_sensor_start(unknowns, data.training.height), (count, 1))
-    hidden = np.zeros((count, len(unknowns.law.hidden)))
+    still = np.zeros(count)
+    hidden = np.reshape([(states or {}).get(name, still) for name in unknowns.law.hidden], (-1, count)).T
     return np.column_stack([free, height, velocity, hidden, sensor])
 
 

@@ -274,6 +274,8 @@ def _damping_at_two_amplitudes(
 
 def small_motion_figures(unknowns: Unknowns, theta: Float[np.ndarray, "p"]) -> np.ndarray | NoSwing:
     """Height at rest [m], period [s] and damping ratio, or why there are none; hidden states are at zero."""
+    if unknowns.law.prescribed:
+        return NoSwing("the record prescribes the motion")
     values, shift, scale, *_ = unknowns.physical_values(theta)
     result = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
     if isinstance(result, NoSwing):

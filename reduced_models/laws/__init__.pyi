@@ -1,5 +1,5 @@
 from .catalogue import LAWS, law_named
-from .force_law import FORCE_LAWS, ForceLaw
+from .force_laws import FORCE_LAWS
 from .law import Law
 
-__all__ = ["FORCE_LAWS", "LAWS", "ForceLaw", "Law", "law_named"]
+__all__ = ["FORCE_LAWS", "LAWS", "Law", "law_named"]

@@ -1,4 +1,9 @@
-"""Equations of motion taken apart: from text to trees, to expressions, to functions."""
+"""Laws taken apart: from text to trees, to expressions, to functions.
+
+A law is equations with semicolons between them. A name alone on the left is observed, and is a column
+of the record; one with a prime is a hidden state with its rate; every other equation is one of motion,
+of a coordinate with two primes. Without any, the coordinate is a stroke that the record prescribes.
+"""
 
 from __future__ import annotations
 
@@ -27,88 +32,131 @@ PROGRAMS = 16
 """Programs of JAX that are kept in memory, of each kind; one takes some 20 MB."""
 
 _RATES = {"z'": "z_first", "z''": "z_second"}
-TIME_WORD = re.compile(rf"(?<![\w']){TIME}(?![\w'])")
-_MOST_HIDDEN = 8  # states: beyond what any record can tell apart
+TIME_OR_OBSERVATION = re.compile(rf"(?<![\w']){TIME}(?![\w'])|(?:^|;)\s*[^\W\d]\w*\s*=")
+"""Sign of a law that has inputs beside those that are columns of the record."""
+_MOST_EQUATIONS = 12  # more are beyond what any record can tell apart
 
 
 @dataclasses.dataclass(frozen=True)
 class ParsedEquation:
-    """An equation taken apart; ``hidden`` holds the rate of each hidden state."""
+    """A law taken apart into expressions, and the names in it.
+
+    Of a prescribed stroke there is no acceleration: z, z' and z'' are inputs then.
+    """
 
     left: Any
     right: Any
-    acceleration: Any
+    acceleration: Any  # None along a prescribed stroke
     parameters: tuple[str, ...]
     symbol_z: Any
     symbol_v: Any
     symbol_a: Any
-    hidden: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    hidden: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # rate of each hidden state
     inputs: tuple[str, ...] = ()
+    observations: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def rates(self) -> list[Any]:
+        """Rates of all states but z: the acceleration, if there is one, and of hidden states."""
+        return [*([] if self.acceleration is None else [self.acceleration]), *self.hidden.values()]
 
     @property
     def argument_symbols(self) -> list[Any]:
-        """Symbols of z, z', hidden states, inputs and parameters, in this order."""
+        """Symbols of z, z' (where they are states), hidden states, inputs and parameters."""
         import sympy
 
-        names = (*self.hidden, *self.inputs, *self.parameters)
-        return [self.symbol_z, self.symbol_v, *map(sympy.Symbol, names)]
+        motion = [] if self.acceleration is None else [self.symbol_z, self.symbol_v]
+        names = (*self.hidden, *(_RATES.get(name, name) for name in self.inputs), *self.parameters)
+        return [*motion, *map(sympy.Symbol, names)]
 
 
 class EquationTrees(NamedTuple):
-    """The formulas of a law: two sides, and the rate of each hidden state."""
+    """The formulas of a law by what stands on their left; the first coordinate is z in them."""
 
-    # The coordinate is z in them, whatever the equation calls it.
-
-    left: formulas.Node
-    right: formulas.Node
-    hidden: dict[str, formulas.Node]
-
-    @property
-    def all_trees(self) -> tuple[formulas.Node, ...]:
-        return self.left, self.right, *self.hidden.values()
+    motion: tuple[tuple[formulas.Node, formulas.Node], ...]  # sides of the equations of motion
+    hidden: dict[str, formulas.Node]  # rates
+    observations: dict[str, formulas.Node]
+    coordinates: tuple[str, ...]  # z and others; none along a prescribed stroke
+    all_trees: tuple[formulas.Node, ...]  # in the order of the text
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names as they are written, without primes, each once."""
         return tuple(dict.fromkeys(symbol.name for symbol in formulas.variable_names(*self.all_trees)))
 
+    @property
+    def stroke(self) -> tuple[str, ...]:
+        """Columns of a prescribed stroke that the law names: z, z', z''; empty where z is a state."""
+        if self.coordinates:
+            return ()
+        names = {item.text for item in formulas.variable_names(*self.all_trees)}
+        return tuple(name for name in ("z", *_RATES) if name in names)
+
 
 @functools.lru_cache(maxsize=COMPILED)
 def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquation:
-    """Take an equation of motion apart."""
+    """Take a law apart."""
     import sympy
 
     law = f"the law {quote(equation)}"
     trees = parse_law_formulas(equation)
-    if TIME in trees.names and TIME not in (*inputs, *trees.hidden):
-        inputs = (*inputs, TIME)
+    states = {*trees.coordinates, *trees.hidden}
+    given = (*trees.stroke, *([TIME] if TIME in trees.names and TIME not in states else []))
+    inputs = tuple(dict.fromkeys((*inputs, *given)))
     for name in inputs:
-        if name not in trees.names:
+        if name not in (*trees.names, *trees.stroke):
             raise InputError(f"{law} does not name its input {quote(name)}")
-        if name == "z" or name in trees.hidden:
+        if name in states:
             raise InputError(f"{law} has the input {name!r}, which it reckons itself; rename it")
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
     symbols = {"z": z, "z'": v, "z''": a}
+    for name in trees.coordinates[1:]:
+        symbols |= {f"{name}'": sympy.Symbol(f"{name}_first"), f"{name}''": sympy.Symbol(f"{name}_second")}
     try:
-        left, right, *rates = (algebra.sympy_expression(tree, symbols) for tree in trees.all_trees)
+        motion = [[algebra.sympy_expression(side, symbols) for side in sides] for sides in trees.motion]
+        hidden, observations = (
+            {name: algebra.sympy_expression(tree, symbols) for name, tree in part.items()}
+            for part in (trees.hidden, trees.observations)
+        )
     except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be read: {error}") from None
-    # Powers of z - rest are not expanded: their terms cancel, by 1e8 times the rounding in fifth order.
-    factor = (left - right).diff(a)
-    if factor.has(a):
-        factor = sympy.expand(factor)
-    if factor == 0 or factor.has(a):
-        raise InputError(f"{law} must be linear in z''; write it as z'' = ..., or with m*z''")
-    acceleration = -(left - right).subs(a, 0) / factor
+    seconds = [symbols[f"{name}''"] for name in trees.coordinates]
+    accelerations = _solve_for_accelerations(law, [left - right for left, right in motion], seconds)
+    for name, rate in zip(trees.coordinates[1:], accelerations[1:], strict=True):
+        hidden |= {name: symbols[f"{name}'"], f"{name}_first": rate}
+    known = dict(zip(seconds, accelerations, strict=True))
+    observations = {name: value.xreplace(known) for name, value in observations.items()}
     try:
-        for value in (acceleration, *rates):
+        for value in (*accelerations, *hidden.values(), *observations.values()):
             algebra.check_finite_numbers(value)
     except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be computed with: {error}") from None
-    known = {"z", *trees.hidden, *inputs, TIME}
-    parameters = tuple(name for name in trees.names if name not in known)
-    return ParsedEquation(
-        left, right, acceleration, parameters, z, v, a, dict(zip(trees.hidden, rates, strict=True)), inputs
+    first = accelerations[0] if accelerations else None
+    left, right = motion[0] if motion else (None, None)
+    names = {"z", *hidden, *inputs, TIME}
+    parameters = tuple(name for name in trees.names if name not in names)
+    return ParsedEquation(left, right, first, parameters, z, v, a, hidden, inputs, observations)
+
+
+def _solve_for_accelerations(
+    law: str, differences: Sequence[sympy.Expr], seconds: Sequence[sympy.Symbol]
+) -> list[sympy.Expr]:
+    """Solve equations of motion, left side less right side, for their accelerations."""
+    import sympy
+
+    # Powers of z - rest are not expanded: their terms cancel, by 1e8 times the rounding in fifth order.
+    factors = [[difference.diff(second) for second in seconds] for difference in differences]
+    factors = [[sympy.expand(item) if item.has(*seconds) else item for item in row] for row in factors]
+    matrix = sympy.Matrix(factors)
+    if seconds and (matrix.has(*seconds) or matrix.det() == 0):
+        names = " and ".join(str(second).replace("_second", "''") for second in seconds)
+        raise InputError(f"{law} must be linear in {names}; write it as z'' = ..., or with m*z''")
+    still = dict.fromkeys(seconds, 0)
+    rest = [-difference.subs(still) for difference in differences]
+    return (
+        [rest[0] / factors[0][0]]
+        if len(rest) == 1
+        else list(matrix.LUsolve(sympy.Matrix(rest)) if rest else ())
     )
 
 
@@ -117,54 +165,102 @@ def parse_law_formulas(equation: str) -> EquationTrees:
     law = f"the law {quote(equation)}"
     if len(equation) > formulas.MAX_CHARACTERS:
         raise InputError(f"{law} has {len(equation)} characters; at most {formulas.MAX_CHARACTERS} are read")
-    first, *others = equation.split(";")
-    if len(others) > _MOST_HIDDEN:
-        raise InputError(f"{law} has {len(others)} hidden states; at most {_MOST_HIDDEN} are read")
-    sides = first.split("=")
-    if len(sides) != 2:
-        raise InputError(f"{law} must have one equals sign")
-    try:
-        left, right = map(formulas.parse, sides)
-        hidden = [_parse_hidden_state(law, text) for text in others]
-    except formulas.FormulaError as error:
-        raise InputError(f"{law} cannot be read: {error}") from None
-    coordinate = _coordinate_name(law, left, right)
-    if coordinate != "z":
-        left, right = (_rename_coordinate(tree, coordinate) for tree in (left, right))
-        hidden = [(name, _rename_coordinate(tree, coordinate)) for name, tree in hidden]
-    trees = EquationTrees(left, right, dict(hidden))
-    if coordinate in (name for name, _ in hidden):
-        raise InputError(f"{law} has an equation for the rate of its coordinate; drop it")
-    if len(trees.hidden) < len(hidden):
-        raise InputError(f"{law} has two equations for one hidden state; write one")
-    for position, tree in enumerate(trees.all_trees):
-        for item in formulas.variable_names(tree):
-            if item.primes > (2 if position < 2 else 1) or (item.primes and item.name != "z"):
-                raise InputError(
-                    f"{law} has a prime that does not follow {coordinate}, {item.text}; write "
-                    f"{coordinate}, {coordinate}' and {coordinate}'', and a hidden state's rate in "
-                    "an equation of its own"
-                )
-            if item.name in _RATES.values():
-                raise InputError(f"{law} names {item.name}; write z' or z'', or take another name")
+    parts = equation.split(";")
+    if len(parts) > _MOST_EQUATIONS:
+        raise InputError(f"{law} has {len(parts)} equations; at most {_MOST_EQUATIONS} are read")
+    sides = [_parse_sides(law, part) for part in parts]
+    coordinates = _coordinate_names(law, sides)
+    if coordinates[0] != "z":
+        sides = [tuple(_rename_coordinate(side, coordinates[0]) for side in pair) for pair in sides]  # type: ignore[misc]  # a pair again
+    motion, hidden, observations = [], dict[str, formulas.Node](), dict[str, formulas.Node]()
+    every = list[formulas.Node]()
+    for left, right in sides:
+        if not isinstance(left, formulas.Name) or left.primes > 1:
+            motion.append((left, right))
+            every += [left, right]
+            continue
+        every.append(right)
+        kind = hidden if left.primes else observations
+        if left.primes and left.name in ("z", *coordinates):
+            raise InputError(f"{law} has an equation for the rate of its coordinate; drop it")
+        if left.name in (*hidden, *observations):
+            raise InputError(f"{law} has two equations for {left.name}; write one")
+        kind[left.name] = right
+    used = ("z", *coordinates[1:]) if motion else ()
+    trees = EquationTrees(tuple(motion), hidden, observations, used, tuple(every))
+    _check_equation_names(law, trees, coordinates)
     return trees
 
 
-def _coordinate_name(law: str, *trees: formulas.Node) -> str:
-    """Name that has two primes; z where there is none."""
-    result = tuple(dict.fromkeys(item.name for item in formulas.variable_names(*trees) if item.primes == 2))
-    if not result or result == ("z",):
-        return "z"
-    if len(result) > 1:
+def _parse_sides(law: str, text: str) -> tuple[formulas.Node, formulas.Node]:
+    """Both sides of one of the equations of a law."""
+    sides = text.split("=")
+    if len(sides) != 2 or not all(side.strip() for side in sides):
+        raise InputError(f"{law}: {quote(text.strip())} must have one equals sign, as in w' = z' - w")
+    try:
+        left, right = map(formulas.parse, sides)
+    except formulas.FormulaError as error:
+        raise InputError(f"{law} cannot be read: {error}") from None
+    return left, right
+
+
+def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.Node]]) -> tuple[str, ...]:
+    """Names of the coordinates, that which is observed as the height first; z where none has primes."""
+    motion = [pair for pair in sides if not isinstance(pair[0], formulas.Name) or pair[0].primes > 1]
+    rates = {left.name for left, _ in sides if isinstance(left, formulas.Name) and left.primes == 1}
+    trees = [side for pair in motion or sides for side in pair]
+    primes = 2 if motion else 1
+    names = [item.name for item in formulas.variable_names(*trees) if item.primes >= primes]
+    names = [name for name in dict.fromkeys(names) if motion or name not in rates]
+    if motion and len(names) != len(motion):
         raise InputError(
-            f"{law} has two coordinates, {' and '.join(result[:2])}; a law has one: write the "
-            "other as a column of the record, or as a hidden state"
+            f"{law} has {len(motion)} equations of motion for {' and '.join(names) or 'no coordinate'}; "
+            "write one with two primes, as in z'', for each coordinate"
         )
-    if "z" in (item.name for item in formulas.variable_names(*trees)):
-        raise InputError(f"{law} names z next to its coordinate {result[0]}; take another name for z")
-    if result[0] == TIME:
+    if not motion and len(names) > 1:
+        raise InputError(f"{law} has two prescribed strokes, {names[0]} and {names[1]}; a law has one")
+    for left, right in sides:
+        if isinstance(left, formulas.Name) and left.text == "height":
+            observed = {item.name for item in formulas.variable_names(right)}
+            names = [
+                *(name for name in names if name in observed),
+                *(name for name in names if name not in observed),
+            ]
+    if TIME in names:
         raise InputError(f"{law} has t as its coordinate, which is the time; take another name")
-    return result[0]
+    every = (item.name for item in formulas.variable_names(*(side for pair in sides for side in pair)))
+    if names and names[0] != "z" and "z" in every:
+        if "z" not in names:
+            raise InputError(f"{law} names z next to its coordinate {names[0]}; take another name for z")
+        names.sort(key=lambda name: name != "z")
+    return tuple(names) or ("z",)
+
+
+def _check_equation_names(law: str, trees: EquationTrees, coordinates: tuple[str, ...]) -> None:
+    """Refuse names that stand for two things, and primes that do not follow a coordinate."""
+    motion = dict.fromkeys(trees.coordinates or ("z",), 2)
+    for name in trees.observations:
+        if name in (*trees.names, *trees.hidden, *coordinates, TIME):
+            raise InputError(
+                f"{law} has {name} on both sides; on the left alone it is observed, on the right it is a "
+                "column of the record or a parameter"
+            )
+    if not trees.motion and not trees.observations:
+        raise InputError(f"{law} has no coordinate: no name in it has two primes; write z'' = ...")
+    for item in formulas.variable_names(*trees.all_trees):
+        if item.primes > motion.get(item.name, 0):
+            first = coordinates[0]
+            raise InputError(
+                f"{law} has a prime that does not follow {first}, {item.text}; write {first}, {first}' and "
+                f"{first}'', and a hidden state's rate in an equation of its own"
+            )
+        if item.name in _RATES.values():
+            raise InputError(f"{law} names {item.name}; write z' or z'', or take another name")
+    for rate in trees.hidden.values():
+        if any(item.primes > 1 for item in formulas.variable_names(rate)):
+            raise InputError(
+                f"{law} has an acceleration in the rate of a hidden state; put its equation there"
+            )
 
 
 def _rename_coordinate(tree: formulas.Node, coordinate: str) -> formulas.Node:
@@ -177,24 +273,20 @@ def _rename_coordinate(tree: formulas.Node, coordinate: str) -> formulas.Node:
     return tree
 
 
-def _parse_hidden_state(law: str, text: str) -> tuple[str, formulas.Node]:
-    """Name and rate of a hidden state."""
-    left, _, right = text.partition("=")
-    item = formulas.parse(left) if left.strip() and right.strip() and "=" not in right else None
-    if not isinstance(item, formulas.Name) or item.primes != 1 or item.name in ("z", "t"):
-        raise InputError(
-            f"{law}: {quote(text.strip())} must have one equals sign behind the rate of a hidden "
-            "state, such as w' = z' - w"
-        )
-    return item.name, formulas.parse(right)
+@functools.lru_cache(maxsize=COMPILED)
+def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "jax") -> Callable[..., Any]:
+    """Compile the rates of all states but z: the acceleration, if there is one, and of hidden states."""
+    parsed = parse_equation(equation, inputs)
+    return algebra.compile_function(parsed.argument_symbols, parsed.rates, modules)
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "jax") -> Callable[..., Any]:
-    """Compile the acceleration z'' and the rates of the hidden states as a function."""
+def compile_observation(
+    equation: str, inputs: tuple[str, ...], name: str, modules: str = "jax"
+) -> Callable[..., Any]:
+    """Compile an observation as a function of the arguments of `compile_rates`."""
     parsed = parse_equation(equation, inputs)
-    rates = [parsed.acceleration, *parsed.hidden.values()]
-    return algebra.compile_function(parsed.argument_symbols, rates, modules)
+    return algebra.compile_function(parsed.argument_symbols, parsed.observations[name], modules)
 
 
 @functools.lru_cache(maxsize=COMPILED)
@@ -206,7 +298,7 @@ def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..
     parsed = parse_equation(equation, inputs)
     # Of real numbers, or the derivative of a modulus would be one of complex numbers.
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.argument_symbols}
-    rates = [rate.xreplace(real) for rate in (parsed.acceleration, *parsed.hidden.values())]
+    rates = [rate.xreplace(real) for rate in parsed.rates]
     states = list(real.values())[: 2 + len(parsed.hidden)]
     return jacobian_function(rates, states, list(real.values()))
 

@@ -11,8 +11,12 @@ import numpy as np
 from granular import formulas
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
-from reduced_models.laws.equation import TIME_WORD, ParsedEquation, parse_equation, parse_law_formulas
-from reduced_models.records.inputs import TIME
+from reduced_models.laws.equation import (
+    TIME_OR_OBSERVATION,
+    ParsedEquation,
+    parse_equation,
+    parse_law_formulas,
+)
 
 if TYPE_CHECKING:
     import sympy
@@ -27,7 +31,7 @@ SwingStarts = Callable[
 
 @dataclasses.dataclass(frozen=True)
 class Law:
-    """A law z'' = f(z, z', hidden states, inputs) with parameters.
+    """A law with parameters: equations of its states, and of what is observed of them.
 
     The equation is read where the law is first used, and refused there if it cannot be.
 
@@ -38,7 +42,11 @@ class Law:
     equation : str
         Such as ``"z'' + 2*lam*z' + omega**2*z = g0"``: linear in ``z''``. A law with memory has
         hidden states, which start at zero, each with an equation of its own behind a semicolon:
-        ``"z'' + k*z + f*w = 0; w' = r*z' - r*Abs(z')*w"``.
+        ``"z'' + k*z + f*w = 0; w' = r*z' - r*Abs(z')*w"``. A name alone on the left is a column of the
+        record that is observed: ``"z'' + k*z = 0; acceleration = gain*z'' + offset"``; without one the
+        height is the coordinate. Without an equation of motion the record prescribes the stroke, z, as
+        on a dynamometer: ``"force = c*z' + k*z + zero"``. Two coordinates have two equations of motion,
+        and the height is the one that is observed: ``"m*x'' = k*(y - x); y'' = k*(x - y); height = x"``.
     start : callable or None
         ``start(guesses, random, count)`` gives random start values, an array of ``count`` for
         each parameter. None where the accelerations in the record are to tell them.
@@ -57,14 +65,17 @@ class Law:
     inputs : tuple of str
         Names in the equation that stand for columns of the record, such as the motion of a base or
         a force: known functions of time, in the units that the columns have. ``t``, the time since
-        the start, is one wherever it is named.
+        the start, and ``z``, ``z'``, ``z''`` of a prescribed stroke are such wherever they are named.
+    given : str
+        Parameter that is held at the mean height of a prescribed stroke [m], unless it is fixed
+        otherwise; empty if none is.
     resolution : int
         Ratio of the steps a period that a solution needs to those of a smooth law.
 
     Raises
     ------
     InputError
-        If the equation has the word ``t``, the time, and cannot be read.
+        If the equation has the word ``t`` or an observation, and cannot be read.
 
     Examples
     --------
@@ -84,13 +95,12 @@ class Law:
     source: str = ""
     inputs: tuple[str, ...] = ()
     resolution: int = 1
+    given: str = ""
 
     def __post_init__(self) -> None:
-        # A law that names the time has it as an input that every record knows.
-        if TIME not in self.inputs and TIME_WORD.search(self.equation):
-            trees = parse_law_formulas(self.equation)
-            if TIME in trees.names and TIME not in trees.hidden:
-                object.__setattr__(self, "inputs", (*self.inputs, TIME))
+        # The time and a prescribed stroke are inputs that every record knows.
+        if TIME_OR_OBSERVATION.search(self.equation):
+            object.__setattr__(self, "inputs", self.parsed_equation.inputs)
 
     @property
     def literature(self) -> tuple[str, ...]:
@@ -114,6 +124,16 @@ class Law:
         return self.parsed_equation.parameters
 
     @property
+    def prescribed(self) -> bool:
+        """Whether the record prescribes the motion; `InputError` as of `parsed_equation`."""
+        return self.parsed_equation.acceleration is None
+
+    @property
+    def observations(self) -> tuple[str, ...]:
+        """Names of the columns that the law says are observed; `InputError` as of `parsed_equation`."""
+        return tuple(self.parsed_equation.observations)
+
+    @property
     def hidden(self) -> tuple[str, ...]:
         """Names of the hidden states, in the order of their equations; empty without any.
 
@@ -124,6 +144,19 @@ class Law:
             ``inputs``.
         """
         return tuple(self.parsed_equation.hidden)
+
+    @property
+    def other_coordinates(self) -> tuple[str, ...]:
+        """Hidden states that are further coordinates and their velocities, which start anywhere."""
+        hidden = self.hidden
+        return tuple(
+            state for name in hidden if f"{name}_first" in hidden for state in (name, f"{name}_first")
+        )
+
+    @property
+    def step_ratio(self) -> int:
+        """Ratio of the steps a period that a solution needs: further coordinates have faster motions."""
+        return self.resolution * (1 + len(self.other_coordinates) // 2)
 
     @property
     def acceleration(self) -> sympy.Expr:
@@ -153,7 +186,8 @@ class Law:
         Returns
         -------
         sympy.Eq
-            Both sides as the equation has them, not solved for z''.
+            Both sides as the equation has them, not solved for z''; of a prescribed stroke those of what is
+            observed first.
 
         Raises
         ------
@@ -166,11 +200,15 @@ class Law:
         t = sympy.Symbol("t")
         z = sympy.Function("z")(t)
         numbers = {sympy.Symbol(name): number for name, number in (values or {}).items()}
+        both = (parsed.left, parsed.right)
+        if parsed.acceleration is None:
+            name, value = next(iter(parsed.observations.items()))
+            both = (sympy.Symbol(name), value)
         sides = [
             side.subs(numbers).subs(
                 {parsed.symbol_a: z.diff(t, 2), parsed.symbol_v: z.diff(t), parsed.symbol_z: z}
             )
-            for side in (parsed.left, parsed.right)
+            for side in both
         ]
         return sympy.Eq(*sides, evaluate=False)
 

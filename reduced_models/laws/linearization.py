@@ -51,6 +51,7 @@ class SmallSwing(NamedTuple):
     z: float
     period: float  # [s]
     damping_ratio: float  # infinite if the law jumps with the sign of the velocity
+    faster: tuple[tuple[float, float], ...] = ()  # periods [s] and damping ratios of further modes
 
 
 class NoSwing(NamedTuple):
@@ -152,8 +153,11 @@ def _find_rest_state(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwi
                 return _NO_LEVEL
             if not np.isfinite(free).all():
                 return JUMPS
-            # Hidden states that may be anything at rest stay where they are.
-            moving = [0] + [k for k in range(1, len(left)) if abs(free[k, k]) > _FLAT * np.abs(matrix).max()]
+            least = _FLAT * np.abs(matrix).max()
+            moving = list(range(len(left)))
+            if np.linalg.matrix_rank(free, tol=least) < len(left):
+                # Hidden states that may be anything at rest stay where they are.
+                moving = [0] + [k for k in moving[1:] if abs(free[k, k]) > least]
             try:
                 change = np.linalg.solve(free[np.ix_(moving, moving)], left[moving])
             except np.linalg.LinAlgError:
@@ -189,10 +193,12 @@ def _swing_with_hidden_states(state: np.ndarray, matrix: np.ndarray) -> SmallSwi
     swinging = (values.imag > _FLAT * np.abs(values).max()) & (np.abs(vectors[0]) > _FLAT * scale)
     if not swinging.any():
         return _CREEPS
-    chosen = values[swinging][np.abs(values[swinging]).argmin()]
-    omega = abs(chosen)
-    ratio = float(-chosen.real / omega)
-    return SmallSwing(float(state[0]), 2.0 * math.pi / omega, ratio if abs(ratio) > _FLAT else 0.0)
+    modes = []
+    for value in sorted(values[swinging], key=abs):
+        omega = abs(value)
+        ratio = float(-value.real / omega)
+        modes.append((2.0 * math.pi / omega, ratio if abs(ratio) > _FLAT else 0.0))
+    return SmallSwing(float(state[0]), *modes[0], tuple(modes[1:]))
 
 
 class HarmonicCycles(NamedTuple):

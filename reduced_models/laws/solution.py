@@ -104,21 +104,30 @@ def solve_on_grid(
     drive: Data,
     step: Value,
     chunks: Value,
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Return z, z' [1/s] and z'' [1/s^2], over the unit of z, on a uniform grid; step [s] (for JAX)."""
-    # Start (...) of z, velocity and hidden states; drive (points, stages, inputs). Beyond the first chunks
-    # all three are zero. Butcher's method (`_STAGES`).
+    *,
+    prescribed: bool = False,
+    every_state: bool = False,
+) -> jax.Array:
+    """Return z, z' and z'', or all states and their rates, on a uniform grid; step [s] (for JAX)."""
+    # Start (...) of z, velocity and hidden states, of which the first two are no states of a prescribed
+    # motion; drive (points, stages, inputs). Beyond the first chunks all are zero. Butcher's method
+    # (`_STAGES`).
 
     def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
         given = [inputs[k] for k in range(inputs.shape[0])]
-        return _stack_rows((state[1], *field(*state, *given, *values)), state[0])
+        slopes = field(*state, *given, *values)
+        return _stack_rows(slopes if prescribed else (state[1], *slopes), state[0])
+
+    def grid_point(state: jax.Array, slope: jax.Array) -> jax.Array:
+        if every_state:
+            return jnp.concatenate([state, slope])
+        return jnp.stack([state[0], state[1], slope[1]])
 
     def advance(state: jax.Array, inputs: jax.Array) -> tuple[jax.Array, jax.Array]:
         slopes: list[jax.Array] = []
         for stage, row in enumerate(_STAGES):
             slopes.append(rates(_advance_state(state, row, slopes, step), inputs[stage]))
-        point = jnp.stack([state[0], state[1], slopes[0][1]])
-        return _advance_state(state, _WEIGHTS, slopes, step), point
+        return _advance_state(state, _WEIGHTS, slopes, step), grid_point(state, slopes[0])
 
     def chunk(index: Value, carried: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         state, result = carried
@@ -129,12 +138,37 @@ def solve_on_grid(
     # One array for all of the state: each of the compiled operations costs more than its numbers.
     given = jnp.asarray(drive)
     first = _stack_rows(start, start[0])
-    empty = jnp.zeros((len(given), 3, *first.shape[1:]))
+    empty = jnp.zeros((len(given), 2 * len(first) if every_state else 3, *first.shape[1:]))
     state, output = jax.lax.fori_loop(0, chunks, chunk, (first, empty))
     end = jax.lax.dynamic_index_in_dim(given, chunks * CHUNK, keepdims=False)
-    last = jnp.stack([state[0], state[1], rates(state, end[0])[1]])
-    output = jax.lax.dynamic_update_index_in_dim(output, last, chunks * CHUNK, 0)
-    return output[:, 0], output[:, 1], output[:, 2]
+    last = grid_point(state, rates(state, end[0]))
+    return jax.lax.dynamic_update_index_in_dim(output, last, chunks * CHUNK, 0)
+
+
+def states_at_samples(
+    grid: jax.Array, step: Value, point: Data, fraction: Data, *, prescribed: bool
+) -> list[jax.Array]:
+    """Interpolate states (n, ...) between grid points (points, states and rates, ...); step [s] (for JAX)."""
+    count = grid.shape[1] // 2
+    states, rates = grid[:, :count], grid[:, count:]
+    result = (
+        []
+        if prescribed
+        else [
+            hermite_interpolate(states[:, 0], states[:, 1], rates[:, 1], step, point, fraction),
+            _hermite_cubic(states[:, 1], rates[:, 1], step, point, fraction),
+        ]
+    )
+    hidden = range(len(result), count)
+    return result + [_hermite_cubic(states[:, k], rates[:, k], step, point, fraction) for k in hidden]
+
+
+def _hermite_cubic(value: A, rate: A, step: Value, point: Data, fraction: Data) -> A:
+    """Cubic values (n, ...) of a state and its rate (points, ...) behind grid points."""
+    s = fraction
+    late = s * s * (3.0 - 2.0 * s)
+    inside = s * (1.0 - s) * ((1.0 - s) * rate[point] - s * rate[point + 1])
+    return value[point] * (1.0 - late) + value[point + 1] * late + step * inside
 
 
 def _stack_rows(parts: Sequence[Value], like: jax.Array) -> jax.Array:

@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from granular.formulas import algebra
 from reduced_models.laws.equation import COMPILED, compile_rates, parse_equation
 from reduced_models.laws.law import Law
 
@@ -33,16 +34,16 @@ class Symmetries(NamedTuple):
 
 def find_symmetries(law: Law) -> Symmetries:
     """Symmetries of a law, by trial."""
-    return _symmetries(law.equation, law.inputs, law.parameters, len(law.hidden))
+    return _symmetries(law.equation, law.inputs)
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def _symmetries(
-    equation: str, inputs: tuple[str, ...], parameters: tuple[str, ...], hidden: int
-) -> Symmetries:
-    field = compile_rates(equation, inputs, "numpy")
+def _symmetries(equation: str, inputs: tuple[str, ...]) -> Symmetries:
+    parsed = parse_equation(equation, inputs)
+    arguments, parameters = parsed.argument_symbols, parsed.parameters
+    field = algebra.compile_function(arguments, [*parsed.rates, *parsed.observations.values()])
     random = np.random.default_rng(0)
-    state = random.uniform(0.3, 1.2, (2 + hidden + len(inputs), _POINTS))
+    state = random.uniform(0.3, 1.2, (len(arguments) - len(parameters), _POINTS))
     values = random.uniform(0.3, 1.2, (len(parameters), _POINTS))
 
     def same(change: Callable[[np.ndarray], np.ndarray]) -> bool:

@@ -16,8 +16,8 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from reduced_models.jax_setup import Compiled, jax, jit
-from reduced_models.laws.equation import PROGRAMS, compile_rates
-from reduced_models.laws.solution import hermite_interpolate, solve_on_grid
+from reduced_models.laws.equation import PROGRAMS, compile_observation, compile_rates, parse_equation
+from reduced_models.laws.solution import hermite_interpolate, solve_on_grid, states_at_samples
 from reduced_models.least_squares.levenberg_marquardt import Normal
 from reduced_models.least_squares.samples import Samples, samples_on_grid
 from reduced_models.least_squares.sensor_signal import solution_signal
@@ -83,14 +83,15 @@ def remove_random_walk(residuals: Float[np.ndarray, "n ..."], gain: float) -> Fl
     return np.asarray(lfilter([1.0, -1.0], [1.0, gain - 1.0], residuals, axis=0))
 
 
-Kind = Literal["normal", "linear", "residual"]
+Kind = Literal["normal", "linear", "residual", "several"]
 Selection = int | np.ndarray | None
 """Samples of a record: the first so many, those of a mask (n,), or all."""
 
 
-class SensorForm(NamedTuple):
-    """Form of a sensor's signal, for which code is compiled."""
+class SignalForm(NamedTuple):
+    """Form of a signal that is compared, for which code is compiled."""
 
+    observation: str  # of the law; empty where a sensor sees a derivative of the height
     derivative: int
     is_open: tuple[bool, bool]
     entries: int  # of the sensor, at the end of the search vector
@@ -100,12 +101,13 @@ def residual_function(unknowns: Unknowns, kind: Kind) -> Compiled[..., Any]:
     """Compiled normal equations, or residuals (n,) with derivatives (p, n), of search vectors."""
     # "normal": (theta (s, p), samples, scales, loss) -> costs (s,), gradients J'r (s, p), matrices J'J (s, p,
     # p). "linear": (theta (p,), samples, scales) -> weighted residuals (n,) and derivatives (p, n).
+    # "several": (theta (s, p), samples, scales) -> weighted residuals (n, s).
     law = unknowns.law
     sensor = None
-    if unknowns.sensor is not None:
-        sensor = SensorForm(
-            unknowns.sensor.derivative_order, unknowns.open_gain_and_offset, unknowns.sensor_entry_count
-        )
+    if not unknowns.compares_heights:
+        order = 0 if unknowns.sensor is None else unknowns.sensor.derivative_order
+        open_entries = unknowns.open_gain_and_offset
+        sensor = SignalForm(unknowns.observation, order, open_entries, unknowns.sensor_entry_count)
     fits_map = unknowns.map is None
     return _compile_residuals(
         kind, law.equation, law.inputs, unknowns.logarithmic_parameters, fits_map, sensor
@@ -125,25 +127,49 @@ def _compile_residuals(
     inputs: tuple[str, ...],
     logarithmic: tuple[bool, ...],
     fits_map: bool,
-    sensor: SensorForm | None,
+    sensor: SignalForm | None,
 ) -> Compiled[..., Any]:
-    field = compile_rates(equation, inputs)
+    field, parsed = compile_rates(equation, inputs), parse_equation(equation, inputs)
+    prescribed, observe = parsed.acceleration is None, None
+    if sensor is not None and sensor.observation:
+        observe = compile_observation(equation, inputs, sensor.observation)
+
+    def observed_signal(motion: Any, values: Any, samples: Samples) -> jax.Array:
+        """Values (n, s) of the law's observation."""
+        start = motion[2:] if prescribed else motion
+        states: list[jax.Array] = []
+        if start:
+            grid = solve_on_grid(
+                field, start, values, samples.drive, samples.step, samples.chunks,
+                prescribed=prescribed, every_state=True,
+            )  # fmt: skip
+            states = states_at_samples(
+                grid, samples.step, samples.point, samples.fraction[:, None], prescribed=prescribed
+            )
+        given = tuple(jnp.asarray(samples.inputs).T[:, :, None])
+        assert observe is not None
+        return jnp.broadcast_to(observe(*states, *given, *values), (len(samples.point), *motion[0].shape))
 
     def residuals(vectors: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
         """Residuals (n, s) of search vectors that are columns (p, s)."""
-        step, point, fraction, height, weight, drive, chunks, tables = samples
+        step, point, fraction, height, weight, drive, _, chunks, tables = samples
         split = len(vectors) - (0 if sensor is None else sensor.entries)
         values, shift, scale, z0, v0, hidden = physical_values(
             vectors[:split], scales, logarithmic, fits_map, jnp
         )
-        grid = solve_on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
         if sensor is None:
-            z = hermite_interpolate(*grid, step, point, fraction[:, None])
+            grid = solve_on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
+            z = hermite_interpolate(grid[:, 0], grid[:, 1], grid[:, 2], step, point, fraction[:, None])
             result = (shift + scale * z - height[:, None]) / scales[1]
         else:
             gain, offset, states = sensor_values(vectors[split:], scales, sensor.is_open)
-            assert tables is not None
-            signal = solution_signal(grid, step, point, sensor.derivative, tables, states, shift, scale)
+            if sensor.observation:
+                signal = observed_signal((z0, v0, *hidden), values, samples)
+            else:
+                assert tables is not None
+                grid = solve_on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
+                motion = (grid[:, 0], grid[:, 1], grid[:, 2])
+                signal = solution_signal(motion, step, point, sensor.derivative, tables, states, shift, scale)
             result = (gain * signal + offset - height[:, None]) / scales[-3]
         return jnp.where(jnp.abs(result) < BLOWN_UP, result, BLOWN_UP) * weight[:, None]
 
@@ -161,6 +187,9 @@ def _compile_residuals(
 
     def residual(theta: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
         return residuals(theta[:, None], samples, scales)[:, 0]
+
+    def several(theta: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
+        return residuals(theta.T, samples, scales)
 
     def linear(theta: jax.Array, samples: Samples, scales: jax.Array) -> tuple[jax.Array, jax.Array]:
         left, jacobian = both(theta[None], samples, scales)
@@ -181,6 +210,7 @@ def _compile_residuals(
         "normal": normal_equations,
         "linear": linear,
         "residual": residual,
+        "several": several,
     }
     return jit(functions[kind], (equation, inputs, logarithmic, fits_map, sensor))
 
@@ -211,11 +241,13 @@ class GriddedRecord:
     def fitted_heights(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
         """Heights (n,) [m] by a search vector."""
         unknowns = self.unknowns
-        if unknowns.sensor is None:
+        if unknowns.compares_heights:
             return self.fitted_signal(theta)
+        if unknowns.law.prescribed:
+            return self.record.extra["z"]
         plain = dataclasses.replace(
             self,
-            unknowns=dataclasses.replace(unknowns, sensor=None),
+            unknowns=dataclasses.replace(unknowns, sensor=None, observation=""),
             samples=self.samples._replace(sensor=None),
         )
         # About rest, since residuals of far numbers are cut.
@@ -280,7 +312,7 @@ class GriddedRecord:
         """Return the same on another grid, or with other values of inputs between samples."""
         how = interpolation or self.interpolation
         samples = samples_on_grid(self.record, grid, self.unknowns.law.inputs, how)
-        samples = samples.through_sensor(self.unknowns.sensor, self.record, grid)
+        samples = samples.through_sensor(self.unknowns.sensor_of_motion, self.record, grid)
         return dataclasses.replace(self, grid=grid, samples=samples, interpolation=how)
 
 
@@ -294,6 +326,6 @@ def record_on_grid(
 ) -> GriddedRecord:
     """Put all samples of a record that starts at time 0 on a grid."""
     samples = samples_on_grid(record, grid, unknowns.law.inputs, how)
-    samples = samples.through_sensor(unknowns.sensor, record, grid)
+    samples = samples.through_sensor(unknowns.sensor_of_motion, record, grid)
     given = np.ones(len(record)) if weights is None else weights
     return GriddedRecord(unknowns, record, grid, samples, how, given, loss)

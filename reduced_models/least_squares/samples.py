@@ -26,6 +26,7 @@ from reduced_models.records.inputs import (
     Interpolation,
     StepGrid,
     has_inputs_besides_time,
+    input_column,
     inputs_on_grid,
 )
 from reduced_models.records.sensor import Sensor
@@ -46,6 +47,7 @@ class Samples(NamedTuple):
     height: Float[np.ndarray, "n"]  # [m]
     weight: Float[np.ndarray, "n"]  # multiplies the residuals
     drive: Float[np.ndarray, "points stages inputs"]
+    inputs: Float[np.ndarray, "n inputs"]  # at the samples
     chunks: int  # of the grid that are solved
     sensor: SensorSignalTables | None = None
 
@@ -96,7 +98,11 @@ def samples_on_grid(
     grid_points[:count], fractions[:count] = point, fraction
     heights[:count], weight[:count] = record.height, 1.0
     drive = _padded_drive(record, grid, names, how)
-    return Samples(grid.step, grid_points, fractions, heights, weight, drive, grid.steps // CHUNK)
+    inputs = np.zeros((size, len(names)))
+    for k, name in enumerate(names):
+        inputs[:count, k] = column = input_column(record, name)
+        inputs[count:, k] = column[-1]
+    return Samples(grid.step, grid_points, fractions, heights, weight, drive, inputs, grid.steps // CHUNK)
 
 
 def means_on_grid(
@@ -119,7 +125,7 @@ def means_on_grid(
     point = np.minimum(np.arange(points), points - 2)
     fraction = np.arange(points) - point.astype(float)
     drive = _padded_drive(record, grid, names, how)
-    return Samples(grid.step, point, fraction, means, np.sqrt(total), drive, grid.steps // CHUNK)
+    return Samples(grid.step, point, fraction, means, np.sqrt(total), drive, drive[:, 0], grid.steps // CHUNK)
 
 
 def _grid_points(time: np.ndarray, grid: StepGrid) -> tuple[np.ndarray, np.ndarray]:

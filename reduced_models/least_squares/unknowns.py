@@ -37,19 +37,30 @@ class Unknowns:
     speed: float  # amplitude times angular frequency [m/s]
     sensor: Sensor | None = None
     signal: float = 1.0  # size of the signal that is compared, in its unit
+    observation: str = ""  # of the law, that is compared; empty for the height, or what a sensor makes of it
+
+    @property
+    def compares_heights(self) -> bool:
+        """Whether heights are compared, and no signal."""
+        return self.sensor is None and not self.observation
+
+    @property
+    def sensor_of_motion(self) -> Sensor | None:
+        """Sensor of the height or a derivative of it; None where the law says what is observed."""
+        return None if self.observation else self.sensor
 
     @property
     def residual_unit(self) -> float:
         """Size that residuals are counted in: that of the signal, or the amplitude [m]."""
-        return self.amplitude if self.sensor is None else self.signal
+        return self.amplitude if self.compares_heights else self.signal
 
     @property
     def scales(self) -> np.ndarray:
         """Numbers that the compiled residual takes: rest, amplitude, speed, map, units, sensor."""
         given = self.map or HeightMap()
         numbers = [self.rest, self.amplitude, self.speed, given.shift, given.scale, *self.units]
-        if self.sensor is not None:
-            sensor = self.sensor
+        if not self.compares_heights:
+            sensor = self.sensor or Sensor(gain=1.0, offset=0.0)
             numbers += [self.signal, sensor.derivative_sign * sensor.nominal_gain, sensor.nominal_offset]
         return np.array(numbers)
 
@@ -112,6 +123,8 @@ def theta_bounds(
             else:
                 edges[side, k] = value / unknowns.units[k]
     names = ("height", "velocity", *unknowns.law.hidden)
+    if unknowns.law.prescribed:  # the stroke is no state
+        edges[:, unknowns.parameter_and_map_count : unknowns.parameter_and_map_count + 2] = 0.0
     for k, name in enumerate(names, unknowns.parameter_and_map_count):
         if name in (initial or {}):
             value = (initial or {})[name]

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
     from reduced_models.laws.solution import Solution
+    from reduced_models.models.response import HarmonicCycle
 
 _METRE = re.compile(r"\bm\b")
 FEWEST_DIGITS, MOST_DIGITS = 4, 9
@@ -74,6 +75,8 @@ class FittedLaw:
     input_interpolation: Interpolation
     angle: bool
     conventions: Mapping[str, float]
+    observation: str
+    cycles: tuple[HarmonicCycle, ...]
 
     @property
     def all_parameters(self) -> dict[str, float]:
@@ -185,6 +188,11 @@ class FittedLaw:
         """Motion that the law predicts; t [s], z0, v0 [m, m/s]."""
         from reduced_models.laws.solution import solve_law
 
+        if self.law.prescribed:
+            raise InputError(
+                f"the record prescribes the motion of the law {quote(self.law.name)}; take its "
+                f"{self.observation} along a stroke from .simulate_signal(record)"
+            )
         times = np.asarray(t, dtype=np.float64)
         if times.ndim != 1 or len(times) < 2 or not (np.diff(times) > 0.0).all():
             raise InputError("t must hold at least two increasing times")

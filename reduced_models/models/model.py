@@ -86,6 +86,14 @@ class ReducedModel(PrintedModel):
     conventions : mapping of str to float
         Values that those parameters are given, so that the motion can be computed; they are neither in
         ``parameters`` nor in ``intervals``.
+    observation : str
+        Column that the law says is observed, and that was compared; empty for the height.
+    quantile : float
+        Half-width of an interval over the standard deviation.
+    cycles : tuple of response.HarmonicCycle
+        Of a force on a prescribed stroke, as measured: cycles of the records that are alike are one.
+    qualities : mapping of str to Quality
+        Quality of the fit to further columns that the law observes.
     """
 
     law: Law
@@ -109,6 +117,10 @@ class ReducedModel(PrintedModel):
     sensor: Sensor | None = None
     untold: tuple[str, ...] = ()
     conventions: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    observation: str = ""
+    quantile: float = 1.96
+    cycles: tuple[response.HarmonicCycle, ...] = ()
+    qualities: Mapping[str, Quality] = dataclasses.field(default_factory=dict)
 
     @property
     def correlation(self) -> np.ndarray:
@@ -141,11 +153,18 @@ class ReducedModel(PrintedModel):
         InputError
             If the solution diverges or is too stiff to follow.
         """
-        seen = record.height if self.sensor is None else self.sensor.signal(record.columns)
+        seen = record.height
+        if self.sensor is not None:
+            seen = self.sensor.signal(record.columns)
+        elif self.observation:
+            seen = Sensor("height", column=self.observation).signal(record.columns)
         return seen - self.simulate_signal(record)
 
     def simulate_signal(self, record: PistonRecord) -> np.ndarray:
-        """Heights of the fitted motion at a record's times, or what the model's sensor makes of them.
+        """Heights of the fitted motion at a record's times, or the signal that was compared.
+
+        Of a law along a prescribed stroke that is its observation, such as the force, along the record's
+        stroke, which is smoothed first; hidden states start as fitted.
 
         Parameters
         ----------
@@ -164,6 +183,10 @@ class ReducedModel(PrintedModel):
         InputError
             If the solution diverges or is too stiff to follow.
         """
+        if self.observation:
+            from reduced_models.models.observed import observed_signal
+
+            return observed_signal(self, record)
         motion = self.simulate_record(record)
         if self.sensor is None:
             return motion.height
@@ -235,6 +258,8 @@ class ReducedModel(PrintedModel):
         """
         from granular.shared.plotting import axes_or_new, new_axes
 
+        if self.law.prescribed:
+            return self._plot_loops(record, axes_or_new(ax))
         if record is None:
             decay = self._longest_decay()
             return prediction.plot_model(self, decay.time, decay.height, None, axes_or_new(ax))
@@ -243,6 +268,17 @@ class ReducedModel(PrintedModel):
             ax, below = new_axes(2, height=4.6, sharex=True, height_ratios=(2, 1))
             prediction.plot_residuals(self, record.time, record.height - height, below)
         return prediction.plot_model(self, record.time, height, record.height, ax)
+
+    def _plot_loops(self, record: PistonRecord | None, ax: Axes) -> Axes:
+        if record is None:
+            raise InputError(f"the record prescribes the motion of the law {quote(self.law.name)}; give one")
+        stroke, name = 1e3 * record.height, self.observation
+        if name in record.columns:
+            ax.plot(stroke, record.columns[name], ".", markersize=2, label="measured")
+        ax.plot(stroke, self.simulate_signal(record), label=self.law.name)
+        ax.set(xlabel="stroke [mm]", ylabel=f"{name} [N]" if name == "force" else name)
+        ax.legend()
+        return ax
 
     def _longest_decay(self) -> PistonRecord:
         if self.at_rest is None:
@@ -320,6 +356,7 @@ class ReducedModel(PrintedModel):
     def harmonic_cycle(self, amplitude: float, frequency: float | None = None) -> response.HarmonicCycle:
         """Equivalent stiffness and damping, and energy dissipated, in a cycle; see `response`.
 
+        Of a force on a prescribed stroke about the middle of the heights seen, in newtons, with errors.
         By one harmonic (Krylov and Bogoliubov 1947, Introduction to Non-Linear Mechanics), inputs zero.
 
         Parameters
@@ -341,6 +378,10 @@ class ReducedModel(PrintedModel):
             level of rest, without a frequency no stiffness at this amplitude, or the cycle leaves where
             the law is defined.
         """
+        if self.law.prescribed:
+            from reduced_models.models.observed import force_cycle
+
+            return force_cycle(self, amplitude, frequency)
         return response.harmonic_cycle(self, amplitude, frequency)
 
     def frequency_response(
@@ -372,6 +413,11 @@ class ReducedModel(PrintedModel):
         return response.frequency_response(self, force, frequencies, largest)
 
     @property
+    def faster_modes(self) -> tuple[response.FasterMode, ...]:
+        """Modes of small oscillations above that of ``at_rest``, of a law with several coordinates."""
+        return response.faster_modes(self, self.covariance, self.covariance_names, self.quantile)
+
+    @property
     def numpy_source(self) -> str:
         """Python source of a stand-alone module of the model, which needs NumPy alone; SI units."""
         return export.numpy_source(self)
@@ -396,9 +442,10 @@ class ReducedModel(PrintedModel):
             File to write; its ending names the language, and one that exists is replaced.
         port : str, optional
             ``"force"``: in place of the record's motion, an element with the inputs height [m] and
-            velocity [m/s] of the piston over the cell, and the output force [N].
+            velocity [m/s] of the piston over the cell, and the output force [N]. A law along a prescribed
+            stroke is one in any case, of the force that moves the coordinate upwards.
         mass, gravity : float, optional
-            Of the piston that was recorded, above 0 [kg], and [m/s^2]: a port needs the mass.
+            Of the piston that was recorded, above 0 [kg], and [m/s^2]: a port of a motion needs the mass.
         fmi : int
             Version of FMI of an ``.fmu``, 2 or 3.
 
@@ -416,7 +463,8 @@ class ReducedModel(PrintedModel):
         """
         if port not in (None, "force"):
             raise InputError(f"port = {quote(port)}; give 'force'")
-        element = self if port is None else force_port(self, mass, gravity)
+        is_element = port is not None or self.law.prescribed
+        element = force_port(self, mass, gravity) if is_element else self
         return export.write_code(element, Path(path), fmi)
 
     @property
@@ -489,6 +537,10 @@ class ReducedModel(PrintedModel):
             "sensor": None if self.sensor is None else dataclasses.asdict(self.sensor),
             "untold": list(self.untold),
             "conventions": dict(self.conventions),
+            "observation": self.observation,
+            "quantile": self.quantile,
+            "cycles": [item._asdict() for item in self.cycles],
+            "qualities": {name: dataclasses.asdict(item) for name, item in self.qualities.items()},
         }
 
     def save(self, path: str | Path) -> None:
@@ -542,6 +594,10 @@ class ReducedModel(PrintedModel):
             sensor=None if data["sensor"] is None else Sensor(**data["sensor"]),
             untold=tuple(data["untold"]),
             conventions=data["conventions"],
+            observation=data["observation"],
+            quantile=data["quantile"],
+            cycles=tuple(map(schema.cycle_from_plain, data["cycles"])),
+            qualities={name: schema.quality_from_plain(item) for name, item in data["qualities"].items()},
         )
 
 

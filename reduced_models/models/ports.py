@@ -164,7 +164,7 @@ class ForcePort(NamedTuple):
     """A fitted law as an element with a force."""
 
     model: FittedLaw
-    mass: float  # [kg]
+    mass: float  # [kg]; none along a prescribed stroke, of which the law is one of the force
     load: float  # [N]
 
 
@@ -193,6 +193,10 @@ def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -
             "the bed's mass moves along in a derived law, so its force depends on the acceleration; export "
             "the whole model, or fit a law to a run"
         )
+    if model.law.prescribed:
+        if len(model.law.observations) > 1:
+            raise InputError("the law observes several columns; an element has one force")
+        return ForcePort(model, 0.0, 0.0)
     if mass is None or not mass > 0.0:
         raise InputError(
             "the law of a record tells accelerations, not forces; give the mass of the piston that "
@@ -212,18 +216,19 @@ def prepare_port_for_export(port: ForcePort) -> PortForExport:
     ]
     mass, load, height, velocity, shift, scale = sympy.symbols("mass load height velocity shift scale")
     z, z_first, force = height, velocity, mass * law.acceleration + load
-    if model.map != HeightMap():
+    meaning = (
+        "force = mass z'' + load, of the bed on the piston: the masses of piston and cell are those of the"
+    )
+    meaning += " bodies on both sides."
+    if model.law.prescribed:
+        force, meaning = law.acceleration, "force is that which moves the coordinate upwards."
+    elif model.map != HeightMap():
         numbers += [("shift", float(model.map.shift), "m"), ("scale", float(model.map.scale), "m")]
         z, z_first = (height - shift) / scale, velocity / scale
         force = mass * scale * law.acceleration + load
-    numbers += [("mass", port.mass, "kg"), ("load", port.load, "N")]
-    words = (
-        *law.comments[:3],
-        escape_comment(
-            "force = mass z'' + load, of the bed on the piston: the masses of piston and "
-            "cell are those of the bodies on both sides."
-        ),
-    )
+    if not model.law.prescribed:
+        numbers += [("mass", port.mass, "kg"), ("load", port.load, "N")]
+    words = (*law.comments[:3], escape_comment(meaning))
     return PortForExport(
         law,
         ("height", "velocity", *law.inputs),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.at_rest import quantities_at_rest
 from reduced_models.models.fitted_law import FittedLaw
@@ -18,6 +20,7 @@ from reduced_models.models.printout import (
 )
 from reduced_models.models.quality import ParameterDirection, Quality
 from reduced_models.models.quantities import LEVEL, QuantityWithError, parameter_quantities
+from reduced_models.models.response import faster_modes
 from reduced_models.records.sensor import Sensor, sensor_report_lines
 
 _COLLOCATION = {
@@ -38,11 +41,19 @@ class PrintedModel(FittedLaw):
     no_swing: str
     sensor: Sensor | None
     untold: tuple[str, ...]
+    observation: str
+    qualities: Mapping[str, Quality]
+    covariance: np.ndarray
+    covariance_names: tuple[str, ...]
+    quantile: float
 
     def __str__(self) -> str:
         figures = swing_quantities(self, self.angle, None)
         lines = record_lines(self.provenance.get("record", "").splitlines())
-        lines += figure_lines(figures, confidence=self.confidence) or [f"  no oscillation: {self.no_swing}"]
+        if not self.law.prescribed:
+            lines += figure_lines(figures, confidence=self.confidence) or [
+                f"  no oscillation: {self.no_swing}"
+            ]
         count = len(self.law.parameters)
         title = f"model: {self.law.name} ({count} parameter{'s' * (count != 1)})"
         lines += wrap_words(f"{title}, {self._error_text}", "")
@@ -52,8 +63,19 @@ class PrintedModel(FittedLaw):
             relative = self.quality.zero_drift * self.quality.relative / max(self.quality.residual, 1e-300)
             size += f", {format_percent(relative)} {self.rms_noun}"
             lines.append(f"  drift of the record's zero: {size}, fitted as a random walk")
+        for mode in faster_modes(self, self.covariance, self.covariance_names, self.quantile):
+            lines.append(
+                f"  further mode: {mode.frequency:.5g} ± {mode.frequency_error:.2g} Hz, damping ratio "
+                f"{100.0 * mode.damping_ratio:.4g} ± {100.0 * mode.damping_ratio_error:.2g} %"
+            )
+        for name, quality in self.qualities.items():
+            lines.append(f"  residual of {name}: {format_percent(quality.relative)} of its rms")
         lines += [f"  {direction}" for direction in self.undetermined]
         lines += sensor_report_lines(self.sensor, self.untold)
+        if self.cycles:
+            from reduced_models.models.observed import cycle_table
+
+            lines += [f"  {line}" for line in cycle_table(self)]
         if self.quality.starts:
             second = _COLLOCATION.get(self.quality.collocation, "")
             lines.append(
@@ -77,8 +99,8 @@ class PrintedModel(FittedLaw):
     @property
     def rms_noun(self) -> str:
         """Reference of relative errors, "of rms displacement", or of what else was measured."""
-        quantity = "displacement" if self.sensor is None else self.sensor.quantity.replace("_", " ")
-        return f"of rms {quantity}"
+        quantity = "displacement" if self.sensor is None else self.sensor.quantity
+        return f"of rms {(self.observation or quantity).replace('_', ' ')}"
 
     @property
     def cautions(self) -> tuple[str, ...]:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
+from granular.shared.errors import InputError
+from granular.shared.message_text import quote
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
 from reduced_models.least_squares.residuals import BLOWN_UP, record_on_grid
@@ -76,6 +78,8 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
 
     Raises
     ------
+    InputError
+        If the model's law is one along a prescribed stroke.
     RecordError
         If the record has fewer than 20 samples, does not move, lasts more periods than can be followed,
         has heights or times beyond what can be computed with, or lacks an input of the law.
@@ -91,6 +95,12 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     True
     """
     total = record.with_time_from_zero()
+    observation = getattr(model, "observation", "")
+    if model.law.prescribed:
+        raise InputError(
+            f"the record prescribes the motion of the law {quote(model.law.name)}, so none is predicted; "
+            "compare its .residuals(record)"
+        )
     guess = first_guesses(total.time, total.height)
     law, (unknowns, theta) = model.law, search_vector_of_model(model, guess)
     theta[unknowns.parameter_and_map_count :] = 0.0
@@ -105,10 +115,17 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         unknowns = dataclasses.replace(unknowns, sensor=sensor, signal=max(size, 1e-300))
         theta = np.append(theta, np.zeros(unknowns.sensor_entry_count))
         total = dataclasses.replace(total, height=signal)
-    steps = grid_over_record(total, law.inputs, guess.period, _STEPS * law.resolution)
+    elif observation:
+        signal = record.columns[observation]
+        size = float(np.abs(signal - signal.mean()).max())
+        unknowns = dataclasses.replace(unknowns, observation=observation, signal=max(size, 1e-300))
+        total = dataclasses.replace(total, height=signal)
+    steps = grid_over_record(total, law.inputs, guess.period, _STEPS * law.step_ratio)
     grid = record_on_grid(unknowns, total, steps, model.input_interpolation)
     held = np.ones(len(theta), dtype=bool)
     held[unknowns.parameter_and_map_count : unknowns.parameter_and_map_count + 2] = False
+    for name in law.other_coordinates:
+        held[unknowns.parameter_and_map_count + 2 + law.hidden.index(name)] = False
     held[len(held) - unknowns.sensor_entry_count :] = False
     bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
     first = max(4, int(np.searchsorted(total.time, START_PERIODS * guess.period)))

@@ -19,9 +19,11 @@ from granular.shared.errors import InputError
 from granular.shared.files import read_text
 from granular.shared.message_text import quote, sanitize
 from reduced_models.laws.catalogue import LAWS
+from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.quality import Quality
+from reduced_models.models.response import HarmonicCycle
 from reduced_models.records.envelope import PeakDamping
 from reduced_models.records.inputs import INTERPOLATIONS
 from reduced_models.records.sensor import SensorQuantity
@@ -158,6 +160,41 @@ def _keyed_table_checker(known: Mapping[str, Check]) -> Check:
 
 
 _SIZE = _number_checker(0.0)
+_QUALITY = _keyed_table_checker(
+    {
+        "residual": _SIZE,
+        "relative": _SIZE,
+        "test_error": _null_or_checker(_number_checker(0.0, math.inf)),
+        "test_swings": _list_checker(_check_pair),
+        "starts": _integer_checker(0, 10**9),
+        "converged": _integer_checker(0, 10**9),
+        "samples": _integer_checker(0, 10**12),
+        "solver_error": _SIZE,
+        "test_error_at_rest": _null_or_checker(_SIZE),
+        "test_standard_error": _null_or_checker(_SIZE),
+        "shifts": _table_checker(_SIZE),
+        "noise": _SIZE,
+        "correlation": _SIZE,
+        "collocation": _one_of_checker(("none", "same", "worse", "better")),
+        "whiteness": _number_checker(0.0, 1.0),
+        "signs": _number_checker(0.0, 1.0),
+        "lag": _number_checker(),
+        "slow": _SIZE,
+        "swinging": _SIZE,
+        "drift": _SIZE,
+        "rounded": _check_flag,
+        "zero_drift": _SIZE,
+    }
+)
+_CYCLE = _keyed_table_checker(
+    {
+        **dict.fromkeys(
+            ("amplitude", "frequency", "centre", "stiffness", "damping", "energy"), _number_checker()
+        ),
+        "errors": _list_checker(_null_or_checker(_SIZE), 3),
+        "measured": _integer_checker(0, 10**12),
+    }
+)
 _MODEL = _keyed_table_checker(
     {
         "format": _check_format,
@@ -206,32 +243,7 @@ _MODEL = _keyed_table_checker(
                 }
             )
         ),
-        "quality": _keyed_table_checker(
-            {
-                "residual": _SIZE,
-                "relative": _SIZE,
-                "test_error": _null_or_checker(_number_checker(0.0, math.inf)),
-                "test_swings": _list_checker(_check_pair),
-                "starts": _integer_checker(0, 10**9),
-                "converged": _integer_checker(0, 10**9),
-                "samples": _integer_checker(0, 10**12),
-                "solver_error": _SIZE,
-                "test_error_at_rest": _null_or_checker(_SIZE),
-                "test_standard_error": _null_or_checker(_SIZE),
-                "shifts": _table_checker(_SIZE),
-                "noise": _SIZE,
-                "correlation": _SIZE,
-                "collocation": _one_of_checker(("none", "same", "worse", "better")),
-                "whiteness": _number_checker(0.0, 1.0),
-                "signs": _number_checker(0.0, 1.0),
-                "lag": _number_checker(),
-                "slow": _SIZE,
-                "swinging": _SIZE,
-                "drift": _SIZE,
-                "rounded": _check_flag,
-                "zero_drift": _SIZE,
-            }
-        ),
+        "quality": _QUALITY,
         "undetermined": _list_checker(
             _keyed_table_checker({"powers": _table_checker(_number_checker()), "spread": _SIZE})
         ),
@@ -261,6 +273,10 @@ _MODEL = _keyed_table_checker(
         ),
         "untold": _list_checker(_text_checker(200)),
         "conventions": _table_checker(_number_checker()),
+        "observation": _text_checker(200),
+        "quantile": _SIZE,
+        "cycles": _list_checker(_CYCLE),
+        "qualities": _table_checker(_QUALITY),
     }
 )
 
@@ -268,7 +284,8 @@ _MODEL = _keyed_table_checker(
 def check_plain_model(data: object) -> dict[str, Any]:
     """Check that plain data are those of a model, and put infinite ends in place of null."""
     if isinstance(data, Mapping):  # models of earlier versions
-        data = {"sensor": None, "untold": [], "conventions": {}, **data}
+        since = {"observation": "", "quantile": 1.96, "cycles": [], "qualities": {}}
+        data = {"sensor": None, "untold": [], "conventions": {}, **since, **data}
         if isinstance(data.get("quality"), Mapping):
             data["quality"] = {"rounded": False, "zero_drift": 0.0, **data["quality"]}
         if isinstance(data.get("at_rest"), Mapping):
@@ -339,8 +356,8 @@ def law_from_plain(plain: Mapping[str, Any]) -> Law:
             f"{', '.join(own.parameters) or 'none'}, and values are given of "
             f"{', '.join(map(sanitize, given)) or 'none'}; correct one of them"
         )
-    packaged = LAWS.get(own.name)
-    return packaged if packaged is not None and packaged.equation == own.equation else own
+    packaged = (LAWS.get(own.name), FORCE_LAWS.get(own.name))
+    return next((law for law in packaged if law is not None and law.equation == own.equation), own)
 
 
 def at_rest_from_plain(plain: Mapping[str, Any]) -> AtRest:
@@ -348,6 +365,12 @@ def at_rest_from_plain(plain: Mapping[str, Any]) -> AtRest:
     kinds = {"equivalent": EquivalentDamping, "peaks": PeakDamping}
     parts = {name: None if plain[name] is None else kind(**plain[name]) for name, kind in kinds.items()}
     return AtRest(**{**plain, **parts})
+
+
+def cycle_from_plain(plain: Mapping[str, Any]) -> HarmonicCycle:
+    """Cycle of a force; errors that are not known, which no file holds, are put back."""
+    errors = tuple(math.nan if error is None else error for error in plain["errors"])
+    return HarmonicCycle(**{**plain, "errors": errors})
 
 
 def quality_from_plain(plain: Mapping[str, Any]) -> Quality:

@@ -5,6 +5,7 @@ All are made of the same parts: safe names, expressions, and plain comments.
 
 from __future__ import annotations
 
+import math
 import unicodedata
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from granular.formulas import MAX_CHARACTERS
 from granular.shared.message_text import sanitize
 from reduced_models.models.fitted_law import FittedLaw
+from reduced_models.records.inputs import STROKE
 
 if TYPE_CHECKING:
     import sympy
@@ -26,7 +28,7 @@ class LawForExport(NamedTuple):
     parameters: tuple[str, ...]
     hidden: tuple[str, ...]
     inputs: tuple[str, ...]
-    acceleration: sympy.Expr
+    acceleration: sympy.Expr  # the force along a prescribed stroke
     rates: tuple[sympy.Expr, ...]
     values: tuple[float, ...]
     initial: tuple[float, ...]
@@ -39,10 +41,12 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
     import sympy
 
     law, parsed = model.law, model.law.parsed_equation
+    columns = [name for name in law.inputs if name not in STROKE]
+    columns += ["acceleration"] * (STROKE[2] in law.inputs)
     groups = [
         (law.parameters, ascii_names("p_", law.parameters)),
         (law.hidden, ascii_names("h_", law.hidden)),
-        (law.inputs, ascii_names("u_", law.inputs)),
+        (columns, ascii_names("u_", columns)),
     ]
     symbols = {
         sympy.Symbol(name): sympy.Symbol(safe)
@@ -53,8 +57,11 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
     def plain(expression: sympy.Expr) -> sympy.Expr:
         return replace_steps_by_signs(expression.xreplace(symbols))
 
+    if law.prescribed:
+        symbols[sympy.Symbol("z_second")] = sympy.Symbol("u_acceleration")
     (_, parameters), (_, hidden), (_, inputs) = groups
     period = 1.0 if model.at_rest is None else model.at_rest.period
+    period = min([period, *(2.0 * math.pi / cycle.frequency for cycle in model.cycles)])
     low, high = model.domain.get("height", (float("nan"), float("nan")))
     unit = model.unit
     words = [
@@ -72,11 +79,11 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
         parameters=parameters,
         hidden=hidden,
         inputs=inputs,
-        acceleration=plain(parsed.acceleration),
+        acceleration=plain(parsed.observations[model.observation] if law.prescribed else parsed.acceleration),
         rates=tuple(plain(rate) for rate in parsed.hidden.values()),
         values=tuple(map(float, model.all_parameters.values())),
         initial=(*map(float, model.initial), *(model.hidden.get(name, 0.0) for name in law.hidden)),
-        step=period / (STEPS * law.resolution),
+        step=period / (STEPS * law.step_ratio),
         comments=tuple(map(escape_comment, words)),
     )
 

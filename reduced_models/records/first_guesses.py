@@ -19,6 +19,7 @@ LARGEST, SMALLEST = 1e12, 1e-18
 """Greatest height, and least swing [m]; squares and cubes stay far from overflow and from zero."""
 LONGEST, SHORTEST = 1e12, 1e-12
 """Limits of times [s], likewise: thirty thousand years, and a sound's time through an atom."""
+_PADDING, _MOST_PEAKS = 8, 6  # of a spectrum: points between its own, and lines that are told
 LEAST_CROSSINGS = 3
 """Passages through rest below which frequency and rest level are hardly better than guesses."""
 _APART = 0.05  # of logarithms of frequencies that are clearly others
@@ -337,3 +338,15 @@ def _decay_rate(time: np.ndarray, swing: np.ndarray, half: float) -> float:
     # Where all peaks are equal, the slope is left out.
     slope = -line.coef[1] if len(line.coef) > 1 else 0.0
     return float(np.clip(slope, 0.01 / time[-1], math.pi / half))
+
+
+def spectral_peaks(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> Float[np.ndarray, "k"]:
+    """Angular frequencies [rad/s] of the strongest lines of a record's spectrum; time [s]."""
+    count = len(time)
+    even = np.interp(np.linspace(time[0], time[-1], count), time, height)
+    window = np.hanning(count)
+    # Padding resolves a line to a small fraction of its width.
+    power = np.abs(np.fft.rfft(window * (even - np.average(even, weights=window)), _PADDING * count)) ** 2
+    peaks = 1 + np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:]))
+    strongest = peaks[np.argsort(-power[peaks])][:_MOST_PEAKS]
+    return np.asarray(2.0 * np.pi * strongest * (count - 1) / (_PADDING * count * (time[-1] - time[0])))

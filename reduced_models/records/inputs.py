@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError
 from granular.shared.message_text import quote
-from reduced_models.records.derivatives import is_evenly_sampled
+from reduced_models.records.derivatives import derivatives, is_evenly_sampled
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -20,6 +21,9 @@ STAGE_TIMES = (0.0, 1 / 3, 2 / 3, 1 / 3, 5 / 6, 1 / 6, 1.0)
 
 TIME = "t"
 """Name of the time since a record's start, which every law may have as an input."""
+
+STROKE = ("z", "z'", "z''")
+"""Names of a prescribed stroke, its velocity and its acceleration as inputs of a law."""
 
 Interpolation = Literal["spline", "linear", "previous", "band-limited"]
 INTERPOLATIONS: tuple[Interpolation, ...] = ("spline", "linear", "previous", "band-limited")
@@ -63,6 +67,14 @@ def input_column(record: PistonRecord, name: str) -> Float[np.ndarray, "n"]:
 def column_names(record: PistonRecord) -> tuple[str, ...]:
     """Names of the columns of a record that a law can have as inputs."""
     return (*(["force"] if record.force is not None else []), *record.extra)
+
+
+def with_stroke_columns(record: PistonRecord) -> PistonRecord:
+    """Record of a prescribed stroke with its smoothed height, velocity and acceleration as columns."""
+    smooth = derivatives(record)
+    velocity = smooth.velocity if record.velocity is None else record.velocity
+    columns = (smooth.height, velocity, smooth.acceleration)
+    return dataclasses.replace(record, extra={**record.extra, **dict(zip(STROKE, columns, strict=True))})
 
 
 def has_inputs_besides_time(names: Sequence[str]) -> bool:

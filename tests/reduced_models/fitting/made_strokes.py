@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
 from reduced_models.laws import FORCE_LAWS
-from reduced_models.laws.equation import compile_rates
+from reduced_models.laws.equation import compile_observation, compile_rates
 
 SAMPLES, CYCLES = 1500, 8.0
 NOISY_STROKE = 2e-4  # of the amplitude
@@ -26,8 +26,9 @@ def made_stroke(
     middle: float = 0.0,
 ) -> PistonRecord:
     """Force on a stroke whose amplitude grows from a third; ``noise`` is of the rms force."""
-    law = FORCE_LAWS[law_name].acceleration_law
+    law = FORCE_LAWS[law_name]
     field = compile_rates(law.equation, law.inputs, "numpy")
+    observe = compile_observation(law.equation, law.inputs, "force", "numpy")
     values = [truth[name] for name in law.parameters]
     end, omega = CYCLES / frequency, 2.0 * math.pi * frequency
 
@@ -40,7 +41,7 @@ def made_stroke(
     hidden = np.zeros((len(law.hidden), SAMPLES))
     if law.hidden:
         hidden = solve_ivp(
-            lambda at, state: field(*stroke(at), *state, *values)[1:],
+            lambda at, state: field(*state, *stroke(at), *values),
             (0.0, end),
             hidden[:, 0],
             t_eval=time,
@@ -49,7 +50,7 @@ def made_stroke(
             max_step=0.02 / frequency,
         ).y
     height, velocity = stroke(time)
-    force = np.asarray(field(height, velocity, *hidden, *values)[0])
+    force = np.asarray(observe(*hidden, height, velocity, *values))
     force = force + noise * force.std() * random.normal(size=SAMPLES)
     height = height + NOISY_STROKE * amplitude * random.normal(size=SAMPLES)
     return PistonRecord(time, height, force=force)

@@ -14,7 +14,7 @@ from granular.linear import MotionFriction
 from reduced_models import FitOptions, fit, roll_out
 from reduced_models.identification.candidate_laws import frequency_rises
 from reduced_models.laws import FORCE_LAWS
-from reduced_models.laws.equation import compile_rates
+from reduced_models.laws.equation import compile_observation, compile_rates
 from reduced_models.laws.rubbing_bed import ELEMENTS, rubbing_bed_near
 from reduced_models.records.first_guesses import first_guesses
 from tests.reduced_models.fitting.made_strokes import made_stroke
@@ -27,14 +27,15 @@ LOOP = {"c": 0.0, "k": 500.0, "friction": 3.0, "zero": 0.0, "travel": 2e-3, "spr
 
 def test_a_loop_loses_what_its_elements_do() -> None:
     """Each takes four times its force over the amplitude that is beyond its travel."""
-    law, size = FORCE_LAWS["rubbing-bed"].acceleration_law, 8e-3
-    field = compile_rates(law.equation, (), "numpy")
+    law, size = FORCE_LAWS["rubbing-bed"], 8e-3
+    field = compile_rates(law.equation, law.inputs, "numpy")
+    observe = compile_observation(law.equation, law.inputs, "force", "numpy")
     values = [LOOP[name] for name in law.parameters]
 
     def rates(time: float, state: np.ndarray) -> list[float]:
         z, speed = size * math.sin(time), size * math.cos(time)
-        force, *slopes = (float(rate) for rate in field(z, speed, *state[1:], *values))
-        return [force * speed, *slopes]
+        arguments = (*state[1:], z, speed, *values)
+        return [float(observe(*arguments)) * speed, *(float(rate) for rate in field(*arguments))]
 
     cycle = 2.0 * math.pi
     path = solve_ivp(

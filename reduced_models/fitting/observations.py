@@ -1,0 +1,147 @@
+"""Data of a fit: columns of the records that are compared with a law's height or observations."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, NamedTuple, get_args
+
+import numpy as np
+
+from granular.run.piston_record import PistonRecord
+from granular.shared.errors import InputError, RecordError
+from granular.shared.message_text import quote
+from reduced_models.fitting.problem import TrainingData, split_training_data, weights_and_noise
+from reduced_models.fitting.sensor_identifiability import IdentifiableSensor, identifiable_sensor
+from reduced_models.laws.law import Law
+from reduced_models.least_squares.residuals import LossName
+from reduced_models.records.derivatives import noise_level
+from reduced_models.records.inputs import with_stroke_columns
+from reduced_models.records.sensor import Sensor, SensorQuantity, resolve_sensor
+
+
+class ObservedRecords(NamedTuple):
+    """Records as a fit takes them, with the sensor between a law and their signal."""
+
+    records: Sequence[PistonRecord]
+    view: IdentifiableSensor
+    notes: tuple[str, ...] = ()
+
+
+def observed_records(
+    law: Law,
+    records: Sequence[PistonRecord],
+    measured: str | Sensor | None,
+    declared: Collection[str],
+    initial: Mapping[str, float],
+) -> ObservedRecords:
+    """Return records with the columns that a law needs, and what lies between it and their signal."""
+    given = measured or records[0].measured
+    if law.prescribed:
+        name = law.observations[0]
+        cell = measured if isinstance(measured, Sensor) else None
+        if len(law.observations) > 1:
+            return ObservedRecords(
+                [with_stroke_columns(record) for record in records], IdentifiableSensor(None)
+            )
+        # A force may be the reaction of what is moved; anything else is taken as it is.
+        plain = Sensor("force", gain=None if name == "force" else 1.0, offset=0.0, column=name)
+        return _strokes_with_force(records, cell or plain)
+    if law.observations:
+        if measured is not None:
+            raise InputError(
+                f"the law {quote(law.name)} says that {', '.join(law.observations)} is observed; leave out "
+                "measured"
+            )
+        return ObservedRecords(records, IdentifiableSensor(None))
+    sensor = None if given == "height" else resolve_sensor(given)
+    if sensor is None:
+        return ObservedRecords(records, IdentifiableSensor(None))
+    view = identifiable_sensor(law, sensor, declared, initial)
+    if sensor != view.sensor:  # its gain is held
+        records = [
+            dataclasses.replace(
+                record, deviations=sensor.deviations_with_open_gain(record.columns, record.deviations)
+            )
+            for record in records
+        ]
+    return ObservedRecords(records, view)
+
+
+def _strokes_with_force(records: Sequence[PistonRecord], cell: Sensor) -> ObservedRecords:
+    """Return records of prescribed strokes, and the load cell with its sign, which the energy tells."""
+    if cell.filter_order or cell.absolute:
+        raise InputError("a load cell on a prescribed stroke has no filter and no base; give gain and offset")
+    energy = 0.0
+    for record in records:
+        signal = cell.signal(record.columns)
+        if not np.ptp(record.height) > 0.0:
+            raise RecordError("the stroke of the record does not move; give one that does")
+        if not np.ptp(signal) > 0.0:
+            raise RecordError(
+                f"the column {cell.column or cell.quantity} is one number; give one that changes"
+            )
+        energy += float(np.trapezoid((signal - cell.nominal_offset) / cell.nominal_gain, record.height))
+    turned = energy < 0.0 and not isinstance(cell.gain, int | float)
+    note = (
+        "the measured force is the reaction of what is moved (its loops give energy), so its sign "
+        "was turned; Sensor('force', gain=1.0) keeps it"
+    )
+    gain = -cell.nominal_gain if turned else cell.nominal_gain
+    sensor = dataclasses.replace(cell, gain=gain, offset=cell.nominal_offset)
+    strokes = [dataclasses.replace(with_stroke_columns(record), complete=True) for record in records]
+    return ObservedRecords(strokes, IdentifiableSensor(sensor), (note,) * turned)
+
+
+def training_data(
+    law: Law,
+    observed: ObservedRecords,
+    test_fraction: float,
+    weights: Any,
+    noise: Any,
+    loss: LossName,
+    fixed: Sequence[Mapping[str, float]],
+) -> tuple[TrainingData, ...]:
+    """Split what is compared of each record into a training stretch and test swings."""
+    names = law.observations or ("",)
+    if len(names) > 1 and (weights is not None or not isinstance(noise, Mapping | None)):
+        raise InputError(
+            f"several columns are observed; give noise by their names, {{{quote(names[0])}: ...}}, and no "
+            "weights"
+        )
+    result = []
+    for name in names:
+        own = noise.get(name) if isinstance(noise, Mapping) else noise
+        given = weights_and_noise(observed.records, weights, own)
+        for number, record in enumerate(observed.records):
+            data = split_training_data(
+                record,
+                test_fraction,
+                *given[number],
+                loss,
+                fixed[number],
+                _reading_sensor(name) if name and observed.view.sensor is None else observed.view.sensor,
+                about_rest="level" in observed.view.untold,
+                prescribed=law.prescribed,
+            )
+            result.append(data._replace(observation=name, number=number))
+    return tuple(result) if len(names) == 1 else _weighted_by_noise(result)
+
+
+def _reading_sensor(name: str) -> Sensor:
+    """Sensor that reads a column as it is."""
+    quantity: Any = name if name in get_args(SensorQuantity) else "height"
+    return Sensor(quantity, gain=1.0, offset=0.0, column=name)
+
+
+def _weighted_by_noise(data: Sequence[TrainingData]) -> tuple[TrainingData, ...]:
+    """Weigh columns of different kinds by their noise, each in the size of its signal."""
+    levels = []
+    for item in data:
+        level = item.noise or noise_level(item.record.height, item.record.time)
+        levels.append(level / float(np.abs(item.training.height - item.training.height.mean()).max()))
+    least = max(min(levels), 1e-300)
+    return tuple(
+        item._replace(weights=item.weights * least / max(level, least))
+        for item, level in zip(data, levels, strict=True)
+    )

@@ -1,0 +1,148 @@
+"""Laws of several coordinates, and several columns that one law observes, each with its noise."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from granular import PistonRecord
+from granular.shared.errors import InputError, RecordError
+from reduced_models import FitOptions, Law, Parameter, fit, load_model, roll_out
+
+NOISE = 0.01
+MASSES = (
+    "x'' + c1*x' + k1*x + k2*(x - y) + c2*(x' - y') = 0; mu*y'' + k2*(y - x) + c2*(y' - x') = 0; height = x"
+)
+POSITIVE = ("k1", "k2", "c1", "c2", "mu")
+
+
+def two_masses(seed: int) -> tuple[PistonRecord, dict[str, float], np.ndarray]:
+    """Record of both masses, the parameters, and frequency [Hz] and damping ratio of both modes."""
+    random = np.random.default_rng(seed)
+    truth = {
+        "k1": random.uniform(300.0, 800.0),
+        "k2": random.uniform(100.0, 600.0),
+        "c1": random.uniform(0.2, 1.5),
+        "c2": random.uniform(0.2, 1.5),
+        "mu": random.uniform(0.3, 1.0),
+    }
+    k1, k2, c1, c2, mu = truth.values()
+    matrix = np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0],
+            [-(k1 + k2), -(c1 + c2), k2, c2],
+            [0.0, 0.0, 0.0, 1.0],
+            [k2 / mu, c2 / mu, -k2 / mu, -c2 / mu],
+        ]
+    )
+    time = np.linspace(0.0, 3.0, 1500)
+    start = [1e-3 * random.uniform(-1.0, 1.0), 0.0, 1e-3 * random.uniform(-1.0, 1.0), 0.0]
+    path = solve_ivp(
+        lambda _, state: matrix @ state, (0.0, 3.0), start, t_eval=time, rtol=1e-10, atol=1e-14
+    ).y
+    x, y = (row + NOISE * row.std() * random.normal(size=len(time)) for row in path[::2])
+    roots = np.linalg.eigvals(matrix)
+    roots = sorted(roots[roots.imag > 0.0], key=abs)
+    modes = np.array([[abs(root) / (2.0 * math.pi), -root.real / abs(root)] for root in roots])
+    return PistonRecord(time, x, extra={"second": y}), truth, modes
+
+
+def misses(model: Any, modes: np.ndarray) -> np.ndarray:
+    """Errors of frequency and damping ratio of both modes, in half-widths of their intervals."""
+    rest, (faster,) = model.at_rest, model.faster_modes
+    low, high = rest.intervals["period"]
+    slow = [(1.0 / rest.period - modes[0, 0]) / (0.5 * (high - low) / rest.period**2)]
+    low, high = rest.intervals["damping_ratio"]
+    slow.append((rest.damping_ratio - modes[0, 1]) / (0.5 * (high - low)))
+    return np.array(
+        [
+            *slow,
+            (faster.frequency - modes[1, 0]) / faster.frequency_error,
+            (faster.damping_ratio - modes[1, 1]) / faster.damping_ratio_error,
+        ]
+    )
+
+
+def fit_masses(record: PistonRecord, mass: float, *, both: bool) -> Any:
+    law = Law("two masses", MASSES + "; second = y" * both, positive=POSITIVE)
+    return fit(record, law, parameters={"mu": Parameter(mass, fixed=True)})
+
+
+def test_two_masses_that_are_both_seen(tmp_path: Any) -> None:
+    record, truth, modes = two_masses(4)
+    model = fit_masses(record, truth["mu"], both=True)
+    assert np.abs(misses(model, modes)).max() <= 3.0
+    for name, value in truth.items():
+        if name != "mu":
+            low, high = model.intervals[name]
+            assert abs(model.parameters[name] - value) <= 1.5 * (high - low)
+    assert model.quality.relative == pytest.approx(NOISE, rel=0.1)
+    assert model.qualities["second"].relative == pytest.approx(NOISE, rel=0.1)
+    assert "further mode" in str(model)
+    assert "residual of second" in str(model)
+    assert roll_out(model, record).relative < 2.0 * NOISE
+    model.save(tmp_path / "model.json")
+    again = load_model(tmp_path / "model.json")
+    assert again.qualities == model.qualities
+    assert again.faster_modes == model.faster_modes
+    np.testing.assert_array_equal(again.simulate_signal(record), model.simulate_signal(record))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("both", [False, True])
+def test_fifteen_records_of_two_masses(both: bool) -> None:
+    for seed in range(15):
+        record, truth, modes = two_masses(seed)
+        model = fit_masses(record, truth["mu"], both=both)
+        errors = misses(model, modes)
+        print(seed, both, np.round(errors, 2), model.quality.converged)
+        assert np.abs(errors).max() <= 3.0, seed
+
+
+def test_acceleration_and_base_force_of_one_motion() -> None:
+    time, random = np.linspace(0.0, 4.0, 2000), np.random.default_rng(0)
+    root = complex(-0.8, 20.0)
+    acceleration = (1e-3 * root**2 * np.exp(root * time)).real
+    seen = {
+        "time": time,
+        "acceleration": acceleration + 0.01 * acceleration.std() * random.normal(size=2000),
+        "base_force": -7.5 * acceleration + 0.03 * 7.5 * acceleration.std() * random.normal(size=2000),
+    }
+    record = PistonRecord.from_columns(seed_columns := dict(seen))
+    text = "z'' + 2*lam*z' + k*z = 0; acceleration = z'' + offset; base_force = -m*z''"
+    model: Any = fit(record, Law("both", text, positive=("lam", "k", "m")))
+    assert len(seed_columns) == 3
+    for name, value in {"lam": 0.8, "k": abs(root) ** 2, "m": 7.5, "offset": 0.0}.items():
+        low, high = model.intervals[name]
+        assert abs(model.parameters[name] - value) <= 1.5 * (high - low), name
+    assert model.quality.relative == pytest.approx(0.01, rel=0.1)
+    assert model.qualities["base_force"].relative == pytest.approx(0.03, rel=0.1)
+
+
+def test_the_frequency_of_a_drive_in_time_is_found() -> None:
+    time, random = np.linspace(0.0, 20.0, 4000), np.random.default_rng(1)
+    path = solve_ivp(
+        lambda t, s: [s[1], 0.3 * math.sin(7.3 * t) - 0.4 * s[1] - 30.0 * s[0]],
+        (0.0, 20.0), [0.01, 0.0], t_eval=time, rtol=1e-10, atol=1e-12,
+    ).y[0]  # fmt: skip
+    record = PistonRecord(time, path + 0.01 * path.std() * random.normal(size=4000))
+    model: Any = fit(record, "z'' + c*z' + k*z = a*sin(w*t)")
+    for name, value in {"c": 0.4, "k": 30.0, "a": 0.3, "w": 7.3}.items():
+        low, high = model.intervals[name]
+        assert abs(abs(model.parameters[name]) - value) <= 1.5 * (high - low), name
+
+
+def test_columns_that_are_not_there_and_noise_of_several() -> None:
+    record, truth, _ = two_masses(0)
+    with pytest.raises(RecordError, match="third"):
+        fit(record, "z'' + c*z' + k*z = 0; third = a*z")
+    law = Law("two masses", MASSES + "; second = y", positive=POSITIVE)
+    with pytest.raises(InputError, match="give noise by their names"):
+        fit(record, law, noise=1e-6)
+    with pytest.raises(InputError, match="leave out measured"):
+        fit(record, law, options=FitOptions(measured="height"))
+    assert truth
