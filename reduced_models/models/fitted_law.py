@@ -75,8 +75,8 @@ class FittedLaw:
     input_interpolation: Interpolation
     angle: bool
     conventions: Mapping[str, float]
-    observation: str
-    cycles: tuple[HarmonicCycle, ...]
+    observation: str = ""
+    cycles: tuple[HarmonicCycle, ...] = ()
 
     @property
     def all_parameters(self) -> dict[str, float]:

@@ -95,7 +95,6 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     True
     """
     total = record.with_time_from_zero()
-    observation = getattr(model, "observation", "")
     if model.law.prescribed:
         raise InputError(
             f"the record prescribes the motion of the law {quote(model.law.name)}, so none is predicted; "
@@ -115,10 +114,10 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         unknowns = dataclasses.replace(unknowns, sensor=sensor, signal=max(size, 1e-300))
         theta = np.append(theta, np.zeros(unknowns.sensor_entry_count))
         total = dataclasses.replace(total, height=signal)
-    elif observation:
-        signal = record.columns[observation]
+    elif model.observation:
+        signal = record.columns[model.observation]
         size = float(np.abs(signal - signal.mean()).max())
-        unknowns = dataclasses.replace(unknowns, observation=observation, signal=max(size, 1e-300))
+        unknowns = dataclasses.replace(unknowns, observation=model.observation, signal=max(size, 1e-300))
         total = dataclasses.replace(total, height=signal)
     steps = grid_over_record(total, law.inputs, guess.period, _STEPS * law.step_ratio)
     grid = record_on_grid(unknowns, total, steps, model.input_interpolation)
