@@ -414,11 +414,14 @@ class PistonRecord:
     @property
     def signal(self) -> np.ndarray:
         """Measured quantity, float64 (n,), in `signal_unit`."""
-        return self.columns[self.measured] if self.measured in _INTEGRALS else self.height
+        is_height = self.measured not in (*_INTEGRALS, "force")
+        return self.height if is_height else self.columns[self.measured]
 
     @property
     def signal_unit(self) -> str:
         """SI unit of `signal`, such as "m" or, of an acceleration, "m/s^2"."""
+        if self.measured == "force":
+            return UNITS["force"]
         return self.units["height"] + ("", "/s", "/s^2")[_INTEGRALS.get(self.measured, 0)]
 
     @property

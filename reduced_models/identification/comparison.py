@@ -27,7 +27,7 @@ from reduced_models.fitting.parameter import (
     check_parameter_names,
     is_per_record,
 )
-from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_prescribed_strokes
+from reduced_models.fitting.problem import RecordLike, list_of_records
 from reduced_models.fitting.start_values import start_values_near
 from reduced_models.identification.comparison_table import (
     NOISE_TIE,
@@ -103,7 +103,7 @@ def compare(
         not go together with ``test_records``, or no law
         can be fitted, as to records that are too short or do not move.
     RecordError
-        If a table is no record, or a record holds no heights or those of a prescribed stroke.
+        If a table is no record, or a record holds no heights.
 
     Examples
     --------
@@ -116,7 +116,6 @@ def compare(
     'linear'
     """
     records = list_of_records(record)
-    refuse_prescribed_strokes(records, "compare")
     check_fit_options(starts, test_fraction)
     if isinstance(laws, str | Law | ReducedModel) or (laws and not isinstance(laws, Iterable)):
         laws = [laws]
@@ -293,9 +292,10 @@ def _ranking_text(
     alike: Sequence[ComparisonRow], worse: Sequence[ComparisonRow], at_rest: float, *, at_noise: bool
 ) -> str:
     best = alike[0]
+    still = "constant force" if best.models[0].law.prescribed else "motionless piston"
     words = (
         f"{best.name} is first: its error on held-out data is {format_percent(best.error)} "
-        f"{best.models[0].rms_noun} (of a motionless piston: {format_percent(at_rest)})"
+        f"{best.models[0].rms_noun} (of a {still}: {format_percent(at_rest)})"
     )
     if best.error > _NO_BETTER * at_rest:
         words += ", no better than rest, so only what the fits leave over judges the laws"

@@ -19,7 +19,7 @@ from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import CautionWarning, GranularError, InputError, RecordWarning, TimeBudgetError
 from granular.shared.message_text import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_fit_options
-from reduced_models.fitting.problem import record_from_table, refuse_prescribed_strokes
+from reduced_models.fitting.problem import record_from_table
 from reduced_models.identification.candidate_laws import (
     choose_candidate_laws,
     drive_option_text,
@@ -49,6 +49,7 @@ from reduced_models.identification.scene_checks import (
 )
 from reduced_models.identification.wells import well_quantities
 from reduced_models.laws.catalogue import LAWS, law_named
+from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.levenberg_marquardt import spent_budget_text, time_budget
 from reduced_models.models.model import ReducedModel
@@ -80,6 +81,7 @@ _OPEN = 2.5e-3  # relative error of a frequency that is noted: 5 % of noise on 8
 _USEFUL_TURNS = 4.0  # periods of a record, below which it says little of a law
 
 if TYPE_CHECKING:
+    from granular.linear import MotionFriction
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
     from granular.studies.background_cases import BackgroundCaseRunner
@@ -112,7 +114,7 @@ def identify(
     source : str, Path, Scene, Trajectory, PistonRecord or table
         A scene (its packaged name or TOML file), a run directory, a CSV file, or one of these as
         an object; or a table of a record, of pandas or xarray. Times are in s, heights in m. A scene
-        is simulated first.
+        is simulated first. Where the heights are a prescribed stroke, the laws are those of its force.
     out : str or Path, optional
         Directory for the report, the models, the record and the run. A run of the same scene and sum that
         lies there already is used, or gone on with. Nothing is written if not given.
@@ -171,8 +173,7 @@ def identify(
         or no law can be fitted, as to a record that is too short or does not move, or within the
         budget.
     RecordError
-        If a file or a table is no record, or the record holds no heights or those of a prescribed
-        stroke.
+        If a file or a table is no record, or the record holds no heights.
     StoreError
         If ``out`` cannot be made or written to, or a run directory cannot be read.
     RunError
@@ -194,7 +195,6 @@ def identify(
     lift = laws is None or len(laws) > 1
     with contextlib.ExitStack() as stack:
         if isinstance(opened, PistonRecord):
-            refuse_prescribed_strokes([opened], "identify")
             record, run, further = without_clipped_samples(opened), None, None
         else:
             background = None
@@ -284,17 +284,10 @@ def _fit_and_compare(
     clock: _Stopwatch,
 ) -> Identification:
     """Laws of a record, fitted and compared; arguments as of `identify`."""
-    left_out: tuple[str, ...] = ()
     friction = None if run is None else friction_of(run)
-    if laws is None:
-        chosen = choose_candidate_laws(record, drive, friction)
-        wanted: list[Any] = list(chosen.laws)
-        left_out = chosen.exclusion_texts
-        # Noise that was integrated is no measure of what terms leave.
-        if discovery is None and chosen.screening.other_terms_fit_better and record.measured == "height":
-            discovery = GLANCED
-    else:
-        wanted = [_add_drive_to_law(law, record, drive) for law in laws]
+    along_stroke = record.measured == "force"
+    wanted, left_out, glanced = _laws_to_fit(record, laws, drive, friction)
+    discovery = discovery or glanced
     clock.lap("a glance at the laws")
     words = spent_budget_text(budget)
     with time_budget(budget, words):
@@ -303,14 +296,20 @@ def _fit_and_compare(
             record, comparison = _compare_without_spikes(record, run, wanted, starts)
             clock.lap("fits and comparison")
             least = max(LEAVES, _NOISE_TIMES * comparison.noise)
-            if laws is None and comparison.rows[0].error > least:
+            if laws is None and not along_stroke and comparison.rows[0].error > least:
                 discovery = GLANCED
         if discovery is not None:
             from reduced_models.discovery.discover import discover
 
             try:
                 with time_budget(0.5 * budget, words):
-                    wanted.append(discover(record, method=cast("Any", discovery), input=drive).model)
+                    found = discover(
+                        record,
+                        method=cast("Any", discovery),
+                        input=drive,
+                        target="force" if along_stroke else "acceleration",
+                    )
+                    wanted.append(found.model)
                 if comparison is not None:
                     comparison = merge_comparisons(comparison, compare(record, wanted[-1], starts=starts))
             except TimeBudgetError as spent:
@@ -355,6 +354,20 @@ def _fit_and_compare(
     )
 
 
+def _laws_to_fit(
+    record: PistonRecord, laws: Sequence[str | Law] | None, drive: str | None, friction: MotionFriction | None
+) -> tuple[list[Any], tuple[str, ...], str | None]:
+    """Laws to fit, why others are not, and the method of a discovery that a glance calls for."""
+    if laws is not None:
+        return [_add_drive_to_law(law, record, drive) for law in laws], (), None
+    if record.measured == "force":
+        return list(FORCE_LAWS.values()), (), None
+    chosen = choose_candidate_laws(record, drive, friction)
+    # Noise that was integrated is no measure of what terms leave.
+    discovers = chosen.screening.other_terms_fit_better and record.measured == "height"
+    return list(chosen.laws), chosen.exclusion_texts, GLANCED if discovers else None
+
+
 def check_budget(budget: object) -> None:
     """Refuse a processor time [s] that is none."""
     if not isinstance(budget, Real) or not float(budget) > 0.0:
@@ -363,6 +376,8 @@ def check_budget(budget: object) -> None:
 
 def _measured_swing(record: PistonRecord, model: ReducedModel) -> tuple[MeasuredSwing | None, str]:
     """Frequency and damping of the record itself, or why it does not tell them."""
+    if record.measured == "force":
+        return None, "the record prescribes the motion"
     try:
         return measure_swing(record, model), ""
     except GranularError as error:
@@ -374,7 +389,7 @@ def _compare_without_spikes(
 ) -> tuple[PistonRecord, Comparison]:
     """Comparison of laws, again without the spikes of a record if that can be finished within the budget."""
     comparison = compare(record, laws, starts=starts)
-    if run is not None:
+    if run is not None or record.measured == "force":
         return record, comparison
     spikes = spike_mask(record, comparison.best.simulate_record(record).height)
     if not spikes.any():
@@ -405,7 +420,7 @@ def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> No
     if isinstance(laws, str) or (laws is not None and not isinstance(laws, Iterable)):
         raise InputError(f"laws = {quote(laws)}; give names, equations or laws in a list")
     for law in laws or ():
-        if isinstance(law, str) and "'" not in law and "=" not in law:
+        if isinstance(law, str) and "'" not in law and "=" not in law and law not in FORCE_LAWS:
             law_named(law)
     if mass is not None and (not isinstance(mass, Real) or not 0.0 < float(mass) < math.inf):
         raise InputError(f"mass = {quote(mass)} kg; give one above 0")
@@ -527,6 +542,9 @@ def suggest_next_steps(
     columns = unused_columns(record, [model.law for model in models])
     if run is None and columns:
         words.append(f"drive the laws by a column that was not used: {drive_option_text(columns[0])}")
+    if record.measured == "force":
+        words.append("write down a law of your own: --law \"force = c*z' + k*z + friction*tanh(z'/creep)\"")
+        return tuple(words)
     if comparison.best.at_rest is not None:
         turns = float(record.time[-1] - record.time[0]) / comparison.best.at_rest.period
         if turns < _USEFUL_TURNS:

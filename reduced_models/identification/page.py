@@ -18,6 +18,7 @@ from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.identification.wells import LOWER_WELL
 from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
 from reduced_models.models.model import OPEN, ReducedModel
+from reduced_models.models.observed import measured_and_lawful_cycles
 from reduced_models.models.printed_model import swing_noun
 from reduced_models.models.printout import error_sources_text, figure_rows, parameter_text
 from reduced_models.models.quantities import (
@@ -78,6 +79,8 @@ def add_answer(
     rows = figure_rows(figures, mass)
     if rows:
         page.add_table(("", "", "value", ""), rows)
+    elif model.law.prescribed:
+        add_cycles(page, model)
     else:
         page.add_warning(f"No oscillation about an equilibrium: {model.no_swing}.")
     add_equations(page, model)
@@ -88,6 +91,33 @@ def add_answer(
     page.add_paragraph(f"{model.law.name}: {', '.join(values)}")
     if rows:  # behind the last ± that it is true of
         page.add_paragraph(f"{capitalise(error_sources_text(figures, model.confidence))}.")
+
+
+def add_cycles(page: HtmlPage, model: ReducedModel) -> None:
+    """Add the cycles of a force as measured, with those of the law."""
+    if not model.cycles:
+        return
+    rows = []
+    for cycle, law in measured_and_lawful_cycles(model):
+        for kind, item in (("measured", cycle), ("law", law)):
+            if item is not None:
+                stiffness, damping, energy = item.errors
+                cells = ((item.energy, energy), (item.stiffness, stiffness), (item.damping, damping))
+                start = (f"{1e3 * item.amplitude:.4g}", f"{item.frequency / (2.0 * math.pi):.4g}", kind)
+                rows.append((*start, *(_cell_with_error(*pair) for pair in cells)))
+    head = (
+        "amplitude [mm]",
+        "frequency [Hz]",
+        "",
+        "loss per cycle [J]",
+        "stiffness [N/m]",
+        "damping [N s/m]",
+    )
+    page.add_table(head, rows)
+
+
+def _cell_with_error(value: float, error: float) -> str:
+    return f"{value:.4g}" + (f" ± {error:.2g}" if math.isfinite(error) and error > 0.0 else "")
 
 
 def add_source_section(page: HtmlPage, source: RecordSource | None) -> None:
@@ -272,17 +302,19 @@ def add_equations(page: HtmlPage, model: ReducedModel) -> None:
 def _fit_quality_text(model: ReducedModel) -> str:
     quality = model.quality
     size, unit = (180.0 / math.pi, "degrees") if model.angle else (1e6, "micrometres")
+    if model.law.prescribed:
+        size, unit = 1.0, "N"
     words = (
         f"Residual {size * quality.residual:.3g} {unit}, {100 * quality.relative:.3g} % of "
-        f"rms displacement, over {quality.samples} samples. {quality.converged} of "
+        f"{model.rms_noun.removeprefix('of ')}, over {quality.samples} samples. {quality.converged} of "
         f"{quality.starts} random starts led to this fit."
     )
     if quality.test_error is not None:
         words += (
             f" Fitted without {quality.test_swings_text} it predicts them to "
-            f"{100 * quality.test_error:.3g} % of rms displacement."
+            f"{100 * quality.test_error:.3g} % {model.rms_noun}."
         )
-    if quality.test_error_at_rest is not None:
+    if quality.test_error_at_rest is not None and not model.law.prescribed:
         words += (
             f" A motionless piston at equilibrium would score "
             f"{100 * quality.test_error_at_rest:.3g} % there; "

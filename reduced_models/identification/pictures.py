@@ -149,6 +149,10 @@ def add_fits_section(
 
 def add_phase_portrait(page: HtmlPage, record: PistonRecord, best: ReducedModel) -> None:
     """Add velocity over height of the record and of the best law, where heights were measured."""
+    if best.law.prescribed:
+        with figure(height=4.8, size=READABLE) as (drawing, axes):
+            best.plot(record, axes)
+            page.add_figure(drawing, "Force over the stroke, with the best law.")
     if record.measured != "height":
         return
     shown = _coordinate_axis(record)
@@ -207,12 +211,14 @@ def add_comparison_section(page: HtmlPage, table: Comparison) -> None:
     """Add the table of laws and their held-out errors."""
     page.add_section("The laws compared")
     header, cells = table.header, table.cells()
+    still = "constant force" if table.best.law.prescribed else "motionless piston"
     if not any(row.divergence_count for row in table.rows):
         header, cells = header[:-1], [row[:-1] for row in cells]
     page.add_table(header, cells)
     page.add_paragraph(
         "Errors are root mean squares of record minus simulation over what the law has not seen, "
-        f"over rms displacement; the baseline, a motionless piston, has {100 * table.at_rest:.3g} %, and the "
+        f"over {table.best.rms_noun.removeprefix('of ')}; the baseline, a {still}, has "
+        f"{100 * table.at_rest:.3g} %, and the "
         f"noise is {100 * table.noise:.2g} %. AIC and BIC, the misfit of the fits to whole records with a "
         "price for each parameter (Akaike's and the Bayesian information criterion), count from the least. "
         "The held-out error is the root mean square over all that a law has not seen: "

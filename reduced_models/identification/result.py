@@ -30,6 +30,7 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.elliptic_motion import EllipticMotion
 from reduced_models.models.model import ReducedModel
+from reduced_models.models.observed import cycle_table
 from reduced_models.models.printout import caution_lines, figure_lines, record_lines, wrap_words
 from reduced_models.models.quantities import DAMPING_RATIO, ERROR_SOURCES, LEVEL, QuantityWithError
 from reduced_models.records.sources import describe_record, time_step_text
@@ -223,6 +224,8 @@ class Identification:
         start = [*record_lines(self._record_texts), *contradiction]
         amplitude = f"peaks do not tell: {self.no_own}" if self.own is None else self.own.range_text
         figures = figure_lines(self.figures, self.mass, model.confidence, amplitude)
+        if model.law.prescribed:
+            figures = [f"  {line}" for line in cycle_table(model)]
         start += figures or [f"  no oscillation about an equilibrium: {model.no_swing}"]
         for words in self._derived_texts:
             start += [part for line in words.splitlines() for part in wrap_words(line, "")]

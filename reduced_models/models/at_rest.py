@@ -123,8 +123,10 @@ def engineering_units(angle: bool, mass: float | None) -> EngineeringUnits:
 
 
 def signal_units(measured: str, *, angle: bool) -> EngineeringUnits:
-    """Units in which a measured height, velocity or acceleration is shown."""
+    """Units in which a measured height, velocity, acceleration or force is shown."""
     units = engineering_units(angle, None)
+    if measured == "force":
+        return dataclasses.replace(units, length="N", scale=1.0)
     if measured == "acceleration":
         length, scale = ("°/s²", units.scale) if angle else ("m/s²", 1.0)
         return dataclasses.replace(units, length=length, scale=scale)

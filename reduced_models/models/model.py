@@ -17,7 +17,7 @@ from granular.shared.message_text import quote, sanitize
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.sensor_signal import motion_signal
-from reduced_models.models import export, prediction, response, schema
+from reduced_models.models import export, observed, prediction, response, schema
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.ports import GRAVITY, force_port
 from reduced_models.models.printed_model import PrintedModel
@@ -184,9 +184,7 @@ class ReducedModel(PrintedModel):
             If the solution diverges or is too stiff to follow.
         """
         if self.observation:
-            from reduced_models.models.observed import observed_signal
-
-            return observed_signal(self, record)
+            return observed.observed_signal(self, record)
         motion = self.simulate_record(record)
         if self.sensor is None:
             return motion.height
@@ -259,7 +257,7 @@ class ReducedModel(PrintedModel):
         from granular.shared.plotting import axes_or_new, new_axes
 
         if self.law.prescribed:
-            return self._plot_loops(record, axes_or_new(ax))
+            return observed.plot_loops(self, record, axes_or_new(ax))
         if record is None:
             decay = self._longest_decay()
             return prediction.plot_model(self, decay.time, decay.height, None, axes_or_new(ax))
@@ -268,17 +266,6 @@ class ReducedModel(PrintedModel):
             ax, below = new_axes(2, height=4.6, sharex=True, height_ratios=(2, 1))
             prediction.plot_residuals(self, record.time, record.height - height, below)
         return prediction.plot_model(self, record.time, height, record.height, ax)
-
-    def _plot_loops(self, record: PistonRecord | None, ax: Axes) -> Axes:
-        if record is None:
-            raise InputError(f"the record prescribes the motion of the law {quote(self.law.name)}; give one")
-        stroke, name = 1e3 * record.height, self.observation
-        if name in record.columns:
-            ax.plot(stroke, record.columns[name], ".", markersize=2, label="measured")
-        ax.plot(stroke, self.simulate_signal(record), label=self.law.name)
-        ax.set(xlabel="stroke [mm]", ylabel=f"{name} [N]" if name == "force" else name)
-        ax.legend()
-        return ax
 
     def _longest_decay(self) -> PistonRecord:
         if self.at_rest is None:
@@ -379,9 +366,7 @@ class ReducedModel(PrintedModel):
             the law is defined.
         """
         if self.law.prescribed:
-            from reduced_models.models.observed import force_cycle
-
-            return force_cycle(self, amplitude, frequency)
+            return observed.force_cycle(self, amplitude, frequency)
         return response.harmonic_cycle(self, amplitude, frequency)
 
     def frequency_response(

@@ -19,10 +19,11 @@ from reduced_models.models.response import HarmonicCycle
 from reduced_models.models.roll_out import search_vector_of_model
 from reduced_models.records.derivatives import derivatives
 from reduced_models.records.first_guesses import first_guesses
-from reduced_models.records.inputs import with_stroke_columns
+from reduced_models.records.inputs import STROKE, with_stroke_columns
 
 if TYPE_CHECKING:
     from jaxtyping import Float
+    from matplotlib.axes import Axes
 
     from reduced_models.models.printed_model import PrintedModel
 
@@ -70,6 +71,19 @@ def _gridded_model(model: PrintedModel, record: PistonRecord) -> tuple[GriddedRe
     return record_on_grid(unknowns, total, steps, model.input_interpolation), theta
 
 
+def plot_loops(model: PrintedModel, record: PistonRecord | None, ax: Axes) -> Axes:
+    """Draw what is observed along a record's stroke, measured and by the law, over the stroke [mm]."""
+    if record is None:
+        raise InputError(f"the record prescribes the motion of the law {quote(model.law.name)}; give one")
+    stroke, name = 1e3 * record.height, model.observation
+    if name in record.columns:
+        ax.plot(stroke, record.columns[name], ".", markersize=2, label="measured")
+    ax.plot(stroke, observed_signal(model, record), label=model.law.name)
+    ax.set(xlabel="stroke [mm]", ylabel=f"{name} [N]" if name == "force" else name)
+    ax.legend()
+    return ax
+
+
 def force_cycle(
     model: PrintedModel, amplitude: float, frequency: float | None, centre: float | None = None
 ) -> HarmonicCycle:
@@ -80,7 +94,7 @@ def force_cycle(
         if value is None or not 0.0 < value < math.inf:
             raise InputError(f"{name} = {value}; give a number above 0")
     assert frequency is not None
-    columns = [name for name in model.law.inputs if not name.startswith("z")]
+    columns = [name for name in model.law.inputs if name not in STROKE]
     if columns:
         raise InputError(
             f"the law has the inputs {', '.join(columns)}; take cycles from .simulate_signal(record)"
@@ -112,15 +126,23 @@ def force_cycle(
     return HarmonicCycle(amplitude, frequency, middle, stiff, damp, energy, tuple(map(float, errors)))
 
 
+def measured_and_lawful_cycles(model: PrintedModel) -> list[tuple[HarmonicCycle, HarmonicCycle | None]]:
+    """Cycles of the force as measured, each with the law's; of a law with inputs there is none."""
+    by_law = set(model.law.inputs) <= set(STROKE)
+    return [
+        (cycle, force_cycle(model, cycle.amplitude, cycle.frequency) if by_law else None)
+        for cycle in model.cycles[:_MOST_ROWS]
+    ]
+
+
 def cycle_table(model: PrintedModel) -> list[str]:
     """Cycles of the force as measured, with those of the law, as lines."""
     rows = []
-    by_law = all(name.startswith("z") for name in model.law.inputs)
-    for cycle in model.cycles[:_MOST_ROWS]:
+    for cycle, law in measured_and_lawful_cycles(model):
         hertz = cycle.frequency / (2.0 * math.pi)
         rows.append(_cycle_row(cycle, f"{cycle.amplitude:13.3g} {hertz:14.4g}", "measured"))
-        if by_law:
-            rows.append(_cycle_row(force_cycle(model, cycle.amplitude, cycle.frequency), " " * 28, "law"))
+        if law is not None:
+            rows.append(_cycle_row(law, " " * 28, "law"))
     head = f"{'amplitude [m]':>13} {'frequency [Hz]':>14} {'':8} {'loss per cycle [J]':>22}"
     return [f"{head} {'stiffness [N/m]':>22} {'damping [N s/m]':>22}", *rows] if rows else []
 

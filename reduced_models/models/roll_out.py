@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
 from reduced_models.least_squares.residuals import BLOWN_UP, record_on_grid
@@ -23,6 +21,8 @@ from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
 if TYPE_CHECKING:
     from jaxtyping import Float
+
+    from reduced_models.models.model import ReducedModel
 
 _STEPS = 128  # of a period
 START_PERIODS = 1.0
@@ -59,7 +59,8 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
 
     Height and velocity at the start are fitted to the heights of the record's first period by least squares
     (see `levenberg_marquardt`), with the parameters of the model as they are and its hidden states at
-    zero; all the rest is prediction.
+    zero; all the rest is prediction. Along a prescribed stroke nothing is fitted: the signal that the
+    law observes takes the place of the heights.
 
     Parameters
     ----------
@@ -78,8 +79,6 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
 
     Raises
     ------
-    InputError
-        If the model's law is one along a prescribed stroke.
     RecordError
         If the record has fewer than 20 samples, does not move, lasts more periods than can be followed,
         has heights or times beyond what can be computed with, or lacks an input of the law.
@@ -96,10 +95,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     """
     total = record.with_time_from_zero()
     if model.law.prescribed:
-        raise InputError(
-            f"the record prescribes the motion of the law {quote(model.law.name)}, so none is predicted; "
-            "compare its .residuals(record)"
-        )
+        return _along_stroke(cast("ReducedModel", model), record)
     guess = first_guesses(total.time, total.height)
     law, (unknowns, theta) = model.law, search_vector_of_model(model, guess)
     theta[unknowns.parameter_and_map_count :] = 0.0
@@ -148,6 +144,15 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         swings = find_whole_swings(total.time, total.height, count_samples_in_motion(total))
         spread = error_on_swings(missed, total.height - rest, swings, swing).standard_error
     return RollOut(motion, error, error / swing, at_rest, spread)
+
+
+def _along_stroke(model: ReducedModel, record: PistonRecord) -> RollOut:
+    """Signal of a law along a record's stroke; nothing is fitted."""
+    residuals = model.residuals(record)
+    signal = model.simulate_signal(record)
+    size = float((signal + residuals).std())
+    error = _rms(residuals)
+    return RollOut(PistonRecord(record.time, signal), error, error / size, 1.0)
 
 
 def search_vector_of_model(

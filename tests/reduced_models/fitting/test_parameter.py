@@ -35,7 +35,7 @@ def test_what_no_parameter_is(given: dict[str, Any], words: str) -> None:
 
 def test_texts_are_in_the_unit_of_the_law() -> None:
     known = {"k": Parameter("2.5 N/mm", low="1 N/m"), "c": "3 N s/m"}
-    law = FORCE_LAWS["linear"].acceleration_law
+    law = FORCE_LAWS["linear"]
     found = parameter_settings(law, as_parameters(known), 1)
     assert found.start == {"k": 2500.0, "c": 3.0}
     assert found.bounds == {"k": (1.0, math.inf)}
