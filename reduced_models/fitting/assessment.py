@@ -39,10 +39,10 @@ from reduced_models.laws.linearization import NoSwing
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, remove_random_walk
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.at_rest import AtRest
+from reduced_models.models.harmonic_cycle import HarmonicCycle
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.observed import stroke_cycles
 from reduced_models.models.quality import Quality
-from reduced_models.models.response import HarmonicCycle
 from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
 from reduced_models.records.envelope import (
     amplitude_remarks,

@@ -150,7 +150,7 @@ def _coarse_records(problem: FitProblem, unknowns: Unknowns) -> JointRecords:
     entries = tuple(records[data.number] for data in problem.data)
     edges = [theta_bounds(unknowns, problem.bounds_of_record(data), problem.initial) for data in problem.data]
     bounds = Bounds(*(joint_vector(side, entries) for side in zip(*edges, strict=True)))
-    grids = (_coarse_record(one, problem, data) for one, data in zip(every, problem.data, strict=True))
+    grids = (_coarse_record(own, problem, data) for own, data in zip(every, problem.data, strict=True))
     return JointRecords(tuple(grids), entries, bounds)
 
 

@@ -303,13 +303,13 @@ def _fit_and_compare(
 
             try:
                 with time_budget(0.5 * budget, words):
-                    found = discover(
+                    discovered = discover(
                         record,
                         method=cast("Any", discovery),
                         input=drive,
                         target="force" if along_stroke else "acceleration",
                     )
-                    wanted.append(found.model)
+                    wanted.append(discovered.model)
                 if comparison is not None:
                     comparison = merge_comparisons(comparison, compare(record, wanted[-1], starts=starts))
             except TimeBudgetError as spent:

@@ -125,7 +125,7 @@ class Law:
 
     @property
     def prescribed(self) -> bool:
-        """Whether the record prescribes the motion; `InputError` as of `parsed_equation`."""
+        """True where the record prescribes the motion; `InputError` as of `parsed_equation`."""
         return self.parsed_equation.acceleration is None
 
     @property

@@ -41,7 +41,7 @@ class Unknowns:
 
     @property
     def compares_heights(self) -> bool:
-        """Whether heights are compared, and no signal."""
+        """True where heights are compared, and no signal."""
         return self.sensor is None and not self.observation
 
     @property

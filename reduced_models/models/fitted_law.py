@@ -25,14 +25,15 @@ from reduced_models.laws.linearization import (
 )
 from reduced_models.laws.printing import latex, round_equation, round_expression, round_significant
 from reduced_models.models.at_rest import AtRest
+from reduced_models.models.harmonic_cycle import HarmonicCycle
 from reduced_models.records.inputs import TIME, Interpolation, input_column
+from reduced_models.records.sensor import Sensor
 
 if TYPE_CHECKING:
     import sympy
     from jaxtyping import Float
 
     from reduced_models.laws.solution import Solution
-    from reduced_models.models.response import HarmonicCycle
 
 _METRE = re.compile(r"\bm\b")
 FEWEST_DIGITS, MOST_DIGITS = 4, 9
@@ -75,6 +76,10 @@ class FittedLaw:
     input_interpolation: Interpolation
     angle: bool
     conventions: Mapping[str, float]
+    sensor: Sensor | None
+    covariance: np.ndarray
+    covariance_names: tuple[str, ...]
+    quantile: float
     observation: str = ""
     cycles: tuple[HarmonicCycle, ...] = ()
 

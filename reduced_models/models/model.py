@@ -19,6 +19,7 @@ from reduced_models.laws.law import Law
 from reduced_models.least_squares.sensor_signal import motion_signal
 from reduced_models.models import export, observed, prediction, response, schema
 from reduced_models.models.at_rest import AtRest
+from reduced_models.models.harmonic_cycle import HarmonicCycle
 from reduced_models.models.ports import GRAVITY, force_port
 from reduced_models.models.printed_model import PrintedModel
 from reduced_models.models.quality import ParameterDirection, Quality
@@ -90,7 +91,7 @@ class ReducedModel(PrintedModel):
         Column that the law says is observed, and that was compared; empty for the height.
     quantile : float
         Half-width of an interval over the standard deviation.
-    cycles : tuple of response.HarmonicCycle
+    cycles : tuple of HarmonicCycle
         Of a force on a prescribed stroke, as measured: cycles of the records that are alike are one.
     qualities : mapping of str to Quality
         Quality of the fit to further columns that the law observes.
@@ -119,7 +120,7 @@ class ReducedModel(PrintedModel):
     conventions: Mapping[str, float] = dataclasses.field(default_factory=dict)
     observation: str = ""
     quantile: float = 1.96
-    cycles: tuple[response.HarmonicCycle, ...] = ()
+    cycles: tuple[HarmonicCycle, ...] = ()
     qualities: Mapping[str, Quality] = dataclasses.field(default_factory=dict)
 
     @property
@@ -259,19 +260,12 @@ class ReducedModel(PrintedModel):
         if self.law.prescribed:
             return observed.plot_loops(self, record, axes_or_new(ax))
         if record is None:
-            decay = self._longest_decay()
-            return prediction.plot_model(self, decay.time, decay.height, None, axes_or_new(ax))
+            return prediction.plot_decay(self, axes_or_new(ax))
         height = self.simulate_record(record).height
         if ax is None:
             ax, below = new_axes(2, height=4.6, sharex=True, height_ratios=(2, 1))
             prediction.plot_residuals(self, record.time, record.height - height, below)
         return prediction.plot_model(self, record.time, height, record.height, ax)
-
-    def _longest_decay(self) -> PistonRecord:
-        if self.at_rest is None:
-            return self.free_decay(0.0)  # which says why there is none
-        ends = [end - self.at_rest.height for end in self.domain.get("height", self.initial[:1])]
-        return self.free_decay(max(ends, key=abs))
 
     def __repr__(self) -> str:
         values = ", ".join(
@@ -340,7 +334,7 @@ class ReducedModel(PrintedModel):
         """
         return response.free_decay(self, amplitude, periods)
 
-    def harmonic_cycle(self, amplitude: float, frequency: float | None = None) -> response.HarmonicCycle:
+    def harmonic_cycle(self, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
         """Equivalent stiffness and damping, and energy dissipated, in a cycle; see `response`.
 
         Of a force on a prescribed stroke about the middle of the heights seen, in newtons, with errors.
@@ -355,7 +349,7 @@ class ReducedModel(PrintedModel):
 
         Returns
         -------
-        response.HarmonicCycle
+        HarmonicCycle
             Stiffness [1/s^2], damping [1/s] and energy [J/kg] of a cycle, per kilogram.
 
         Raises

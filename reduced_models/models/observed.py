@@ -1,4 +1,4 @@
-"""What a model says is observed along a record: the signal of its law, and cycles of its force."""
+"""Observations of a model along a record: the signal of its law, and cycles of its force."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.least_squares.residuals import GriddedRecord, record_on_grid, residual_function
 from reduced_models.least_squares.samples import grid_over_record
-from reduced_models.models.response import HarmonicCycle
+from reduced_models.models.fitted_law import FittedLaw
+from reduced_models.models.harmonic_cycle import HarmonicCycle
 from reduced_models.models.roll_out import search_vector_of_model
 from reduced_models.records.derivatives import derivatives
 from reduced_models.records.first_guesses import first_guesses
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from jaxtyping import Float
     from matplotlib.axes import Axes
 
-    from reduced_models.models.printed_model import PrintedModel
 
 _STEPS = 64  # of a period
 _SOLVED, _MOST_STEPS = 1e-9, 2**21  # of the signal: change by half the step that is enough
@@ -36,7 +36,7 @@ _ALIKE = 0.05  # relative difference of amplitudes and frequencies of cycles tha
 _MOST_ROWS = 12
 
 
-def observed_signal(model: PrintedModel, record: PistonRecord) -> Float[np.ndarray, "n"]:
+def observed_signal(model: FittedLaw, record: PistonRecord) -> Float[np.ndarray, "n"]:
     """Signal of the model's observation at the times of a record, as its sensor shows it."""
     grid, theta = _gridded_model(model, record)
     signal = grid.fitted_signal(theta)
@@ -53,7 +53,7 @@ def observed_signal(model: PrintedModel, record: PistonRecord) -> Float[np.ndarr
     return signal
 
 
-def _gridded_model(model: PrintedModel, record: PistonRecord) -> tuple[GriddedRecord, np.ndarray]:
+def _gridded_model(model: FittedLaw, record: PistonRecord) -> tuple[GriddedRecord, np.ndarray]:
     """Record on a grid, its heights zero in place of the signal, and the model's search vector."""
     total = record.with_time_from_zero()
     guess = first_guesses(total.time, total.height)
@@ -71,7 +71,7 @@ def _gridded_model(model: PrintedModel, record: PistonRecord) -> tuple[GriddedRe
     return record_on_grid(unknowns, total, steps, model.input_interpolation), theta
 
 
-def plot_loops(model: PrintedModel, record: PistonRecord | None, ax: Axes) -> Axes:
+def plot_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) -> Axes:
     """Draw what is observed along a record's stroke, measured and by the law, over the stroke [mm]."""
     if record is None:
         raise InputError(f"the record prescribes the motion of the law {quote(model.law.name)}; give one")
@@ -85,7 +85,7 @@ def plot_loops(model: PrintedModel, record: PistonRecord | None, ax: Axes) -> Ax
 
 
 def force_cycle(
-    model: PrintedModel, amplitude: float, frequency: float | None, centre: float | None = None
+    model: FittedLaw, amplitude: float, frequency: float | None, centre: float | None = None
 ) -> HarmonicCycle:
     """Steady cycle of a force along a harmonic stroke; amplitude, centre [m], frequency [rad/s]."""
     # First Fourier coefficients of the force along the stroke and the velocity (Krylov and Bogoliubov 1947,
@@ -105,7 +105,7 @@ def force_cycle(
     time = np.arange(_TURNS * _NODES + 1) * (2.0 * math.pi / (_NODES * frequency))
     wave, turn = np.sin(frequency * time), np.cos(frequency * time)
     stroke = PistonRecord(time, middle + amplitude * wave, velocity=amplitude * frequency * turn)
-    plain: PrintedModel = dataclasses.replace(cast("Any", model), hidden={}, sensor=None)
+    plain: FittedLaw = dataclasses.replace(cast("Any", model), hidden={}, sensor=None)
     grid, theta = _gridded_model(plain, stroke)
     count = len(model.law.parameters)
     spread = np.sqrt(np.maximum(np.diag(model.covariance)[:count], 0.0))
@@ -126,7 +126,7 @@ def force_cycle(
     return HarmonicCycle(amplitude, frequency, middle, stiff, damp, energy, tuple(map(float, errors)))
 
 
-def measured_and_lawful_cycles(model: PrintedModel) -> list[tuple[HarmonicCycle, HarmonicCycle | None]]:
+def measured_and_lawful_cycles(model: FittedLaw) -> list[tuple[HarmonicCycle, HarmonicCycle | None]]:
     """Cycles of the force as measured, each with the law's; of a law with inputs there is none."""
     by_law = set(model.law.inputs) <= set(STROKE)
     return [
@@ -135,7 +135,7 @@ def measured_and_lawful_cycles(model: PrintedModel) -> list[tuple[HarmonicCycle,
     ]
 
 
-def cycle_table(model: PrintedModel) -> list[str]:
+def cycle_table(model: FittedLaw) -> list[str]:
     """Cycles of the force as measured, with those of the law, as lines."""
     rows = []
     for cycle, law in measured_and_lawful_cycles(model):

@@ -11,6 +11,7 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from reduced_models.models.fitted_law import FittedLaw
+from reduced_models.models.response import free_decay
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -142,6 +143,14 @@ def plot_model(
     ax.set(xlabel="time [s]", ylabel=f"{model.coordinate} [{unit}]")
     ax.legend(loc="upper right", frameon=False)
     return ax
+
+
+def plot_decay(model: FittedLaw, ax: Axes) -> Axes:
+    """Draw the free motion of a model from the farthest height that it has seen."""
+    level = 0.0 if model.at_rest is None else model.at_rest.height
+    ends = [end - level for end in model.domain.get("height", model.initial[:1])]
+    decay = free_decay(model, max(ends, key=abs))
+    return plot_model(model, decay.time, decay.height, None, ax)
 
 
 def plot_residuals(

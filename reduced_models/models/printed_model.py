@@ -5,11 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.at_rest import quantities_at_rest
 from reduced_models.models.fitted_law import FittedLaw
+from reduced_models.models.observed import cycle_table
 from reduced_models.models.printout import (
     caution_lines,
     equation_lines,
@@ -21,7 +20,7 @@ from reduced_models.models.printout import (
 from reduced_models.models.quality import ParameterDirection, Quality
 from reduced_models.models.quantities import LEVEL, QuantityWithError, parameter_quantities
 from reduced_models.models.response import faster_modes
-from reduced_models.records.sensor import Sensor, sensor_report_lines
+from reduced_models.records.sensor import sensor_report_lines
 
 _COLLOCATION = {
     "same": ", and so does a fit to accelerations",
@@ -39,13 +38,8 @@ class PrintedModel(FittedLaw):
     undetermined: tuple[ParameterDirection, ...]
     notes: tuple[str, ...]
     no_swing: str
-    sensor: Sensor | None
     untold: tuple[str, ...]
-    observation: str
     qualities: Mapping[str, Quality]
-    covariance: np.ndarray
-    covariance_names: tuple[str, ...]
-    quantile: float
 
     def __str__(self) -> str:
         figures = swing_quantities(self, self.angle, None)
@@ -73,8 +67,6 @@ class PrintedModel(FittedLaw):
         lines += [f"  {direction}" for direction in self.undetermined]
         lines += sensor_report_lines(self.sensor, self.untold)
         if self.cycles:
-            from reduced_models.models.observed import cycle_table
-
             lines += [f"  {line}" for line in cycle_table(self)]
         if self.quality.starts:
             second = _COLLOCATION.get(self.quality.collocation, "")

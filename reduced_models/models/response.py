@@ -26,6 +26,7 @@ from reduced_models.laws.linearization import (
     small_swing,
 )
 from reduced_models.models.fitted_law import FittedLaw
+from reduced_models.models.harmonic_cycle import HarmonicCycle
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -34,36 +35,6 @@ if TYPE_CHECKING:
 _AMPLITUDES = 240
 _PER_PERIOD = 64
 _SLOPE_STEP = 1e-6  # of a parameter
-
-
-class HarmonicCycle(NamedTuple):
-    """A harmonic cycle: of a motion per kilogram, of a force on a prescribed stroke in newtons.
-
-    Attributes
-    ----------
-    amplitude, frequency, centre : float
-        [m], [rad/s], [m].
-    stiffness, damping, energy : float
-        Of the first harmonic, and dissipated: [1/s^2], [1/s], [J/kg], or [N/m], [N s/m], [J].
-    errors : (float, float, float)
-        Half-widths of the intervals of these three; zero where none are known.
-    measured : int
-        Number of cycles that were measured; 0 of a law.
-    """
-
-    amplitude: float
-    frequency: float
-    centre: float
-    stiffness: float
-    damping: float
-    energy: float
-    errors: tuple[float, ...] = (0.0, 0.0, 0.0)
-    measured: int = 0
-
-    @property
-    def damping_ratio(self) -> float:
-        """Fraction of critical damping."""
-        return self.damping / (2.0 * math.sqrt(self.stiffness))
 
 
 class FasterMode(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,6 @@ from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
 if TYPE_CHECKING:
     from jaxtyping import Float
-
-    from reduced_models.models.model import ReducedModel
 
 _STEPS = 128  # of a period
 START_PERIODS = 1.0
@@ -95,7 +93,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     """
     total = record.with_time_from_zero()
     if model.law.prescribed:
-        return _along_stroke(cast("ReducedModel", model), record)
+        return _along_stroke(model, record)
     guess = first_guesses(total.time, total.height)
     law, (unknowns, theta) = model.law, search_vector_of_model(model, guess)
     theta[unknowns.parameter_and_map_count :] = 0.0
@@ -146,7 +144,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     return RollOut(motion, error, error / swing, at_rest, spread)
 
 
-def _along_stroke(model: ReducedModel, record: PistonRecord) -> RollOut:
+def _along_stroke(model: Any, record: PistonRecord) -> RollOut:
     """Signal of a law along a record's stroke; nothing is fitted."""
     residuals = model.residuals(record)
     signal = model.simulate_signal(record)

@@ -22,8 +22,8 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
+from reduced_models.models.harmonic_cycle import HarmonicCycle
 from reduced_models.models.quality import Quality
-from reduced_models.models.response import HarmonicCycle
 from reduced_models.records.envelope import PeakDamping
 from reduced_models.records.inputs import INTERPOLATIONS
 from reduced_models.records.sensor import SensorQuantity

@@ -71,7 +71,7 @@ BAD = [
     (("single-particle",), "has no piston"),
     (("lab.csv", "--law", "z'' + k*z"), "one equals sign"),
     (("lab.csv", "--law", "z'' + z = 0"), "no parameter"),
-    (("lab.csv", "--law", "k*z = 0"), "linear in z''"),
+    (("lab.csv", "--law", "k*z = 0"), "equations of motion for no coordinate"),
 ]
 
 
