@@ -154,18 +154,13 @@ class ReducedModel(PrintedModel):
         InputError
             If the solution diverges or is too stiff to follow.
         """
-        seen = record.height
-        if self.sensor is not None:
-            seen = self.sensor.signal(record.columns)
-        elif self.observation:
-            seen = Sensor("height", column=self.observation).signal(record.columns)
-        return seen - self.simulate_signal(record)
+        sensor = self.sensor or Sensor("height", column=self.observation or None)
+        return sensor.signal(record.columns) - self.simulate_signal(record)
 
     def simulate_signal(self, record: PistonRecord) -> np.ndarray:
         """Heights of the fitted motion at a record's times, or the signal that was compared.
 
-        Of a law along a prescribed stroke that is its observation, such as the force, along the record's
-        stroke, which is smoothed first; hidden states start as fitted.
+        Along a prescribed stroke, which is smoothed first, that is what the law observes, as the force.
 
         Parameters
         ----------
