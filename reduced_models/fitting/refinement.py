@@ -24,7 +24,7 @@ from reduced_models.fitting.start_values import (
 )
 from reduced_models.fitting.uncertainty import small_motion_figures
 from reduced_models.laws.linearization import NoSwing
-from reduced_models.laws.solution import Solution, solve_law
+from reduced_models.laws.solution import Solution, observed_signal, solve_law
 from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.least_squares.joint_records import JointRecords, joint_vector
 from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
@@ -323,20 +323,22 @@ def _solver_error(grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray)
     """Greatest difference to the adaptive solution in amplitudes, its limit, and completeness."""
     # NaN of a solution that blows up compares false with every limit: it counts as infinite.
     unknowns = grid.unknowns
-    if unknowns.law.prescribed:
-        limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
-        if not unknowns.law.hidden:
-            return 0.0, limit, True
-        finer = grid.on_grid(grid.grid.finer).residuals(theta)
-        return float(np.abs(residuals - finer).max()), limit, True
     reference = _adaptive_solution(grid, theta)
+    limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
+    if unknowns.law.prescribed:
+        inputs = [input_column(grid.record, name) for name in unknowns.law.inputs]
+        values = unknowns.physical_values(theta)[0]
+        signal = observed_signal(unknowns.law, unknowns.observation, reference, values, inputs)
+        gain, offset = (1.0, 0.0) if unknowns.sensor is None else unknowns.gain_and_offset(theta)
+        left = (gain * signal + offset - grid.record.height) / unknowns.residual_unit
+        error = float(np.abs(left - residuals).max())
+        return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
     _, shift, scale, *_ = unknowns.physical_values(theta)
     if unknowns.compares_heights:
         fitted = grid.record.height + unknowns.residual_unit * residuals
     else:
         fitted = grid.fitted_heights(theta)
     error = float(np.abs(shift + scale * reference.z - fitted).max()) / unknowns.amplitude
-    limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
     return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
 
 

@@ -163,7 +163,7 @@ def drive_option_text(column: str) -> str:
 
 def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]:
     """Columns that change in the course of the record, may drive a law, and are named by none."""
-    named = {name for law in laws for name in law.inputs}
+    named = {name for law in laws for name in (*law.inputs, *law.observations)}
     return tuple(
         name
         for name in column_names(record)

@@ -361,7 +361,9 @@ def _laws_to_fit(
     if laws is not None:
         return [_add_drive_to_law(law, record, drive) for law in laws], (), None
     if record.measured == "force":
-        return list(FORCE_LAWS.values()), (), None
+        fitting = [law for law in FORCE_LAWS.values() if not law.given or record.height.min() > 0.0]
+        others = (law for law in FORCE_LAWS.values() if law not in fitting)
+        return fitting, tuple(f"{law.name} was not fitted: it is of heights above 0" for law in others), None
     chosen = choose_candidate_laws(record, drive, friction)
     # Noise that was integrated is no measure of what terms leave.
     discovers = chosen.screening.other_terms_fit_better and record.measured == "height"

@@ -299,7 +299,8 @@ def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..
     # Of real numbers, or the derivative of a modulus would be one of complex numbers.
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.argument_symbols}
     rates = [rate.xreplace(real) for rate in parsed.rates]
-    states = list(real.values())[: 2 + len(parsed.hidden)]
+    count = len(parsed.rates) + (parsed.acceleration is not None)
+    states = list(real.values())[:count]
     return jacobian_function(rates, states, list(real.values()))
 
 

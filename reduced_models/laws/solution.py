@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 
 from granular.shared.errors import RecordError
 from reduced_models.jax_setup import Compiled, jax, jit
-from reduced_models.laws.equation import PROGRAMS, compile_jacobian, compile_rates
+from reduced_models.laws.equation import (
+    PROGRAMS,
+    compile_jacobian,
+    compile_observation,
+    compile_rates,
+    parse_equation,
+)
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import Interpolation, piecewise_cubics
 
@@ -207,6 +213,7 @@ class Solution:
     z: Float[np.ndarray, "n"]  # NaN at times that it does not reach
     velocity: Float[np.ndarray, "n"]
     ending: Ending  # steps: it takes more than `MOST_STEPS`
+    states: Float[np.ndarray, "n s"]  # z and velocity, if they are states, and hidden ones
 
 
 _PIECES = 2**11
@@ -228,11 +235,13 @@ def _adaptive_solver(
     equation: str, inputs: tuple[str, ...], *, implicit: bool = False
 ) -> Compiled[..., tuple[jax.Array, ...]]:
     rates = compile_rates(equation, inputs)
+    prescribed = parse_equation(equation, inputs).acceleration is None
 
     def field(s: Any, state: Any, piece: Any) -> jax.Array:
         cubic, values = piece
         given = cubic[0] + s * (cubic[1] + s * (cubic[2] + s * cubic[3]))
-        return _stack_rows((state[1], *rates(*state, *given, *values)), state[0])
+        slopes = rates(*state, *given, *values)
+        return _stack_rows(slopes if prescribed else (state[1], *slopes), state[0])
 
     term = diffrax.ODETerm(field)
 
@@ -299,12 +308,18 @@ def solve_law(
     hidden: Sequence[float] = (),
     how: Interpolation = "spline",
 ) -> Solution:
-    """Return the motion of a law at times [s]; size is the amplitude that the tolerance refers to."""
+    """Return the motion of a law at times [s]; size is the amplitude that the tolerance refers to.
+
+    Along a prescribed stroke only hidden states are solved for; z0, v0 and size say nothing then.
+    """
     # Dopri8 (Prince and Dormand 1981, doi:10.1016/0771-050X(81)90010-3), and where that is stiff Kvaerno5
     # (Kvaerno 2004, doi:10.1023/B:BITN.0000046811.70614.38), with steps that adapt and that end at the times.
-    values, size = tuple(map(float, parameters)), float(size)
+    values, size = tuple(map(float, parameters)), 1.0 if law.prescribed else float(size)
+    if law.prescribed and not law.hidden:
+        return Solution(inputs[0], inputs[0], "complete", np.zeros((len(times), 0)))
     length, cubics = piecewise_cubics(times, list(inputs), how)
-    state = np.array([z0, v0, *(hidden or (0.0,) * len(law.hidden))], dtype=np.float64)
+    motion = () if law.prescribed else (z0, v0)
+    state = np.array([*motion, *(hidden or (0.0,) * len(law.hidden))], dtype=np.float64)
     states = np.full((len(length) + 1, len(state)), np.nan)
     states[0] = state
     done, time, step, spent = 0, 0.0, float(length[0]), 0
@@ -338,7 +353,18 @@ def solve_law(
     every = len(length) // (len(times) - 1)
     if ending != "complete":
         states[done + 1 :] = np.nan
-    return Solution(states[::every, 0], states[::every, 1], ending)
+    states = states[::every]
+    return Solution(states[:, 0], states[:, min(1, states.shape[1] - 1)], ending, states)
+
+
+def observed_signal(
+    law: Law, observation: str, solution: Solution, parameters: Sequence[float], inputs: Sequence[np.ndarray]
+) -> Float[np.ndarray, "n"]:
+    """Return what a law observes of a solution, with its inputs at the same times."""
+    observe = compile_observation(law.equation, law.inputs, observation, "numpy")
+    with np.errstate(all="ignore"):
+        result = observe(*solution.states.T, *inputs, *parameters)
+    return np.broadcast_to(np.asarray(result, dtype=np.float64), len(solution.states)).copy()
 
 
 def _fastest_rates(
@@ -347,8 +373,8 @@ def _fastest_rates(
     """Greatest rates [1/s] at which a law answers to a change of some of its states; zero at a jump."""
     slopes = compile_jacobian(law.equation, law.inputs)
     seen = np.unique(np.linspace(0, len(states) - 1, _SEEN).astype(int))
-    velocity = np.eye(states.shape[1])[1]
-    matrices = [np.vstack([velocity, slopes(*states[k], *cubics[k, 0], *values)]) for k in seen]
+    velocity = [] if law.prescribed else [np.eye(states.shape[1])[1]]
+    matrices = [np.vstack([*velocity, slopes(*states[k], *cubics[k, 0], *values)]) for k in seen]
     return np.abs(np.linalg.eigvals(np.nan_to_num(matrices, posinf=0.0, neginf=0.0))).max(axis=1)
 
 

@@ -26,6 +26,7 @@ from reduced_models.laws.linearization import (
 from reduced_models.laws.printing import latex, round_equation, round_expression, round_significant
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.harmonic_cycle import HarmonicCycle
+from reduced_models.models.quality import Quality
 from reduced_models.records.inputs import TIME, Interpolation, input_column
 from reduced_models.records.sensor import Sensor
 
@@ -76,6 +77,7 @@ class FittedLaw:
     input_interpolation: Interpolation
     angle: bool
     conventions: Mapping[str, float]
+    quality: Quality
     sensor: Sensor | None
     covariance: np.ndarray
     covariance_names: tuple[str, ...]

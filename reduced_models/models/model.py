@@ -180,7 +180,7 @@ class ReducedModel(PrintedModel):
             If the solution diverges or is too stiff to follow.
         """
         if self.observation:
-            return observed.observed_signal(self, record)
+            return observed.simulate_observation(self, record)
         motion = self.simulate_record(record)
         if self.sensor is None:
             return motion.height

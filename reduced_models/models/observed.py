@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
-from reduced_models.least_squares.residuals import GriddedRecord, record_on_grid, residual_function
-from reduced_models.least_squares.samples import grid_over_record
+from reduced_models.laws.solution import observed_signal, solve_law
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.harmonic_cycle import HarmonicCycle
-from reduced_models.models.roll_out import search_vector_of_model
 from reduced_models.records.derivatives import derivatives
-from reduced_models.records.first_guesses import first_guesses
-from reduced_models.records.inputs import STROKE, with_stroke_columns
+from reduced_models.records.inputs import STROKE, input_column, with_stroke_columns
 
 if TYPE_CHECKING:
     from jaxtyping import Float
     from matplotlib.axes import Axes
 
 
-_STEPS = 64  # of a period
-_SOLVED, _MOST_STEPS = 1e-9, 2**21  # of the signal: change by half the step that is enough
 _NODES, _TURNS = 400, 3
 """Samples of a harmonic cycle, and cycles after which hidden states are taken to repeat."""
 _STEP = 1e-5  # of a parameter, over its standard deviation, for slopes
@@ -36,39 +30,31 @@ _ALIKE = 0.05  # relative difference of amplitudes and frequencies of cycles tha
 _MOST_ROWS = 12
 
 
-def observed_signal(model: FittedLaw, record: PistonRecord) -> Float[np.ndarray, "n"]:
+def simulate_observation(model: FittedLaw, record: PistonRecord) -> Float[np.ndarray, "n"]:
     """Signal of the model's observation at the times of a record, as its sensor shows it."""
-    grid, theta = _gridded_model(model, record)
-    signal = grid.fitted_signal(theta)
-    while model.law.hidden or not model.law.prescribed:
-        if 2 * grid.grid.steps > _MOST_STEPS:
-            raise InputError(
-                f"the law {quote(model.law.name)} changes too fast for {_MOST_STEPS} steps over the record; "
-                "take a shorter one"
-            )
-        grid = grid.on_grid(grid.grid.finer)
-        before, signal = signal, grid.fitted_signal(theta)
-        if np.abs(signal - before).max() <= _SOLVED * max(float(np.ptp(signal)), 1e-300):
-            break
-    return signal
+    values = list(model.all_parameters.values())
+    hidden = [model.hidden.get(name, 0.0) for name in model.law.hidden]
+    signal = _signal_with_values(model, record, values, hidden)
+    sensor = model.sensor
+    return signal if sensor is None else sensor.nominal_gain * signal + sensor.nominal_offset
 
 
-def _gridded_model(model: FittedLaw, record: PistonRecord) -> tuple[GriddedRecord, np.ndarray]:
-    """Record on a grid, its heights zero in place of the signal, and the model's search vector."""
-    total = record.with_time_from_zero()
-    guess = first_guesses(total.time, total.height)
-    unknowns, theta = search_vector_of_model(model, guess)
-    if model.law.prescribed:
-        total = with_stroke_columns(total)
-        count = unknowns.parameter_and_map_count
-        theta[count : count + 2] = 0.0
-    low, high = model.domain.get(model.observation, (-1.0, 1.0))
-    unknowns = dataclasses.replace(
-        unknowns, sensor=model.sensor, observation=model.observation, signal=max(high - low, 1e-300)
-    )
-    total = dataclasses.replace(total, height=np.zeros(len(total)))
-    steps = grid_over_record(total, model.law.inputs, guess.period, _STEPS * model.law.step_ratio)
-    return record_on_grid(unknowns, total, steps, model.input_interpolation), theta
+def _signal_with_values(
+    model: FittedLaw, record: PistonRecord, values: Sequence[float], hidden: Sequence[float]
+) -> np.ndarray:
+    """Observation of the law, with values of its parameters and hidden states at the start."""
+    law, given = model.law, with_stroke_columns(record) if model.law.prescribed else record
+    inputs = [input_column(given, name) for name in law.inputs]
+    shift, scale = model.map.shift, model.map.scale
+    z0, v0 = (model.initial[0] - shift) / scale, model.initial[1] / scale
+    size = float(np.ptp(model.domain.get("height", (0.0, 1.0)))) / abs(scale)
+    solution = solve_law(law, record.time, z0, v0, values, size, inputs, hidden, model.input_interpolation)
+    if solution.ending != "complete":
+        raise InputError(
+            f"the solution of the law {quote(law.name)} does not reach the end of the record: it diverges, or "
+            "is too fast for its samples; give more of them"
+        )
+    return observed_signal(law, model.observation, solution, values, inputs)
 
 
 def plot_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) -> Axes:
@@ -78,7 +64,7 @@ def plot_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) -> Axes:
     stroke, name = 1e3 * record.height, model.observation
     if name in record.columns:
         ax.plot(stroke, record.columns[name], ".", markersize=2, label="measured")
-    ax.plot(stroke, observed_signal(model, record), label=model.law.name)
+    ax.plot(stroke, simulate_observation(model, record), label=model.law.name)
     ax.set(xlabel="stroke [mm]", ylabel=f"{name} [N]" if name == "force" else name)
     ax.legend()
     return ax
@@ -105,16 +91,15 @@ def force_cycle(
     time = np.arange(_TURNS * _NODES + 1) * (2.0 * math.pi / (_NODES * frequency))
     wave, turn = np.sin(frequency * time), np.cos(frequency * time)
     stroke = PistonRecord(time, middle + amplitude * wave, velocity=amplitude * frequency * turn)
-    plain: FittedLaw = dataclasses.replace(cast("Any", model), hidden={}, sensor=None)
-    grid, theta = _gridded_model(plain, stroke)
     count = len(model.law.parameters)
     spread = np.sqrt(np.maximum(np.diag(model.covariance)[:count], 0.0))
     values = np.array([model.parameters[name] for name in model.law.parameters])
-    logs = np.array([name in model.law.positive for name in model.law.parameters])
-    steps = _STEP * spread / np.where(logs, values, grid.unknowns.units)
-    batch = np.vstack([theta, theta + np.hstack([np.diag(steps), np.zeros((count, len(theta) - count))])])
-    left = residual_function(grid.unknowns, "several")(batch, grid.samples, grid.unknowns.scales)
-    forces = grid.unknowns.residual_unit * np.asarray(left)[: len(time)][-_NODES:]
+    still = [0.0] * len(model.law.hidden)
+    signals = [_signal_with_values(model, stroke, list(values), still)]
+    for step in np.diag(_STEP * spread):
+        moved = list(values + step)
+        signals.append(_signal_with_values(model, stroke, moved, still) if step.any() else signals[0])
+    forces = np.stack(signals, axis=1)[-_NODES:]
     last = slice(-_NODES, None)
     stiffness = 2.0 / (_NODES * amplitude) * (wave[last] @ forces)
     damping = 2.0 / (_NODES * amplitude * frequency) * (turn[last] @ forces)

@@ -34,7 +34,6 @@ class PrintedModel(FittedLaw):
 
     intervals: Mapping[str, tuple[float, float]]
     confidence: float
-    quality: Quality
     undetermined: tuple[ParameterDirection, ...]
     notes: tuple[str, ...]
     no_swing: str
