@@ -378,7 +378,7 @@ class Comparison:
                 ax.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
         ax.set_xscale("log")
         label_log_axis_plainly(ax.xaxis)
-        ax.set_xlabel("error on held-out data [% of rms displacement]")
+        ax.set_xlabel(f"error on held-out data [% {self.best.rms_noun}]")
         ax.grid(visible=False, axis="y")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
         return ax

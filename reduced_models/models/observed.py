@@ -51,8 +51,8 @@ def _signal_with_values(
     solution = solve_law(law, record.time, z0, v0, values, size, inputs, hidden, model.input_interpolation)
     if solution.ending != "complete":
         raise InputError(
-            f"the solution of the law {quote(law.name)} does not reach the end of the record: it diverges, or "
-            "is too fast for its samples; give more of them"
+            f"the solution of the law {quote(law.name)} does not reach the end of the record: it diverges, "
+            "or is too fast for its samples; give more of them"
         )
     return observed_signal(law, model.observation, solution, values, inputs)
 
