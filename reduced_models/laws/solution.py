@@ -210,10 +210,18 @@ def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Da
 class Solution:
     """A solution at given times."""
 
-    z: Float[np.ndarray, "n"]  # NaN at times that it does not reach
-    velocity: Float[np.ndarray, "n"]
+    states: Float[np.ndarray, "n s"]  # z and z', if they are states, hidden ones; NaN if not reached
     ending: Ending  # steps: it takes more than `MOST_STEPS`
-    states: Float[np.ndarray, "n s"]  # z and velocity, if they are states, and hidden ones
+
+    @property
+    def z(self) -> Float[np.ndarray, "n"]:
+        """Coordinate of the law."""
+        return self.states[:, 0]
+
+    @property
+    def velocity(self) -> Float[np.ndarray, "n"]:
+        """Velocity of the coordinate."""
+        return self.states[:, 1]
 
 
 _PIECES = 2**11
@@ -316,7 +324,7 @@ def solve_law(
     # (Kvaerno 2004, doi:10.1023/B:BITN.0000046811.70614.38), with steps that adapt and that end at the times.
     values, size = tuple(map(float, parameters)), 1.0 if law.prescribed else float(size)
     if law.prescribed and not law.hidden:
-        return Solution(inputs[0], inputs[0], "complete", np.zeros((len(times), 0)))
+        return Solution(np.zeros((len(times), 0)), "complete")
     length, cubics = piecewise_cubics(times, list(inputs), how)
     motion = () if law.prescribed else (z0, v0)
     state = np.array([*motion, *(hidden or (0.0,) * len(law.hidden))], dtype=np.float64)
@@ -353,8 +361,7 @@ def solve_law(
     every = len(length) // (len(times) - 1)
     if ending != "complete":
         states[done + 1 :] = np.nan
-    states = states[::every]
-    return Solution(states[:, 0], states[:, min(1, states.shape[1] - 1)], ending, states)
+    return Solution(states[::every], ending)
 
 
 def observed_signal(

@@ -322,7 +322,7 @@ def test_a_friction_that_jumps_names_the_laws_with_dry_friction() -> None:
 
 
 def test_a_solution_that_the_judge_cannot_follow_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    lost = Solution(np.full(2000, np.nan), np.full(2000, np.nan), "steps")
+    lost = Solution(np.full((2000, 2), np.nan), "steps")
     monkeypatch.setattr("reduced_models.fitting.refinement.solve_law", lambda *_: lost)
     with pytest.raises(InputError, match="cannot be followed by the adaptive solver"):
         fit(linear_record(), "linear")

@@ -29,6 +29,7 @@ from reduced_models import (
     compare,
     discover,
     fit,
+    identify,
     load_model,
 )
 from reduced_models.laws import FORCE_LAWS
@@ -198,8 +199,13 @@ def test_a_stroke_by_its_role(tmp_path: Path, command: Callable[..., Any]) -> No
     read = PistonRecord.from_file(path, columns={"stroke": "x", "force": "cell"})
     assert read.measured == "force"
     assert set(read.columns) == {"time", "height", "force"}
-    with pytest.raises(RecordError, match="prescribed"):
-        compare(read, "linear")
+    table = compare(read, ["viscous-coulomb", "linear"])
+    assert table.best.law.name == "linear"
+    assert "constant force" in table.verdict
+    found = identify(read, laws=["linear", "viscous-coulomb"], progress=False)
+    assert found.figures == ()
+    assert "loss per cycle" in found.printout()
+    assert "of rms force" in found.verdict
     with pytest.raises(RecordError, match="force="):
         PistonRecord.from_file(path, columns={"stroke": "x"})
     words = ("--columns", "stroke=x,force=cell", "-o", str(out))
