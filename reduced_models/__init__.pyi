@@ -5,6 +5,7 @@ from .designs.design import design
 from .designs.proposal import propose_design
 from .designs.target import DesignTarget
 from .discovery.discover import discover
+from .discovery.options import DiscoveryOptions
 from .falls.fall_summary import whole_fall
 from .falls.predicted_law import predict, valid_shaking_range
 from .falls.unseen_fall_scores import score_drops
@@ -32,6 +33,7 @@ __all__ = [
     "Comparison",
     "DamperCandidate",
     "DesignTarget",
+    "DiscoveryOptions",
     "FirstGuesses",
     "FitOptions",
     "HeightMap",

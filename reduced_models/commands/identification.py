@@ -87,7 +87,9 @@ STARTS = option("--starts", type=int, default=16, help="how many starting points
     option("-o", "--out", metavar="DIR", help="directory for report, models and run"),
     LAWS,
     option(
-        "--discover", metavar="METHOD", help="also search for a law of unknown form, by sindy, operon or pysr"
+        "--discover",
+        metavar="METHOD",
+        help="also search for a law of unknown form, by sindy, pysindy, operon or pysr",
     ),
     INPUT,
     option(
@@ -251,7 +253,9 @@ def parse_parameters(bounds: Sequence[str], own: Sequence[str]) -> dict[str, Par
     "discover",
     "find the structure of the law in a record, or in several",
     SOURCES,
-    option("--method", default="auto", help="auto (sindy and operon side by side), sindy, operon, pysr"),
+    option(
+        "--method", default="auto", help="auto (sindy and operon side by side), sindy, pysindy, operon, pysr"
+    ),
     option(
         "--library",
         action="append",
@@ -266,7 +270,7 @@ def parse_parameters(bounds: Sequence[str], own: Sequence[str]) -> dict[str, Par
         action="append",
         default=[],
         metavar="TERM",
-        help="a term of your own in z, z' and the input, such as 'sin(z)' (repeatable)",
+        help="a term of your own in z, z', the input and the time t, as 'sin(z)' or 'sin(w*t)' (repeatable)",
     ),
     option(
         "--functions",
@@ -276,12 +280,11 @@ def parse_parameters(bounds: Sequence[str], own: Sequence[str]) -> dict[str, Par
         help="what symbolic regression may use next to sums and products: sin, exp, max, / (repeatable)",
     ),
     option("--degree", type=int, default=3, help="of the physical library's powers of z"),
-    option("--form", default="weak", help="of sindy: weak (integrals, default) or strong (derivatives)"),
     INPUT,
     option(
         "--target",
         default="acceleration",
-        help="acceleration (default); height for z(t) itself; force, along a prescribed stroke",
+        help="acceleration (default); height for a formula of the time; force, along a prescribed stroke",
     ),
     option(
         "--map", metavar="SHIFT:SCALE", help="z = (height - SHIFT)/SCALE, as '60 mm:10 mm'; by itself without"
@@ -306,6 +309,7 @@ examples:
 def discover(options: Any) -> None:
     """Discover a law in the records of some sources."""
     from reduced_models.discovery.discover import discover as discover_law
+    from reduced_models.discovery.options import DiscoveryOptions
     from reduced_models.discovery.term_libraries import AUTO
 
     require_options(options, sources="SOURCE")
@@ -315,9 +319,12 @@ def discover(options: Any) -> None:
         records[0] if len(records) == 1 else records,
         library=options.library or AUTO,
         input=options.drive,
-        map="auto" if options.map is None else _parse_height_map(options.map),
-        progress=not options.quiet,
-        **pick_options(options, "method", "form", "degree", "terms", "functions", "target", "effort", "seed"),
+        options=DiscoveryOptions(
+            map="auto" if options.map is None else _parse_height_map(options.map),
+            progress=not options.quiet,
+            **pick_options(options, "functions", "effort"),
+        ),
+        **pick_options(options, "method", "degree", "terms", "target", "seed"),
     )
     text, model = str(result), result.best.model
     if options.out is not None and model is not None:

@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.shared.message_text import format_factor
-from reduced_models.discovery.polishing import replace_numbers_by_symbols
 from reduced_models.discovery.result import CandidateEquation, pareto_front
-from reduced_models.discovery.structure_proposals import candidate_from_terms
+from reduced_models.discovery.structure_proposals import ProposedStructures
 from reduced_models.discovery.subset_selection import EquationScorer, normalise_columns, score_terms
-from reduced_models.discovery.terms import AnyTerm, sort_terms, structure_text
+from reduced_models.discovery.terms import AnyTerm, replace_numbers_by_symbols, sort_terms, structure_text
 from reduced_models.models.model import ReducedModel
 
 _POOR = 2.0
@@ -27,11 +26,9 @@ _HOPELESS = 15.0  # a criterion that is so much worse is not made good by fittin
 
 
 def polish_and_choose_candidate(
-    candidates: list[CandidateEquation],
+    proposed: ProposedStructures,
     polish: Callable[[CandidateEquation], CandidateEquation],
     count: int,
-    scorer: EquationScorer,
-    others: Sequence[CandidateEquation] = (),
     seed: int | None = None,
     *,
     integrated: bool = False,
@@ -39,10 +36,11 @@ def polish_and_choose_candidate(
     """Fit the best candidates, and with a seed those that halves prefer; choose the simplest sound one."""
     # Of those that could be fitted, the one with the fewest numbers to which no other is strongly preferred:
     # by 6 of the criterion (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
+    candidates, scorer = proposed.candidates, proposed.scorer
     order = sorted(candidates, key=lambda candidate_: candidate_.criterion)
     near = [item for item in order[:count] if item.criterion <= order[0].criterion + _HOPELESS]
     if integrated:  # their noise is not known, so the simplest ones of the front are fitted
-        near = pareto_front(list(candidates))[: count + 1] if count else []
+        near = pareto_front(candidates)[: count + 1] if count else []
     elif count and seed is not None:
         near += [item for item in _preferred_by_halves(order, scorer, seed) if item not in near]
     done = [polish(candidate_) for candidate_ in near]
@@ -50,7 +48,7 @@ def polish_and_choose_candidate(
         done += _first_polishable_candidate(
             [candidate_ for candidate_ in order if not _has_same_structure(candidate_, near)], polish
         )
-    done = _add_pruned_candidates(done, polish, scorer)
+    done = _add_pruned_candidates(done, polish, proposed)
     fitted = [candidate_ for candidate_ in done if candidate_.models]
     if fitted:
         best = _simplest_candidate(fitted, _solution_criteria(fitted, scorer))
@@ -64,7 +62,7 @@ def polish_and_choose_candidate(
         if not _has_same_structure(candidate_, [*near, *shown])
     ]
     front = sorted(
-        [*shown, *rest, *others], key=lambda candidate_: (candidate_.complexity, -candidate_.error)
+        [*shown, *rest, *proposed.others], key=lambda candidate_: (candidate_.complexity, -candidate_.error)
     )
     return front, next(k for k, candidate_ in enumerate(front) if candidate_ is best)
 
@@ -83,14 +81,14 @@ def _first_polishable_candidate(
 def _add_pruned_candidates(
     done: list[CandidateEquation],
     polish: Callable[[CandidateEquation], CandidateEquation],
-    scorer: EquationScorer,
+    proposed: ProposedStructures,
 ) -> list[CandidateEquation]:
     """Polished candidates, and what is left of them without the terms that may be zero."""
     candidates = list(done)
     for candidate in candidates:  # which grows: what is left may have such terms as well
-        needed = _needed_terms(candidate, scorer)
+        needed = _needed_terms(candidate, proposed.scorer)
         if needed:
-            simpler = candidate_from_terms(score_terms(scorer, needed))
+            simpler = proposed.study.candidate_of_sum(score_terms(proposed.scorer, needed))
             if not _has_same_structure(simpler, candidates):
                 candidates.append(polish(simpler))
     return candidates

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import NamedTuple
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
@@ -15,12 +14,22 @@ from reduced_models.discovery.candidate_choice import (
     polish_and_choose_candidate,
     weigh_structure_evidence,
 )
-from reduced_models.discovery.hidden_state_search import add_hidden_state, propose_hidden_state_structures
+from reduced_models.discovery.hidden_state_search import hidden_state_studies, memory_notes
 from reduced_models.discovery.operon_search import is_operon_installed
-from reduced_models.discovery.parametric_terms import ParametricTerms, split_parametric_terms
-from reduced_models.discovery.polishing import polish_candidate, polish_force_candidate
+from reduced_models.discovery.options import (
+    SPARSE,
+    DiscoveryOptions,
+    Method,
+    Target,
+    check_arguments,
+    check_combination,
+    is_single_library,
+    text_sequence,
+)
+from reduced_models.discovery.parametric_terms import OpenTerms, ParametricTerms, split_parametric_terms
+from reduced_models.discovery.polishing import polish_candidate
 from reduced_models.discovery.result import CandidateEquation, Discovery
-from reduced_models.discovery.structure_proposals import SymbolicSearch, propose_structures
+from reduced_models.discovery.structure_proposals import Study, SymbolicSearch, propose_structures
 from reduced_models.discovery.term_libraries import (
     AUTO,
     MEMORY,
@@ -32,21 +41,18 @@ from reduced_models.discovery.term_libraries import (
     parse_custom_terms,
     propose_library,
 )
-from reduced_models.discovery.terms import AnyTerm, physical_library_terms
+from reduced_models.discovery.terms import AnyTerm, Term
 from reduced_models.discovery.weak_form import (
-    SmoothedMotion,
     WeakForm,
     choose_height_map,
     estimate_motion,
-    force_weak_form,
+    observed_weak_form,
     weak_form,
 )
 from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_prescribed_strokes
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.records.derivatives import DerivativeMethod
 from reduced_models.records.inputs import column_names
 
-Method = Literal["auto", "sindy", "operon", "pysr"]
 _NO_OPERON = (
     "pyoperon is not installed, so sparse regression alone proposes structures: "
     "pip install 'granular-damper[discover]'"
@@ -56,31 +62,26 @@ _INTEGRATED = (
     "candidates only; the model was fitted to the {0} itself"
 )
 _UNUSED = "columns that were not used as an input: {0}; input=NAME (--input NAME) takes one as the drive"
-_GREATEST_SEED = 2**32 - 1  # that np.random.seed takes, which PySINDy draws by
 _LINE = 70  # characters of a formula that a line of progress shows
-METHODS: tuple[Method, ...] = ("auto", "sindy", "operon", "pysr")
+_LEFT_SIDES = {"acceleration": "z''", "force": "force", "height": "height"}
+_FORMULA = ("sin", "cos", "exp")  # that formulas of the time may have
+_DRIVE = ("sin(w*t)", "cos(w*t)")
+_DEFAULTS = DiscoveryOptions()
 
 
 def discover(
-    record: RecordLike | Sequence[RecordLike],
+    records: RecordLike | Sequence[RecordLike],
     method: Method = "auto",
     *,
-    form: Literal["weak", "strong"] = "weak",
-    ensemble: bool = False,
-    derivative: DerivativeMethod = "savitzky-golay",
-    degree: int = 3,
     library: str | Sequence[str] = AUTO,
-    terms: Sequence[str] = (),
-    functions: Sequence[str] = (),
+    target: Target = "acceleration",
+    degree: int = 3,
+    terms: str | Sequence[str] = (),
     input: str | None = None,  # noqa: A002
-    target: Literal["acceleration", "height", "force"] = "acceleration",
-    map: HeightMap | Literal["auto"] = "auto",  # noqa: A002
-    polish: int = 3,
-    effort: float = 1.0,
     seed: int = 0,
-    progress: bool = False,
+    options: DiscoveryOptions = _DEFAULTS,
 ) -> Discovery:
-    """Discover the equation of motion z'' = f(z, z', input) of a record, or of several together.
+    """Discover the equation of motion z'' = f(z, z', input, t) of a record, or of several together.
 
     Every method proposes structures. All are weighed by the same white residuals of the weak form;
     those that no simpler one beats make the Pareto front; the best of them are fitted through their
@@ -91,65 +92,45 @@ def discover(
 
     Parameters
     ----------
-    record : PistonRecord, table (pandas, xarray, mapping), path, (time, height), or a list of these
+    records : PistonRecord, table (pandas, xarray, mapping), path, (time, height), or a list of these
         Times [s] and heights [m], at least 20 samples each. Several obey the same equation, with
         the same numbers, each from its own initial state.
     method : str
         ``"auto"``: what ``"sindy"`` and, where pyoperon is installed, ``"operon"`` propose, side by
-        side. ``"sindy"``: a sparse sum of the terms of a physical library, powers of z times 1, z',
-        |z'| z' and sign(z') (Brunton, Proctor & Kutz 2016, doi:10.1073/pnas.1517384113).
-        ``"operon"``: symbolic regression in z, z', |z'| and sign(z') by pyoperon. ``"pysr"``:
-        sparse sums, and symbolic regression by PySR, which needs Julia.
-    form : "weak" or "strong"
-        For ``"sindy"``: all subsets of the library, on integrals that need no derivative of the
-        record (but for drag and friction; Messenger & Bortz 2021, doi:10.1137/20M1343166); or
-        thresholded least squares on an estimate of z''.
-    ensemble : bool
-        For ``"sindy"``: thresholded least squares on resampled rows (Fasel, Kutz, Brunton & Brunton
-        2022, doi:10.1098/rspa.2021.0904); the result says how often each term was needed.
-    derivative : str
-        Estimator of z' and z'', ``"savitzky-golay"``, ``"smoothing-spline"`` or
-        ``"finite-differences"``; see `derivatives`.
-    degree : int
-        Of the powers of z in the physical library, from 1 to 5. With ``library="auto"`` it is the
-        least one: it grows while the held-out error falls.
+        side. ``"sindy"``: a sparse sum of the terms of a library (Brunton, Proctor & Kutz 2016,
+        doi:10.1073/pnas.1517384113): all subsets, on integrals that need no derivative of the record
+        (but for drag and friction; Messenger & Bortz 2021, doi:10.1137/20M1343166). ``"pysindy"``:
+        sums that PySINDy's thresholded least squares find on smoothed derivatives, and what is left
+        of them term by term. ``"operon"``: symbolic regression in z, z', |z'| and sign(z') by
+        pyoperon. ``"pysr"``: sparse sums, and symbolic regression by PySR, which needs Julia.
     library : str, or a sequence of them
         Which terms there are to choose from. ``"auto"``: those of the library that the record
-        speaks for, with a note why where it is not the physical one. Or one or more of
+        speaks for, with a note why where it is not the physical one; where all libraries leave more
+        than the noise, also a drive sin(w*t), cos(w*t), whose w is found. Or one or more of
         `reduced_models.discovery.term_libraries.LIBRARIES`: ``"physical"``, ``"polynomial"``,
         ``"trigonometric"``, ``"rational"``, ``"dry friction"``, ``"contact"``, ``"driven"``.
         Symbolic regressions are given what of it is no product of powers as variables.
         ``"memory"``: for beds, powers of the height with and without a hidden state w, a strain
         that yields or relaxes (`reduced_models.discovery.hidden_state_search`); for forces along a
         stroke about zero, a displacement that yields, as in the models of Bouc and Wen, and of Dahl.
+    target : "acceleration", "force" or "height"
+        Z''; or the force that was measured along a prescribed stroke; or, for symbolic regression,
+        the height itself, by a formula of the time t.
+    degree : int
+        Of the powers of z in the physical library, from 1 to 5. With ``library="auto"`` it is the
+        least one: it grows while the held-out error falls.
     terms : sequence of str
-        Own terms next to the library's, in z, z' and the input's column: ``"sin(z)"``,
-        ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient; numbers within it stay
-        as they are, and names stand for numbers to be found: ``"max(0, z - d)"``. A sum is taken
-        apart, and each of its terms gets a coefficient of its own, in place of the number before it.
-    functions : sequence of str
-        What symbolic regressions may use next to sums, differences and products:
-        ``"sin"``, ``"exp"``, ``"max"``, ``"/"`` and others. Not for ``"sindy"``.
+        Own terms next to the library's, in z, z', the input's column and the time t since the start:
+        ``"sin(z)"``, ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient; numbers
+        within it stay as they are, and names stand for numbers to be found: ``"max(0, z - d)"``,
+        ``"sin(w*t)"``. A sum is taken apart, and each of its terms gets a coefficient of its own, in
+        place of the number before it.
     input : str, optional
         Column of the records that drives the motion ("force", or an extra one).
-    target : "acceleration", "height" or "force"
-        Z''; or, for symbolic regression of one record, z(t) itself, which is not polished; or the
-        force that was measured along a prescribed stroke, of which the chosen equation is fitted.
-    map : HeightMap or "auto"
-        Z = (height - shift)/scale. Automatically the height itself, or, where the level of rest is
-        farther from zero than the swing is wide, the swing about rest in amplitudes; of the record
-        that swings the furthest. With own terms or another library, which mean something by z, it
-        is the height itself.
-    polish : int
-        Greatest number of candidates, from 0 on, best first, that are fitted through their differential
-        equation; those whose criterion is hopeless next to the best one's are not. With 0 no
-        candidate has a model.
-    effort : float
-        Times the usual length of a symbolic regression, above 0.
     seed : int
         Seed of random searches, from 0 to 2^32 - 1.
-    progress : bool
-        True for a line on standard error that shows what is being done.
+    options : DiscoveryOptions
+        Rare options: map, polish, functions, effort, progress.
 
     Returns
     -------
@@ -163,95 +144,117 @@ def discover(
         If a table is no record, or a record is too short or does not move, holds no heights, or has
         no such column or no force that ``target`` needs.
     InputError
-        If there is no record, an option is out of its range, options do not go together, a term or
+        If there is no record, an argument is out of its range, arguments do not go together, a term or
         function cannot be read, a term is not finite over the motion, or a program that the method
         needs is not installed.
     """
-    records = list_of_records(record)
-    terms, functions = _as_text_sequence(terms), _as_text_sequence(functions)
-    _check_arguments(method, form, target, degree, polish, ensemble, effort)
-    _check_argument_types(library, map, seed)
-    _check_records_for_target(records, target)
-    remembers = _is_single_library(library, MEMORY)
-    if remembers:
-        _check_hidden_state_options(target, form, ensemble, input, map)
-    plain, open_terms = split_parametric_terms(() if remembers else terms, input, column_names(records[0]))
-    known = _requested_terms(library, plain, degree, input)
-    allowed = functions_known_to_program(functions, method)
-    method, lacking = _resolve_installed_method(method, functions)
+    given, texts = list_of_records(records), text_sequence("terms", terms)
+    check_arguments(method, library, target, degree, seed)
+    check_combination(method, library, target, texts, input, options.map)
+    _check_records_for_target(given, target)
+    functions = functions_known_to_program(options.functions, method)
+    method, lacking = _resolve_installed_method(method, options.functions)
     search = None
-    if method != "sindy":
-        search = SymbolicSearch("pysr" if method == "pysr" else "operon", allowed, effort, seed)
-    with stage_reporter("discover", wanted=progress) as now:
+    if method not in SPARSE:
         if target == "height":
-            from reduced_models.discovery.formula_of_time import discover_height_formulas
+            functions = tuple(dict.fromkeys((*_FORMULA, *functions)))
+        search = SymbolicSearch("pysr" if method == "pysr" else "operon", functions, options.effort, seed)
+    with stage_reporter("discover", wanted=options.progress) as now:
+        now("libraries")
+        subject = _choose_terms(given, library, target, degree, texts, input, options.map)
+        now("sparse sums of terms" if search is None else "symbolic regression")
+        proposed = propose_structures(subject.studies, method, search)
+        open_terms = proposed.study.open_terms
 
-            now("symbolic regression of z(t)")
-            assert search is not None
-            height_map, (only,) = _resolve_height_map(records, library, terms, map), records
-            return discover_height_formulas(only.time, only.height, search, height_map)
+        def polish_one(candidate: CandidateEquation) -> CandidateEquation:
+            now(f"fit of {candidate.left_side} = {candidate.expression.evalf(3)}"[:_LINE])
+            return polish_candidate(candidate, given, subject.map, input, seed, open_terms)
 
-        if remembers:
-            now("hidden states")
-            height_map, library_note = HeightMap(), ""
-            motions = [estimate_motion(record, height_map, derivative) for record in records]
-            weak = force_weak_form(records, motions) if target == "force" else weak_form(*motions)
-            proposed = propose_hidden_state_structures(weak, search, terms, method != "operon")
-        else:
-            now("libraries")
-            _, known, height_map, weak, library_note = _choose_library(
-                records, library, terms, known, derivative, input, map, degree, force=target == "force"
-            )
-            known = (*known, *_fit_parametric_terms(weak, known, open_terms))
-            now("sparse sums of terms" if search is None else "symbolic regression")
-            proposed = propose_structures(
-                weak, known, search, sparse=method != "operon", form=form, ensemble=ensemble, seed=seed
-            )
-            left = "force" if target == "force" else "z''"
-            candidates = open_terms.add_parameter_costs(proposed.candidates, weak.sample_count, left)
-            proposed = proposed._replace(candidates=candidates)
-        words = _method_description(method, form, ensemble, target if remembers else "")
-
-        def polish_one(candidate_equation: CandidateEquation) -> CandidateEquation:
-            now(f"fit of z'' = {candidate_equation.expression.evalf(3)}"[:_LINE])
-            candidate = add_hidden_state(candidate_equation, proposed.hidden_state, proposed.scorer)
-            return polish_candidate(candidate, records, height_map, input, seed, open_terms)
-
-        count = 0 if target == "force" else polish
         front, chosen = polish_and_choose_candidate(
-            proposed.candidates,
+            proposed,
             polish_one,
-            count,
-            proposed.scorer,
-            proposed.others,
-            None if remembers else seed,
-            integrated=records[0].measured in ("velocity", "acceleration"),
+            options.polish,
+            seed,
+            integrated=given[0].measured in ("velocity", "acceleration"),
         )
-        said = notes_on_candidate(front[chosen], proposed.scorer)
-        if target == "force" and polish:
-            front[chosen] = polish_force_candidate(front[chosen], records, height_map, input, seed)
         now("done")
     rivals = open_terms.with_chosen_values(proposed.candidates, front[chosen])
-    sure = (
-        None if remembers else weigh_structure_evidence(front[chosen], rivals, proposed.scorer, seed, front)
-    )
+    sure = weigh_structure_evidence(front[chosen], rivals, proposed.scorer, seed, front)
     notes = (
-        library_note,
-        *proposed.notes,
-        *_notes_on_records(records, input, target, said),
+        subject.note,
+        *(memory_notes(proposed.groups) if len(subject.studies) > 1 else ()),
+        *_notes_on_records(given, input, target, notes_on_candidate(front[chosen], proposed.scorer)),
         *(note for model in front[chosen].models for note in model.notes),
         "" if sure is None else sure.rival_note,
         _NO_OPERON if lacking else "",
     )
     return Discovery(
-        words,
+        _method_description(method, library, target),
         tuple(front),
         chosen,
-        height_map,
-        proposed.inclusion_fractions,
+        subject.map,
         tuple(note for note in dict.fromkeys(notes) if note),
         {} if sure is None else sure.criterion_increases,
     )
+
+
+class _Subject(NamedTuple):
+    """Terms to choose from, with the integrals in the z that they mean."""
+
+    studies: list[Study]
+    map: HeightMap
+    note: str = ""
+
+
+def _choose_terms(
+    records: Sequence[PistonRecord],
+    library: str | Sequence[str],
+    target: Target,
+    degree: int,
+    texts: Sequence[str],
+    column: str | None,
+    wanted: HeightMap | str,
+) -> _Subject:
+    """Terms of a library, own ones, and those whose numbers are to be found."""
+    left_side = _LEFT_SIDES[target]
+
+    def integrals(height_map: HeightMap) -> WeakForm:
+        motions = [estimate_motion(record, height_map, column) for record in records]
+        return (
+            weak_form(*motions) if target == "acceleration" else observed_weak_form(target, records, motions)
+        )
+
+    if target == "height":
+        return _Subject([Study(integrals(HeightMap()), (Term(0),), left_side)], HeightMap())
+    if is_single_library(library, MEMORY):
+        studies = hidden_state_studies(integrals(HeightMap()), texts, left_side)
+        return _Subject(studies, HeightMap())
+    plain, opened = split_parametric_terms(texts, column, column_names(records[0]))
+    height_map, automatic = (
+        _resolve_height_map(records, library, texts, wanted),
+        is_single_library(library, AUTO),
+    )
+    drive, found = split_parametric_terms(_DRIVE, None, ())[1], ParametricTerms()
+    if automatic and target == "acceleration":
+        own = tuple(parse_custom_terms(plain, column))
+        proposal = propose_library(
+            integrals,
+            height_map,
+            column,
+            degree,
+            map_is_given=bool(texts) or wanted != "auto",
+            angle=records[0].angle,
+            drive_terms=lambda weak, known: ParametricTerms().fit_open_terms(drive, weak, known),
+        )
+        proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *own))))
+    else:
+        known = library_terms(PHYSICAL if automatic else library, plain, degree, column)
+        proposal = LibraryProposal("", known, height_map, integrals(height_map))
+    _check_terms_finite(proposal.weak, proposal.terms)
+    known = proposal.terms
+    for item in (drive if proposal.driven else OpenTerms(), opened):
+        known = (*known, *found.fit_open_terms(item, proposal.weak, known))
+    return _Subject([Study(proposal.weak, known, left_side, open_terms=found)], proposal.map, proposal.note)
 
 
 def _notes_on_records(
@@ -268,79 +271,20 @@ def _notes_on_records(
     return (*said, _UNUSED.format(", ".join(map(sanitize, others))))
 
 
-def _requested_terms(
-    library: str | Sequence[str], terms: Sequence[str], degree: int, column: str | None
-) -> tuple[AnyTerm, ...]:
-    """Terms of a library that is named, and own ones; own ones alone where none is."""
-    if _is_single_library(library, MEMORY):
-        return ()
-    if _is_single_library(library, AUTO):
-        return tuple(parse_custom_terms(terms, column))
-    return library_terms(library, terms, degree, column)
-
-
-def _choose_library(
-    records: Sequence[PistonRecord],
-    library: str | Sequence[str],
-    terms: Sequence[str],
-    known: tuple[AnyTerm, ...],
-    derivative: DerivativeMethod,
-    column: str | None,
-    wanted: HeightMap | Literal["auto"],
-    degree: int,
-    *,
-    force: bool,
-) -> LibraryProposal:
-    """Terms to choose from, and the weak form of the records in the z that they mean."""
-    height_map = _resolve_height_map(records, library, terms, wanted)
-
-    def motions(height_map: HeightMap) -> list[SmoothedMotion]:
-        return [estimate_motion(record, height_map, derivative, column) for record in records]
-
-    if force:
-        if _is_single_library(library, AUTO):
-            known = (*physical_library_terms(degree, column is not None), *known)
-        weak = force_weak_form(records, motions(height_map))
-        proposal = LibraryProposal("", known, height_map, weak, "")
-    elif _is_single_library(library, AUTO):
-        proposal = propose_library(
-            lambda height_map: weak_form(*motions(height_map)),
-            height_map,
-            column,
-            degree,
-            map_is_given=bool(terms) or wanted != "auto",
-            angle=records[0].angle,
-        )
-        proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *known))))
-    else:
-        proposal = LibraryProposal("", known, height_map, weak_form(*motions(height_map)), "")
-    _check_terms_finite(proposal.weak, proposal.terms)
-    return proposal
-
-
-def _fit_parametric_terms(
-    weak: WeakForm, known: Sequence[AnyTerm], open_terms: ParametricTerms
-) -> list[AnyTerm]:
-    """Open terms with the numbers that leave least next to the known ones."""
-    terms = open_terms.terms_with_best_values(weak, known)
-    _check_terms_finite(weak, terms)
-    return terms
-
-
 def _resolve_height_map(
     records: Sequence[PistonRecord],
     library: str | Sequence[str],
     terms: Sequence[str],
-    wanted: HeightMap | Literal["auto"],
+    wanted: HeightMap | str,
 ) -> HeightMap:
     """Map that is wanted; own terms and libraries other than the usual mean the height."""
-    usual = _is_single_library(library, AUTO) or _is_single_library(library, PHYSICAL)
+    usual = is_single_library(library, AUTO) or is_single_library(library, PHYSICAL)
     if wanted == "auto" and (terms or not usual):
         return HeightMap()
     return choose_height_map(records, wanted)
 
 
-def _resolve_installed_method(method: Method, functions: Sequence[str]) -> tuple[Method, bool]:
+def _resolve_installed_method(method: Method, functions: str | Sequence[str]) -> tuple[Method, bool]:
     """Return the method, or what stands in for it, and whether pyoperon is lacking for it."""
     if method == "pysr":
         from reduced_models.discovery.pysr_search import require_pysr
@@ -353,11 +297,6 @@ def _resolve_installed_method(method: Method, functions: Sequence[str]) -> tuple
     return "sindy", True
 
 
-def _is_single_library(library: str | Sequence[str], name: str) -> bool:
-    """Return True where a library's name, or the only one of a list, is this one."""
-    return [library] == [name] or list(library) == [name]
-
-
 def _check_records_for_target(records: Sequence[PistonRecord], target: str) -> None:
     if target != "force":
         refuse_prescribed_strokes(records, "discover")
@@ -365,64 +304,6 @@ def _check_records_for_target(records: Sequence[PistonRecord], target: str) -> N
         raise InputError("there is no record to discover a law in; give at least one")
     if target == "height" and len(records) > 1:
         raise InputError(f"target = 'height' is of one record, not of {len(records)}; give one")
-
-
-def _check_hidden_state_options(
-    target: str, form: str, ensemble: bool, column: str | None, height_map: HeightMap | str
-) -> None:
-    if target == "height" or form != "weak" or ensemble or column is not None:
-        raise InputError(
-            f"library = {MEMORY!r} is of z'' or the force of a bed that is not driven, by its weak "
-            "form; leave out form, ensemble, input and target = 'height'"
-        )
-    if height_map not in ("auto", HeightMap()):
-        raise InputError(f"library = {MEMORY!r} is of the height itself; leave out map")
-
-
-def _check_arguments(
-    method: str, form: str, target: str, degree: int, polish: int, ensemble: bool, effort: float
-) -> None:
-    for name, value, valid in (
-        ("method", method, METHODS),
-        ("form", form, ("weak", "strong")),
-        ("target", target, ("acceleration", "height", "force")),
-    ):
-        if value not in valid:
-            raise InputError(f"{name} = {quote(value)}; give one of {', '.join(valid)}")
-    if not isinstance(degree, int) or not 1 <= degree <= 5:
-        raise InputError(f"degree = {quote(degree)}; give an integer from 1 to 5")
-    if not isinstance(polish, int) or polish < 0:
-        raise InputError(f"polish = {quote(polish)}; give an integer from 0 on")
-    if not isinstance(effort, int | float) or not 0.0 < effort < math.inf:
-        raise InputError(f"effort = {quote(effort)}; give a number above 0")
-    if method in ("auto", "sindy") and target == "height":
-        raise InputError("target = 'height' needs a symbolic method: give method 'operon' or 'pysr'")
-    if method not in ("auto", "sindy") and (ensemble or form != "weak"):
-        raise InputError(f"form and ensemble belong to method 'sindy'; leave them out of {quote(method)}")
-
-
-def _check_argument_types(library: object, height_map: object, seed: object) -> None:
-    names = [library] if isinstance(library, str) else library
-    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
-        raise InputError(f"library = {quote(library)}; give a name, or several in a list")
-    if not isinstance(seed, int) or not 0 <= seed <= _GREATEST_SEED:
-        raise InputError(f"seed = {quote(seed)}; give an integer from 0 to {_GREATEST_SEED}")
-    if isinstance(height_map, HeightMap):
-        if not (math.isfinite(height_map.shift) and 0.0 < abs(height_map.scale) < math.inf):
-            raise InputError(
-                f"map has the shift {height_map.shift:g} and the scale {height_map.scale:g} m; "
-                "give finite ones, and a scale that is not zero"
-            )
-    elif height_map != "auto":
-        raise InputError(f"map = {quote(height_map)}; give 'auto' or HeightMap(shift, scale)")
-
-
-def _as_text_sequence(texts: str | Sequence[str]) -> Sequence[str]:
-    """Texts, or a single one, in a sequence."""
-    result = (texts,) if isinstance(texts, str) else texts
-    if not isinstance(result, Sequence):
-        raise InputError(f"terms or functions = {quote(texts)}; give a text, or several in a list")
-    return result
 
 
 def _check_terms_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
@@ -437,11 +318,8 @@ def _check_terms_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
                 )
 
 
-def _method_description(method: str, form: str, ensemble: bool, memory_of: str) -> str:
-    """Return the method in words; ``memory_of`` is the target where hidden states are searched."""
-    name = "sindy and operon" if method == "auto" else method
-    if memory_of:
-        return f"{name}, with memory, " + ("force" if memory_of == "force" else "z''")
-    if method != "sindy":
-        return name
-    return f"{name}, {form} form" + (", ensemble" if ensemble else "")
+def _method_description(method: str, library: str | Sequence[str], target: str) -> str:
+    """Return the method in words."""
+    words = ["sindy and operon" if method == "auto" else method]
+    words += ["with memory"] if is_single_library(library, MEMORY) else []
+    return ", ".join([*words, *([] if target == "acceleration" else [f"of the {target}"])])

@@ -22,25 +22,12 @@ from reduced_models.discovery.hidden_states import (
     HiddenState,
     ScaledHiddenState,
 )
-from reduced_models.discovery.polishing import replace_numbers_by_symbols
-from reduced_models.discovery.result import CandidateEquation, pareto_front
-from reduced_models.discovery.structure_proposals import (
-    ProposedStructures,
-    SymbolicSearch,
-    candidate_from_terms,
-    propose_symbolic_candidates,
-)
-from reduced_models.discovery.subset_selection import (
-    EquationScorer,
-    ScoredTerms,
-    all_index_subsets,
-    normalise_columns,
-    score_subsets,
-    scorers_in_common_unit,
-)
+from reduced_models.discovery.result import CandidateEquation
+from reduced_models.discovery.structure_proposals import Study
+from reduced_models.discovery.subset_selection import normalise_columns
 from reduced_models.discovery.term_libraries import MEMORY, parse_custom_terms
 from reduced_models.discovery.terms import AnyTerm
-from reduced_models.discovery.weak_form import ForceIntegrals, WeakForm, white_noise_weak_form
+from reduced_models.discovery.weak_form import WeakForm, white_noise_weak_form
 
 HIDDEN = "w"
 """Name of the hidden state's fraction of the force in own terms."""
@@ -53,79 +40,41 @@ HIDDEN_TERMS = ("w", "w*z**-2", "w*z**-2.5", "w*z**-3")
 _CLEAR = 10.0
 """Difference of criteria that is decisive (Kass & Raftery 1995)."""
 _FAR = 10.0
-"""Noise levels left by the best sums, from which on they are not weighed by that noise."""
+"""Noise levels left by all terms together, from which on they are not weighed by that noise."""
 _FINER = 9
 """Values of each scale on the finer grids."""
 _ROUNDS = 2
-_RETAINED = 20
-"""Sums of each hidden state that are candidates."""
 
 
-class _HiddenStateScores(NamedTuple):
-    """The best sums with one hidden state, or with none."""
-
-    hidden_state: ScaledHiddenState | None
-    ranked: list[ScoredTerms]
-    scorer: EquationScorer
-
-
-def propose_hidden_state_structures(
-    weak: WeakForm, search: SymbolicSearch | None, terms: Sequence[str] = (), sparse: bool = True
-) -> ProposedStructures:
-    """Propose equations with the hidden state that sums of terms need most, or with none."""
+def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -> list[Study]:
+    """Studies without a hidden state, and with each of them at the scales where all terms leave least."""
     # z is the height [m] here, since strains are meant.
-    force = isinstance(weak.parts[0], ForceIntegrals)
     states: Sequence[HiddenState] = HIDDEN_STATES
     plain_texts: Sequence[str] = PLAIN_TERMS
     hidden_texts: Sequence[str] = HIDDEN_TERMS
     if any(motion.z.min() <= 0.0 for motion in weak.motions):
-        if not force:
+        if left_side != "force":
             raise InputError(
                 f"library = {MEMORY!r} is about strains of a bed, but a height is not above zero; give "
                 "heights above the floor"
             )
         states, plain_texts, hidden_texts = DAMPER_STATES, DAMPER_TERMS, (HIDDEN,)
     plain = parse_custom_terms(plain_texts, HIDDEN)
-    known = tuple(dict.fromkeys((*plain, *parse_custom_terms((*hidden_texts, *terms), HIDDEN))))
-    scored = _score_hidden_states(weak, known, states)
-    if not force and min(candidate.scorer.excess for candidate in scored) > _FAR**2:
-        scored = _score_hidden_states(white_noise_weak_form(weak), known, states)
-    scorers = scorers_in_common_unit([candidate.scorer for candidate in scored])
-    scored = [candidate._replace(scorer=scorer) for candidate, scorer in zip(scored, scorers, strict=True)]
-    groups = [_candidates_with_state(candidate) for candidate in scored]
-    best = min(range(len(scored)), key=lambda k: groups[k][0].criterion)
-    candidates = [study for group in groups for study in group] if sparse else []
-    if search is not None:
-        candidates += _symbolic_candidates_with_state(scored[best], known, search)
-    if force:
-        candidates = [dataclasses.replace(candidate, left_side="force") for candidate in candidates]
-    hidden_state, scorer = scored[best].hidden_state, scored[best].scorer
-    state = None if hidden_state is None else hidden_state.kind
-    return ProposedStructures(
-        [candidate for candidate in candidates if _candidate_state(candidate) is state],
-        scorer,
-        others=[item for item in pareto_front(candidates) if _candidate_state(item) is not state],
-        notes=_hidden_state_notes(groups, best),
-        hidden_state=hidden_state,
-    )
+    known = tuple(dict.fromkeys((*plain, *parse_custom_terms((*hidden_texts, *texts), HIDDEN))))
+    fitted = _fit_states(weak, known, states)
+    if left_side != "force" and min(item.misfit for item in fitted) > _FAR:
+        weak = white_noise_weak_form(weak)
+        fitted = _fit_states(weak, known, states)
+    stateless = Study(weak, tuple(item for item in known if not item.has_input), left_side)
+    return [stateless, *(Study(item.weak, known, left_side, item.state) for item in fitted)]
 
 
-def _candidate_state(candidate: CandidateEquation) -> HiddenState | None:
-    return None if candidate.hidden_state is None else candidate.hidden_state.kind
+class _FittedState(NamedTuple):
+    """A hidden state with the scales at which all terms together leave least."""
 
-
-def _score_hidden_states(
-    weak: WeakForm, known: Sequence[AnyTerm], states: Sequence[HiddenState]
-) -> list[_HiddenStateScores]:
-    """Best sums without a hidden state, and with each of them."""
-    stateless = tuple(item for item in known if not item.has_input)
-    whitened = _WhitenedColumns(weak, known)
-    return [
-        _HiddenStateScores(
-            None, *score_subsets(weak, stateless, stateless, all_index_subsets(len(stateless)))
-        ),
-        *(_score_hidden_state(state, whitened, known) for state in states),
-    ]
+    state: ScaledHiddenState
+    weak: WeakForm  # with the state as its input
+    misfit: float  # in noise levels
 
 
 class _WhitenedColumns:
@@ -140,8 +89,8 @@ class _WhitenedColumns:
         )
         self.state_terms = [item for item in known if item.has_input]
 
-    def best_scales_index(self, state: HiddenState, scales: np.ndarray) -> int:
-        """Index of the scales (k, s) that leave the least squares, with all terms."""
+    def best_scales(self, state: HiddenState, scales: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return those of the scales (k, s) that leave least, with all terms, and their misfit."""
         squares = []
         for item in _weak_form_with_state(self.weak, state, scales):
             columns = np.hstack(
@@ -150,28 +99,33 @@ class _WhitenedColumns:
             columns, _ = normalise_columns(columns)
             left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
             squares.append(float(left @ left))
-        return int(np.argmin(squares))
+        best = int(np.argmin(squares))
+        freedom = max(1, len(self.target) - columns.shape[1])
+        return scales[best], math.sqrt(squares[best] / freedom)
 
 
-def _score_hidden_state(
-    state: HiddenState, whitened: _WhitenedColumns, known: Sequence[AnyTerm]
-) -> _HiddenStateScores:
-    """Best sums with a hidden state, at the scales where all terms together leave least."""
-    weak = whitened.weak
-    scales = state.trial_scales(weak.motions[0].period)
+def _fit_states(
+    weak: WeakForm, known: Sequence[AnyTerm], states: Sequence[HiddenState]
+) -> list[_FittedState]:
+    whitened = _WhitenedColumns(weak, known)
+    return [_fit_state(state, whitened) for state in states]
+
+
+def _fit_state(state: HiddenState, whitened: _WhitenedColumns) -> _FittedState:
+    """Hidden state with its scales, on a grid that is refined."""
+    scales = state.trial_scales(whitened.weak.motions[0].period)
     lows, highs = scales.min(axis=0), scales.max(axis=0)
-    best = scales[whitened.best_scales_index(state, scales)]
+    best, misfit = whitened.best_scales(state, scales)
     width = _greatest_neighbour_ratio(scales)
     for _ in range(_ROUNDS):
         grid = best * width ** np.linspace(-1.0, 1.0, _FINER)[:, None]
         for k in range(len(best)):  # one scale after the other
             scales = np.tile(best, (_FINER, 1))
             scales[:, k] = np.clip(grid[:, k], lows[k], highs[k])
-            best = scales[whitened.best_scales_index(state, scales)]
+            best, misfit = whitened.best_scales(state, scales)
         width = width ** (2.0 / (_FINER - 1))
-    strained = _weak_form_with_state(weak, state, best[None])[0]
-    ranked, scorer = score_subsets(strained, known, known, all_index_subsets(len(known)))
-    return _HiddenStateScores(ScaledHiddenState(state, tuple(map(float, best))), ranked, scorer)
+    weak = _weak_form_with_state(whitened.weak, state, best[None])[0]
+    return _FittedState(ScaledHiddenState(state, tuple(map(float, best))), weak, misfit)
 
 
 def _greatest_neighbour_ratio(scales: np.ndarray) -> np.ndarray:
@@ -194,58 +148,9 @@ def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray
     ]
 
 
-def add_hidden_state(
-    candidate: CandidateEquation, hidden_state: ScaledHiddenState | None, scorer: EquationScorer
-) -> CandidateEquation:
-    """Candidate with its hidden state, whose scales cost what other numbers do."""
-    if hidden_state is None or candidate.hidden_state is not None:
-        return candidate
-    count = len(hidden_state.scales)
-    return dataclasses.replace(
-        candidate,
-        hidden_state=hidden_state,
-        complexity=candidate.complexity + count,
-        criterion=candidate.criterion + count * math.log(scorer.weak.sample_count),
-    )
-
-
-def _rescore_candidate(
-    candidate: CandidateEquation, count: int, scored: _HiddenStateScores
-) -> CandidateEquation:
-    """Candidate with so many numbers by the common unit of misfit, with its hidden state."""
-    scorer = scored.scorer
-    criterion = scorer.information_criterion(scorer.squares_from_misfit(candidate.error, count), count)
-    again = dataclasses.replace(candidate, criterion=criterion)
-    return add_hidden_state(again, scored.hidden_state, scorer)
-
-
-def _candidates_with_state(scored: _HiddenStateScores) -> list[CandidateEquation]:
-    """Best sums first; one that does not hold the hidden state is one without memory."""
-    candidates = [
-        _rescore_candidate(candidate_from_terms(candidate), len(candidate.terms), scored)
-        for candidate in scored.ranked
-        if scored.hidden_state is None or any(term.has_input for term in candidate.terms)
-    ]
-    return sorted(candidates, key=lambda candidate: candidate.criterion)[:_RETAINED]
-
-
-def _symbolic_candidates_with_state(
-    scored: _HiddenStateScores, known: Sequence[AnyTerm], search: SymbolicSearch
-) -> list[CandidateEquation]:
-    """Candidates of a symbolic regression, with the hidden state as a variable."""
-    if scored.hidden_state is None:
-        return []
-    terms = [item for item in known if item.has_input or item.is_speed_independent]
-    candidates, _ = propose_symbolic_candidates(scored.scorer.weak, terms, search)
-    return [
-        _rescore_candidate(candidate, len(replace_numbers_by_symbols(candidate.expression)[1]), scored)
-        for candidate in candidates
-    ]
-
-
-def _hidden_state_notes(groups: Sequence[Sequence[CandidateEquation]], best: int) -> tuple[str, ...]:
-    """Gain by the hidden state, and others that do as well."""
-    lead = groups[best][0]
+def memory_notes(groups: Sequence[Sequence[CandidateEquation]]) -> tuple[str, ...]:
+    """Gain by the hidden state, and others that do as well, by the best sums without one and with each."""
+    lead = min((group[0] for group in groups), key=lambda item: item.criterion)
     if lead.hidden_state is None:
         return ("no hidden state that was tried is worth its numbers: the law has no memory",)
     gain = groups[0][0].criterion - lead.criterion

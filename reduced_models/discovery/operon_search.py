@@ -10,12 +10,11 @@ import contextlib
 import dataclasses
 import importlib.util
 from collections.abc import Iterable, Mapping, Sequence
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.formulas import FUNCTIONS, FormulaError, FormulaFunction, parse, variable_names
+from granular.formulas import FormulaError, parse, variable_names
 from granular.formulas.algebra import sympy_expression
 from granular.shared.errors import InputError
 
@@ -98,14 +97,12 @@ class ScaledSamples:
         }
         return sympy.Float(self.target_size) * expression.xreplace(symbols)
 
-    def parse_expressions(
-        self, texts: Iterable[str], functions: Mapping[str, FormulaFunction] = MappingProxyType({})
-    ) -> list[sympy.Expr]:
+    def parse_expressions(self, texts: Iterable[str]) -> list[sympy.Expr]:
         """Expressions that a search wrote, in the variables' own names and units."""
         expressions = []
         for text in texts:
             with contextlib.suppress(FormulaError):
-                tree = parse(text, {**FUNCTIONS, **functions})
+                tree = parse(text)
                 if {item.name for item in variable_names(tree)} <= set(self.names):
                     expressions.append(self.restore_units(sympy_expression(tree)))
         return expressions

@@ -1,9 +1,10 @@
-"""Terms that hold numbers to be found, such as d in ``max(0, z - d)``.
+"""Terms that hold numbers to be found, such as d in ``max(0, z - d)`` or w in ``sin(w*t)``.
 
 A number within a function is no factor that least squares give. It is the one with which the term
 leaves least next to all terms of the library, on a grid over the sizes of the motion that is then
-refined; the fit through the differential equation finds it to its interval, and it costs what a
-factor costs.
+refined; the frequency of a drive is looked for about the lines of the spectrum of the motion and of
+what the library leaves. The fit through the differential equation finds the number to its interval,
+and it costs what a factor costs.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,16 +21,21 @@ from granular import formulas
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.discovery.result import CandidateEquation
+from reduced_models.discovery.subset_selection import normalise_columns
+from reduced_models.discovery.term_libraries import find_term_fault
 from reduced_models.discovery.terms import (
     INPUT,
     AnyTerm,
     CustomTerm,
+    motion_symbols,
     parse_term_expressions,
     sort_terms,
     split_terms,
 )
-from reduced_models.discovery.weak_form import WeakForm
+from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 from reduced_models.laws.law import refuse_suspicious_name
+from reduced_models.records.first_guesses import spectral_peaks
+from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
     import sympy
@@ -39,51 +45,53 @@ _DRAWS = 3000  # of several numbers together
 _ROUNDS = 3
 _SPANNED = 1e-8  # of a column: less of it is beyond the library
 _DIGITS = 9
+_ABOUT_LINE = np.linspace(-1.0, 1.0, 17)  # of a spectrum, in its resolution: frequencies to try
+
+
+class OpenTerms(NamedTuple):
+    """Terms with names for numbers to be found."""
+
+    templates: tuple[sympy.Expr, ...] = ()
+    names: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass
 class ParametricTerms:
-    """Terms with numbers to be found, by names."""
+    """Terms whose numbers were found, by the templates that they come from."""
 
-    templates: tuple[sympy.Expr, ...] = ()
-    parameter_names: tuple[str, ...] = ()
     templates_by_term: dict[AnyTerm, tuple[sympy.Expr, Mapping[str, float]]] = dataclasses.field(
         default_factory=dict
     )
 
-    def terms_with_best_values(self, weak: WeakForm, library: Sequence[AnyTerm]) -> list[AnyTerm]:
+    def fit_open_terms(
+        self, open_terms: OpenTerms, weak: WeakForm, library: Sequence[AnyTerm]
+    ) -> list[AnyTerm]:
         """Terms with the values of their parameters that leave the least residual next to a library."""
         # A number within a function has many valleys: each is tried over the sizes of the motion, several at
         # random points, before they are refined one by one (Brent's bounded minimisation). Whitened for the
         # noise of z'' alone, as the coefficients are not known yet.
-        if not self.parameter_names:
+        if not open_terms.names:
             return []
-        residual = _LibraryResidual(weak, library, self)
-        choices = [_trial_values(weak) for _ in self.parameter_names]
+        residual = _LibraryResidual(weak, library, open_terms)
+        choices = [_trial_values(residual, name) for name in open_terms.names]
         if len(choices) == 1:
             trials = choices[0][:, None]
         else:
             random = np.random.default_rng(0)
             trials = np.stack([random.choice(values, _DRAWS) for values in choices], axis=1)
-        best = trials[int(np.argmin([residual.squares_left(row) for row in trials]))]
-        if not math.isfinite(residual.squares_left(best)):
-            raise InputError(
-                f"no numbers {', '.join(self.parameter_names)} make "
-                f"{quote(', '.join(map(str, self.templates)))} terms of their own along the record; "
-                "write others"
-            )
+        best = _best_sound_trial(residual, trials)
         for _, k in itertools.product(range(_ROUNDS if len(best) > 1 else 1), range(len(best))):
             best = _refine_parameter(residual, best, k, choices[k])
-        values = dict(zip(self.parameter_names, best.tolist(), strict=True))
+        values = dict(zip(open_terms.names, best.tolist(), strict=True))
         return [
             term
-            for template in self.templates
+            for template in open_terms.templates
             if (term := self._remember_template(template, values)) is not None
         ]
 
     def _remember_template(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
         """Term of a template with numbers, whose template is remembered."""
-        term = self.term_with_values(template, values)
+        term = term_with_values(template, values)
         if term is not None:
             inner = {str(symbol) for symbol in template.free_symbols}
             self.templates_by_term[term] = (
@@ -91,19 +99,6 @@ class ParametricTerms:
                 {name: value for name, value in values.items() if name in inner},
             )
         return term
-
-    def term_with_values(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
-        """Term of a template with given numbers; None where it is no single one."""
-        # Exact rationals, so that it is the same term, and the same key, everywhere.
-        import sympy
-
-        exact = {sympy.Symbol(name): sympy.Rational(f"{value:.{_DIGITS}g}") for name, value in values.items()}
-        expression = template.xreplace(exact)
-        if expression.has(sympy.zoo, sympy.nan):
-            return None
-        terms = split_terms(expression)
-        only = next(iter(terms)) if terms and len(terms) == 1 else None
-        return only if isinstance(only, CustomTerm) else None
 
     def parametrised_sum(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]] | None:
         """Sum with c0, c1 ... for its coefficients and names for the parameters within its terms."""
@@ -132,24 +127,12 @@ class ParametricTerms:
             parts.append(sympy.Float(numbers[f"c{k}"]) * (term or item).expression)
         return sympy.Add(*parts)
 
-    def add_parameter_costs(
-        self, candidates: Sequence[CandidateEquation], sample_count: int, left_side: str
-    ) -> list[CandidateEquation]:
-        """Candidates whose parameters within terms cost what coefficients cost."""
-        result = []
-        for candidate in candidates:
-            terms = candidate.terms or {} if self.templates_by_term else {}
-            inner = {
-                name
-                for term in terms
-                if term in self.templates_by_term
-                for name in self.templates_by_term[term][1]
-            }
-            price = len(inner) * math.log(sample_count)
-            result.append(
-                dataclasses.replace(candidate, criterion=candidate.criterion + price, left_side=left_side)
-            )
-        return result
+    def inner_parameters(self, candidate: CandidateEquation) -> set[str]:
+        """Names of the numbers within the terms of a candidate."""
+        if not self.templates_by_term:
+            return set()
+        terms = [term for term in candidate.terms or () if term in self.templates_by_term]
+        return {name for term in terms for name in self.templates_by_term[term][1]}
 
     def with_chosen_values(
         self, candidates: Sequence[CandidateEquation], chosen: CandidateEquation
@@ -168,11 +151,25 @@ class ParametricTerms:
         return [dataclasses.replace(item, expression=item.expression.xreplace(same)) for item in candidates]
 
 
+def term_with_values(template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
+    """Term of a template with given numbers; None where it is no single one, or not real."""
+    # Exact rationals, so that it is the same term, and the same key, everywhere.
+    import sympy
+
+    exact = {sympy.Symbol(name): sympy.Rational(f"{value:.{_DIGITS}g}") for name, value in values.items()}
+    expression = template.xreplace(exact)
+    if expression.has(sympy.zoo, sympy.nan, sympy.I):
+        return None
+    terms = split_terms(expression)
+    only = next(iter(terms)) if terms and len(terms) == 1 else None
+    return only if isinstance(only, CustomTerm) else None
+
+
 def split_parametric_terms(
     texts: Sequence[str], column: str | None, columns: Sequence[str]
-) -> tuple[list[str], ParametricTerms]:
+) -> tuple[list[str], OpenTerms]:
     """Separate a user's terms with unknown parameters from those without."""
-    known = {"z", "z'", *(() if column is None else (INPUT, column))}
+    known = {"z", "z'", TIME, *(() if column is None else (INPUT, column))}
     plain, opened, names = list[str](), list[str](), dict[str, None]()
     for text in texts:
         free = _free_names(text, known)
@@ -180,13 +177,13 @@ def split_parametric_terms(
             plain.append(text)
             continue
         for name in free:
-            if name in (INPUT, "v", "t") or (name[0] == "c" and name[1:].isdigit()):
+            if name in (INPUT, "v") or (name[0] == "c" and name[1:].isdigit()):
                 raise InputError(f"the term {quote(text)} names {name}, which is taken; rename it")
             refuse_suspicious_name(f"the term {quote(text)}", name, columns)
         opened.append(text)
         names |= dict.fromkeys(free)
     expressions = parse_term_expressions(opened, column, tuple(names))
-    return plain, ParametricTerms(tuple(expressions), tuple(names))
+    return plain, OpenTerms(tuple(expressions), tuple(names))
 
 
 def _free_names(text: str, known: set[str]) -> list[str]:
@@ -202,47 +199,95 @@ def _free_names(text: str, known: set[str]) -> list[str]:
 class _LibraryResidual:
     """Remainder of a weak form beside a library, and how much of it open terms take."""
 
-    def __init__(self, weak: WeakForm, library: Sequence[AnyTerm], terms: ParametricTerms) -> None:
-        self.weak, self.terms = weak, terms
+    def __init__(self, weak: WeakForm, library: Sequence[AnyTerm], open_terms: OpenTerms) -> None:
+        self.weak, self.library, self.open_terms = weak, library, open_terms
         self.whitening = weak.whitening_matrix((), np.zeros(0))
         target = self.whitening @ weak.target
-        columns = (
-            self.whitening @ weak.term_integral_matrix(library) if library else np.zeros((len(target), 0))
-        )
-        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        columns = np.zeros((len(target), 0))
+        if library:
+            columns, _ = normalise_columns(self.whitening @ weak.term_integral_matrix(library))
         left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
         self.basis = left[:, sizes > 1e-10 * sizes.max(initial=0.0)]
         self.target = target - self.basis @ (self.basis.T @ target)
 
+    def terms_at(self, values: np.ndarray) -> list[AnyTerm]:
+        """Return the terms with numbers (k,); none where one of them is no term."""
+        numbers = dict(zip(self.open_terms.names, values.tolist(), strict=True))
+        terms = [term_with_values(template, numbers) for template in self.open_terms.templates]
+        return [] if None in terms else [term for term in terms if term is not None]
+
     def squares_left(self, values: np.ndarray) -> float:
         """Return the sum of squares that is left with numbers (k,); infinite where a term says nothing."""
-        numbers = dict(zip(self.terms.parameter_names, values.tolist(), strict=True))
-        terms = [self.terms.term_with_values(template, numbers) for template in self.terms.templates]
-        if any(term is None for term in terms):
+        terms = self.terms_at(values)
+        if not terms:
             return math.inf
         with np.errstate(all="ignore"):
-            columns = self.whitening @ self.weak.term_integral_matrix(
-                [term for term in terms if term is not None]
-            )
+            columns = self.whitening @ self.weak.term_integral_matrix(terms)
         if not np.isfinite(columns).all():
             return math.inf
         sizes = np.linalg.norm(columns, axis=0)
         columns = columns - self.basis @ (self.basis.T @ columns)
         if not (np.linalg.norm(columns, axis=0) > _SPANNED * sizes).all():
             return math.inf
-        columns = columns / np.linalg.norm(columns, axis=0)
+        columns, _ = normalise_columns(columns)
         left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
         return float(left @ left)
 
+    def is_sound(self, values: np.ndarray) -> bool:
+        """Return whether terms with numbers (k,) have no pole along the motions, nor another fault."""
+        return not any(
+            find_term_fault(motion, term) for motion in self.weak.motions for term in self.terms_at(values)
+        )
 
-def _trial_values(weak: WeakForm) -> np.ndarray:
+
+def _best_sound_trial(residual: _LibraryResidual, trials: np.ndarray) -> np.ndarray:
+    """Numbers (k,) of the trials (s, k) that leave least, and make no pole."""
+    squares = np.array([residual.squares_left(row) for row in trials])
+    for index in np.argsort(squares, kind="stable"):
+        if not math.isfinite(squares[index]):
+            break
+        if residual.is_sound(trials[index]):
+            return np.asarray(trials[index])
+    raise InputError(
+        f"no numbers {', '.join(residual.open_terms.names)} make "
+        f"{quote(', '.join(map(str, residual.open_terms.templates)))} terms of their own along the record; "
+        "write others"
+    )
+
+
+def _trial_values(residual: _LibraryResidual, name: str) -> np.ndarray:
     """Numbers to try: heights within the motion, and sizes of it, of its speed, and of their inverses."""
-    z = np.concatenate([motion.z for motion in weak.motions])
-    speed = np.concatenate([motion.velocity for motion in weak.motions]).std()
+    motions = residual.weak.motions
+    if name in _drive_frequencies(residual.open_terms):
+        return _trial_frequencies(max(motions, key=lambda motion: motion.time[-1]), residual.library)
+    z = np.concatenate([motion.z for motion in motions])
+    speed = np.concatenate([motion.velocity for motion in motions]).std()
     decades = np.geomspace(1e-2, 1e2, _SIZES)
     heights = np.linspace(z.min(), z.max(), _HEIGHTS + 2)[1:-1]
     sizes = np.concatenate([unit * decades for unit in (z.std(), 1.0 / z.std(), speed, 1.0 / speed)])
     return np.unique(np.concatenate([heights, sizes, -sizes]))
+
+
+def _drive_frequencies(open_terms: OpenTerms) -> set[str]:
+    """Names of factors of the time in a sine or a cosine."""
+    import sympy
+
+    time = motion_symbols()[3]
+    waves = [wave for item in open_terms.templates for wave in item.atoms(sympy.sin, sympy.cos)]
+    return {str(wave.args[0].diff(time)) for wave in waves}
+
+
+def _trial_frequencies(motion: SmoothedMotion, library: Sequence[AnyTerm]) -> np.ndarray:
+    """Angular frequencies [rad/s] about the lines of a motion, and of what a library leaves of z''."""
+    left = motion.acceleration
+    if library:
+        columns, _ = normalise_columns(
+            np.stack([term.values(motion.smooth_state) for term in library], axis=1)
+        )
+        left = left - columns @ np.linalg.lstsq(columns, left, rcond=1e-10)[0]
+    lines = np.concatenate([spectral_peaks(motion.time, values) for values in (left, motion.z)])
+    about = lines[:, None] + 2.0 * math.pi / motion.time[-1] * _ABOUT_LINE
+    return np.unique(about[about > 0.0])
 
 
 def _refine_parameter(residual: _LibraryResidual, best: np.ndarray, k: int, grid: np.ndarray) -> np.ndarray:
@@ -252,16 +297,15 @@ def _refine_parameter(residual: _LibraryResidual, best: np.ndarray, k: int, grid
     index = int(np.searchsorted(grid, best[k]))
     low, high = grid[max(index - 1, 0)], grid[min(index + 1, len(grid) - 1)]
 
+    def moved_to(value: float) -> np.ndarray:
+        return np.concatenate([best[:k], [value], best[k + 1 :]])
+
     def squares(value: float) -> float:
-        moved = best.copy()
-        moved[k] = value
-        left = residual.squares_left(moved)
+        left = residual.squares_left(moved_to(value))
         return left if math.isfinite(left) else 1e300
 
     solution = minimize_scalar(
         squares, bounds=(low, high), method="bounded", options={"xatol": 1e-6 * (high - low)}
     )
-    moved = best.copy()
-    if solution.fun < squares(best[k]):
-        moved[k] = float(solution.x)
-    return moved
+    better = solution.fun < squares(best[k]) and residual.is_sound(moved_to(solution.x))
+    return moved_to(float(solution.x)) if better else best

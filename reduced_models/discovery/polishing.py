@@ -20,8 +20,8 @@ from reduced_models.discovery.terms import (
     Term,
     complexity,
     expression_text,
+    replace_numbers_by_symbols,
     sort_terms,
-    split_terms,
     state_symbols,
 )
 from reduced_models.fitting.fit import fit
@@ -53,7 +53,7 @@ def polish_candidate(
     seed: int = 0,
     open_terms: ParametricTerms | None = None,
 ) -> CandidateEquation:
-    """Fit a candidate's numbers through its differential equation by `fit`; height_map [m]."""
+    """Fit a candidate's numbers to the records themselves by `fit`; height_map [m]."""
     opened = None if open_terms is None else open_terms.parametrised_sum(candidate)
     template, values = opened or replace_numbers_by_symbols(candidate.expression)
     if len(values) > _MOST_NUMBERS:
@@ -63,20 +63,22 @@ def polish_candidate(
     hidden_state = candidate.hidden_state
     if hidden_state is not None:
         values |= dict(zip(hidden_state.kind.scales, hidden_state.scales, strict=True))
-    law = law_from_template(
-        replace_sign_by_tanh(template, records, height_map), values, column, name_candidate_law(candidate)
-    )
-    if hidden_state is not None:
-        law = dataclasses.replace(
-            law,
-            equation=hidden_state.kind.substitute_into(law.equation),
-            positive=hidden_state.kind.scales,
-            resolution=max(_MEMORY_RESOLUTION, law.resolution),
-        )
+    moving = candidate.left_side == "z''"
+    parameters, options = values, FitOptions(measured=_AS_IT_IS if candidate.left_side == "force" else None)
+    if moving:
+        parameters, options = {}, FitOptions(map=height_map)
     try:
+        law = law_of_candidate(candidate, template, values, records, height_map, column)
         with warnings.catch_warnings(action="ignore"):  # notes stand in the model
-            how = FitOptions(map=height_map)
-            models = fit(records, law, starts=STARTS, test_fraction=0.0, seed=seed, options=how)
+            models = fit(
+                records,
+                law,
+                parameters=parameters,
+                starts=STARTS,
+                test_fraction=0.0,
+                seed=seed,
+                options=options,
+            )
     except TimeBudgetError:
         raise
     except GranularError as error:
@@ -97,48 +99,45 @@ def polish_candidate(
     )
 
 
-def polish_force_candidate(
+def law_of_candidate(
     candidate: CandidateEquation,
+    template: sympy.Expr,
+    values: Mapping[str, float],
     records: Sequence[PistonRecord],
     height_map: HeightMap,
     column: str | None = None,
-    seed: int = 0,
-) -> CandidateEquation:
-    """Fit a candidate for a measured force by `fit`; candidate [N], height_map [m]."""
+) -> Law:
+    """Law of a candidate with symbols for its numbers, whose fit starts near their values; height_map [m]."""
     import sympy
 
-    template, values = replace_numbers_by_symbols(candidate.expression)
+    def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+        return {name: value * (1.0 + _SPREAD * random.normal(size=count)) for name, value in values.items()}
+
     z, v, u = state_symbols()
-    shift, scale = height_map.shift, height_map.scale
-    plain = (
-        template if height_map == HeightMap() else template.xreplace({z: (z - shift) / scale, v: v / scale})
-    )
-    hidden_state = candidate.hidden_state
-    inputs = () if column is None or hidden_state is not None or not plain.has(u) else (column,)
-    plain = plain.xreplace({u: sympy.Symbol(column)} if inputs else {})
-    equation, scales = f"force = {expression_text(plain)}", dict[str, float]()
+    moving, hidden_state = candidate.left_side == "z''", candidate.hidden_state
+    if moving:
+        template = replace_sign_by_tanh(template, records, height_map)
+    elif height_map != HeightMap():
+        template = template.xreplace({z: (z - height_map.shift) / height_map.scale, v: v / height_map.scale})
+    if column is not None:
+        template = template.xreplace({u: sympy.Symbol(column)})
+    inputs = (column,) if column is not None and template.has(sympy.Symbol(column)) else ()
+    equation, positive = f"{candidate.left_side} = {expression_text(template)}", tuple[str, ...]()
+    resolution = _RESOLUTION if moving and template.has(sympy.tanh) else 1
     if hidden_state is not None:
-        scales = dict(zip(hidden_state.kind.scales, hidden_state.scales, strict=True))
         equation = hidden_state.kind.substitute_into(equation)
-    law = Law(name_candidate_law(candidate), equation, positive=tuple(scales), inputs=inputs)
-    try:
-        with warnings.catch_warnings(action="ignore"):  # notes stand in the model
-            models = fit(
-                records,
-                law,
-                parameters=scales,
-                starts=STARTS,
-                test_fraction=0.0,
-                seed=seed,
-                options=FitOptions(measured=_AS_IT_IS),
-            )
-    except GranularError as error:
-        return dataclasses.replace(candidate, note=str(error))
-    numbers = models[0].parameters
-    if hidden_state is not None:
-        hidden_state = hidden_state._replace(scales=tuple(numbers[name] for name in scales))
-    expression = template.xreplace({sympy.Symbol(name): sympy.Float(numbers[name]) for name in values})
-    return dataclasses.replace(candidate, expression=expression, models=models, hidden_state=hidden_state)
+        positive = hidden_state.kind.scales
+        resolution = max(_MEMORY_RESOLUTION, resolution)
+    return Law(
+        name=name_candidate_law(candidate),
+        equation=equation,
+        start=start,
+        positive=positive,
+        mapped=moving,
+        source="discovered in the record",
+        inputs=inputs,
+        resolution=resolution,
+    )
 
 
 def name_candidate_law(candidate: CandidateEquation) -> str:
@@ -200,24 +199,6 @@ def _spring_words(springs: Mapping[int, float]) -> list[str]:
     return ["hardening" if stiffer else "softening"]
 
 
-def replace_numbers_by_symbols(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
-    """Expression with symbols c0, c1 ... for its numbers, and their values."""
-    # Coefficients come in the order of the sorted terms: the same structure is the same law, and compiled
-    # once.
-    import sympy
-
-    terms = split_terms(expression)
-    if terms is not None:
-        names = {f"c{k}": terms[term] for k, term in enumerate(sort_terms(terms))}
-        parts = (
-            sympy.Symbol(name) * term.expression for name, term in zip(names, sort_terms(terms), strict=True)
-        )
-        return sympy.Add(*parts), names
-    floats = sorted(expression.atoms(sympy.Float), key=float)
-    symbol_of = {item: sympy.Symbol(f"c{k}") for k, item in enumerate(floats)}
-    return expression.xreplace(symbol_of), {symbol_of[item].name: float(item) for item in floats}
-
-
 def replace_sign_by_tanh(
     template: sympy.Expr, records: Sequence[PistonRecord], height_map: HeightMap
 ) -> sympy.Expr:
@@ -230,24 +211,3 @@ def replace_sign_by_tanh(
     # A power of ten, so that records of one kind share compiled code.
     steepness = 10.0 ** round(math.log10(_STEEPNESS / speed))
     return template.subs(sympy.sign(v), sympy.tanh(sympy.Float(steepness, 4) * v))
-
-
-def law_from_template(template: sympy.Expr, values: dict[str, float], column: str | None, name: str) -> Law:
-    """Law z'' = template, whose fit starts near the given values."""
-    import sympy
-
-    def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-        return {name: value * (1.0 + _SPREAD * random.normal(size=count)) for name, value in values.items()}
-
-    if column is not None:
-        template = template.xreplace({state_symbols()[2]: sympy.Symbol(column)})
-    inputs = (column,) if column is not None and template.has(sympy.Symbol(column)) else ()
-    return Law(
-        name=name,
-        equation=f"z'' = {expression_text(template)}",
-        start=start,
-        mapped=True,
-        source="discovered in the record",
-        inputs=inputs,
-        resolution=_RESOLUTION if template.has(sympy.tanh) else 1,
-    )

@@ -15,14 +15,13 @@ import shutil
 import tempfile
 import tomllib
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.formulas import FormulaFunction
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.discovery.operon_search import scale_samples
@@ -41,55 +40,6 @@ _ENOUGH = 1.0
 _ITERATIONS = 60
 _BINARY = ("/", "max", "min")
 _MOST_NODES = 30
-_MOST_ELLIPTIC_NODES = 16
-"""Most nodes in searches with elliptic functions, which cost a hundred times a sine."""
-_MEAN = "foldl((p, _) -> ((p[1] + p[2])/2, sqrt(p[1]*p[2])), 1:5; init=(one({m}), sqrt({m})))[1]"
-_QUARTER = "(pi/(2*" + _MEAN.format(m="(1 - m)") + "))"
-_NOME = "exp(-pi*" + _MEAN.format(m="(1 - m)") + "/" + _MEAN.format(m="m") + ")"
-_PHASE = "(pi*u/(2*K))"
-_ODD = "2*pi/(K*sqrt(m))*sum(q^(n + 0.5)/(1 {sign} q^(2*n + 1))*{wave}((2*n + 1)*x) for n in 0:5)"
-_EVEN = "pi/(2*K) + 2*pi/K*sum(q^n/(1 + q^(2*n))*cos(2*n*x) for n in 1:5)"
-_SERIES = {
-    "jacobi_sn": _ODD.format(sign="-", wave="sin"),
-    "jacobi_cn": _ODD.format(sign="+", wave="cos"),
-    "jacobi_dn": _EVEN,
-}
-_RANGE = (1e-6, 0.9999)
-
-
-def _scipy_elliptic_function(index: int) -> Callable[..., Any]:
-    """SciPy's sn, cn or dn of u and m."""
-
-    def value(u: Any, m: Any) -> Any:
-        from scipy.special import ellipj
-
-        return ellipj(u, m)[index]
-
-    return value
-
-
-ELLIPTIC = {name: FormulaFunction(_scipy_elliptic_function(k), 2, 2) for k, name in enumerate(_SERIES)}
-"""Jacobi's functions by the names that PySR knows them by."""
-
-
-def elliptic_julia_operators() -> list[str]:
-    """Jacobi's sn, cn, dn of u and the parameter m as Julia functions of one line each."""
-    # Six terms of the series in the nome (Abramowitz & Stegun 16.23), for 1e-6 < m < 0.9999, NaN elsewhere as
-    # PySR asks; right to 3e-5 up to m = 0.9 and to 0.013 at 0.9999. Enough for a search: what it finds is
-    # fitted with SciPy's functions.
-    low, high = _RANGE
-    return [
-        f"{name}(u, m) = ({low} < m < {high}) ? "
-        f"((K, q) -> ((x) -> oftype(u, {series}))({_PHASE}))({_QUARTER}, {_NOME}) : oftype(u, NaN)"
-        for name, series in _SERIES.items()
-    ]
-
-
-def elliptic_sympy_mappings() -> dict[str, Callable[[Any, Any], Any]]:
-    """Jacobi's sn, cn, dn as SymPy functions, by the names that PySR writes."""
-    import sympy
-
-    return {name: sympy.Function(name) for name in _SERIES}
 
 
 def require_pysr() -> None:
@@ -119,16 +69,14 @@ def import_pysr_regressor() -> Any:
 
 
 def pysr_regressor_settings(
-    functions: Sequence[str] = (), elliptic: bool = False, effort: float = 1.0, seed: int = 0
+    functions: Sequence[str] = (), effort: float = 1.0, seed: int = 0
 ) -> dict[str, Any]:
     """Keywords of ``pysr.PySRRegressor`` for a search that a seed repeats."""
-    binary = ["+", "-", "*", *(name for name in functions if name in _BINARY)]
     return {
-        "binary_operators": binary + (elliptic_julia_operators() if elliptic else []),
+        "binary_operators": ["+", "-", "*", *(name for name in functions if name in _BINARY)],
         "unary_operators": [name for name in functions if name not in _BINARY],
-        "extra_sympy_mappings": elliptic_sympy_mappings() if elliptic else None,
         "niterations": max(1, round(effort * _ITERATIONS)),
-        "maxsize": _MOST_ELLIPTIC_NODES if elliptic else _MOST_NODES,
+        "maxsize": _MOST_NODES,
         "precision": 64,
         "deterministic": True,
         "parallelism": "serial",
@@ -145,7 +93,6 @@ def search_expressions_with_pysr(
     target: Float[np.ndarray, "n"],
     noise: float,
     functions: Sequence[str] = (),
-    elliptic: bool = False,
     effort: float = 1.0,
     seed: int = 0,
 ) -> list[sympy.Expr]:
@@ -156,13 +103,13 @@ def search_expressions_with_pysr(
         search = import_pysr_regressor()(
             early_stop_condition=_ENOUGH * (noise / samples.target_size) ** 2,
             output_directory=folder,
-            **pysr_regressor_settings(functions, elliptic, effort, seed),
+            **pysr_regressor_settings(functions, effort, seed),
         )
         search.fit(samples.matrix, samples.target, variable_names=list(samples.names))
         if getattr(search, "interrupted_", False):
             raise KeyboardInterrupt
         # Not the column of SymPy's objects: PySR evaluates its texts to make them.
-        return samples.parse_expressions(search.equations_["equation"], ELLIPTIC if elliptic else {})
+        return samples.parse_expressions(search.equations_["equation"])
 
 
 EXE, PROJECT = "PYTHON_JULIACALL_EXE", "PYTHON_JULIACALL_PROJECT"

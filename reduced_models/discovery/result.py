@@ -60,8 +60,8 @@ class CandidateEquation:
         import sympy
 
         numbers = {atom: sympy.Float(atom, 5) for atom in self.expression.atoms(sympy.Float)}
-        left = "z" if self.expression.has(sympy.Symbol("t", real=True)) else self.left_side
-        text = f"{left} = {expression_text(round_fractions_for_print(self.expression.xreplace(numbers)))}"
+        right = expression_text(round_fractions_for_print(self.expression.xreplace(numbers)))
+        text = f"{self.left_side} = {right}"
         return text if self.hidden_state is None else self.hidden_state.substitute_into(text)
 
 
@@ -78,8 +78,6 @@ class Discovery:
         Place of the chosen one.
     map : HeightMap
         How z in the equations comes from the height.
-    inclusion_fractions : mapping of str to float
-        Fraction of resampled records in which each term was needed; empty without an ensemble.
     notes : tuple of str
         What is to be doubted, in plain words.
     criterion_increases : mapping of str to float
@@ -91,7 +89,6 @@ class Discovery:
     candidates: tuple[CandidateEquation, ...]
     chosen: int
     map: HeightMap
-    inclusion_fractions: Mapping[str, float] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
     criterion_increases: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
@@ -102,7 +99,7 @@ class Discovery:
 
     @property
     def expression(self) -> sympy.Expr:
-        """Right side of the chosen equation, a sympy.Expr in z, v (for z') and u (for the input)."""
+        """Right side of the chosen equation, a sympy.Expr in z, v (for z'), u (for the input) and t."""
         return self.best.expression
 
     @property
@@ -134,11 +131,6 @@ class Discovery:
             lines.append(f" {mark} {candidate.complexity:3d}  {candidate.error:9.4g}  {text}")
         if left_out := len(self.candidates) - len(self.candidates[first:last]):
             lines.append(f"   and {left_out} more, which .candidates and --json tell")
-        fractions = ", ".join(
-            f"{name}: {fraction:.2f}" for name, fraction in self.inclusion_fractions.items()
-        )
-        if fractions:
-            lines += wrap_words(f"needed in this fraction of resampled records: {fractions}")
         increases = ", ".join(f"{name}: {price:.3g}" for name, price in self.criterion_increases.items())
         if increases:
             words = "the extended Bayesian information criterion rises by so much without each term"
@@ -151,7 +143,6 @@ class Discovery:
             "method": self.method,
             "chosen": self.chosen,
             "map": dataclasses.asdict(self.map),
-            "inclusion": dict(self.inclusion_fractions),
             "notes": list(self.notes),
             "prices": dict(self.criterion_increases),
             "candidates": [

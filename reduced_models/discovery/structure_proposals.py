@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-import warnings
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from reduced_models.discovery.hidden_states import ScaledHiddenState
-from reduced_models.discovery.result import CandidateEquation
+from reduced_models.discovery.parametric_terms import ParametricTerms
+from reduced_models.discovery.pysindy_search import find_supports_with_pysindy
+from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.subset_selection import (
     MOST_TERMS,
     EquationScorer,
@@ -19,8 +20,9 @@ from reduced_models.discovery.subset_selection import (
     all_index_subsets,
     eliminate_backward,
     group_subsets_by_size,
-    normalise_columns,
+    score_again,
     score_subsets,
+    scorers_in_common_unit,
 )
 from reduced_models.discovery.terms import (
     AnyTerm,
@@ -30,18 +32,16 @@ from reduced_models.discovery.terms import (
     sort_terms,
     split_terms,
     state_symbols,
-    term_columns,
 )
-from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
+from reduced_models.discovery.weak_form import EDGE, SmoothedMotion, WeakForm
+from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
     import sympy
     from jaxtyping import Float
 
 _MOST_POINTS = 500  # of a symbolic regression
-_EDGE = 0.02  # of the record at each end, where derivatives are poor
 _MOST_UNION = 120
-_ENSEMBLES = (0.01, 0.03, 0.1)  # thresholds
 
 
 class SymbolicSearch(NamedTuple):
@@ -53,78 +53,106 @@ class SymbolicSearch(NamedTuple):
     seed: int = 0
 
     def find_expressions(
-        self,
-        inputs: Mapping[str, np.ndarray],
-        target: Float[np.ndarray, "n"],
-        noise: float,
-        elliptic: bool = False,
+        self, inputs: Mapping[str, np.ndarray], target: Float[np.ndarray, "n"], noise: float
     ) -> list[sympy.Expr]:
         """Find expressions for a target by symbolic regression."""
         if self.method == "pysr":
             from reduced_models.discovery.pysr_search import search_expressions_with_pysr
 
-            return search_expressions_with_pysr(
-                inputs, target, noise, self.functions, elliptic, self.effort, self.seed
-            )
+            return search_expressions_with_pysr(inputs, target, noise, self.functions, self.effort, self.seed)
         from reduced_models.discovery.operon_search import search_expressions_with_operon
 
         return search_expressions_with_operon(inputs, target, noise, self.functions, self.effort, self.seed)
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Study:
+    """The integrals of some motions, and the terms that equations for them are made of."""
+
+    weak: WeakForm
+    terms: tuple[AnyTerm, ...]
+    left_side: str = "z''"  # or "force", or "height" for a formula of the time
+    hidden_state: ScaledHiddenState | None = None  # that the terms have as their input
+    open_terms: ParametricTerms = dataclasses.field(default_factory=ParametricTerms)
+
+    def candidate_of_sum(self, scored: ScoredTerms) -> CandidateEquation:
+        """Candidate of a scored sum of the terms."""
+        return self.candidate(candidate_from_terms(scored))
+
+    def candidate(self, candidate: CandidateEquation) -> CandidateEquation:
+        """Candidate for these motions: numbers in its terms and its hidden state cost what others do."""
+        scales = 0 if self.hidden_state is None else len(self.hidden_state.scales)
+        count = scales + len(self.open_terms.inner_parameters(candidate))
+        return dataclasses.replace(
+            candidate,
+            hidden_state=self.hidden_state,
+            left_side=self.left_side,
+            complexity=candidate.complexity + scales,
+            criterion=candidate.criterion + count * math.log(self.weak.sample_count),
+        )
+
+
 class ProposedStructures(NamedTuple):
-    """Candidate equations, and what scores them."""
+    """Candidate equations, what scores them, and the best sums of each study."""
 
     candidates: list[CandidateEquation]
     scorer: EquationScorer
-    inclusion_fractions: Mapping[str, float] = MappingProxyType({})  # of an ensemble's members, by term
-    others: Sequence[CandidateEquation] = ()  # with other hidden states, only shown
-    notes: tuple[str, ...] = ()
-    hidden_state: ScaledHiddenState | None = None
+    study: Study  # of the candidates: the one with the best sum
+    groups: Sequence[Sequence[CandidateEquation]] = ()
+
+    @property
+    def others(self) -> list[CandidateEquation]:
+        """Sums of other studies on the common Pareto front, a list of CandidateEquation."""
+        front = pareto_front([item for group in self.groups for item in group])
+        return [item for item in front if item.hidden_state is not self.study.hidden_state]
 
 
 def propose_structures(
-    weak: WeakForm,
-    terms: Sequence[AnyTerm],
-    search: SymbolicSearch | None,
-    *,
-    sparse: bool = True,
-    form: str = "weak",
-    ensemble: bool = False,
-    seed: int = 0,
+    studies: Sequence[Study], method: str, search: SymbolicSearch | None
 ) -> ProposedStructures:
     """Propose sums of terms and expressions of symbolic regression, all scored alike."""
-    supports, inclusion_fractions = list[np.ndarray](), dict[str, float]()
-    if sparse:
-        supports, inclusion_fractions = _sparse_supports(weak, terms, form, ensemble, seed)
-    if search is None:
-        ranked, scorer = score_subsets(weak, terms, terms, supports)
-        return ProposedStructures(
-            [candidate_from_terms(candidate) for candidate in ranked], scorer, inclusion_fractions
-        )
-    return ProposedStructures(
-        *propose_symbolic_candidates(weak, terms, search, supports), inclusion_fractions
-    )
+    # Of several studies sums of terms choose one, and symbolic regression goes on with that.
+    groups, scorers = list[list[CandidateEquation]](), list[EquationScorer]()
+    if search is None or len(studies) > 1:
+        scored = [
+            score_subsets(study.weak, study.terms, study.terms, _sparse_subsets(study, method))
+            for study in studies
+        ]
+        scorers = scorers_in_common_unit([scorer for _, scorer in scored])
+        groups = [
+            _candidates_of_sums(score_again(ranked, scorer), study)
+            for (ranked, _), study, scorer in zip(scored, studies, scorers, strict=True)
+        ]
+    best = min(range(len(groups)), key=lambda k: groups[k][0].criterion, default=0)
+    study = studies[best]
+    candidates = list(groups[best]) if groups and method != "operon" else []
+    if search is not None:
+        subsets = [] if groups or method == "operon" else _sparse_subsets(study, method)
+        excess = scorers[best].excess if groups else None
+        found, scorer = propose_symbolic_candidates(study, search, subsets, excess)
+        candidates += map(study.candidate, found)
+        scorers = scorers or [scorer]
+    return ProposedStructures(candidates, scorers[best], study, groups)
 
 
-def _sparse_supports(
-    weak: WeakForm, terms: Sequence[AnyTerm], form: str, ensemble: bool, seed: int
-) -> tuple[list[np.ndarray], dict[str, float]]:
-    if form == "weak" and not ensemble:
-        return all_index_subsets(len(terms)), {}
+def _sparse_subsets(study: Study, method: str) -> list[np.ndarray]:
+    """Subsets of the terms that a sparse regression proposes."""
+    if study.left_side == "height":
+        return []
+    if method != "pysindy":
+        return all_index_subsets(len(study.terms))
+    supports = find_supports_with_pysindy(study.weak.motions, study.terms)
+    return _add_eliminated_supports(study.weak, study.terms, supports)
 
-    regression = (
-        weak_form_regression(weak, terms) if form == "weak" else strong_form_regression(weak.motions, terms)
-    )
-    supports = regression.supports_by_threshold()
-    inclusion_fractions: dict[str, float] = {}
-    if ensemble:
-        ensembles = [ensemble_supports(regression, threshold, seed) for threshold in _ENSEMBLES]
-        supports = [support for item, _ in ensembles for support in item]
-        fractions = ensembles[len(ensembles) // 2][1]
-        inclusion_fractions = {
-            term.text: float(fraction) for term, fraction in zip(terms, fractions, strict=True)
-        }
-    return _add_eliminated_supports(weak, terms, supports), inclusion_fractions
+
+def _candidates_of_sums(ranked: Sequence[ScoredTerms], study: Study) -> list[CandidateEquation]:
+    """Candidates of sums, the best one first; one without the hidden state is one without memory."""
+    candidates = [
+        study.candidate_of_sum(item)
+        for item in ranked
+        if study.hidden_state is None or any(term.has_input for term in item.terms)
+    ]
+    return sorted(candidates, key=lambda candidate: candidate.criterion)
 
 
 def _add_eliminated_supports(
@@ -138,10 +166,11 @@ def _add_eliminated_supports(
 
 
 def propose_symbolic_candidates(
-    weak: WeakForm, terms: Sequence[AnyTerm], search: SymbolicSearch, subsets: Sequence[np.ndarray] = ()
+    study: Study, search: SymbolicSearch, subsets: Sequence[np.ndarray] = (), excess: float | None = None
 ) -> tuple[list[CandidateEquation], EquationScorer]:
     """Propose expressions of a symbolic regression, and what each is without some of its terms."""
-    expressions = _find_motion_expressions(weak.motions, terms, search)
+    weak, terms = study.weak, study.terms
+    expressions = _find_motion_expressions(study, search)
     sums = [(expression, split_terms(expression)) for expression in expressions]
     union = sort_terms({term for _, parts in sums if parts is not None for term in parts})
     if len(subsets) or not union or len(union) > _MOST_UNION:
@@ -151,6 +180,9 @@ def propose_symbolic_candidates(
     supports = [[index[term] for term in parts if term in index] for _, parts in sums if parts is not None]
     groups = [*subsets, *_add_eliminated_supports(weak, union, supports)] or all_index_subsets(1)
     ranked, scorer = score_subsets(weak, terms, union, groups)
+    if excess is not None:
+        scorer = dataclasses.replace(scorer, excess=excess)
+        ranked = score_again(ranked, scorer)
     candidates = [candidate_from_terms(item) for item in _unique_subsets(ranked)]
     candidates += [left for item, parts in sums if parts is None for left in _prune_expression(item, scorer)]
     return candidates, scorer
@@ -183,14 +215,13 @@ def _unique_subsets(ranked: Sequence[ScoredTerms]) -> list[ScoredTerms]:
     return sorted(unique.values(), key=lambda item: item.criterion)
 
 
-def _find_motion_expressions(
-    motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm], search: SymbolicSearch
-) -> list[sympy.Expr]:
+def _find_motion_expressions(study: Study, search: SymbolicSearch) -> list[sympy.Expr]:
     import sympy
 
     _, v, _ = state_symbols()
-    own = [term for term in terms if isinstance(term, CustomTerm)]
-    parts = [_search_samples(motion, len(motions), own) for motion in motions]
+    motions = study.weak.motions
+    own = [term for term in study.terms if isinstance(term, CustomTerm)]
+    parts = [_search_samples(motion, study.left_side, len(motions), own) for motion in motions]
     samples = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     target = samples.pop("target")
     noise = math.sqrt(sum(motion.acceleration_noise**2 for motion in motions) / len(motions))
@@ -203,23 +234,25 @@ def _find_motion_expressions(
 
 
 def _search_samples(
-    motion: SmoothedMotion, motions: int, own: Sequence[CustomTerm] = ()
+    motion: SmoothedMotion, left_side: str, motions: int, own: Sequence[CustomTerm]
 ) -> dict[str, np.ndarray]:
     """Return the samples of one of so many motions for a symbolic regression, away from its ends."""
-    edge = int(_EDGE * len(motion.time))
+    edge = int(EDGE * len(motion.time))
     inner = len(motion.time) - 2 * edge
     rows = slice(edge, edge + inner, max(1, math.ceil(inner * motions / _MOST_POINTS)))
-    samples = {
-        "z": motion.smooth,
-        "v": motion.velocity,
-        "speed": np.abs(motion.velocity),
-        "direction": np.sign(motion.velocity),
-        "target": motion.acceleration,
-    }
-    if motion.drive is not None:
-        samples["u"] = motion.drive
-    for k, item in enumerate(own):
-        samples[f"own{k}"] = item.values(motion.smooth, motion.velocity, motion.drive)
+    samples = {"target": motion.acceleration}
+    if left_side == "height":
+        samples[TIME] = motion.time
+    else:
+        samples |= {
+            "z": motion.smooth,
+            "v": motion.velocity,
+            "speed": np.abs(motion.velocity),
+            "direction": np.sign(motion.velocity),
+        }
+        if motion.drive is not None:
+            samples["u"] = motion.drive
+        samples |= {f"own{k}": item.values(motion.smooth_state) for k, item in enumerate(own)}
     return {name: values[rows] for name, values in samples.items()}
 
 
@@ -245,84 +278,3 @@ def _score_expression(expression: sympy.Expr, scorer: EquationScorer) -> Candida
         scorer.misfit_from_squares(squares, count),
         scorer.information_criterion(squares, count),
     )
-
-
-_THRESHOLDS = np.geomspace(1e-3, 0.5, 24)
-"""Thresholds of coefficients of columns of unit size, as fractions of the target's size."""
-_MODELS = 100  # a fraction of them is known to 0.05
-_INCLUDED = (0.9, 0.75, 0.5, 0.25)
-_MOST_ROWS = 4000
-
-
-class SparseRegression:
-    """A linear regression for PySINDy's optimizers, with columns and target of unit size."""
-
-    # SINDy says which terms z'' calls for (Brunton, Proctor & Kutz 2016, doi:10.1073/pnas.1517384113), an
-    # ensemble how often resamples agree (Fasel, Kutz, Brunton & Brunton 2022, doi:10.1098/rspa.2021.0904).
-
-    def __init__(self, matrix: np.ndarray, target: np.ndarray) -> None:
-        self.matrix = normalise_columns(matrix)[0] * np.sqrt(len(matrix))
-        self.target = target / max(float(np.sqrt((target**2).mean())), 1e-300)
-
-    def thresholded_optimizer(self, threshold: float) -> Any:
-        """PySINDy's sequentially thresholded least squares (Brunton, Proctor & Kutz 2016)."""
-        import pysindy
-
-        return pysindy.STLSQ(threshold=float(threshold), alpha=1e-8)
-
-    def supports_by_threshold(self) -> list[list[int]]:
-        """Terms that thresholded least squares keep, at 24 thresholds from 0.001 to 0.5."""
-        supports = []
-        for threshold in _THRESHOLDS:
-            with warnings.catch_warnings(action="ignore"):  # that a high threshold leaves nothing
-                fitted = self.thresholded_optimizer(threshold).fit(self.matrix, self.target[:, None])
-            supports.append(np.flatnonzero(fitted.coef_[0]).tolist())
-        return supports
-
-    def inclusion_fractions(self, threshold: float, seed: int) -> Float[np.ndarray, "p"]:
-        """Fraction of a hundred bootstrap resamples whose sparse fit keeps each term."""
-        import pysindy
-
-        ensemble = pysindy.EnsembleOptimizer(
-            self.thresholded_optimizer(threshold), bagging=True, n_models=_MODELS
-        )
-        state = np.random.get_state()  # noqa: NPY002  PySINDy draws from NumPy's global generator
-        np.random.seed(seed)  # noqa: NPY002
-        try:
-            with warnings.catch_warnings(action="ignore"):
-                ensemble.fit(self.matrix, self.target[:, None])
-        finally:
-            np.random.set_state(state)  # noqa: NPY002
-        return np.asarray(np.mean(np.stack(ensemble.coef_list)[:, 0] != 0.0, axis=0))
-
-
-def strong_form_regression(motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]) -> SparseRegression:
-    """Regression of estimates of z'' on terms, sample by sample, away from the records' ends."""
-    rows = [_interior_samples(motion, terms, len(motions)) for motion in motions]
-    matrices, targets = zip(*rows, strict=True)
-    return SparseRegression(np.concatenate(matrices), np.concatenate(targets))
-
-
-def _interior_samples(
-    motion: SmoothedMotion, terms: Sequence[AnyTerm], motions: int
-) -> tuple[np.ndarray, np.ndarray]:
-    count = len(motion.time)
-    edge = int(_EDGE * count)
-    rows = slice(edge, count - edge, max(1, count * motions // _MOST_ROWS))
-    matrix = term_columns(terms, motion.smooth, motion.velocity, motion.drive)
-    return matrix[rows], motion.acceleration[rows]
-
-
-def weak_form_regression(weak: WeakForm, terms: Sequence[AnyTerm]) -> SparseRegression:
-    """Regression of the weak form, whitened for the noise of z'' alone."""
-    # Weak-form SINDy (Messenger & Bortz 2021, doi:10.1137/20M1343166).
-    whitening = weak.whitening_matrix((), np.zeros(0))
-    return SparseRegression(whitening @ weak.term_integral_matrix(terms), whitening @ weak.target)
-
-
-def ensemble_supports(
-    regression: SparseRegression, threshold: float, seed: int
-) -> tuple[list[list[int]], np.ndarray]:
-    """Terms that many resamples keep, and the fraction that keeps each."""
-    fractions = regression.inclusion_fractions(threshold, seed)
-    return [np.flatnonzero(fractions >= least).tolist() for least in _INCLUDED], fractions

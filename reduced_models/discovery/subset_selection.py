@@ -70,6 +70,20 @@ def scorers_in_common_unit(scorers: Sequence[EquationScorer]) -> list[EquationSc
     return [dataclasses.replace(scorer, excess=excess) for scorer in scorers]
 
 
+def score_again(ranked: Iterable[ScoredTerms], scorer: EquationScorer) -> list[ScoredTerms]:
+    """Scored subsets by the criterion of a scorer in another unit, the best one first."""
+    again = [
+        dataclasses.replace(
+            item,
+            criterion=scorer.information_criterion(
+                scorer.squares_from_misfit(item.misfit, len(item.terms)), len(item.terms)
+            ),
+        )
+        for item in ranked
+    ]
+    return sorted(again, key=lambda item: item.criterion)
+
+
 def all_index_subsets(count: int) -> list[np.ndarray]:
     """All subsets of so many terms, by their indices, as far as they can all be tried."""
     subsets, total = [], 0

@@ -5,20 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.discovery.subset_selection import (
+    EquationScorer,
+    ScoredTerms,
     all_index_subsets,
     normalise_columns,
+    score_again,
     score_subsets,
     scorers_in_common_unit,
 )
 from reduced_models.discovery.terms import (
     AnyTerm,
+    MotionState,
     Term,
     parse_term_expressions,
     physical_library_terms,
@@ -28,9 +32,6 @@ from reduced_models.discovery.terms import (
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 from reduced_models.laws.height_map import HeightMap
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 PHYSICAL = "physical"
 """The library without another name: see `reduced_models.discovery.terms.physical_library_terms`."""
@@ -125,9 +126,9 @@ def parse_custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm
 
 def functions_known_to_program(names: Sequence[str], method: str) -> tuple[str, ...]:
     """Functions by the names under which a method's program knows them."""
-    if names and method == "sindy":
+    if names and method in ("sindy", "pysindy"):
         raise InputError(
-            "functions belong to symbolic regression; give the method 'sindy' whole terms by terms="
+            f"functions belong to symbolic regression; give the method {method!r} whole terms by terms="
         )
     for name in names:
         if name not in FUNCTIONS:
@@ -145,25 +146,22 @@ _GRID = np.linspace(-1.0, 1.0, 33)  # the next zoom holds two of its steps on ei
 
 def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
     """Fault of a term along a motion, in words."""
-    drive = motion.drive
-    for z in (motion.z, motion.smooth):
-        if not np.isfinite(term.values(z, motion.velocity, drive)).all():
+    for state in (motion.recorded_state, motion.smooth_state):
+        if not np.isfinite(term.values(state)).all():
             return "is not finite"
-        if term_has_pole(term, z, motion.velocity, drive):
+        if term_has_pole(term, state):
             return "has a pole"
     if not all(np.isfinite(slope).all() for slope in _term_derivatives(motion, term)):
         return "has no finite slope"
     return ""
 
 
-def term_has_pole(
-    term: AnyTerm, z: Float[np.ndarray, "n"], v: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"] | None
-) -> bool:
+def term_has_pole(term: AnyTerm, state: MotionState) -> bool:
     """Tell if a term grows without bound between finite samples."""
     # 1/z of a motion through zero is finite at every sample, and says only how near to zero one happens to
     # be.
-    last = len(z) - 1
-    sizes = np.abs(term.values(z, v, u))
+    last = len(state.z) - 1
+    sizes = np.abs(term.values(state))
     peaks = np.flatnonzero((sizes >= np.append(sizes[1:], 0.0)) & (sizes >= np.insert(sizes[:-1], 0, 0.0)))
     peaks = peaks[np.argsort(sizes[peaks])[-_PEAKS:]]
     # A term that is zero at a peak, as one of a contact away from it, has grown by nothing there.
@@ -175,8 +173,8 @@ def term_has_pole(
     greatest = before
     for _ in range(_ZOOMS):
         near = np.clip(centres[:, None] + half * _GRID, first, end)
-        along = [None if value is None else np.interp(near, samples, value) for value in (z, v, u)]
-        values = np.abs(term.values(along[0], along[1], along[2]))  # type: ignore[arg-type]  # z, v
+        along = [None if value is None else np.interp(near, samples, value) for value in state]
+        values = np.abs(term.values(MotionState(*along)))  # type: ignore[arg-type]  # z, v
         if not np.isfinite(values).all():
             return True
         best = values.argmax(axis=1)
@@ -191,11 +189,11 @@ def _term_derivatives(motion: SmoothedMotion, term: AnyTerm) -> list[np.ndarray]
     if term.is_total_derivative:
         return [term.height_factor(motion.z)]
     if term.is_speed_independent:
-        return [np.asarray(term.derivative_by_height(motion.z, motion.velocity, motion.drive))]
+        return [term.derivative_by_height(motion.recorded_state)]
     if not term.varies_with_speed:
         return []
-    here = motion.smooth, motion.velocity, motion.drive
-    return [np.asarray(term.derivative_by_speed(*here)), np.asarray(term.derivative_by_height(*here))]
+    state = motion.smooth_state
+    return [term.derivative_by_speed(state), term.derivative_by_height(state)]
 
 
 AUTO = "auto"
@@ -204,7 +202,8 @@ _CLEAR = 10.0
 1995, doi:10.1080/01621459.1995.10476572)."""
 _DEGREES = (3, 5)
 _BETTER = 0.5
-"""Held-out error, over that of a lower degree, up to which the degree grows."""
+"""Error, over that of a lower degree or without a drive, up to which the degree grows, or there is one."""
+_UNEXPLAINED = 2.0  # noise levels that all libraries leave, from which on a drive is looked for
 _OF_THE_HEIGHT = ("trigonometric", "rational", "contact")
 """Libraries that mean something by z = 0."""
 _WHY = {
@@ -224,7 +223,8 @@ class LibraryProposal(NamedTuple):
     terms: tuple[AnyTerm, ...]
     map: HeightMap  # of the z that the terms mean
     weak: WeakForm
-    note: str
+    note: str = ""
+    driven: bool = False  # in the time
 
 
 def propose_library(
@@ -235,6 +235,7 @@ def propose_library(
     *,
     map_is_given: bool,
     angle: bool,
+    drive_terms: Callable[[WeakForm, Sequence[AnyTerm]], Sequence[AnyTerm]],
 ) -> LibraryProposal:
     """Library whose best sum of terms has the least information criterion along some motions."""
     # Libraries that mean something by z = 0 only for angles, motions about it or a given map; negative powers
@@ -242,7 +243,7 @@ def propose_library(
     plain = usual_map == HeightMap() or map_is_given
     weak = weak_form_of(usual_map)
     usual = _physical_proposal(weak, column, degree)
-    proposals = [LibraryProposal(PHYSICAL, usual, usual_map, weak, "")]
+    proposals = [LibraryProposal(PHYSICAL, usual, usual_map, weak)]
     for name in LIBRARIES:
         height_map_here, weak_form_here = usual_map, weak
         if name == PHYSICAL or (name == "driven" and column is None):
@@ -256,8 +257,33 @@ def propose_library(
             continue
         terms = library_terms(name, (), 3, column)
         if not any(find_term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
-            proposals.append(LibraryProposal(name, terms, height_map_here, weak_form_here, ""))
-    return _choose_proposal(proposals)
+            proposals.append(LibraryProposal(name, terms, height_map_here, weak_form_here))
+    sums = [_SumsOfLibrary.of(proposal) for proposal in proposals]
+    closest = min(sums, key=lambda item: item.scorer.excess)
+    if closest.scorer.excess > _UNEXPLAINED**2:
+        drive = drive_terms(closest.proposal.weak, closest.proposal.terms)
+        driven = [
+            _SumsOfLibrary.of(proposal._replace(terms=(*proposal.terms, *drive), driven=True))
+            for proposal in proposals
+        ]
+        if min(item.scorer.excess for item in driven) < _BETTER**2 * closest.scorer.excess:
+            chosen = _choose_proposal(driven)
+            return chosen._replace(terms=tuple(term for term in chosen.terms if term not in drive))
+    return _choose_proposal(sums)
+
+
+class _SumsOfLibrary(NamedTuple):
+    """A library with its sums of terms, the best one first."""
+
+    proposal: LibraryProposal
+    ranked: list[ScoredTerms]
+    scorer: EquationScorer
+
+    @classmethod
+    def of(cls, proposal: LibraryProposal) -> _SumsOfLibrary:
+        """Score all sums of a library's terms."""
+        terms = proposal.terms
+        return cls(proposal, *score_subsets(proposal.weak, terms, terms, all_index_subsets(len(terms))))
 
 
 def cause_text(name: str, chosen: Sequence[AnyTerm], usual: Sequence[AnyTerm]) -> str:
@@ -269,28 +295,27 @@ def cause_text(name: str, chosen: Sequence[AnyTerm], usual: Sequence[AnyTerm]) -
     return f"{words}, {_WHY[name]}"
 
 
-def _choose_proposal(proposals: Sequence[LibraryProposal]) -> LibraryProposal:
+def _choose_proposal(libraries: Sequence[_SumsOfLibrary]) -> LibraryProposal:
     """LibraryProposal whose best sum has the least criterion, with a note why."""
-    scored = [
-        score_subsets(proposal.weak, proposal.terms, proposal.terms, all_index_subsets(len(proposal.terms)))
-        for proposal in proposals
-    ]
-    scorers = scorers_in_common_unit([scorer for _, scorer in scored])
-    sums = [ranked[0] for ranked, _ in scored]
+    proposals = [item.proposal for item in libraries]
+    scorers = scorers_in_common_unit([item.scorer for item in libraries])
+    sums = [score_again(item.ranked[:1], scorer)[0] for item, scorer in zip(libraries, scorers, strict=True)]
     terms = [tuple(sort_terms(item.terms)) for item in sums]
     squares = [
         scorer.squares_from_misfit(item.misfit, len(item.terms))
         for item, scorer in zip(sums, scorers, strict=True)
     ]
-    criteria = [
-        scorer.information_criterion(value, len(term))
-        for scorer, value, term in zip(scorers, squares, terms, strict=True)
-    ]
+    criteria = [item.criterion for item in sums]
     best = int(np.argmin(criteria))
     gain = criteria[0] - criteria[best]
     if gain < _CLEAR or set(terms[best]) <= set(proposals[0].terms):
         best = 0
-    name, notes = proposals[best].name, []
+    name, notes = proposals[best].name, list[str]()
+    if proposals[best].driven:
+        notes.append(
+            "all libraries leave more than the noise, but with a drive sin(w*t), cos(w*t) far less: the "
+            "record speaks for a drive that no column tells"
+        )
     if best:
         below = f"{gain:.0f}" if gain < 1e4 else "far"
         notes.append(

@@ -14,6 +14,7 @@ from granular import formulas
 from granular.formulas import algebra
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
+from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
     import sympy
@@ -28,6 +29,13 @@ def state_symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
 
     z, v, u = (sympy.Symbol(name, real=True) for name in ("z", "v", INPUT))
     return z, v, u
+
+
+def motion_symbols() -> tuple[sympy.Symbol, ...]:
+    """Symbols of `state_symbols`, and t for the time since the start."""
+    import sympy
+
+    return (*state_symbols(), sympy.Symbol(TIME, real=True))
 
 
 def expression_text(expression: sympy.Expr) -> str:
@@ -51,9 +59,18 @@ def round_fractions_for_print(expression: sympy.Expr) -> sympy.Expr:
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact for degree 9 between samples
 
 
+class MotionState(NamedTuple):
+    """Values that terms are functions of, along a motion."""
+
+    z: Float[np.ndarray, "n"]
+    v: Float[np.ndarray, "n"]  # z'
+    u: Float[np.ndarray, "n"] | None = None  # the input
+    t: Float[np.ndarray, "n"] | None = None  # time since the start
+
+
 @dataclasses.dataclass(frozen=True)
 class CustomTerm:
-    """A function of z, z' and the input that is no product of powers, such as sin(z)."""
+    """A function of z, z', the input and the time that is no product of powers, such as sin(z)."""
 
     expression: sympy.Expr
 
@@ -87,15 +104,13 @@ class CustomTerm:
         """G'(z), where the term is G'(z) z'; else None."""
         import sympy
 
-        _, v, u = state_symbols()
+        _, v, *others = motion_symbols()
         factor = sympy.cancel(self.expression / v)
-        return None if self.is_speed_independent or factor.has(v) or factor.has(u) else factor
+        return None if self.is_speed_independent or factor.has(v, *others) else factor
 
-    def values(
-        self, z: Float[np.ndarray, "n"], v: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"] | None
-    ) -> Float[np.ndarray, "n"]:
+    def values(self, state: MotionState) -> Float[np.ndarray, "n"]:
         """Values of the term at samples."""
-        return _evaluate_term(self.expression, z, v, u)
+        return evaluate_expression(self.expression, state)
 
     def antiderivative(self, z: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """Antiderivative G(z) of a term G'(z) z', whose rate the term is, from the least sample on."""
@@ -110,19 +125,15 @@ class CustomTerm:
 
     def height_factor(self, z: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """Factor G'(z) of a term G'(z) z'."""
-        return _evaluate_term(self._height_factor, z, z, None)
+        return evaluate_expression(self._height_factor, MotionState(z, z))
 
-    def derivative_by_height(
-        self, z: Float[np.ndarray, "n"], v: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"] | None
-    ) -> Float[np.ndarray, "n"]:
+    def derivative_by_height(self, state: MotionState) -> Float[np.ndarray, "n"]:
         """Compute the derivative of the term by z at samples; that of a jump is left out."""
-        return _evaluate_term(_term_derivative(self.expression, 0), z, v, u)
+        return evaluate_expression(_term_derivative(self.expression, 0), state)
 
-    def derivative_by_speed(
-        self, z: Float[np.ndarray, "n"], v: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"] | None
-    ) -> Float[np.ndarray, "n"]:
+    def derivative_by_speed(self, state: MotionState) -> Float[np.ndarray, "n"]:
         """Compute the derivative of the term by z' at samples; that of a jump is left out."""
-        return _evaluate_term(_term_derivative(self.expression, 1), z, v, u)
+        return evaluate_expression(_term_derivative(self.expression, 1), state)
 
 
 def make_custom_term(expression: sympy.Expr) -> CustomTerm:
@@ -162,7 +173,7 @@ def _read_term(text: str, column: str | None, numbers: Sequence[str]) -> sympy.E
     if not isinstance(text, str):
         raise InputError(f"the term {quote(text)} is no text; write it as 'sin(z)'")
     z, v, u = state_symbols()
-    named = {name: sympy.Symbol(name) for name in numbers} | {"z": z, "z'": v}
+    named = {name: sympy.Symbol(name) for name in numbers} | {"z": z, "z'": v, TIME: motion_symbols()[3]}
     if column is not None:
         named |= {INPUT: u, column: u}
     term = f"the term {quote(text)}"
@@ -170,7 +181,7 @@ def _read_term(text: str, column: str | None, numbers: Sequence[str]) -> sympy.E
         tree = formulas.parse(text)
         strange = [name.text for name in formulas.variable_names(tree) if name.text not in named]
         if strange:
-            known = "z, z' and the input's column" if column is None else f"z, z', u and {column}"
+            known = "z, z', t and the input's column" if column is None else f"z, z', t, u and {column}"
             more = "; name the input's column with input=" if column is None else ""
             raise InputError(f"{term} names {strange[0]}; terms are of {known}{more}")
         formula = algebra.sympy_expression(tree, named)
@@ -192,14 +203,15 @@ def _term_derivative(expression: sympy.Expr, index: int) -> sympy.Expr:
 
 
 @functools.lru_cache(maxsize=256)
-def _compiled_term(expression: sympy.Expr) -> Callable[..., Any]:
-    return algebra.compile_function(state_symbols(), expression)
+def _compiled_expression(expression: sympy.Expr) -> Callable[..., Any]:
+    return algebra.compile_function(motion_symbols(), expression)
 
 
-def _evaluate_term(expression: sympy.Expr, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+def evaluate_expression(expression: sympy.Expr, state: MotionState) -> Float[np.ndarray, "n"]:
+    """Values of an expression in the symbols of `motion_symbols` at samples."""
     with np.errstate(all="ignore"):
-        values = _compiled_term(expression)(z, v, 0.0 if u is None else u)
-    return np.broadcast_to(np.asarray(values, dtype=np.float64), z.shape)
+        values = _compiled_expression(expression)(*(0.0 if value is None else value for value in state))
+    return np.broadcast_to(np.asarray(values, dtype=np.float64), state.z.shape)
 
 
 class Term(NamedTuple):
@@ -242,14 +254,15 @@ class Term(NamedTuple):
             motion = sympy.Abs(v) ** self.speed
         return z**self.power * motion * (u if self.has_input else 1)
 
-    def values(
-        self, z: Float[np.ndarray, "n"], v: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"] | None
-    ) -> Float[np.ndarray, "n"]:
+    def values(self, state: MotionState) -> Float[np.ndarray, "n"]:
         """Values of the term at samples."""
-        product = z**self.power * np.abs(v) ** self.speed
+        product = state.z**self.power * np.abs(state.v) ** self.speed
         if self.odd:
-            product = product * np.sign(v)
-        return product * u if self.has_input and u is not None else product
+            product = product * np.sign(state.v)
+        return self._driven(product, state)
+
+    def _driven(self, product: np.ndarray, state: MotionState) -> np.ndarray:
+        return product * state.u if self.has_input and state.u is not None else product
 
     def antiderivative(self, z: np.ndarray) -> np.ndarray:
         """Antiderivative z^(power + 1)/(power + 1) at samples of z (n,): float64 (n,)."""
@@ -259,17 +272,17 @@ class Term(NamedTuple):
         """Factor z^power of a term z^power z' at samples of z (n,): float64 (n,)."""
         return np.asarray(z**self.power)
 
-    def derivative_by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray | float:
-        """Compute the derivative by z at samples of z, z' and the input (n,): float64 (n,)."""
+    def derivative_by_height(self, state: MotionState) -> Float[np.ndarray, "n"]:
+        """Compute the derivative of the term by z at samples."""
         if not self.power:
-            return 0.0
-        return self.power * self._replace(power=self.power - 1).values(z, v, u)
+            return np.zeros_like(state.z)
+        return self.power * self._replace(power=self.power - 1).values(state)
 
-    def derivative_by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Compute the derivative by z' at samples of z, z' and the input (n,): float64 (n,)."""
-        sign = 1.0 if self.odd else np.sign(v)
-        product = z**self.power * self.speed * np.abs(v) ** (self.speed - 1) * sign
-        return product * u if self.has_input and u is not None else product
+    def derivative_by_speed(self, state: MotionState) -> Float[np.ndarray, "n"]:
+        """Compute the derivative of the term by z' at samples."""
+        sign = 1.0 if self.odd else np.sign(state.v)
+        product = state.z**self.power * self.speed * np.abs(state.v) ** (self.speed - 1) * sign
+        return self._driven(product, state)
 
 
 AnyTerm = Term | CustomTerm
@@ -300,10 +313,10 @@ def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     for part in sympy.Add.make_args(sympy.expand(expression)):
         terms = _power_products(part)
         if terms is None:
-            coefficient, rest = part.as_independent(*state_symbols(), as_Add=False)
-            if not coefficient.is_number or rest.atoms(sympy.Float):
+            coefficient, rest = part.as_independent(*motion_symbols(), as_Add=False)
+            if not coefficient.is_real or not coefficient.is_number or rest.atoms(sympy.Float):
                 return None
-            if rest.free_symbols - set(state_symbols()):
+            if rest.free_symbols - set(motion_symbols()):
                 return None
             terms = {make_custom_term(rest): float(coefficient)}
         for term, value in terms.items():
@@ -325,7 +338,7 @@ def _power_products(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
         return None
     coefficients: dict[AnyTerm, float] = {}
     for (power, first, second, signs, driven), coefficient in polynomial.terms():
-        if not coefficient.is_number or driven > 1:
+        if not coefficient.is_number or not coefficient.is_real or driven > 1:
             return None
         odd = (first + signs) % 2 == 1
         # sign(z')^2 is 1 wherever the piston moves.
@@ -342,6 +355,24 @@ def linear_combination(terms: Sequence[AnyTerm], coefficients: Sequence[float]) 
     return sympy.Add(*(sympy.Float(value) * term.expression for term, value in pairs))
 
 
+def replace_numbers_by_symbols(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
+    """Expression with symbols c0, c1 ... for its numbers, and their values."""
+    # Coefficients come in the order of the sorted terms: the same structure is the same law, and compiled
+    # once.
+    import sympy
+
+    terms = split_terms(expression)
+    if terms is not None:
+        names = {f"c{k}": terms[term] for k, term in enumerate(sort_terms(terms))}
+        parts = (
+            sympy.Symbol(name) * term.expression for name, term in zip(names, sort_terms(terms), strict=True)
+        )
+        return sympy.Add(*parts), names
+    floats = sorted(expression.atoms(sympy.Float), key=float)
+    symbol_of = {item: sympy.Symbol(f"c{k}") for k, item in enumerate(floats)}
+    return expression.xreplace(symbol_of), {symbol_of[item].name: float(item) for item in floats}
+
+
 def structure_text(terms: Sequence[AnyTerm]) -> str:
     """Structure of a sum as a text, with a letter for each coefficient: "a*z' + b*sin(z)"."""
     parts = zip("abcdefghijklmnopqrstuvwxyz", terms, strict=False)
@@ -353,13 +384,3 @@ def complexity(expression: sympy.Expr) -> int:
     import sympy
 
     return sum(1 for _ in sympy.preorder_traversal(expression))
-
-
-def term_columns(
-    terms: Sequence[AnyTerm],
-    z: Float[np.ndarray, "n"],
-    v: Float[np.ndarray, "n"],
-    u: Float[np.ndarray, "n"] | None,
-) -> Float[np.ndarray, "n p"]:
-    """Values of several terms at samples, a column each."""
-    return np.stack([term.values(z, v, u) for term in terms], axis=1)

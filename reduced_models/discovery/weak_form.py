@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.formulas.algebra import compile_function
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from granular.shared.message_text import quote
-from reduced_models.discovery.terms import AnyTerm, state_symbols
+from reduced_models.discovery.terms import AnyTerm, MotionState, evaluate_expression
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.records.derivatives import DerivativeMethod, derivatives, noise_level
+from reduced_models.records.derivatives import derivatives, noise_level
 from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.inputs import input_column
 
@@ -41,19 +40,32 @@ _LEAST_SAMPLES = 8  # in a bump
 # whitening would blow up.
 _RANK = 1e-10
 
+EDGE = 0.02
+"""Fraction of a record at each end where derivatives are poor."""
+
 
 class SmoothedMotion(NamedTuple):
-    """A recorded motion with estimates of its derivatives and noise."""
+    """A recorded motion with estimates of its derivatives and noise, and what an equation gives of it."""
 
     time: Float[np.ndarray, "n"]
     z: Float[np.ndarray, "n"]
     smooth: Float[np.ndarray, "n"]  # estimate of z
     velocity: Float[np.ndarray, "n"]  # of z'
-    acceleration: Float[np.ndarray, "n"]  # of z''
+    acceleration: Float[np.ndarray, "n"]  # of z'', or the force or the height that an equation gives
     drive: Float[np.ndarray, "n"] | None
-    noise: float  # standard deviation of the white noise of z
-    acceleration_noise: float  # and of the estimate of z''
+    noise: float  # standard deviation of the white noise of z, or of the force
+    acceleration_noise: float  # and of what an equation gives
     period: float  # [s]
+
+    @property
+    def recorded_state(self) -> MotionState:
+        """The state with z as it was recorded."""
+        return MotionState(self.z, self.velocity, self.drive, self.time)
+
+    @property
+    def smooth_state(self) -> MotionState:
+        """The state with the estimate of z."""
+        return MotionState(self.smooth, self.velocity, self.drive, self.time)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -94,8 +106,8 @@ class MotionIntegrals:
         motion = self.motion
         if term.is_total_derivative:
             return -np.asarray(self.slope @ term.antiderivative(motion.z))
-        z = motion.z if term.is_speed_independent else motion.smooth
-        return np.asarray(self.bump @ term.values(z, motion.velocity, motion.drive))
+        state = motion.recorded_state if term.is_speed_independent else motion.smooth_state
+        return np.asarray(self.bump @ term.values(state))
 
     def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> Float[np.ndarray, "r p"]:
         """Integrals of several terms against the bumps.
@@ -118,15 +130,14 @@ class MotionIntegrals:
         Parameters
         ----------
         expression : sympy.Expr
-            In the symbols of `state_symbols`.
+            In the symbols of `motion_symbols`.
 
         Returns
         -------
         float64 (r,)
             One for each bump, in the unit of the expression times s.
         """
-        motion = self.motion
-        return np.asarray(self.bump @ evaluate_along_motion(expression, motion))
+        return np.asarray(self.bump @ evaluate_expression(expression, self.motion.smooth_state))
 
     def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]) -> Any:
         """Compute the derivatives of an equation's weak residuals by the noise of each sample of z.
@@ -150,7 +161,7 @@ class MotionIntegrals:
             if term.is_total_derivative:
                 weights = weights + value * self.slope.multiply(term.height_factor(motion.z))
             elif term.is_speed_independent:
-                rate = term.derivative_by_height(motion.z, motion.velocity, motion.drive)
+                rate = term.derivative_by_height(motion.recorded_state)
                 if np.any(rate):
                     weights = weights - value * self.bump.multiply(rate)
             elif term.varies_with_speed:
@@ -159,10 +170,9 @@ class MotionIntegrals:
 
     def _speed_weights(self, term: AnyTerm) -> Any:
         """Weights of a term that holds the speed otherwise than as z', by parts as well."""
-        motion = self.motion
-        here = motion.smooth, motion.velocity, motion.drive
-        by_speed = term.derivative_by_speed(*here)
-        rate = np.gradient(by_speed, motion.time) - term.derivative_by_height(*here)
+        state = self.motion.smooth_state
+        by_speed = term.derivative_by_speed(state)
+        rate = np.gradient(by_speed, self.motion.time) - term.derivative_by_height(state)
         return self.slope.multiply(by_speed) + self.bump.multiply(rate)
 
     def whitening_matrix(
@@ -271,24 +281,13 @@ def _motion_integrals(motion: SmoothedMotion) -> MotionIntegrals:
     return MotionIntegrals(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
 
 
-def evaluate_along_motion(expression: sympy.Expr, motion: SmoothedMotion) -> Float[np.ndarray, "n"]:
-    """Values of an expression along a motion."""
-    function = compile_function(state_symbols(), expression)
-    drive = 0.0 if motion.drive is None else motion.drive
-    with np.errstate(all="ignore"):
-        values = function(motion.smooth, motion.velocity, drive)
-    return np.broadcast_to(np.asarray(values, dtype=np.float64), motion.time.shape)
-
-
 _FLOOR = 1e-6  # least noise, in standard deviations of the record or the force: rounding
 
 
-def estimate_motion(
-    record: PistonRecord, height_map: HeightMap, derivative: DerivativeMethod, drive: str | None = None
-) -> SmoothedMotion:
+def estimate_motion(record: PistonRecord, height_map: HeightMap, drive: str | None = None) -> SmoothedMotion:
     """Estimate derivatives, noise and period of a record's motion in z; record [s, m], height_map [m]."""
     guess = first_guesses(record.time, record.height)
-    smooth = derivatives(record, derivative)
+    smooth = derivatives(record)
     size = abs(height_map.scale)
     swing = float(record.height.std())
     return SmoothedMotion(
@@ -319,35 +318,33 @@ def choose_height_map(records: Sequence[PistonRecord], wanted: HeightMap | str) 
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ForceIntegrals(MotionIntegrals):
-    """Integrals with errors that are white noise of the force; `MotionIntegrals` tells of attributes."""
+class WhiteNoiseIntegrals(MotionIntegrals):
+    """Integrals with errors that are white noise of what an equation gives; see `MotionIntegrals`."""
 
     deviation: float  # of the noise, in the target's unit
 
     def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]) -> Any:
-        """Compute the derivatives of the weak residuals by the force's noise, in units of the motion's."""
+        """Compute the derivatives of the weak residuals by that noise, in units of the motion's."""
         return self.bump * (self.deviation / self.motion.noise)
 
 
-def force_weak_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]) -> WeakForm:
-    """Weak form of the measured forces [N] of some motions, its integrals in [N s]."""
+def observed_weak_form(
+    target: str, records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]
+) -> WeakForm:
+    """Weak form of the measured forces [N], or of the heights [m], of some motions."""
     # Of a prescribed motion z'' says nothing and a force all: its integrals replace those of z'', its noise
     # theirs.
     parts = []
     for record, part in zip(records, weak_form(*motions).parts, strict=True):
-        force = record.force
-        if force is None:
+        values = record.height if target == "height" else record.force
+        if values is None:
             raise RecordError(
                 "target = 'force' needs a measured force, which the record does not have; give "
                 "one with a column force"
             )
-        noise = max(noise_level(force, record.time), _FLOOR * float(force.std()))
-        motion = part.motion._replace(acceleration=force, acceleration_noise=noise)
-        parts.append(
-            ForceIntegrals(
-                motion, part.bump, part.slope, part.curvature, np.asarray(part.bump @ force), noise
-            )
-        )
+        noise = max(noise_level(values, record.time), _FLOOR * float(values.std()))
+        motion = part.motion._replace(acceleration=values, acceleration_noise=noise, noise=noise)
+        parts.append(_with_white_noise(part, motion, np.asarray(part.bump @ values)))
     return WeakForm(tuple(parts))
 
 
@@ -355,16 +352,12 @@ def white_noise_weak_form(weak: WeakForm) -> WeakForm:
     """Weak form of z'' whose errors are white noise of z'', as large as in its estimate."""
     # Weights by the noise of heights count the quickest errors most. A simulated bed has no noise, and an
     # equation that is off by more than it is weighed by something else.
-    return WeakForm(
-        tuple(
-            ForceIntegrals(
-                part.motion,
-                part.bump,
-                part.slope,
-                part.curvature,
-                part.target,
-                part.motion.acceleration_noise,
-            )
-            for part in weak.parts
-        )
+    return WeakForm(tuple(_with_white_noise(part, part.motion, part.target) for part in weak.parts))
+
+
+def _with_white_noise(
+    part: MotionIntegrals, motion: SmoothedMotion, target: Float[np.ndarray, "r"]
+) -> WhiteNoiseIntegrals:
+    return WhiteNoiseIntegrals(
+        motion, part.bump, part.slope, part.curvature, target, motion.acceleration_noise
     )

@@ -218,7 +218,7 @@ def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawSc
     try:
         guess = first_guesses(record.time, record.height)
         height_map = choose_height_map([record], "auto")
-        weak = weak_form(estimate_motion(record, height_map, "savitzky-golay"))
+        weak = weak_form(estimate_motion(record, height_map))
         # The noise of the integrals is that which the linear law makes of the record's.
         _, scorer = score_subsets(
             weak, physical_library_terms(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]]

@@ -15,14 +15,16 @@ from hypothesis import strategies as st
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import HeightMap, discover, fit
+from reduced_models import DiscoveryOptions, HeightMap, discover, fit
 from reduced_models.discovery.candidate_choice import polish_and_choose_candidate
 from reduced_models.discovery.polishing import name_candidate_law
 from reduced_models.discovery.result import CandidateEquation
+from reduced_models.discovery.structure_proposals import ProposedStructures, Study
 from reduced_models.discovery.subset_selection import score_subsets
 from reduced_models.discovery.term_libraries import LIBRARIES, library_terms
 from reduced_models.discovery.terms import (
     CustomTerm,
+    MotionState,
     linear_combination,
     parse_term_expressions,
     physical_library_terms,
@@ -32,6 +34,7 @@ from reduced_models.discovery.terms import (
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 
 TIME = np.linspace(0.0, 40.0, 2000)
+UNPOLISHED = DiscoveryOptions(polish=0)
 FORCE = np.sin(0.9 * TIME) + 0.5 * np.sin(2.3 * TIME + 1.0)
 
 
@@ -84,7 +87,7 @@ def found_in(name: str, seed: int) -> set[str]:
     z = motion(law, start)
     noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
     record = PistonRecord(TIME, z + noise, extra={"push": FORCE})
-    found = discover(record, "sindy", polish=0, **options)  # type: ignore[arg-type]  # by name
+    found = discover(record, "sindy", options=UNPOLISHED, **options)  # type: ignore[arg-type]  # by name
     return {term.text for term in found.best.terms or ()}
 
 
@@ -118,7 +121,7 @@ def test_symbolic_regression_without_the_library(name: str, least: int) -> None:
         noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
         record = PistonRecord(TIME, z + noise, extra={"push": FORCE})
         found = discover(
-            record, "operon", library="physical", input=options.get("input"), polish=0, seed=seed
+            record, "operon", library="physical", input=options.get("input"), seed=seed, options=UNPOLISHED
         )
         print(name, seed, f"{found.best.error:.2f}", found.best.text)
         assert found.best.error < 1.5
@@ -130,7 +133,9 @@ def test_symbolic_regression_without_the_library(name: str, least: int) -> None:
 def test_a_pendulum_of_a_polished_discovery() -> None:
     """Its model solves the own term, and says so as text."""
     law, start, options, _ = SYSTEMS["pendulum"]
-    found = discover(PistonRecord(TIME, motion(law, start)), "sindy", polish=1, **options)  # type: ignore[arg-type]  # by name
+    found = discover(
+        PistonRecord(TIME, motion(law, start)), "sindy", options=DiscoveryOptions(polish=1), **options
+    )  # type: ignore[arg-type]  # by name
     assert "sin(z)" in found.model.law.equation
     assert found.best.terms is not None
     values = {term.text: value for term, value in found.best.terms.items()}
@@ -141,8 +146,9 @@ def test_a_pendulum_of_a_polished_discovery() -> None:
 def test_symbolic_regression_takes_own_terms_and_functions() -> None:
     law, start, _, _ = SYSTEMS["pendulum"]
     record = PistonRecord(TIME, motion(law, start))
-    for options in ({"terms": ["sin(z)"]}, {"functions": ["sin"]}):
-        found = discover(record, "operon", polish=2, **options)  # type: ignore[arg-type]  # by name
+    for terms, functions in ((["sin(z)"], []), ([], ["sin"])):
+        options = DiscoveryOptions(polish=2, functions=functions)
+        found = discover(record, "operon", terms=terms, options=options)
         assert found.best.expression.has(sympy.sin)
         assert found.best.error < 2.0
 
@@ -153,7 +159,7 @@ def test_both_methods_stand_side_by_side() -> None:
     law, start, _, terms = SYSTEMS["cubic drag"]
     z = motion(law, start)
     noise = np.random.default_rng(0).normal(0.0, 0.001 * z.std(), len(z))
-    found = discover(PistonRecord(TIME, z + noise), polish=0)
+    found = discover(PistonRecord(TIME, z + noise), options=UNPOLISHED)
     assert found.method == "sindy and operon"
     assert {term.text for term in found.best.terms or ()} == terms
 
@@ -178,10 +184,10 @@ def test_derivatives_of_own_terms_are_slopes(text: str, z: float, v: float, u: f
     h = 1e-6
 
     def at(dz: float, dv: float) -> float:
-        return float(term.values(np.array([z + dz]), np.array([v + dv]), np.array([u]))[0])
+        return float(term.values(MotionState(np.array([z + dz]), np.array([v + dv]), np.array([u])))[0])
 
-    here = np.array([z]), np.array([v]), np.array([u])
-    by_height, by_speed = term.derivative_by_height(*here), term.derivative_by_speed(*here)
+    here = MotionState(np.array([z]), np.array([v]), np.array([u]))
+    by_height, by_speed = term.derivative_by_height(here), term.derivative_by_speed(here)
     assert float(by_height[0]) == pytest.approx((at(h, 0) - at(-h, 0)) / (2 * h), abs=1e-6)
     assert float(by_speed[0]) == pytest.approx((at(0, h) - at(0, -h)) / (2 * h), abs=1e-6)
     if term.is_total_derivative:
@@ -207,13 +213,13 @@ def test_the_primitive_needs_no_formula(text: str) -> None:
     (term,) = split_terms(parse_term_expressions([text])[0]) or ()
     assert term.is_total_derivative
     (part,) = weak_form(SmoothedMotion(TIME, z, z, v, -z, None, 1e-3, 0.0, 6.0)).parts
-    direct = part.bump @ term.values(z, v, None)
+    direct = part.bump @ term.values(MotionState(z, v))
     assert part.term_integrals(term) == pytest.approx(direct, abs=1e-4 * float(np.abs(direct).max()))
 
 
 def test_a_damping_over_negative_heights_is_found() -> None:
     z = motion(lambda t, z, v: -(z + 3.0) + 0.4 * v / z, -2.0)
-    found = discover(PistonRecord(TIME, z), "sindy", library=(), terms=["1", "z", "z'/z"], polish=0)
+    found = discover(PistonRecord(TIME, z), "sindy", library=(), terms=["1", "z", "z'/z"], options=UNPOLISHED)
     values = {term.text: value for term, value in (found.best.terms or {}).items()}
     assert values == pytest.approx({"1": -3.0, "z": -1.0, "z'/z": 0.4}, rel=1e-3)
 
@@ -252,7 +258,7 @@ def stop_beyond_a_gap() -> PistonRecord:
 
 def test_a_number_within_a_term_is_found() -> None:
     options: dict[str, Any] = {"library": "physical", "degree": 1, "terms": ["max(0, z - d)"]}
-    found = discover(stop_beyond_a_gap(), "sindy", polish=0, **options)
+    found = discover(stop_beyond_a_gap(), "sindy", options=UNPOLISHED, **options)
     assert len(found.best.terms or {}) == 3
     gap = re.search(r"max\(0, z - ([0-9.]+)\)", found.best.text)
     assert gap is not None
@@ -265,7 +271,12 @@ def test_a_number_within_a_term_is_found() -> None:
 def test_a_number_within_a_term_is_fitted_with_its_interval() -> None:
     record = stop_beyond_a_gap()
     found = discover(
-        record, "sindy", library="physical", degree=1, terms=["max(0, z - d)", "max(0, z - d)*z'"], polish=2
+        record,
+        "sindy",
+        library="physical",
+        degree=1,
+        terms=["max(0, z - d)", "max(0, z - d)*z'"],
+        options=DiscoveryOptions(polish=2),
     )
     fitted = fit(record, "z'' + 2*lam*z' + k*z + stop*max(0, z - d) = 0")
     for model in (found.model, fitted):
@@ -278,7 +289,7 @@ def test_a_number_within_a_term_is_fitted_with_its_interval() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"terms": ["sin(w)"]}, r"names w; terms are of z, z' and"),
+        ({"terms": ["sin(w)"]}, r"names w; terms are of z, z', t and"),
         ({"terms": ["sin(z"]}, r"cannot be read"),
         ({"terms": ["z - z"]}, r"is zero; leave it out"),
         ({"terms": ["__import__('os')"]}, r"cannot be read"),
@@ -287,20 +298,14 @@ def test_a_number_within_a_term_is_fitted_with_its_interval() -> None:
         ({"terms": ["z**-2"]}, r"the term 'z\*\*\(-2\)' has a pole for z from"),
         ({"terms": ["sqrt(max(0, z))"]}, r"has no finite slope for z from"),
         ({"terms": "sin(w)"}, r"the term 'sin\(w\)' names w"),
-        ({"method": "operon", "functions": "gamma"}, r"the function 'gamma' is unknown"),
         ({"library": None}, r"library = None; give a name"),
         ({"library": 3}, r"library = 3; give a name"),
-        ({"seed": -1, "ensemble": True}, r"seed = -1; give an integer from 0"),
+        ({"seed": -1}, r"seed = -1; give an integer from 0"),
         ({"method": "operon", "seed": -3}, r"seed = -3; give an integer from 0"),
-        ({"map": HeightMap(0.06, 0.0)}, r"scale 0 m; give finite ones"),
-        ({"map": "rest"}, r"map = 'rest'; give 'auto' or HeightMap"),
         ({"terms": [3]}, r"the term 3 is no text"),
         ({"library": "cubic"}, r"library = 'cubic'; give one or more of physical"),
         ({"library": "driven"}, r"needs an input"),
         ({"library": ()}, r"no terms to choose from"),
-        ({"functions": ["sin"]}, r"functions belong to symbolic regression"),
-        ({"method": "operon", "functions": ["gamma"]}, r"the function 'gamma' is unknown"),
-        ({"effort": 0.0}, r"effort = 0\.0; give a number above 0"),
     ],
 )
 def test_bad_terms_are_refused(options: dict[str, object], words: str) -> None:
@@ -309,21 +314,34 @@ def test_bad_terms_are_refused(options: dict[str, object], words: str) -> None:
         discover(record, **{"method": "sindy", "library": "physical", **options})  # type: ignore[arg-type]  # by name
 
 
+@pytest.mark.parametrize(
+    ("method", "functions", "words"),
+    [
+        ("sindy", "sin", r"functions belong to symbolic regression"),
+        ("operon", "gamma", r"the function 'gamma' is unknown"),
+        ("operon", ["gamma"], r"the function 'gamma' is unknown"),
+    ],
+)
+def test_bad_functions_are_refused(method: Any, functions: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        discover(PistonRecord(TIME, np.cos(TIME)), method, options=DiscoveryOptions(functions=functions))
+
+
 def test_functions_without_pyoperon_are_refused_and_its_absence_is_noted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("reduced_models.discovery.discover.is_operon_installed", lambda: False)
     record = PistonRecord(TIME, np.cos(TIME))
     with pytest.raises(InputError, match="functions need symbolic regression"):
-        discover(record, functions=["sin"])
-    found = discover(record, library=(), terms=["z", "z'"], polish=0)
+        discover(record, options=DiscoveryOptions(functions=["sin"]))
+    found = discover(record, library=(), terms=["z", "z'"], options=UNPOLISHED)
     assert any("pyoperon is not installed" in note for note in found.notes)
 
 
 def test_the_terms_of_the_contact_library_are_independent() -> None:
     z, v = (each.ravel() for each in np.meshgrid(np.linspace(-1, 1, 20), np.linspace(-2, 2, 20)))
     terms = library_terms("contact", (), 3, None)
-    columns = np.stack([term.values(z, v, None) for term in terms], axis=1)
+    columns = np.stack([term.values(MotionState(z, v)) for term in terms], axis=1)
     assert np.linalg.matrix_rank(columns) == len(terms)
 
 
@@ -340,8 +358,8 @@ def test_a_sum_is_taken_apart() -> None:
 def test_custom_terms_are_of_the_height_itself() -> None:
     """Powers of the swing about rest would mean something else by z."""
     record = PistonRecord(TIME, 2.0 + 0.1 * np.cos(TIME))
-    assert discover(record, "sindy", polish=0).map != HeightMap()
-    assert discover(record, "sindy", library="rational", polish=0).map == HeightMap()
+    assert discover(record, "sindy", options=UNPOLISHED).map != HeightMap()
+    assert discover(record, "sindy", library="rational", options=UNPOLISHED).map == HeightMap()
 
 
 def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
@@ -349,9 +367,8 @@ def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
     z, v, _ = state_symbols()
     wave, slope = np.cos(TIME), -np.sin(TIME)
     motion = SmoothedMotion(TIME, wave, wave, slope, -wave, None, 1e-3, 0.0, 6.0)
-    _, scorer = score_subsets(
-        weak_form(motion), physical_library_terms(1), physical_library_terms(1), [np.array([[0]])]
-    )
+    weak, library = weak_form(motion), physical_library_terms(1)
+    _, scorer = score_subsets(weak, library, library, [np.array([[0]])])
     model = fit(PistonRecord(TIME, wave), "linear", starts=2, test_fraction=0.0)
     wavy = sympy.sin(1.5 * z)  # no sum of terms, from which nothing is left out
     candidates = [CandidateEquation(wavy**k + v, 5 + k, 9.0 - k, 10.0 * k) for k in range(1, 8)]
@@ -359,9 +376,10 @@ def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
     def polish(one: CandidateEquation) -> CandidateEquation:
         return dataclasses.replace(one, models=(model,)) if one is candidates[4] else one
 
-    front, chosen = polish_and_choose_candidate(candidates, polish, 2, scorer)
+    proposed = ProposedStructures(candidates, scorer, Study(weak, library))
+    front, chosen = polish_and_choose_candidate(proposed, polish, 2)
     assert front[chosen].model is model
-    front, chosen = polish_and_choose_candidate(candidates, polish, 0, scorer)
+    front, chosen = polish_and_choose_candidate(proposed, polish, 0)
     assert front[chosen] is candidates[0]
 
 

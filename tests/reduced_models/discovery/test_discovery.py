@@ -14,8 +14,8 @@ import sympy
 from granular import PistonRecord
 from granular.shared import progress_bars
 from granular.shared.errors import InputError, RecordError
-from reduced_models import HeightMap, discover
-from reduced_models.discovery.discover import Method
+from reduced_models import DiscoveryOptions, HeightMap, discover
+from reduced_models.discovery.options import Method
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
 from reduced_models.discovery.terms import (
@@ -28,6 +28,7 @@ from reduced_models.discovery.terms import (
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 
 TIME = np.linspace(0.0, 40.0, 2000)
+UNPOLISHED = DiscoveryOptions(polish=0)
 VELOCITY = {"speed": 1, "odd": True}
 # Each law: its z'', coefficients, z(0), and its terms in the same order.
 LAWS = {
@@ -88,7 +89,7 @@ def made(name: str, seed: int, level: float = 0.01) -> PistonRecord:
 @functools.cache
 def discovered(name: str) -> Discovery:
     """Sparse regression of the first record of a law."""
-    return discover(made(name, 0), "sindy", polish=0)
+    return discover(made(name, 0), "sindy", options=UNPOLISHED)
 
 
 def is_exact(found: Discovery, name: str) -> bool:
@@ -115,7 +116,8 @@ def test_sparse_regression_finds_the_structure(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["quadratic-drag", pytest.param("van-der-pol-like", marks=pytest.mark.long)])
 def test_symbolic_regression_finds_the_structure(name: str) -> None:
-    assert is_exact(discover(made(name, 0), "operon", polish=0, effort=0.2), name)
+    found = discover(made(name, 0), "operon", options=DiscoveryOptions(polish=0, effort=0.2))
+    assert is_exact(found, name)
 
 
 @pytest.mark.long
@@ -151,17 +153,8 @@ def coarse_duffing() -> PistonRecord:
     return PistonRecord(integer.time[::3], integer.height[::3])
 
 
-@pytest.mark.long  # quick: in ensembles, below
-def test_strong_form(coarse_duffing: PistonRecord) -> None:
-    assert is_exact(discover(coarse_duffing, "sindy", form="strong", polish=0), "duffing")
-
-
-def test_strong_form_in_ensembles(coarse_duffing: PistonRecord) -> None:
-    found = discover(coarse_duffing, "sindy", form="strong", ensemble=True, polish=0)
-    assert is_exact(found, "duffing")
-    fractions = found.inclusion_fractions
-    assert all(fractions[term.text] > 0.9 for term in LAWS["duffing"][3])
-    assert all(0.0 <= fraction <= 1.0 for fraction in fractions.values())
+def test_pysindy_finds_the_structure_on_smoothed_derivatives(coarse_duffing: PistonRecord) -> None:
+    assert is_exact(discover(coarse_duffing, "pysindy", options=UNPOLISHED), "duffing")
 
 
 def pair(name: str, starts: tuple[float, float]) -> list[PistonRecord]:
@@ -175,23 +168,23 @@ def pair(name: str, starts: tuple[float, float]) -> list[PistonRecord]:
 
 
 @pytest.mark.parametrize(
-    "options",
+    "method",
     [
-        {},
-        pytest.param({"form": "strong"}, marks=pytest.mark.long),  # quick: in ensembles
-        pytest.param({"method": "operon"}, marks=pytest.mark.long),
+        "sindy",
+        pytest.param("pysindy", marks=pytest.mark.long),  # quick: one record
+        pytest.param("operon", marks=pytest.mark.long),
     ],
 )
-def test_several_records_have_one_structure(options: dict[str, Any]) -> None:
+def test_several_records_have_one_structure(method: Method) -> None:
     """A small and a large swing of the same spring, which stiffens in the large one alone."""
-    found = discover(pair("duffing", (0.1, 1.8)), polish=0, **{"method": "sindy", **options})
+    found = discover(pair("duffing", (0.1, 1.8)), method, options=UNPOLISHED)
     assert is_exact(found, "duffing")
     assert np.abs(coefficient_errors(found, "duffing")).max() < 0.1
 
 
 @pytest.mark.long  # quick: with the large one, above
 def test_the_small_swing_alone_hides_the_spring() -> None:
-    found = discover(pair("duffing", (0.1, 1.8))[0], "sindy", polish=0)
+    found = discover(pair("duffing", (0.1, 1.8))[0], "sindy", options=UNPOLISHED)
     assert set(found.best.terms or ()) == {Term(1), Term(0, **VELOCITY)}
 
 
@@ -230,8 +223,8 @@ def test_the_command_takes_several_records(tmp_path: Path, capsys: pytest.Captur
 def test_terms_that_may_be_zero_are_left_out() -> None:
     """Record 5 calls for a friction of nothing in the weak form; its fit shows that it is none."""
     record = made("quadratic-drag", 5)
-    assert not is_exact(discover(record, "sindy", polish=0), "quadratic-drag")
-    found = discover(record, "sindy", polish=1)
+    assert not is_exact(discover(record, "sindy", options=UNPOLISHED), "quadratic-drag")
+    found = discover(record, "sindy", options=DiscoveryOptions(polish=1))
     assert is_exact(found, "quadratic-drag")
     assert np.abs(coefficient_errors(found, "quadratic-drag")).max() < 0.01
     assert found.notes == ()
@@ -254,19 +247,19 @@ def test_a_seed_repeats_a_search() -> None:
 @pytest.mark.long  # quick: records with noise
 def test_noise_free_records_keep_their_structure() -> None:
     for name in LAWS:
-        found = discover(made(name, 0, level=0.0), "sindy", polish=0)
+        found = discover(made(name, 0, level=0.0), "sindy", options=UNPOLISHED)
         assert is_exact(found, name)
         assert np.abs(coefficient_errors(found, name)).max() < 1e-3
 
 
 def test_a_height_in_metres_is_centred_and_scaled() -> None:
     record = PistonRecord(TIME[::4], 0.06 + 0.002 * made("duffing", 0).height[::4])
-    found = discover(record, "sindy", polish=1)
+    found = discover(record, "sindy", options=DiscoveryOptions(polish=1))
     assert found.map.shift == pytest.approx(0.06, abs=2e-4)
     assert found.map.scale == pytest.approx(0.003, rel=0.1)
     assert set(LAWS["duffing"][3]) <= set(found.best.terms or ())
     assert found.model.map == found.map
-    given = discover(record, "sindy", map=HeightMap(0.06, 0.002), polish=0)
+    given = discover(record, "sindy", options=DiscoveryOptions(map=HeightMap(0.06, 0.002), polish=0))
     assert is_exact(given, "duffing")
 
 
@@ -285,7 +278,8 @@ def test_an_input_is_a_term() -> None:
         rtol=1e-10,
     )
     z = solved.y[0] + np.random.default_rng(0).normal(0.0, 0.01 * solved.y[0].std(), len(TIME))
-    found = discover(PistonRecord(TIME, z, extra={"base": base(TIME)}), "sindy", input="base", polish=0)
+    record = PistonRecord(TIME, z, extra={"base": base(TIME)})
+    found = discover(record, "sindy", input="base", options=UNPOLISHED)
     drive = Term(0, has_input=True)
     assert set(found.best.terms or ()) == {Term(1), Term(0, **VELOCITY), drive}
     assert found.best.terms[drive] == pytest.approx(0.7, rel=0.01)
@@ -365,7 +359,7 @@ def test_a_law_outside_the_library_is_noted() -> None:
         rtol=1e-10,
     )
     noise = np.random.default_rng(0).normal(0.0, 1e-4, len(TIME))
-    found = discover(PistonRecord(TIME, solved.y[0] + noise), "sindy", degree=1, polish=0)
+    found = discover(PistonRecord(TIME, solved.y[0] + noise), "sindy", degree=1, options=UNPOLISHED)
     assert any("not among those searched" in note for note in found.notes)
 
 
@@ -379,27 +373,39 @@ def test_symbolic_regression_finds_a_damped_cosine() -> None:
     values = sympy.lambdify(t, found.expression)(TIME)
     assert np.std(values - height) < 0.002
     assert found.best.error == pytest.approx(1.0, abs=0.1)
+    assert found.best.text.startswith("height = ")
+    assert np.std(found.model.simulate(TIME).height - height) < 0.002
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"method": "magic"}, "sindy, pysindy, operon, pysr"),
+        ({"target": "speed"}, "acceleration, force, height"),
+        ({"degree": 9}, "from 1 to 5"),
+        ({"target": "height"}, "symbolic"),
+        ({"target": "height", "method": "operon", "library": "own"}, "leave out library, terms, input"),
+        ({"input": "wind"}, "wind"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        discover(made("duffing", 0), **arguments)
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"method": "magic"}, "sindy, operon, pysr"),
-        ({"form": "soft"}, "weak, strong"),
-        ({"degree": 9}, "from 1 to 5"),
         ({"polish": -1}, "from 0 on"),
-        ({"derivative": "tea-leaves"}, "savitzky-golay"),
-        ({"target": "height"}, "symbolic"),
-        ({"target": "height", "method": "operon", "library": "own"}, "give one or more of"),
-        ({"target": "height", "method": "operon", "terms": ["q*"]}, "cannot be read"),
-        ({"method": "operon", "ensemble": True}, "belong to method 'sindy'"),
-        ({"input": "wind"}, "wind"),
         ({"map": "no"}, "HeightMap"),
+        ({"map": HeightMap(0.06, 0.0)}, r"scale 0 m; give finite ones"),
+        ({"effort": 0.0}, r"effort = 0\.0; give a number above 0"),
+        ({"functions": 3}, r"functions = 3; give a text, or several"),
     ],
 )
 def test_bad_options_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
-        discover(made("duffing", 0), **options)
+        DiscoveryOptions(**options)
 
 
 def test_bad_records_are_refused() -> None:
@@ -412,9 +418,9 @@ def test_a_line_shows_what_is_done(
     coarse_duffing: PistonRecord, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(progress_bars, "LINES_EVERY", 0.0)  # a log has a line a minute
-    discover(coarse_duffing, "sindy", degree=1, polish=0, progress=True)
+    discover(coarse_duffing, "sindy", degree=1, options=DiscoveryOptions(polish=0, progress=True))
     shown = capsys.readouterr().err
     for words in ("discover: libraries", "sparse sums of terms", "done"):
         assert words in shown
-    discover(coarse_duffing, "sindy", degree=1, polish=0)
+    discover(coarse_duffing, "sindy", degree=1, options=UNPOLISHED)
     assert capsys.readouterr().err == ""

@@ -99,7 +99,6 @@ def test_a_force_without_memory_is_said_to_have_none() -> None:
     ("changes", "said"),
     [
         ({"input": "force"}, "not driven"),
-        ({"form": "strong"}, "leave out form"),
         ({"library": ["memory", "rational"]}, "goes with no other"),
         ({"terms": ["q*z"]}, "names q"),
     ],

@@ -14,7 +14,7 @@ from reduced_models.discovery.candidate_choice import (
 )
 from reduced_models.discovery.polishing import polish_candidate
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.structure_proposals import candidate_from_terms
+from reduced_models.discovery.structure_proposals import ProposedStructures, Study, candidate_from_terms
 from reduced_models.discovery.subset_selection import EquationScorer, score_subsets, score_terms
 from reduced_models.discovery.terms import Term, physical_library_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
@@ -33,7 +33,7 @@ def record() -> PistonRecord:
 @pytest.fixture(scope="module")
 def scorer(record: PistonRecord) -> EquationScorer:
     """Scorer of the record's integrals."""
-    weak = weak_form(estimate_motion(record, HeightMap(), "savitzky-golay"))
+    weak = weak_form(estimate_motion(record, HeightMap()))
     library = physical_library_terms(3)
     return score_subsets(weak, library, library, [np.array([[0]])])[1]
 
@@ -47,7 +47,8 @@ def test_no_term_is_chosen_that_the_printed_criterion_does_not_call_for(
 ) -> None:
     """A sum with a term too many is fitted without it as well, and its rise is that of the solution."""
     rich = candidate_from_terms(score_terms(scorer, [DRAG, SPRING, CUBE]))
-    front, chosen = polish_and_choose_candidate([rich], lambda one: polished(record, one), 1, scorer)
+    proposed = ProposedStructures([rich], scorer, Study(scorer.weak, physical_library_terms(3)))
+    front, chosen = polish_and_choose_candidate(proposed, lambda one: polished(record, one), 1)
     assert set(front[chosen].terms or ()) == {DRAG, SPRING}
     evidence = weigh_structure_evidence(front[chosen], [rich], scorer, 0, front)
     assert evidence is not None

@@ -11,12 +11,13 @@ from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import HeightMap, discover
+from reduced_models import DiscoveryOptions, HeightMap, discover
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.term_libraries import cause_text, parse_custom_terms
 from reduced_models.discovery.terms import Term, physical_library_terms
 
 TIME = np.linspace(0.0, 40.0, 1000)
+UNPOLISHED = DiscoveryOptions(polish=0)
 
 
 def record(law: Callable[[float, float], float], start: float, fraction: float) -> PistonRecord:
@@ -40,7 +41,7 @@ def record(law: Callable[[float, float], float], start: float, fraction: float) 
 def spring_and_discovery() -> tuple[PistonRecord, Discovery]:
     """A spring that stiffens, with 1 % noise."""
     spring = record(lambda z, v: -0.1 * v - z - 0.5 * z**3, 1.5, 0.01)
-    return spring, discover(spring, "sindy", polish=0)
+    return spring, discover(spring, "sindy", options=UNPOLISHED)
 
 
 def pendulum(fraction: float) -> PistonRecord:
@@ -82,7 +83,7 @@ def test_a_pendulum_has_no_linear_spring() -> None:
 def test_a_record_speaks_for_its_library(
     law: Callable[[float, float], float], start: float, library: str, terms: set[str]
 ) -> None:
-    found = discover(record(law, start, 0.01), "sindy", polish=0)
+    found = discover(record(law, start, 0.01), "sindy", options=UNPOLISHED)
     assert any(f"library {library!r}" in note for note in found.notes)
     assert {term.text for term in found.best.terms or ()} == terms
 
@@ -93,7 +94,7 @@ def test_a_plain_swing_speaks_for_no_other_library() -> None:
     assert {term.text for term in found.best.terms or ()} == {"z", "z'", "z**3"}
     assert not any("library" in note for note in found.notes)
     lifted = PistonRecord(TIME, 5.0 + 0.1 * plain.height)
-    found = discover(lifted, "sindy", polish=0)
+    found = discover(lifted, "sindy", options=UNPOLISHED)
     assert found.map != HeightMap()
     assert {"z", "z'", "z**3"} <= {term.text for term in found.best.terms or ()}
 
@@ -101,27 +102,27 @@ def test_a_plain_swing_speaks_for_no_other_library() -> None:
 @pytest.mark.long  # quick: the plain swing, whose degree stays
 def test_the_degree_grows_with_the_spring() -> None:
     quintic = record(lambda z, v: -0.1 * v - z - 0.5 * z**5, 1.3, 0.01)
-    found = discover(quintic, "sindy", polish=0)
+    found = discover(quintic, "sindy", options=UNPOLISHED)
     assert {term.text for term in found.best.terms or ()} == {"z", "z'", "z**5"}
 
 
 @pytest.mark.long  # quick: the pendulum among the libraries
 def test_a_pendulum_of_56_degrees_is_a_sine() -> None:
-    found = discover(pendulum(0.003), "sindy", polish=0)
+    found = discover(pendulum(0.003), "sindy", options=UNPOLISHED)
     values = {term.text: value for term, value in (found.best.terms or {}).items()}
     assert values == pytest.approx({"sin(z)": -9.0, "z'": -0.05}, rel=0.02)
 
 
 @pytest.mark.long  # quick: terms have their price
 def test_noise_hides_whether_it_is_a_sine_or_a_cubic() -> None:
-    found = discover(pendulum(0.1), "sindy", polish=0)
+    found = discover(pendulum(0.1), "sindy", options=UNPOLISHED)
     assert "the data cannot tell" in " ".join(found.notes)
 
 
 def test_custom_terms_mean_the_height_beside_the_proposed_library() -> None:
     time = TIME[:400]
     lifted = PistonRecord(time, 5.0 + 0.1 * np.cos(time))
-    found = discover(lifted, "sindy", terms=["sin(3*z)"], polish=0)
+    found = discover(lifted, "sindy", terms=["sin(3*z)"], options=UNPOLISHED)
     assert found.map == HeightMap()
 
 
@@ -132,7 +133,7 @@ def test_terms_have_their_price() -> None:
     assert min(found.criterion_increases.values()) > 10.0
     assert max(found.criterion_increases, key=lambda name: found.criterion_increases[name]) == "z"
     assert "rises by so much without each term" in str(found)
-    noisy = discover(record(lambda z, v: -0.1 * v - z - 0.5 * z**3, 1.5, 0.1), "sindy", polish=0)
+    noisy = discover(record(lambda z, v: -0.1 * v - z - 0.5 * z**3, 1.5, 0.1), "sindy", options=UNPOLISHED)
     assert noisy.criterion_increases["z"] < found.criterion_increases["z"]
 
 
@@ -142,4 +143,4 @@ def test_a_pole_within_the_motion_is_refused(terms: list[str]) -> None:
     swing = np.exp(-0.05 * TIME) * np.cos(TIME)
     swing[777] = 1e-9
     with pytest.raises(InputError, match="has a pole"):
-        discover(PistonRecord(TIME, swing), "sindy", terms=terms, polish=0)
+        discover(PistonRecord(TIME, swing), "sindy", terms=terms, options=UNPOLISHED)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +13,7 @@ import sympy
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import discover
+from reduced_models import DiscoveryOptions, discover
 from reduced_models.discovery import pysr_search
 from reduced_models.discovery.structure_proposals import _prune_expression
 from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
@@ -40,7 +39,7 @@ sys.modules["juliacall"] = stub
 import warnings; warnings.simplefilter("ignore")
 from reduced_models.discovery.pysr_search import import_pysr_regressor, pysr_regressor_settings
 PySRRegressor = import_pysr_regressor()
-for options in (dict(), dict(functions=("sin", "exp"), elliptic=True, seed=3)):
+for options in (dict(), dict(functions=("sin", "exp"), seed=3)):
     wanted = pysr_regressor_settings(**options)
     made = PySRRegressor(early_stop_condition=1e-3, **wanted)
     assert all(made.get_params()[name] == value for name, value in wanted.items())
@@ -239,55 +238,6 @@ def test_ctrl_c_stays_with_python(given: dict[str, str], seen: list[str], tmp_pa
     assert done.stdout.strip() == str(seen)
 
 
-def python_of(operator: str) -> str:
-    """The right side of one of the Julia operators in Python, by rewriting its few idioms."""
-    body = operator.split("= ", 1)[1]
-    condition, rest = body.split(" ? ", 1)
-    value = rest.rsplit(" : ", 1)[0]
-    value = re.sub(
-        r"foldl\(\(p, _\) -> \((.*?), (sqrt\(.*?\))\), 1:5; init=\((.*?)\)\)\[1\]", r"fold(\3)", value
-    )
-    value = value.replace("oftype(u, ", "(").replace("^", "**").replace("for n in 0:5", "for n in range(6)")
-    value = value.replace("for n in 1:5", "for n in range(1, 6)")
-    value = value.replace("(K, q) -> ", "lambda K, q: ").replace("(x) -> ", "lambda x: ")
-    return f"({value}) if {condition} else float('nan')"
-
-
-@pytest.mark.parametrize("name", ["sn", "cn", "dn"])
-def test_julia_operators_are_the_elliptic_functions(name: str) -> None:
-    """Their text, carried over to Python, against SciPy's functions."""
-    import math
-
-    from scipy.special import ellipj
-
-    def fold(a: float, b: float) -> float:
-        for _ in range(5):
-            a, b = (a + b) / 2, math.sqrt(a * b)
-        return a
-
-    (text,) = (
-        one for one in pysr_search.elliptic_julia_operators() if one.startswith(f"jacobi_{name}(u, m)")
-    )
-    assert "\n" not in text
-    scope = {
-        "fold": fold,
-        "one": lambda _: 1.0,
-        "sqrt": math.sqrt,
-        "exp": math.exp,
-        "pi": math.pi,
-        "sin": math.sin,
-        "cos": math.cos,
-    }
-    function = eval(f"lambda u, m: {python_of(text)}", scope)
-    for m, off in ((1e-5, 1e-8), (0.3, 1e-8), (0.5, 1e-7), (0.9, 1e-4), (0.999, 1e-2)):
-        for u in (-7.3, 0.0, 0.4, 3.1, 20.0):
-            true = float(ellipj(u, m)[("sn", "cn", "dn").index(name)])
-            assert function(u, m) == pytest.approx(true, abs=off)
-    assert math.isnan(function(1.0, 1.0))
-    assert math.isnan(function(1.0, -0.1))
-    assert set(pysr_search.elliptic_sympy_mappings()) == {"jacobi_sn", "jacobi_cn", "jacobi_dn"}
-
-
 def test_a_search_is_brought_back_to_the_record_s_units(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same call and result for PySR as for the others, with a search that knows the answer."""
     import types
@@ -307,41 +257,13 @@ def test_a_search_is_brought_back_to_the_record_s_units(monkeypatch: pytest.Monk
     monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=SymbolicSearch))
     height = 0.7 * np.exp(-0.05 * TIME) * np.cos(1.4 * TIME)
     noise = np.random.default_rng(0).normal(0.0, 0.003, len(TIME))
-    found = discover(PistonRecord(TIME, height + noise), "pysr", polish=0)
+    found = discover(PistonRecord(TIME, height + noise), "pysr", options=DiscoveryOptions(polish=0))
     assert found.method == "pysr"
     assert {term.text for term in found.best.terms} == {"z", "z'"}
     assert found.best.terms[min(found.best.terms)] != 0.0
     coefficients = {term.text: value for term, value in found.best.terms.items()}
     assert coefficients["z"] == pytest.approx(-(1.4**2 + 0.05**2), rel=0.01)
     assert coefficients["z'"] == pytest.approx(-0.1, rel=0.1)
-
-
-def test_elliptic_motions_are_fitted_and_scored(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A swing on a hardening spring is a cn; the numbers of the search are only near the best."""
-    import types
-
-    import pandas as pd
-    from scipy.special import ellipj
-
-    rate = (1.2**2 + 0.9 * 0.8**2) ** 0.5
-    m = 0.5 * 0.9 * 0.8**2 / rate**2
-    swing = 0.8 * ellipj(rate * TIME, m)[1]
-
-    class SymbolicSearch:
-        def __init__(self, **settings: object) -> None:
-            assert any("jacobi_cn" in str(one) for one in settings["binary_operators"])
-
-        def fit(self, matrix: np.ndarray, target: np.ndarray, variable_names: list[str]) -> None:
-            scales = TIME[-1] / matrix[-1, 0], swing.std() / target.std()
-            text = f"{0.8 / scales[1]} * jacobi_cn({1.01 * rate * scales[0]} * x0, {0.9 * m})"
-            self.equations_ = pd.DataFrame({"equation": ["0.3 * x0", text]})
-
-    monkeypatch.setattr(pysr_search, "missing_pysr_requirements", lambda: None)
-    monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=SymbolicSearch))
-    noise = np.random.default_rng(0).normal(0.0, 1e-3, len(TIME))
-    found = discover(PistonRecord(TIME, swing + noise), "pysr", target="height")
-    assert "jacobi_cn" in found.best.text
-    assert found.best.error == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_crowded_sum_is_pruned_and_stands_beside_sparse_sums(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -364,12 +286,12 @@ def test_a_crowded_sum_is_pruned_and_stands_beside_sparse_sums(monkeypatch: pyte
     crowded += 0.013 * speed - 0.011 * z * speed + 0.004 * z**2 - 0.006 * v * speed
     monkeypatch.setattr(adapter, "require_pysr", lambda: None)
     monkeypatch.setattr(adapter, "search_expressions_with_pysr", lambda *_: [crowded])
-    found = discover(PistonRecord(time, noisy), "pysr", polish=0)
+    found = discover(PistonRecord(time, noisy), "pysr", options=DiscoveryOptions(polish=0))
     assert {term.text for term in found.best.terms} == {"z", "z**3", "z'", "z'*z**2"}
 
 
 def test_addends_that_hold_numbers_are_pruned_too() -> None:
-    weak = weak_form(estimate_motion(RECORD, HeightMap(), "savitzky-golay"))
+    weak = weak_form(estimate_motion(RECORD, HeightMap()))
     library = physical_library_terms(1)
     _, scorer = score_subsets(weak, library, library, all_index_subsets(2))
     z, v = (sympy.Symbol(name, real=True) for name in ("z", "v"))

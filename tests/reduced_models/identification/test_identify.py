@@ -23,7 +23,7 @@ from granular.run.plan import multiply_time_step, parse_time_step
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.studies.cases import Case
-from reduced_models import compare, discover, identify, load_model
+from reduced_models import DiscoveryOptions, compare, discover, identify, load_model
 from reduced_models.identification import scene_checks
 from reduced_models.identification.pictures import _break_at_gaps
 from reduced_models.identification.result import Identification
@@ -473,7 +473,7 @@ def test_a_force_that_discovery_does_not_use_is_named() -> None:
     time = np.linspace(0.0, 2.0, 2000)
     swing = 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time)
     record = PistonRecord(time, swing, force=np.sin(5.0 * time))
-    found = discover(record, "sindy", library="physical", polish=0, degree=1)
+    found = discover(record, "sindy", library="physical", degree=1, options=DiscoveryOptions(polish=0))
     assert "columns that were not used as an input: force; input=NAME (--input NAME) takes one" in str(found)
 
 
