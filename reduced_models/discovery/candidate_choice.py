@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -13,7 +14,6 @@ from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.structure_proposals import ProposedStructures
 from reduced_models.discovery.subset_selection import EquationScorer, normalise_columns, score_terms
 from reduced_models.discovery.terms import AnyTerm, replace_numbers_by_symbols, sort_terms, structure_text
-from reduced_models.models.model import ReducedModel
 
 _POOR = 2.0
 _STRONG = 6.0
@@ -45,9 +45,9 @@ def polish_and_choose_candidate(
         near += [item for item in _preferred_by_halves(order, scorer, seed) if item not in near]
     done = [polish(candidate_) for candidate_ in near]
     if count and not any(candidate_.models for candidate_ in done):
-        done += _first_polishable_candidate(
-            [candidate_ for candidate_ in order if not _has_same_structure(candidate_, near)], polish
-        )
+        further = [candidate_ for candidate_ in order if not _has_same_structure(candidate_, near)]
+        polished = (item for item in map(polish, further[:_MOST_TRIED]) if item.models)
+        done += itertools.islice(polished, 1)
     done = _add_pruned_candidates(done, polish, proposed)
     fitted = [candidate_ for candidate_ in done if candidate_.models]
     if fitted:
@@ -65,17 +65,6 @@ def polish_and_choose_candidate(
         [*shown, *rest, *proposed.others], key=lambda candidate_: (candidate_.complexity, -candidate_.error)
     )
     return front, next(k for k, candidate_ in enumerate(front) if candidate_ is best)
-
-
-def _first_polishable_candidate(
-    order: Sequence[CandidateEquation], polish: Callable[[CandidateEquation], CandidateEquation]
-) -> list[CandidateEquation]:
-    """Best of those that come next which can be polished; none where none of many can."""
-    for candidate in order[:_MOST_TRIED]:
-        polished = polish(candidate)
-        if polished.models:
-            return [polished]
-    return []
 
 
 def _add_pruned_candidates(
@@ -121,7 +110,7 @@ def _needed_terms(candidate: CandidateEquation, scorer: EquationScorer) -> list[
 def _rises_by_solution(candidate: CandidateEquation, scorer: EquationScorer) -> dict[AnyTerm, float] | None:
     """Rise of the solution's criterion without each term, by its coefficient over its standard error."""
     model = candidate.model
-    if model is None or not candidate.terms or not isinstance(model, ReducedModel):
+    if model is None or not candidate.terms:
         return None
     terms, count = sort_terms(candidate.terms), len(model.parameters)
     if any(f"c{k}" not in model.covariance_names for k in range(len(terms))):
@@ -283,7 +272,7 @@ def _criteria_above(
     chosen: CandidateEquation, fitted: Sequence[CandidateEquation], scorer: EquationScorer
 ) -> dict[frozenset[AnyTerm], float]:
     """Criteria of fitted sums by their terms, above that of the chosen one, by their solutions."""
-    sums = [item for item in fitted if item.terms and isinstance(item.model, ReducedModel)]
+    sums = [item for item in fitted if item.terms and item.models]
     if chosen not in sums:
         return {}
     criteria = _solution_criteria(sums, scorer)

@@ -22,12 +22,11 @@ from reduced_models.discovery.options import (
     Method,
     Target,
     check_arguments,
-    check_combination,
-    is_single_library,
     text_sequence,
 )
 from reduced_models.discovery.parametric_terms import OpenTerms, ParametricTerms, split_parametric_terms
 from reduced_models.discovery.polishing import polish_candidate
+from reduced_models.discovery.pysr_search import require_pysr
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structure_proposals import Study, SymbolicSearch, propose_structures
 from reduced_models.discovery.term_libraries import (
@@ -149,8 +148,8 @@ def discover(
         needs is not installed.
     """
     given, texts = list_of_records(records), text_sequence("terms", terms)
-    check_arguments(method, library, target, degree, seed)
-    check_combination(method, library, target, texts, input, options.map)
+    libraries = text_sequence("library", library)
+    check_arguments(method, libraries, target, degree, texts, input, seed, options.map)
     _check_records_for_target(given, target)
     functions = functions_known_to_program(options.functions, method)
     method, lacking = _resolve_installed_method(method, options.functions)
@@ -161,7 +160,7 @@ def discover(
         search = SymbolicSearch("pysr" if method == "pysr" else "operon", functions, options.effort, seed)
     with stage_reporter("discover", wanted=options.progress) as now:
         now("libraries")
-        subject = _choose_terms(given, library, target, degree, texts, input, options.map)
+        subject = _choose_terms(given, libraries, target, degree, texts, input, options.map)
         now("sparse sums of terms" if search is None else "symbolic regression")
         proposed = propose_structures(subject.studies, method, search)
         open_terms = proposed.study.open_terms
@@ -189,7 +188,7 @@ def discover(
         _NO_OPERON if lacking else "",
     )
     return Discovery(
-        _method_description(method, library, target),
+        _method_description(method, libraries, target),
         tuple(front),
         chosen,
         subject.map,
@@ -208,7 +207,7 @@ class _Subject(NamedTuple):
 
 def _choose_terms(
     records: Sequence[PistonRecord],
-    library: str | Sequence[str],
+    libraries: Sequence[str],
     target: Target,
     degree: int,
     texts: Sequence[str],
@@ -220,21 +219,19 @@ def _choose_terms(
 
     def integrals(height_map: HeightMap) -> WeakForm:
         motions = [estimate_motion(record, height_map, column) for record in records]
-        return (
-            weak_form(*motions) if target == "acceleration" else observed_weak_form(target, records, motions)
-        )
+        if target == "acceleration":
+            return weak_form(*motions)
+        return observed_weak_form(target, records, motions)
 
     if target == "height":
         return _Subject([Study(integrals(HeightMap()), (Term(0),), left_side)], HeightMap())
-    if is_single_library(library, MEMORY):
+    if libraries == (MEMORY,):
         studies = hidden_state_studies(integrals(HeightMap()), texts, left_side)
         return _Subject(studies, HeightMap())
     plain, opened = split_parametric_terms(texts, column, column_names(records[0]))
-    height_map, automatic = (
-        _resolve_height_map(records, library, texts, wanted),
-        is_single_library(library, AUTO),
-    )
-    drive, found = split_parametric_terms(_DRIVE, None, ())[1], ParametricTerms()
+    height_map, automatic = _resolve_height_map(records, libraries, texts, wanted), libraries == (AUTO,)
+    drive = OpenTerms() if "w" in opened.names else split_parametric_terms(_DRIVE, None, ())[1]
+    found = ParametricTerms()
     if automatic and target == "acceleration":
         own = tuple(parse_custom_terms(plain, column))
         proposal = propose_library(
@@ -248,7 +245,7 @@ def _choose_terms(
         )
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *own))))
     else:
-        known = library_terms(PHYSICAL if automatic else library, plain, degree, column)
+        known = library_terms((PHYSICAL,) if automatic else libraries, plain, degree, column)
         proposal = LibraryProposal("", known, height_map, integrals(height_map))
     _check_terms_finite(proposal.weak, proposal.terms)
     known = proposal.terms
@@ -272,14 +269,10 @@ def _notes_on_records(
 
 
 def _resolve_height_map(
-    records: Sequence[PistonRecord],
-    library: str | Sequence[str],
-    terms: Sequence[str],
-    wanted: HeightMap | str,
+    records: Sequence[PistonRecord], libraries: Sequence[str], terms: Sequence[str], wanted: HeightMap | str
 ) -> HeightMap:
     """Map that is wanted; own terms and libraries other than the usual mean the height."""
-    usual = is_single_library(library, AUTO) or is_single_library(library, PHYSICAL)
-    if wanted == "auto" and (terms or not usual):
+    if wanted == "auto" and (terms or libraries not in ((AUTO,), (PHYSICAL,))):
         return HeightMap()
     return choose_height_map(records, wanted)
 
@@ -287,8 +280,6 @@ def _resolve_height_map(
 def _resolve_installed_method(method: Method, functions: str | Sequence[str]) -> tuple[Method, bool]:
     """Return the method, or what stands in for it, and whether pyoperon is lacking for it."""
     if method == "pysr":
-        from reduced_models.discovery.pysr_search import require_pysr
-
         require_pysr()
     if method != "auto" or is_operon_installed():
         return method, False
@@ -318,8 +309,8 @@ def _check_terms_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
                 )
 
 
-def _method_description(method: str, library: str | Sequence[str], target: str) -> str:
+def _method_description(method: str, libraries: Sequence[str], target: str) -> str:
     """Return the method in words."""
     words = ["sindy and operon" if method == "auto" else method]
-    words += ["with memory"] if is_single_library(library, MEMORY) else []
+    words += ["with memory"] if libraries == (MEMORY,) else []
     return ", ".join([*words, *([] if target == "acceleration" else [f"of the {target}"])])

@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -61,27 +60,20 @@ def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -
         states, plain_texts, hidden_texts = DAMPER_STATES, DAMPER_TERMS, (HIDDEN,)
     plain = parse_custom_terms(plain_texts, HIDDEN)
     known = tuple(dict.fromkeys((*plain, *parse_custom_terms((*hidden_texts, *texts), HIDDEN))))
-    fitted = _fit_states(weak, known, states)
-    if left_side != "force" and min(item.misfit for item in fitted) > _FAR:
-        weak = white_noise_weak_form(weak)
-        fitted = _fit_states(weak, known, states)
-    stateless = Study(weak, tuple(item for item in known if not item.has_input), left_side)
-    return [stateless, *(Study(item.weak, known, left_side, item.state) for item in fitted)]
+    search = _ScaleSearch(weak, known, left_side)
+    found = [search.study(state) for state in states]
+    if left_side != "force" and min(misfit for _, misfit in found) > _FAR:
+        search = _ScaleSearch(white_noise_weak_form(weak), known, left_side)
+        found = [search.study(state) for state in states]
+    stateless = Study(search.weak, tuple(item for item in known if not item.has_input), left_side)
+    return [stateless, *(study for study, _ in found)]
 
 
-class _FittedState(NamedTuple):
-    """A hidden state with the scales at which all terms together leave least."""
-
-    state: ScaledHiddenState
-    weak: WeakForm  # with the state as its input
-    misfit: float  # in noise levels
-
-
-class _WhitenedColumns:
+class _ScaleSearch:
     """White columns of a weak form, of which those without a hidden state stay as they are."""
 
-    def __init__(self, weak: WeakForm, known: Sequence[AnyTerm]) -> None:
-        self.weak = weak
+    def __init__(self, weak: WeakForm, known: tuple[AnyTerm, ...], left_side: str) -> None:
+        self.weak, self.known, self.left_side = weak, known, left_side
         self.whitening = weak.whitening_matrix((), np.zeros(0))
         self.target = self.whitening @ weak.target
         self.fixed_columns = self.whitening @ weak.term_integral_matrix(
@@ -100,38 +92,25 @@ class _WhitenedColumns:
             left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
             squares.append(float(left @ left))
         best = int(np.argmin(squares))
-        freedom = max(1, len(self.target) - columns.shape[1])
-        return scales[best], math.sqrt(squares[best] / freedom)
+        return scales[best], math.sqrt(squares[best] / max(1, len(self.target) - len(self.known)))
 
-
-def _fit_states(
-    weak: WeakForm, known: Sequence[AnyTerm], states: Sequence[HiddenState]
-) -> list[_FittedState]:
-    whitened = _WhitenedColumns(weak, known)
-    return [_fit_state(state, whitened) for state in states]
-
-
-def _fit_state(state: HiddenState, whitened: _WhitenedColumns) -> _FittedState:
-    """Hidden state with its scales, on a grid that is refined."""
-    scales = state.trial_scales(whitened.weak.motions[0].period)
-    lows, highs = scales.min(axis=0), scales.max(axis=0)
-    best, misfit = whitened.best_scales(state, scales)
-    width = _greatest_neighbour_ratio(scales)
-    for _ in range(_ROUNDS):
-        grid = best * width ** np.linspace(-1.0, 1.0, _FINER)[:, None]
-        for k in range(len(best)):  # one scale after the other
-            scales = np.tile(best, (_FINER, 1))
-            scales[:, k] = np.clip(grid[:, k], lows[k], highs[k])
-            best, misfit = whitened.best_scales(state, scales)
-        width = width ** (2.0 / (_FINER - 1))
-    weak = _weak_form_with_state(whitened.weak, state, best[None])[0]
-    return _FittedState(ScaledHiddenState(state, tuple(map(float, best))), weak, misfit)
-
-
-def _greatest_neighbour_ratio(scales: np.ndarray) -> np.ndarray:
-    """Ratio of neighbours on the first grid, scale by scale."""
-    different = [np.unique(column) for column in scales.T]
-    return np.array([float((item[1:] / item[:-1]).max()) for item in different])
+    def study(self, state: HiddenState) -> tuple[Study, float]:
+        """Return the terms with a hidden state whose scales are refined on a grid, and their misfit."""
+        scales = state.trial_scales * (self.weak.motions[0].period if state.in_periods else 1.0)
+        lows, highs = scales.min(axis=0), scales.max(axis=0)
+        best, misfit = self.best_scales(state, scales)
+        values = [np.unique(column) for column in scales.T]
+        width = np.array([float((item[1:] / item[:-1]).max()) for item in values])
+        for _ in range(_ROUNDS):
+            grid = best * width ** np.linspace(-1.0, 1.0, _FINER)[:, None]
+            for k in range(len(best)):  # one scale after the other
+                scales = np.tile(best, (_FINER, 1))
+                scales[:, k] = np.clip(grid[:, k], lows[k], highs[k])
+                best, misfit = self.best_scales(state, scales)
+            width = width ** (2.0 / (_FINER - 1))
+        weak = _weak_form_with_state(self.weak, state, best[None])[0]
+        scaled = ScaledHiddenState(state, tuple(map(float, best)))
+        return Study(weak, self.known, self.left_side, scaled), misfit
 
 
 def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:

@@ -27,15 +27,29 @@ the scales (k,)."""
 _NEAR_ONE = 1.0 - 1e-12
 
 
+_STRAINS, _DISPLACEMENTS = np.geomspace(0.01, 1.0, 17)[:, None], np.geomspace(1e-5, 0.1, 33)[:, None]
+
+
 class HiddenState(NamedTuple):
     """A kind of hidden state."""
 
     name: str
     rate_equations: str
-    force_variable: str  # the one variable of theirs that terms know
-    scales: tuple[str, ...]
-    values_along_motion: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-    trial_scales: Callable[[float], np.ndarray]  # from a period [s] to the scales (k, s) that are tried first
+    step: StateStep  # of each state; with three scales there are two, the second one times the third scale
+    trial_scales: np.ndarray = _STRAINS  # (k, s), that are tried first
+    scales: tuple[str, ...] = ("yielding",)
+    force_variable: str = "w"  # the one variable of the rate equations that terms know
+    in_periods: bool = False  # trial scales are times, in periods of the motion
+    of_displacement: bool = False  # the state is a displacement, and not a strain
+
+    def values_along_motion(self, time: np.ndarray, height: np.ndarray, scales: np.ndarray) -> np.ndarray:
+        """Values (k, n) along a motion, for each of the scales (k, s)."""
+        # The strain of these heights is the displacement.
+        heights = np.exp(-height) if self.of_displacement else height
+        first = _integrate_states(self.step, time, heights, scales[:, 0])
+        if scales.shape[1] == 1:
+            return first
+        return np.asarray(first + scales[:, 2:] * _integrate_states(self.step, time, heights, scales[:, 1]))
 
     def substitute_into(self, equation: str) -> str:
         """Equation with the state's force variable in place of the input, and the state's rate."""
@@ -75,92 +89,49 @@ def _integrate_states(step: StateStep, time: np.ndarray, height: np.ndarray, sca
     return values.T
 
 
-def _one_scale_evaluator(step: StateStep) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
-    return lambda time, height, scales: _integrate_states(step, time, height, scales[:, 0])
-
-
-def _two_scale_values(time: np.ndarray, height: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    first, second = (_integrate_states(_step_yielding_state, time, height, scales[:, k]) for k in (0, 1))
-    return np.asarray(first + scales[:, 2:] * second)
-
-
-def _trial_yield_strains(_: float) -> np.ndarray:
-    return np.geomspace(0.01, 1.0, 17)[:, None]
-
-
-def _trial_yield_strain_pairs(_: float) -> np.ndarray:
+def _pairs_of_strains() -> np.ndarray:
     strains = np.geomspace(0.01, 1.0, 6)
     pairs = [(a, b) for k, a in enumerate(strains) for b in strains[k + 1 :]]
     return np.array([(*pair, fraction) for pair in pairs for fraction in (0.5, 2.0)])
 
 
-def _trial_relaxation_times(period: float) -> np.ndarray:
-    return period * np.geomspace(0.02, 20.0, 17)[:, None]
-
-
 _YIELDING = "-(z' + Abs(z')*Abs({0})*{0}/{1}**2)/z"
-
 HIDDEN_STATES = (
+    HiddenState("yielding strain", "w' = " + _YIELDING.format("w", "yielding"), _step_yielding_state),
     HiddenState(
-        "yielding strain",
-        "w' = " + _YIELDING.format("w", "yielding"),
-        "w",
-        ("yielding",),
-        _one_scale_evaluator(_step_yielding_state),
-        _trial_yield_strains,
-    ),
-    HiddenState(
-        "strain that yields as in Dahl's model",
-        "w' = -(z' + Abs(z')*w/yielding)/z",
-        "w",
-        ("yielding",),
-        _one_scale_evaluator(_step_dahl_state),
-        _trial_yield_strains,
+        "strain that yields as in Dahl's model", "w' = -(z' + Abs(z')*w/yielding)/z", _step_dahl_state
     ),
     HiddenState(
         "relaxing strain",
         "w' = -z'/z - w/relaxation",
-        "w",
+        _step_relaxing_state,
+        np.geomspace(0.02, 20.0, 17)[:, None],
         ("relaxation",),
-        _one_scale_evaluator(_step_relaxing_state),
-        _trial_relaxation_times,
+        in_periods=True,
     ),
     HiddenState(
         "two yielding strains",
         f"w' = {_YIELDING.format('w', 'yielding')}; q' = {_YIELDING.format('q', 'later')}",
-        "(w + share*q)",
+        _step_yielding_state,
+        _pairs_of_strains(),
         ("yielding", "later", "share"),
-        _two_scale_values,
-        _trial_yield_strain_pairs,
+        "(w + share*q)",
     ),
 )
-
-
-def _displacement_evaluator(step: StateStep) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
-    # The strain of these heights is the displacement.
-    return lambda time, height, scales: _integrate_states(step, time, np.exp(-height), scales[:, 0])
-
-
-def _trial_yield_displacements(_: float) -> np.ndarray:
-    return np.geomspace(1e-5, 0.1, 33)[:, None]
-
-
 DAMPER_STATES = (
     HiddenState(
         "displacement that yields",
         "w' = z' - Abs(z')*Abs(w)*w/yielding**2",
-        "w",
-        ("yielding",),
-        _displacement_evaluator(_step_yielding_state),
-        _trial_yield_displacements,
+        _step_yielding_state,
+        _DISPLACEMENTS,
+        of_displacement=True,
     ),
     HiddenState(
         "displacement that yields as in Dahl's model",
         "w' = z' - Abs(z')*w/yielding",
-        "w",
-        ("yielding",),
-        _displacement_evaluator(_step_dahl_state),
-        _trial_yield_displacements,
+        _step_dahl_state,
+        _DISPLACEMENTS,
+        of_displacement=True,
     ),
 )
 """Hidden states of a damper on a stroke about zero, in m: that of Bouc and Wen, and Dahl's."""

@@ -76,51 +76,41 @@ class DiscoveryOptions:
             )
 
 
-def check_arguments(method: str, library: object, target: str, degree: int, seed: object) -> None:
-    """Check that the arguments of `discover` are in their ranges."""
+def check_arguments(
+    method: str,
+    libraries: Sequence[str],
+    target: str,
+    degree: int,
+    terms: Sequence[str],
+    column: str | None,
+    seed: object,
+    height_map: object,
+) -> None:
+    """Check that the arguments of `discover` are in their ranges, and go together."""
     for name, value, valid in (("method", method, get_args(Method)), ("target", target, get_args(Target))):
         if value not in valid:
             raise InputError(f"{name} = {quote(value)}; give one of {', '.join(valid)}")
-    names = [library] if isinstance(library, str) else library
-    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
-        raise InputError(f"library = {quote(library)}; give a name, or several in a list")
     if not isinstance(degree, int) or not 1 <= degree <= 5:
         raise InputError(f"degree = {quote(degree)}; give an integer from 1 to 5")
     if not isinstance(seed, int) or not 0 <= seed <= _GREATEST_SEED:
         raise InputError(f"seed = {quote(seed)}; give an integer from 0 to {_GREATEST_SEED}")
-
-
-def check_combination(
-    method: str,
-    library: str | Sequence[str],
-    target: str,
-    terms: Sequence[str],
-    column: str | None,
-    height_map: object,
-) -> None:
-    """Check that the arguments of `discover` go together."""
     if target == "height":
         if method in ("auto", *SPARSE):
             raise InputError("target = 'height' needs a symbolic method: give method 'operon' or 'pysr'")
-        if terms or column is not None or height_map != "auto" or not is_single_library(library, AUTO):
+        if terms or column is not None or height_map != "auto" or libraries != (AUTO,):
             raise InputError(
                 "target = 'height' is a formula of the time; leave out library, terms, input and map"
             )
-    if is_single_library(library, MEMORY) and (column is not None or height_map not in ("auto", HeightMap())):
+    if libraries == (MEMORY,) and (column is not None or height_map not in ("auto", HeightMap())):
         raise InputError(
             f"library = {MEMORY!r} is of z'' or the force of a bed that is not driven, by the height itself; "
             "leave out input and map"
         )
 
 
-def is_single_library(library: str | Sequence[str], name: str) -> bool:
-    """Return True where a library's name, or the only one of a list, is this one."""
-    return [library] == [name] or list(library) == [name]
-
-
-def text_sequence(name: str, texts: str | Sequence[str]) -> Sequence[str]:
-    """Texts, or a single one, in a sequence."""
+def text_sequence(name: str, texts: object) -> tuple[str, ...]:
+    """Texts, or a single one, as a tuple."""
     result = (texts,) if isinstance(texts, str) else texts
-    if not isinstance(result, Sequence):
+    if not isinstance(result, Sequence) or not all(isinstance(text, str) for text in result):
         raise InputError(f"{name} = {quote(texts)}; give a text, or several in a list")
-    return result
+    return tuple(result)

@@ -29,6 +29,7 @@ from reduced_models.discovery.terms import (
     CustomTerm,
     motion_symbols,
     parse_term_expressions,
+    replace_numbers_by_symbols,
     sort_terms,
     split_terms,
 )
@@ -83,11 +84,8 @@ class ParametricTerms:
         for _, k in itertools.product(range(_ROUNDS if len(best) > 1 else 1), range(len(best))):
             best = _refine_parameter(residual, best, k, choices[k])
         values = dict(zip(open_terms.names, best.tolist(), strict=True))
-        return [
-            term
-            for template in open_terms.templates
-            if (term := self._remember_template(template, values)) is not None
-        ]
+        terms = [self._remember_template(template, values) for template in open_terms.templates]
+        return [term for term in terms if term is not None]
 
     def _remember_template(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
         """Term of a template with numbers, whose template is remembered."""
@@ -100,13 +98,13 @@ class ParametricTerms:
             )
         return term
 
-    def parametrised_sum(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]] | None:
-        """Sum with c0, c1 ... for its coefficients and names for the parameters within its terms."""
+    def with_symbols(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]]:
+        """Expression with c0, c1 ... for numbers and names for those within open terms, and their values."""
         import sympy
 
         terms = candidate.terms or {}
         if not any(term in self.templates_by_term for term in terms):
-            return None
+            return replace_numbers_by_symbols(candidate.expression)
         parts, values = [], dict[str, float]()
         for k, term in enumerate(sort_terms(terms)):
             template, inner = self.templates_by_term.get(term, (term.expression, {}))
@@ -114,18 +112,24 @@ class ParametricTerms:
             values |= {f"c{k}": terms[term]} | dict(inner)
         return sympy.Add(*parts), values
 
-    def sum_with_values(self, candidate: CandidateEquation, numbers: Mapping[str, float]) -> sympy.Expr:
-        """Expression of a candidate with the numbers that a fit to `parametrised_sum` gave."""
+    def with_numbers(
+        self, candidate: CandidateEquation, template: sympy.Expr, numbers: Mapping[str, float]
+    ) -> sympy.Expr:
+        """Expression of `with_symbols` with numbers that a fit gave."""
         import sympy
 
-        parts = []
-        for k, item in enumerate(sort_terms(candidate.terms or {})):
-            template, inner = self.templates_by_term.get(item, (item.expression, {}))
-            term = (
-                self._remember_template(template, {name: numbers[name] for name in inner}) if inner else item
-            )
-            parts.append(sympy.Float(numbers[f"c{k}"]) * (term or item).expression)
-        return sympy.Add(*parts)
+        inner = self.inner_parameters(candidate)
+        for term in candidate.terms or {} if inner else {}:
+            if term in self.templates_by_term:
+                self._remember_template(
+                    self.templates_by_term[term][0], {name: numbers[name] for name in inner}
+                )
+        return template.xreplace(
+            {
+                sympy.Symbol(name): _exact(value) if name in inner else sympy.Float(value)
+                for name, value in numbers.items()
+            }
+        )
 
     def inner_parameters(self, candidate: CandidateEquation) -> set[str]:
         """Names of the numbers within the terms of a candidate."""
@@ -153,16 +157,22 @@ class ParametricTerms:
 
 def term_with_values(template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
     """Term of a template with given numbers; None where it is no single one, or not real."""
-    # Exact rationals, so that it is the same term, and the same key, everywhere.
     import sympy
 
-    exact = {sympy.Symbol(name): sympy.Rational(f"{value:.{_DIGITS}g}") for name, value in values.items()}
+    exact = {sympy.Symbol(name): _exact(value) for name, value in values.items()}
     expression = template.xreplace(exact)
     if expression.has(sympy.zoo, sympy.nan, sympy.I):
         return None
     terms = split_terms(expression)
     only = next(iter(terms)) if terms and len(terms) == 1 else None
     return only if isinstance(only, CustomTerm) else None
+
+
+def _exact(value: float) -> sympy.Rational:
+    """Return a number within a term, exact so that it is the same term, and the same key, everywhere."""
+    import sympy
+
+    return sympy.Rational(f"{value:.{_DIGITS}g}")
 
 
 def split_parametric_terms(

@@ -43,6 +43,7 @@ _RESOLUTION = 4
 _MEMORY_RESOLUTION = 2  # of laws with a hidden state
 _LONGEST_NAME = 80  # characters
 _AS_IT_IS = Sensor("force", gain=1.0)
+_NONE_OPEN = ParametricTerms()
 
 
 def polish_candidate(
@@ -51,11 +52,10 @@ def polish_candidate(
     height_map: HeightMap,
     column: str | None = None,
     seed: int = 0,
-    open_terms: ParametricTerms | None = None,
+    open_terms: ParametricTerms = _NONE_OPEN,
 ) -> CandidateEquation:
     """Fit a candidate's numbers to the records themselves by `fit`; height_map [m]."""
-    opened = None if open_terms is None else open_terms.parametrised_sum(candidate)
-    template, values = opened or replace_numbers_by_symbols(candidate.expression)
+    template, values = open_terms.with_symbols(candidate)
     if len(values) > _MOST_NUMBERS:
         return dataclasses.replace(
             candidate, note=f"has {len(values)} numbers, more than the {_MOST_NUMBERS} of a fit"
@@ -83,13 +83,8 @@ def polish_candidate(
         raise
     except GranularError as error:
         return dataclasses.replace(candidate, note=str(error))
-    import sympy
-
     numbers = models[0].parameters
-    if opened and open_terms is not None:
-        expression = open_terms.sum_with_values(candidate, numbers)
-    else:
-        expression = template.xreplace({sympy.Symbol(name): sympy.Float(numbers[name]) for name in values})
+    expression = open_terms.with_numbers(candidate, template, numbers)
     nodes = complexity(expression)
     if hidden_state is not None:
         nodes += len(hidden_state.scales)

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from reduced_models.discovery.hidden_states import ScaledHiddenState
+from reduced_models.discovery.operon_search import search_expressions_with_operon
 from reduced_models.discovery.parametric_terms import ParametricTerms
 from reduced_models.discovery.pysindy_search import find_supports_with_pysindy
+from reduced_models.discovery.pysr_search import search_expressions_with_pysr
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.subset_selection import (
     MOST_TERMS,
@@ -56,13 +58,8 @@ class SymbolicSearch(NamedTuple):
         self, inputs: Mapping[str, np.ndarray], target: Float[np.ndarray, "n"], noise: float
     ) -> list[sympy.Expr]:
         """Find expressions for a target by symbolic regression."""
-        if self.method == "pysr":
-            from reduced_models.discovery.pysr_search import search_expressions_with_pysr
-
-            return search_expressions_with_pysr(inputs, target, noise, self.functions, self.effort, self.seed)
-        from reduced_models.discovery.operon_search import search_expressions_with_operon
-
-        return search_expressions_with_operon(inputs, target, noise, self.functions, self.effort, self.seed)
+        find = search_expressions_with_pysr if self.method == "pysr" else search_expressions_with_operon
+        return find(inputs, target, noise, self.functions, self.effort, self.seed)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -128,7 +125,7 @@ def propose_structures(
     candidates = list(groups[best]) if groups and method != "operon" else []
     if search is not None:
         subsets = [] if groups or method == "operon" else _sparse_subsets(study, method)
-        excess = scorers[best].excess if groups else None
+        excess = scorers[best].excess if groups else 1.0 if study.left_side == "height" else None
         found, scorer = propose_symbolic_candidates(study, search, subsets, excess)
         candidates += map(study.candidate, found)
         scorers = scorers or [scorer]
@@ -142,7 +139,7 @@ def _sparse_subsets(study: Study, method: str) -> list[np.ndarray]:
     if method != "pysindy":
         return all_index_subsets(len(study.terms))
     supports = find_supports_with_pysindy(study.weak.motions, study.terms)
-    return _add_eliminated_supports(study.weak, study.terms, supports)
+    return _add_eliminated_supports(study.weak, study.terms, supports) or all_index_subsets(1)
 
 
 def _candidates_of_sums(ranked: Sequence[ScoredTerms], study: Study) -> list[CandidateEquation]:

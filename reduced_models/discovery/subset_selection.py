@@ -42,18 +42,13 @@ class EquationScorer:
     excess: float  # squares over the noise with all terms: above 1 if the law is not in it
     library_size: int
 
-    @property
-    def residual_count(self) -> int:
-        """Number of whitened residuals, q."""
-        return len(self.whitening)
-
     def squares_from_misfit(self, misfit: float, count: int) -> float:
         """Sum of squares of whitened residuals, from an equation's misfit."""
-        return misfit**2 * max(1, self.residual_count - count)
+        return misfit**2 * max(1, len(self.whitening) - count)
 
     def misfit_from_squares(self, squares: float, count: int) -> float:
         """Misfit of an equation, from the sum of squares of its whitened residuals."""
-        return math.sqrt(squares / max(1, self.residual_count - count))
+        return math.sqrt(squares / max(1, len(self.whitening) - count))
 
     def information_criterion(self, squares: float, count: int) -> float:
         """Compute the extended Bayesian information criterion of an equation."""

@@ -301,10 +301,6 @@ def _choose_proposal(libraries: Sequence[_SumsOfLibrary]) -> LibraryProposal:
     scorers = scorers_in_common_unit([item.scorer for item in libraries])
     sums = [score_again(item.ranked[:1], scorer)[0] for item, scorer in zip(libraries, scorers, strict=True)]
     terms = [tuple(sort_terms(item.terms)) for item in sums]
-    squares = [
-        scorer.squares_from_misfit(item.misfit, len(item.terms))
-        for item, scorer in zip(sums, scorers, strict=True)
-    ]
     criteria = [item.criterion for item in sums]
     best = int(np.argmin(criteria))
     gain = criteria[0] - criteria[best]
@@ -323,7 +319,8 @@ def _choose_proposal(libraries: Sequence[_SumsOfLibrary]) -> LibraryProposal:
             f"{cause_text(name, terms[best], proposals[0].terms)} (information criterion {below} below that "
             f"of {PHYSICAL!r}); another library: library="
         )
-        if (squares[0] - squares[best]) / scorers[0].excess < _CLEAR:
+        prices = [scorers[k].information_criterion(0.0, len(terms[k])) for k in (0, best)]
+        if gain - (prices[0] - prices[1]) < _CLEAR:
             notes.append(
                 f"the data cannot tell whether it is that or {structure_text(terms[0])}, which fits "
                 f"as well with {len(terms[0])} numbers for {len(terms[best])}"

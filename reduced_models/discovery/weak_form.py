@@ -109,21 +109,6 @@ class MotionIntegrals:
         state = motion.recorded_state if term.is_speed_independent else motion.smooth_state
         return np.asarray(self.bump @ term.values(state))
 
-    def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> Float[np.ndarray, "r p"]:
-        """Integrals of several terms against the bumps.
-
-        Parameters
-        ----------
-        terms : sequence of terms
-            The p terms.
-
-        Returns
-        -------
-        float64 (r, p)
-            A row for each bump, in the units of the terms times s.
-        """
-        return np.stack([self.term_integrals(term) for term in terms], axis=1)
-
     def expression_integrals(self, expression: sympy.Expr) -> Float[np.ndarray, "r"]:
         """Integrals of any expression in z, z' and the input against the bumps.
 
@@ -225,7 +210,8 @@ class WeakForm:
 
     def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> Float[np.ndarray, "r p"]:
         """Integrals of several terms against the bumps of all motions."""
-        return np.concatenate([part.term_integral_matrix(terms) for part in self.parts])
+        columns = [np.concatenate([part.term_integrals(term) for part in self.parts]) for term in terms]
+        return np.stack(columns, axis=1)
 
     def expression_integrals(self, expression: sympy.Expr) -> Float[np.ndarray, "r"]:
         """Integrals of any expression in z, z' and the input against the bumps of all motions."""

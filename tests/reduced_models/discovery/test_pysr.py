@@ -270,8 +270,6 @@ def test_a_crowded_sum_is_pruned_and_stands_beside_sparse_sums(monkeypatch: pyte
     """PySR was seen to choose eight terms, with |z'|, for the four of a Van der Pol-like law."""
     from scipy.integrate import solve_ivp
 
-    import reduced_models.discovery.pysr_search as adapter
-
     time = np.linspace(0.0, 30.0, 1500)
     swing = solve_ivp(
         lambda _, state: (state[1], -(state[0] ** 2 - 1.0) * state[1] * 0.8 - state[0] - 0.2 * state[0] ** 3),
@@ -284,8 +282,10 @@ def test_a_crowded_sum_is_pruned_and_stands_beside_sparse_sums(monkeypatch: pyte
     z, v, speed = (sympy.Symbol(name, real=True) for name in ("z", "v", "speed"))
     crowded = 0.78 * v - 0.79 * z**2 * v - 0.98 * z - 0.21 * z**3
     crowded += 0.013 * speed - 0.011 * z * speed + 0.004 * z**2 - 0.006 * v * speed
-    monkeypatch.setattr(adapter, "require_pysr", lambda: None)
-    monkeypatch.setattr(adapter, "search_expressions_with_pysr", lambda *_: [crowded])
+    monkeypatch.setattr(pysr_search, "missing_pysr_requirements", lambda: None)
+    monkeypatch.setattr(
+        "reduced_models.discovery.structure_proposals.search_expressions_with_pysr", lambda *_: [crowded]
+    )
     found = discover(PistonRecord(time, noisy), "pysr", options=DiscoveryOptions(polish=0))
     assert {term.text for term in found.best.terms} == {"z", "z**3", "z'", "z'*z**2"}
 
