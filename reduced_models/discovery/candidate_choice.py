@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.structure_proposals import ProposedStructures
 from reduced_models.discovery.subset_selection import EquationScorer, normalise_columns, score_terms
 from reduced_models.discovery.terms import AnyTerm, replace_numbers_by_symbols, sort_terms, structure_text
+
+if TYPE_CHECKING:
+    import sympy
 
 _POOR = 2.0
 _STRONG = 6.0
@@ -38,7 +41,11 @@ def polish_and_choose_candidate(
     # by 6 of the criterion (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
     candidates, scorer = proposed.candidates, proposed.scorer
     order = sorted(candidates, key=lambda candidate_: candidate_.criterion)
-    near = [item for item in order[:count] if item.criterion <= order[0].criterion + _HOPELESS]
+    near = list[CandidateEquation]()
+    for item in order:
+        hopeless = item.criterion > order[0].criterion + _HOPELESS
+        if len(near) < count and not hopeless and not _has_same_structure(item, near):
+            near.append(item)
     if integrated:  # their noise is not known, so the simplest ones of the front are fitted
         near = pareto_front(candidates)[: count + 1] if count else []
     elif count and seed is not None:
@@ -85,12 +92,13 @@ def _add_pruned_candidates(
 
 def _has_same_structure(candidate: CandidateEquation, others: Sequence[CandidateEquation]) -> bool:
     """Return true where one of some candidates is that one, or has its structure."""
-    terms = candidate.terms
-    return any(
-        other is candidate
-        or (terms is not None and other.terms is not None and set(other.terms) == set(terms))
-        for other in others
-    )
+    return any(other is candidate or _structure(other) == _structure(candidate) for other in others)
+
+
+def _structure(candidate: CandidateEquation) -> Collection[AnyTerm] | sympy.Expr:
+    if candidate.terms is None:
+        return replace_numbers_by_symbols(candidate.expression)[0]
+    return frozenset(candidate.terms)
 
 
 def _needed_terms(candidate: CandidateEquation, scorer: EquationScorer) -> list[AnyTerm]:

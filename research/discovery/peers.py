@@ -20,7 +20,7 @@ import numpy as np
 from granular.formulas import algebra, parse
 from granular.run.piston_record import PistonRecord
 from reduced_models.discovery.term_libraries import library_terms
-from reduced_models.discovery.terms import AnyTerm, linear_combination, state_symbols
+from reduced_models.discovery.terms import AnyTerm, MotionState, linear_combination, state_symbols
 from reduced_models.records.first_guesses import first_guesses
 from research.discovery.systems import INPUT, System
 
@@ -141,8 +141,8 @@ def _library(terms: tuple[AnyTerm, ...], driven: bool) -> Any:
 
     def column(term: AnyTerm) -> Any:
         if driven:
-            return lambda z, v, u: term.values(np.asarray(z), np.asarray(v), np.asarray(u))
-        return lambda z, v: term.values(np.asarray(z), np.asarray(v), None)
+            return lambda z, v, u: term.values(MotionState(np.asarray(z), np.asarray(v), np.asarray(u)))
+        return lambda z, v: term.values(MotionState(np.asarray(z), np.asarray(v)))
 
     return pysindy.CustomLibrary([column(term) for term in terms], interaction_only=True)
 
