@@ -231,7 +231,7 @@ def _choose_terms(
     plain, opened = split_parametric_terms(texts, column, column_names(records[0]))
     height_map, automatic = _resolve_height_map(records, libraries, texts, wanted), libraries == (AUTO,)
     drive = OpenTerms() if "w" in opened.names else split_parametric_terms(_DRIVE, None, ())[1]
-    found = ParametricTerms()
+    filled = ParametricTerms()
     if automatic and target == "acceleration":
         own = tuple(parse_custom_terms(plain, column))
         proposal = propose_library(
@@ -250,8 +250,8 @@ def _choose_terms(
     _check_terms_finite(proposal.weak, proposal.terms)
     known = proposal.terms
     for item in (drive if proposal.driven else OpenTerms(), opened):
-        known = (*known, *found.fit_open_terms(item, proposal.weak, known))
-    return _Subject([Study(proposal.weak, known, left_side, open_terms=found)], proposal.map, proposal.note)
+        known = (*known, *filled.fit_open_terms(item, proposal.weak, known))
+    return _Subject([Study(proposal.weak, known, left_side, open_terms=filled)], proposal.map, proposal.note)
 
 
 def _notes_on_records(

@@ -61,12 +61,12 @@ def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -
     plain = parse_custom_terms(plain_texts, HIDDEN)
     known = tuple(dict.fromkeys((*plain, *parse_custom_terms((*hidden_texts, *texts), HIDDEN))))
     search = _ScaleSearch(weak, known, left_side)
-    found = [search.study(state) for state in states]
-    if left_side != "force" and min(misfit for _, misfit in found) > _FAR:
+    scaled = [search.study(state) for state in states]
+    if left_side != "force" and min(misfit for _, misfit in scaled) > _FAR:
         search = _ScaleSearch(white_noise_weak_form(weak), known, left_side)
-        found = [search.study(state) for state in states]
+        scaled = [search.study(state) for state in states]
     stateless = Study(search.weak, tuple(item for item in known if not item.has_input), left_side)
-    return [stateless, *(study for study, _ in found)]
+    return [stateless, *(study for study, _ in scaled)]
 
 
 class _ScaleSearch:

@@ -253,9 +253,7 @@ class _LibraryResidual:
 def _best_sound_trial(residual: _LibraryResidual, trials: np.ndarray) -> np.ndarray:
     """Numbers (k,) of the trials (s, k) that leave least, and make no pole."""
     squares = np.array([residual.squares_left(row) for row in trials])
-    for index in np.argsort(squares, kind="stable"):
-        if not math.isfinite(squares[index]):
-            break
+    for index in np.argsort(squares, kind="stable")[: np.isfinite(squares).sum()]:
         if residual.is_sound(trials[index]):
             return np.asarray(trials[index])
     raise InputError(

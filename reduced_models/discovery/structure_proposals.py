@@ -126,8 +126,8 @@ def propose_structures(
     if search is not None:
         subsets = [] if groups or method == "operon" else _sparse_subsets(study, method)
         excess = scorers[best].excess if groups else 1.0 if study.left_side == "height" else None
-        found, scorer = propose_symbolic_candidates(study, search, subsets, excess)
-        candidates += map(study.candidate, found)
+        expressions, scorer = propose_symbolic_candidates(study, search, subsets, excess)
+        candidates += map(study.candidate, expressions)
         scorers = scorers or [scorer]
     return ProposedStructures(candidates, scorers[best], study, groups)
 

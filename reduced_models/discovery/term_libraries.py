@@ -319,8 +319,8 @@ def _choose_proposal(libraries: Sequence[_SumsOfLibrary]) -> LibraryProposal:
             f"{cause_text(name, terms[best], proposals[0].terms)} (information criterion {below} below that "
             f"of {PHYSICAL!r}); another library: library="
         )
-        prices = [scorers[k].information_criterion(0.0, len(terms[k])) for k in (0, best)]
-        if gain - (prices[0] - prices[1]) < _CLEAR:
+        costs = [scorers[k].information_criterion(0.0, len(terms[k])) for k in (0, best)]
+        if gain - (costs[0] - costs[1]) < _CLEAR:
             notes.append(
                 f"the data cannot tell whether it is that or {structure_text(terms[0])}, which fits "
                 f"as well with {len(terms[0])} numbers for {len(terms[best])}"

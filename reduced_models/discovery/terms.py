@@ -314,11 +314,11 @@ def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
         for power in expression.atoms(sympy.Pow)
         if power.base.is_Add and not power.exp.is_Integer
     }
-    whole = {root: power for power, root in roots.items()}
+    restored = {root: power for power, root in roots.items()}
     for part in sympy.Add.make_args(sympy.expand(expression.xreplace(roots))):
         terms = _power_products(part)
         if terms is None:
-            coefficient, rest = part.xreplace(whole).as_independent(*motion_symbols(), as_Add=False)
+            coefficient, rest = part.xreplace(restored).as_independent(*motion_symbols(), as_Add=False)
             if not coefficient.is_real or not coefficient.is_number or rest.atoms(sympy.Float):
                 return None
             if rest.free_symbols - set(motion_symbols()):
