@@ -1,6 +1,6 @@
-"""Smoothing and derivatives of a record by named estimators, its noise, and what that leaves in them.
+"""Smoothing and derivatives of a record, its noise, and what that leaves in them.
 
-Every estimator is linear in the heights once its width is chosen. The width is the greatest at
+The estimator is linear in the heights once its width is chosen. The width is the greatest at
 which what is smoothed away still has the size of the record's noise (discrepancy principle,
 Morozov 1966), so that a clean record is hardly smoothed at all.
 """
@@ -11,23 +11,15 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from granular.shared.errors import InputError, RecordError
-from granular.shared.message_text import quote
+from granular.shared.errors import RecordError
 
 if TYPE_CHECKING:
     from jaxtyping import Float
-
-DerivativeMethod = Literal["savitzky-golay", "smoothing-spline", "finite-differences"]
-DERIVATIVE_METHODS: tuple[DerivativeMethod, ...] = (
-    "savitzky-golay",
-    "smoothing-spline",
-    "finite-differences",
-)
 
 NORMAL_MEDIAN = 0.6745
 """Median of the modulus of a standard normal number."""
@@ -70,7 +62,6 @@ class DerivativeNoise(NamedTuple):
 class Derivatives(NamedTuple):
     """A smoothed record."""
 
-    method: str
     time: Float[np.ndarray, "n"]  # [s]
     height: Float[np.ndarray, "n"]  # [m]
     velocity: Float[np.ndarray, "n"]  # [m/s]
@@ -80,10 +71,8 @@ class Derivatives(NamedTuple):
     noise: DerivativeNoise  # by the record's noise, not what smoothing takes away
 
 
-def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay") -> Derivatives:
-    """Smooth a record and differentiate it twice."""
-    if method not in DERIVATIVE_METHODS:
-        raise InputError(f"derivative = {quote(method)}; give one of {', '.join(DERIVATIVE_METHODS)}")
+def derivatives(record: PistonRecord) -> Derivatives:
+    """Smooth a record and differentiate it twice, by local polynomials (Savitzky & Golay 1964)."""
     if len(record) < LEAST_SAMPLES:
         raise RecordError(
             f"the record has {len(record)} samples; at least {LEAST_SAMPLES} are needed to "
@@ -91,15 +80,10 @@ def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay
         )
     time, height = record.time, record.height
     sigma = noise_level(height, time)
-    choose = {
-        "savitzky-golay": _choose_local_polynomials,
-        "smoothing-spline": _choose_smoothing_spline,
-        "finite-differences": _choose_central_differences,
-    }
-    smoother, width = choose[method](time, height, sigma)
+    smoother, width = _choose_local_polynomials(time, height, sigma)
     smooth, velocity, acceleration = smoother(height[None])[0]
     left = _noise_of_derivatives(smoother, len(time), sigma)
-    return Derivatives(method, time, smooth, velocity, acceleration, width, sigma, left)
+    return Derivatives(time, smooth, velocity, acceleration, width, sigma, left)
 
 
 def _noise_of_derivatives(smoother: Smoother, count: int, sigma: float) -> DerivativeNoise:
@@ -203,46 +187,7 @@ def _polynomials_at_uneven_times(heights: np.ndarray, time: np.ndarray, window: 
     return out
 
 
-# Splines and differences -------------------------------------------------------------------------
-
-
-def _choose_smoothing_spline(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
-    step = float(time[-1] - time[0]) / (len(time) - 1)
-    # A penalty in steps^3: 10^p smooths over about 10^(p/4) steps.
-    low, high = -2.0, 4.0 * np.log10(len(time))
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        left = height - _splines_and_derivatives(height[None], time, 10.0**middle * step**3)[0, 0]
-        if (left**2).mean() > sigma**2:
-            high = middle
-        else:
-            low = middle
-    smoother = functools.partial(_splines_and_derivatives, time=time, penalty=10.0**low * step**3)
-    return smoother, 2.0 * np.pi * step * 10.0 ** (low / 4.0)
-
-
-def _splines_and_derivatives(heights: np.ndarray, time: np.ndarray, penalty: float) -> np.ndarray:
-    from scipy.interpolate import make_smoothing_spline
-
-    result = []
-    for height in heights:
-        spline = make_smoothing_spline(time, height, lam=penalty)
-        result.append([spline(time), spline.derivative()(time), spline.derivative(2)(time)])
-    return np.stack(result)
-
-
-def _choose_central_differences(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
-    step = float(time[-1] - time[0]) / (len(time) - 1)
-    return functools.partial(_central_differences, time=time), 2.0 * step
-
-
-def _central_differences(heights: np.ndarray, time: np.ndarray) -> np.ndarray:
-    result = []
-    for height in heights:
-        slopes = np.diff(height) / np.diff(time)
-        bends = 2.0 * np.diff(slopes) / (time[2:] - time[:-2])
-        result.append([height, np.gradient(height, time), np.pad(bends, 1, mode="edge")])
-    return np.stack(result)
+# Local cubics ----------------------------------------------------------------------------------
 
 
 def fit_local_cubics(
