@@ -259,17 +259,30 @@ def propose_library(
         if not any(find_term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
             proposals.append(LibraryProposal(name, terms, height_map_here, weak_form_here))
     sums = [_SumsOfLibrary.of(proposal) for proposal in proposals]
-    closest = min(sums, key=lambda item: item.scorer.excess)
-    if closest.scorer.excess > _UNEXPLAINED**2:
-        drive = drive_terms(closest.proposal.weak, closest.proposal.terms)
+    excess = min(item.scorer.excess for item in sums)
+    if excess > _UNEXPLAINED**2:
+        drive = _best_drive(proposals, drive_terms)
         driven = [
             _SumsOfLibrary.of(proposal._replace(terms=(*proposal.terms, *drive), driven=True))
             for proposal in proposals
         ]
-        if min(item.scorer.excess for item in driven) < _BETTER**2 * closest.scorer.excess:
+        if min(item.scorer.excess for item in driven) < _BETTER**2 * excess:
             chosen = _choose_proposal(driven)
             return chosen._replace(terms=tuple(term for term in chosen.terms if term not in drive))
     return _choose_proposal(sums)
+
+
+def _best_drive(
+    proposals: Sequence[LibraryProposal],
+    drive_terms: Callable[[WeakForm, Sequence[AnyTerm]], Sequence[AnyTerm]],
+) -> Sequence[AnyTerm]:
+    """Drive that leaves least next to a library: a wrong library's frequency is off."""
+    drives = [drive_terms(proposal.weak, proposal.terms) for proposal in proposals]
+    errors = [
+        held_out_error_of_terms(proposal.weak, (*proposal.terms, *drive))
+        for proposal, drive in zip(proposals, drives, strict=True)
+    ]
+    return drives[int(np.argmin(errors))]
 
 
 class _SumsOfLibrary(NamedTuple):
