@@ -197,8 +197,10 @@ def _small_motion_with_intervals(
     if abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
         return NoSwing(f"the level of rest, {figures[0]:.4g} m, lies far outside the record")
     sizes = np.array(FRACTIONS) * max(abs(edge - figures[0]) for edge in edges)
-    seen = _damping_at_two_amplitudes(unknowns, theta[:, None], figures[:, None], sizes)
-    equivalent = np.isfinite(seen).all() and _unseen_damping_note(figures[2], seen[1, 0])
+    equivalent = False
+    if not unknowns.law.other_coordinates:  # whose motion is no harmonic cycle of one of them
+        seen = _damping_at_two_amplitudes(unknowns, theta[:, None], figures[:, None], sizes)
+        equivalent = np.isfinite(seen).all() and _unseen_damping_note(figures[2], seen[1, 0])
     if not (equivalent or math.isfinite(figures[2])):
         return JUMPS
     step = 1e-6 * np.maximum(1.0, np.abs(theta))

@@ -29,6 +29,10 @@ SwingStarts = Callable[
 ]
 
 
+_STEPS_OF_STROKE = 16
+"""Steps are a fortieth of half a stroke then: hysteresis within a twentieth of it is stable."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Law:
     """A law with parameters: equations of its states, and of what is observed of them.
@@ -155,8 +159,12 @@ class Law:
 
     @property
     def step_ratio(self) -> int:
-        """Ratio of the steps a period that a solution needs: further coordinates have faster motions."""
-        return self.resolution * (1 + len(self.other_coordinates) // 2)
+        """Ratio of the steps a period that a solution needs: further coordinates have faster motions.
+
+        Hidden states along a stroke answer to a fraction of it, such as the travel of a slip.
+        """
+        own = _STEPS_OF_STROKE if self.prescribed else 1 + len(self.other_coordinates) // 2
+        return self.resolution * own
 
     @property
     def acceleration(self) -> sympy.Expr:
