@@ -194,8 +194,7 @@ def notes_on_candidate(best: CandidateEquation, scorer: EquationScorer) -> tuple
         )
     if best.model is None and best.note:
         notes.append(f"the chosen equation was not polished: {best.note}")
-    notes += [note for model in best.models for note in model.notes]
-    return tuple(dict.fromkeys(notes))
+    return tuple(notes)
 
 
 # A share of `_LEAST_SHARE` is then known to 0.02.

@@ -152,17 +152,17 @@ def discover(
     check_arguments(method, libraries, target, degree, texts, input, seed, options.map)
     _check_records_for_target(given, target)
     functions = functions_known_to_program(options.functions, method)
-    method, lacking = _resolve_installed_method(method, options.functions)
+    used = _installed_method(method, options.functions)
     search = None
-    if method not in SPARSE:
+    if used not in SPARSE:
         if target == "height":
             functions = tuple(dict.fromkeys((*_FORMULA, *functions)))
-        search = SymbolicSearch("pysr" if method == "pysr" else "operon", functions, options.effort, seed)
+        search = SymbolicSearch("pysr" if used == "pysr" else "operon", functions, options.effort, seed)
     with stage_reporter("discover", wanted=options.progress) as now:
         now("libraries")
         subject = _choose_terms(given, libraries, target, degree, texts, input, options.map)
         now("sparse sums of terms" if search is None else "symbolic regression")
-        proposed = propose_structures(subject.studies, method, search)
+        proposed = propose_structures(subject.studies, used, search)
         open_terms = proposed.study.open_terms
 
         def polish_one(candidate: CandidateEquation) -> CandidateEquation:
@@ -185,10 +185,10 @@ def discover(
         *_notes_on_records(given, input, target, notes_on_candidate(front[chosen], proposed.scorer)),
         *(note for model in front[chosen].models for note in model.notes),
         "" if sure is None else sure.rival_note,
-        _NO_OPERON if lacking else "",
+        "" if used == method else _NO_OPERON,
     )
     return Discovery(
-        _method_description(method, libraries, target),
+        _method_description(used, libraries, target),
         tuple(front),
         chosen,
         subject.map,
@@ -277,15 +277,15 @@ def _resolve_height_map(
     return choose_height_map(records, wanted)
 
 
-def _resolve_installed_method(method: Method, functions: str | Sequence[str]) -> tuple[Method, bool]:
-    """Return the method, or what stands in for it, and whether pyoperon is lacking for it."""
+def _installed_method(method: Method, functions: str | Sequence[str]) -> Method:
+    """Return the method, or what stands in for it where pyoperon is lacking."""
     if method == "pysr":
         require_pysr()
     if method != "auto" or is_operon_installed():
-        return method, False
+        return method
     if functions:
         raise InputError(f"functions need symbolic regression, but {_NO_OPERON}")
-    return "sindy", True
+    return "sindy"
 
 
 def _check_records_for_target(records: Sequence[PistonRecord], target: str) -> None:

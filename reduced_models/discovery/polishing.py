@@ -26,16 +26,15 @@ from reduced_models.discovery.terms import (
 )
 from reduced_models.fitting.fit import fit
 from reduced_models.fitting.options import FitOptions
+from reduced_models.fitting.start_values import start_values_near
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
-from reduced_models.records.first_guesses import FirstGuesses
 from reduced_models.records.sensor import Sensor
 
 if TYPE_CHECKING:
     import sympy
 
 STARTS = 4
-_SPREAD = 0.1  # of the start values about the coefficients of the structure
 _MOST_NUMBERS = 12
 _STEEPNESS = 100.0  # of tanh for sign(z'), in typical speeds
 # Of laws with it, in the steps of smooth ones: as `reduced_models.laws.coulomb` takes for its tanh.
@@ -64,16 +63,15 @@ def polish_candidate(
     if hidden_state is not None:
         values |= dict(zip(hidden_state.kind.scales, hidden_state.scales, strict=True))
     moving = candidate.left_side == "z''"
-    parameters, options = values, FitOptions(measured=_AS_IT_IS if candidate.left_side == "force" else None)
-    if moving:
-        parameters, options = {}, FitOptions(map=height_map)
+    measured = _AS_IT_IS if candidate.left_side == "force" else None
+    options = FitOptions(map=height_map) if moving else FitOptions(measured=measured)
     try:
         law = law_of_candidate(candidate, template, values, records, height_map, column)
         with warnings.catch_warnings(action="ignore"):  # notes stand in the model
             models = fit(
                 records,
                 law,
-                parameters=parameters,
+                parameters={} if moving else values,
                 starts=STARTS,
                 test_fraction=0.0,
                 seed=seed,
@@ -97,16 +95,13 @@ def polish_candidate(
 def law_of_candidate(
     candidate: CandidateEquation,
     template: sympy.Expr,
-    values: Mapping[str, float],
+    values: dict[str, float],
     records: Sequence[PistonRecord],
     height_map: HeightMap,
     column: str | None = None,
 ) -> Law:
     """Law of a candidate with symbols for its numbers, whose fit starts near their values; height_map [m]."""
     import sympy
-
-    def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-        return {name: value * (1.0 + _SPREAD * random.normal(size=count)) for name, value in values.items()}
 
     z, v, u = state_symbols()
     moving, hidden_state = candidate.left_side == "z''", candidate.hidden_state
@@ -126,7 +121,7 @@ def law_of_candidate(
     return Law(
         name=name_candidate_law(candidate),
         equation=equation,
-        start=start,
+        start=start_values_near(values),
         positive=positive,
         mapped=moving,
         source="discovered in the record",

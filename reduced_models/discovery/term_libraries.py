@@ -83,7 +83,6 @@ LIBRARIES = MappingProxyType(
 """Terms of each library, and what it is for."""
 
 _OPERON = {"/": "div", "max": "fmax", "min": "fmin"}
-_PYSR = {"max": "max", "min": "min"}
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "min", "/")
 """Functions of symbolic regressions besides sums, differences and products."""
 
@@ -133,7 +132,7 @@ def functions_known_to_program(names: Sequence[str], method: str) -> tuple[str, 
     for name in names:
         if name not in FUNCTIONS:
             raise InputError(f"the function {quote(name)} is unknown; give some of {', '.join(FUNCTIONS)}")
-    known = _PYSR if method == "pysr" else _OPERON
+    known = {} if method == "pysr" else _OPERON
     return tuple(known.get(name, name) for name in names)
 
 
@@ -261,7 +260,13 @@ def propose_library(
     sums = [_SumsOfLibrary.of(proposal) for proposal in proposals]
     excess = min(item.scorer.excess for item in sums)
     if excess > _UNEXPLAINED**2:
-        drive = _best_drive(proposals, drive_terms)
+        # The frequency beside a library that is wrong is off: of all, that which leaves least is taken.
+        drives = [drive_terms(proposal.weak, proposal.terms) for proposal in proposals]
+        errors = [
+            held_out_error_of_terms(proposal.weak, (*proposal.terms, *item))
+            for proposal, item in zip(proposals, drives, strict=True)
+        ]
+        drive = drives[int(np.argmin(errors))]
         driven = [
             _SumsOfLibrary.of(proposal._replace(terms=(*proposal.terms, *drive), driven=True))
             for proposal in proposals
@@ -270,19 +275,6 @@ def propose_library(
             chosen = _choose_proposal(driven)
             return chosen._replace(terms=tuple(term for term in chosen.terms if term not in drive))
     return _choose_proposal(sums)
-
-
-def _best_drive(
-    proposals: Sequence[LibraryProposal],
-    drive_terms: Callable[[WeakForm, Sequence[AnyTerm]], Sequence[AnyTerm]],
-) -> Sequence[AnyTerm]:
-    """Drive that leaves least next to a library: a wrong library's frequency is off."""
-    drives = [drive_terms(proposal.weak, proposal.terms) for proposal in proposals]
-    errors = [
-        held_out_error_of_terms(proposal.weak, (*proposal.terms, *drive))
-        for proposal, drive in zip(proposals, drives, strict=True)
-    ]
-    return drives[int(np.argmin(errors))]
 
 
 class _SumsOfLibrary(NamedTuple):

@@ -238,7 +238,8 @@ def _make_model_of_record(
 def _cycles_of_strokes(result: SearchResult, motions: Sequence[PistonRecord]) -> tuple[HarmonicCycle, ...]:
     """Cycles of a force on prescribed strokes, as they were measured."""
     sensor = result.problem.sensor
-    if not result.problem.law.prescribed or sensor is None:
+    law = result.problem.law
+    if not law.prescribed or sensor is None or law.observations != ("force",):
         return ()
     gain, offset = sensor.nominal_gain, sensor.nominal_offset
     return stroke_cycles(motions, [(grid.record.height - offset) / gain for grid in result.joint.grids])

@@ -373,6 +373,7 @@ def test_symbolic_regression_finds_a_damped_cosine() -> None:
     values = sympy.lambdify(t, found.expression)(TIME)
     assert np.std(values - height) < 0.002
     assert found.model.quality.residual == pytest.approx(0.005, rel=0.1)
+    assert found.model.cycles == ()
     assert found.best.text.startswith("height = ")
     assert np.std(found.model.simulate(TIME).height - height) < 0.002
 
