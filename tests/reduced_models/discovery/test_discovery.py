@@ -368,14 +368,15 @@ def test_symbolic_regression_finds_a_damped_cosine() -> None:
     """The source's demonstration, z(t) itself."""
     height = 1.3 * np.exp(-0.12 * TIME) * np.cos(1.7 * TIME)
     noise = np.random.default_rng(0).normal(0.0, 0.005, len(TIME))
-    found = discover(PistonRecord(TIME, height + noise), "operon", target="height")
+    record = PistonRecord(TIME, height + noise)
+    found = discover(record, "operon", target="height")
     t = sympy.Symbol("t", real=True)
     values = sympy.lambdify(t, found.expression)(TIME)
     assert np.std(values - height) < 0.002
     assert found.model.quality.residual == pytest.approx(0.005, rel=0.1)
     assert found.model.cycles == ()
     assert found.best.text.startswith("height = ")
-    assert np.std(found.model.simulate(TIME).height - height) < 0.002
+    assert np.std(found.model.simulate_signal(record) - height) < 0.002
 
 
 @pytest.mark.parametrize(
