@@ -50,6 +50,7 @@ _FASTER = 2.0  # motions of further coordinates than the slowest
 _ROUNDS, _HIDDEN_DRAWS, _RETAINED = 8, 4096, 48
 _TRIALS = 40
 _STEP = 1e-6  # of the logarithms, for slopes
+_TINY = 1e-9  # of normal equations, which keeps them regular
 _FAR = 1e6
 
 
@@ -65,13 +66,13 @@ def start_values(
     if law.start is not None:
         return law.start(guess, random, count)
     if law.hidden:
-        scales = [guess.amplitude, guess.amplitude * guess.frequency] * (len(law.other_coordinates) // 2)
-
-        def draw(size: int) -> np.ndarray:
-            states = np.array(scales) * random.normal(size=(size, len(scales)))
-            return np.hstack([_random_draws(law, guess, random, size, bounds), states])
-
-        draws = _hidden_starts(law, guess, record, draw, _fixed_by_bounds(bounds))
+        draws = _hidden_starts(
+            law,
+            guess,
+            record,
+            lambda size: _random_draws(law, guess, random, size, bounds),
+            _fixed_by_bounds(bounds),
+        )
     else:
         drawn = _random_draws(law, guess, random, _DRAWS, bounds)
         for name in drive_frequencies(law):
@@ -193,7 +194,7 @@ def _hidden_starts(
     draw: Callable[[int], np.ndarray],
     fixed: Collection[str],
 ) -> np.ndarray:
-    """Parameters and starts of further coordinates (k, p), the best first, from random draws (k, p)."""
+    """Parameters and starts of further coordinates (k, p), the best first, from draws of parameters."""
     end = min(float(record.time[-1]), _SWINGS * guess.period)
     # A further coordinate has a faster motion: wide windows would smooth it, and long steps of Heun's method
     # add energy to it.
@@ -226,9 +227,29 @@ def _hidden_starts(
             result = np.vstack([result, np.broadcast_to(left, accelerations.shape)])
         return np.nan_to_num(np.clip(result, -_FAR, _FAR), nan=_FAR)
 
+    scales = np.array([guess.amplitude, guess.amplitude * guess.frequency] * (len(others) // 2))
+
+    def with_fitted_states(parameters: np.ndarray) -> np.ndarray:
+        """Draws with the starts of further coordinates by least squares, which a linear law is linear in."""
+        values = np.hstack([parameters, np.zeros((len(parameters), len(others)))])
+        if not others:
+            return values
+        left = misfits(values)
+        slopes = []
+        for k, size in enumerate(scales):
+            values[:, count + k] = size
+            slopes.append(misfits(values) - left)
+            values[:, count + k] = 0.0
+        normal = np.einsum("anm,bnm->mab", slopes, slopes)
+        size = 1.0 + np.trace(normal, axis1=1, axis2=2)
+        normal += _TINY * np.eye(len(scales)) * size[:, None, None]
+        steps = np.linalg.solve(normal, -np.einsum("anm,nm->ma", slopes, left)[..., None])[..., 0]
+        values[:, count:] = np.where(np.abs(steps) < _FAR, steps, 1.0) * scales
+        return values
+
     best = np.empty((0, count + len(others)))
     for _ in range(_ROUNDS):
-        drawn = np.vstack([best, draw(_HIDDEN_DRAWS)])
+        drawn = np.vstack([best, with_fitted_states(draw(_HIDDEN_DRAWS))])
         order = np.argsort((misfits(drawn) ** 2).sum(axis=0))
         best = drawn[order[:_RETAINED]]
     held = np.isin((*law.parameters, *law.other_coordinates), list(fixed))
