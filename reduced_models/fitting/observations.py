@@ -121,7 +121,7 @@ def training_data(
                 loss,
                 fixed[number],
                 _reading_sensor(name) if name and observed.view.sensor is None else observed.view.sensor,
-                about_rest="level" in observed.view.untold,
+                about_rest="level" in observed.view.untold or not law.observes_height,
                 prescribed=law.prescribed,
             )
             result.append(data._replace(observation=name, number=number))

@@ -118,7 +118,8 @@ def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
     if initial == "free":
         return {}
     if initial == "rest":
-        return {"velocity": 0.0, **dict.fromkeys(law.hidden, 0.0)}
+        speeds = (name for name in law.other_coordinates if name.endswith("_first"))
+        return {"velocity": 0.0, **still, **dict.fromkeys(speeds, 0.0)}
     names = ("height", "velocity", *law.hidden)
     if not isinstance(initial, Mapping):
         raise InputError(

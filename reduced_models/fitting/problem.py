@@ -134,7 +134,9 @@ def split_training_data(
         columns = total.columns
         if not prescribed:
             height = sensor.approximate_heights(columns, about_rest=about_rest)
-            motion = dataclasses.replace(total, height=height)
+            # The column stays as it is, for what a law says of it.
+            extra = {**total.extra, "height": columns.get("height", height)}
+            motion = dataclasses.replace(total, height=height, extra=extra)
         total = dataclasses.replace(
             total, height=sensor.signal(columns), deviations=sensor.signal_deviations(total.deviations)
         )

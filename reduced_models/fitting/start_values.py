@@ -80,11 +80,58 @@ def start_values(
                 peaks = spectral_peaks(record.time, record.height)
                 drawn[:, law.parameters.index(name)] = random.choice(peaks, _DRAWS)
         draws = _fit_draws_to_accelerations(law, guess, record, drawn, bounds)
+    if law.observations:
+        _fit_parameters_of_observations(law, guess, record, draws, _fixed_by_bounds(bounds))
     chosen = draws[np.arange(count) % len(draws)]
     # The best as it is: a frequency in the law may be known to far less than the spread.
     spread = _SPREAD * (np.arange(count) > 0)
     chosen = chosen * np.exp(spread[:, None] * random.normal(size=chosen.shape))
     return {name: chosen[:, k].copy() for k, name in enumerate((*law.parameters, *law.other_coordinates))}
+
+
+def _fit_parameters_of_observations(
+    law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndarray, fixed: Collection[str]
+) -> None:
+    """Set parameters that stand in observations alone by linear least squares along the smoothed record."""
+    import sympy
+
+    parsed = law.parsed_equation
+    z, v, _, nodes = fit_local_cubics(record.time, record.height, guess.period, _NODES)
+    drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], nodes)
+    states = (z, v, *np.zeros((len(law.hidden), len(z))), *drive.T)
+    for name, expression in parsed.observations.items():
+        linear = parameters_linear_in(expression, law, (*fixed, *map(str, _symbols_of_rates(law))))
+        mine = [law.parameters.index(item) for item in linear if expression.has(sympy.Symbol(item))]
+        observe = compile_observation(law.equation, law.inputs, name, "numpy")
+        seen = np.interp(nodes, record.time, record.columns.get(name, record.height))
+        for draw in draws:
+            draw[mine] = 0.0
+            units = np.eye(len(draw))[mine]
+            with np.errstate(all="ignore"):
+                still = np.broadcast_to(observe(*states, *draw[: len(law.parameters)]), seen.shape)
+                slopes = [observe(*states, *(draw + unit)[: len(law.parameters)]) - still for unit in units]
+            matrix = np.reshape(
+                np.nan_to_num([np.broadcast_to(item, seen.shape) for item in slopes]), (-1, len(seen))
+            )
+            values = np.linalg.lstsq(matrix.T, np.nan_to_num(seen - still), rcond=_TINY)[0]
+            positive = [law.parameters[k] in law.positive for k in mine]
+            draw[mine] = np.where(positive, np.maximum(np.abs(values), _TINY), values)
+
+
+def _symbols_of_rates(law: Law) -> set[Any]:
+    return set().union(*(rate.free_symbols for rate in law.parsed_equation.rates))
+
+
+def parameters_linear_in(expression: Any, law: Law, others: Collection[str]) -> list[str]:
+    """Parameters in which an expression is linear together, without some others."""
+    import sympy
+
+    chosen: list[sympy.Symbol] = []
+    for name in law.parameters:
+        symbol = sympy.Symbol(name)
+        if name not in others and not expression.diff(symbol).has(symbol, *chosen):
+            chosen.append(symbol)
+    return [symbol.name for symbol in chosen]
 
 
 def drive_frequencies(law: Law) -> tuple[str, ...]:

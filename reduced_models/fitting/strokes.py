@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.laws.law import Law
+from reduced_models.fitting.start_values import parameters_linear_in
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.residuals import residual_function
 from reduced_models.least_squares.unknowns import Unknowns
@@ -42,7 +42,8 @@ def stroke_start_vectors(
     low, high = joint.bounds
     names = _names_of_entries(joint)
     open_ones = [k for k in names if low[k] < high[k]]
-    linear = _parameters_linear_in_signal(law, unknowns.observation)
+    known = {str(symbol) for rate in law.parsed_equation.rates for symbol in rate.free_symbols}
+    linear = parameters_linear_in(law.parsed_equation.observations[unknowns.observation], law, known)
     factors = [k for k in open_ones if names[k] in linear and names[k] not in problem.start]
     drawn = [k for k in open_ones if k not in factors]
     logs = np.array([names.get(k) in law.positive for k in range(len(low))])
@@ -115,17 +116,3 @@ def _drawn_values(
         if name not in unknowns.law.positive:
             values[:, k] *= random.choice([-1.0, 1.0], count)
     return values
-
-
-def _parameters_linear_in_signal(law: Law, observation: str) -> set[str]:
-    """Parameters in which an observation is linear together, and which no hidden state knows."""
-    import sympy
-
-    parsed = law.parsed_equation
-    chosen: list[sympy.Symbol] = []
-    for name in law.parameters:
-        symbol = sympy.Symbol(name)
-        slope = parsed.observations[observation].diff(symbol)
-        if not slope.has(symbol, *chosen) and not any(rate.has(symbol) for rate in parsed.hidden.values()):
-            chosen.append(symbol)
-    return {symbol.name for symbol in chosen}

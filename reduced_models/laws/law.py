@@ -150,6 +150,12 @@ class Law:
         return tuple(self.parsed_equation.hidden)
 
     @property
+    def observes_height(self) -> bool:
+        """True where the height is the coordinate; otherwise the coordinate counts from anywhere."""
+        parsed = self.parsed_equation
+        return not parsed.observations or parsed.observations.get("height") == parsed.symbol_z
+
+    @property
     def other_coordinates(self) -> tuple[str, ...]:
         """Hidden states that are further coordinates and their velocities, which start anywhere."""
         hidden = self.hidden

@@ -52,6 +52,7 @@ class SmallSwing(NamedTuple):
     period: float  # [s]
     damping_ratio: float  # infinite if the law jumps with the sign of the velocity
     faster: tuple[tuple[float, float], ...] = ()  # periods [s] and damping ratios of further modes
+    hidden: tuple[float, ...] = ()  # hidden states at rest
 
 
 class NoSwing(NamedTuple):
@@ -198,7 +199,7 @@ def _swing_with_hidden_states(state: np.ndarray, matrix: np.ndarray) -> SmallSwi
         omega = abs(value)
         ratio = float(-value.real / omega)
         modes.append((2.0 * math.pi / omega, ratio if abs(ratio) > _FLAT else 0.0))
-    return SmallSwing(float(state[0]), *modes[0], tuple(modes[1:]))
+    return SmallSwing(float(state[0]), *modes[0], tuple(modes[1:]), tuple(map(float, state[2:])))
 
 
 class HarmonicCycles(NamedTuple):

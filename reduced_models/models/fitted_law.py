@@ -192,8 +192,8 @@ class FittedLaw:
         v0: float | None = None,
         inputs: Mapping[str, np.ndarray] | None = None,
     ) -> PistonRecord:
-        """Motion that the law predicts; t [s], z0, v0 [m, m/s]."""
-        from reduced_models.laws.solution import solve_law
+        """Motion that the law predicts; t [s], z0, v0 [m, m/s] of the coordinate."""
+        from reduced_models.laws.solution import observed_signal, solve_law
 
         if self.law.prescribed:
             raise InputError(
@@ -224,14 +224,26 @@ class FittedLaw:
         z_start = self.map.to_law(start[0])
         # Another start forgets the record's history.
         same = z0 is None and v0 is None
-        hidden = [self.hidden.get(name, 0.0) if same else 0.0 for name in self.law.hidden]
+        others = {} if same else self._further_coordinates_at_rest(values)
+        hidden = [self.hidden.get(name, 0.0) if same else others.get(name, 0.0) for name in self.law.hidden]
         result = solve_law(
             self.law, times, z_start, start[1] / scale, values, size, drive, hidden, self.input_interpolation
         )
         if result.ending != "complete":
             raise InputError(_incomplete_solution_text(self.law.name, times, result))
+        if "height" in self.law.observations and not self.law.observes_height:
+            height = observed_signal(self.law, "height", result, values, drive)
+            return PistonRecord(times, height, angle=self.angle)
         height, velocity = self.map.to_height(result.z), scale * result.velocity
         return PistonRecord(times, height, velocity, angle=self.angle)
+
+    def _further_coordinates_at_rest(self, values: list[float]) -> dict[str, float]:
+        """Further coordinates where the law rests, from which another motion begins."""
+        if self.at_rest is None or not self.law.other_coordinates:
+            return {}
+        swing = small_swing(self.law, values, self.map.to_law(self.at_rest.height))
+        known = () if isinstance(swing, NoSwing) else zip(self.law.hidden, swing.hidden, strict=True)
+        return {name: value for name, value in known if name in self.law.other_coordinates}
 
     def simulate_record(self, record: PistonRecord) -> PistonRecord:
         """Motion at the times of a record, with its inputs, from the fitted initial state."""

@@ -97,6 +97,7 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
     """Harmonic cycle of a model, its inputs at zero; amplitude [m], frequency [rad/s]."""
     if not amplitude > 0.0:
         raise InputError(f"amplitude = {quote(amplitude)} m; give one above 0")
+    _refuse_further_coordinates(model)
     if frequency is not None and not 0.0 < frequency < math.inf:
         raise InputError(f"frequency = {quote(frequency)} rad/s; give one above 0")
     height, period = _rest_height_and_period(model)
@@ -131,6 +132,7 @@ def frequency_response(
     """Steady amplitudes [m] by describing functions; force [m/s^2], frequencies [rad/s], largest [m]."""
     if not 0.0 < force < math.inf:
         raise InputError(f"force = {quote(force)} N/kg; give one above 0")
+    _refuse_further_coordinates(model)
     if largest is not None and not 0.0 < largest < math.inf:
         raise InputError(f"largest = {quote(largest)} m; give one above 0")
     height, period = _rest_height_and_period(model)
@@ -192,6 +194,14 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
     driven = dataclasses.replace(law, name=f"{law.name}, driven", equation=text, **changes)
     _ = driven.parsed_equation  # which refuses a name that is none
     return driven
+
+
+def _refuse_further_coordinates(model: FittedLaw) -> None:
+    if model.law.other_coordinates:
+        raise InputError(
+            f"the law {quote(model.law.name)} has several coordinates, and a harmonic cycle is of one; take "
+            "its modes, .at_rest and .faster_modes, or .simulate"
+        )
 
 
 def _rest_height_and_period(model: FittedLaw) -> tuple[float, float]:

@@ -146,3 +146,49 @@ def test_columns_that_are_not_there_and_noise_of_several() -> None:
     with pytest.raises(InputError, match="leave out measured"):
         fit(record, law, options=FitOptions(measured="height"))
     assert truth
+
+
+def decay(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.random.Generator]:
+    """Times, a displacement [m] with lam 0.8 and omega 21.8, and random numbers."""
+    time = np.linspace(0.0, 4.0, 1500)
+    return time, 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time), np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize("height", ["z + off", "off - 2*z"])
+def test_the_height_may_count_from_anywhere(height: str) -> None:
+    time, z, random = decay()
+    record = PistonRecord(time, 0.06 + z + 1e-5 * random.normal(size=len(time)))
+    model: Any = fit(record, f"z'' + 2*lam*z' + om**2*z = 0; height = {height}", starts=6)
+    assert model.parameters["off"] == pytest.approx(0.06, abs=1e-5)
+    assert abs(model.parameters["om"]) == pytest.approx(abs(complex(0.8, 21.8)), rel=1e-3)
+    assert model.quality.converged == 6
+    assert model.predict(time)[0] == pytest.approx(0.061, abs=2e-5)
+
+
+def test_a_signal_with_a_large_offset_and_an_unknown_scale() -> None:
+    time, z, random = decay()
+    tension = 500.0 + 1000.0 * z + 0.01 * random.normal(size=len(time))
+    record = PistonRecord(time, 0.06 + z + 1e-5 * random.normal(size=len(time)), extra={"tension": tension})
+    model: Any = fit(record, "z'' + 2*lam*z' + om**2*z = g0; height = z; tension = s*z + t0", starts=6)
+    assert model.parameters["s"] == pytest.approx(1000.0, rel=0.01)
+    assert model.quality.converged == 6
+
+
+def test_another_motion_of_two_masses_begins_at_their_rest() -> None:
+    text = "z'' + c1*z' + k1*(z - a) = k3*(y - z); y'' + c2*y' + k2*(y - z) = 0; height = z; q = y"
+    known = {"c1": 0.5, "k1": 400.0, "a": 0.05, "k3": 80.0, "c2": 0.6, "k2": 300.0}
+
+    def rates(_: float, s: np.ndarray) -> list[float]:
+        pull = known["k3"] * (s[2] - s[0])
+        first = pull - known["c1"] * s[1] - known["k1"] * (s[0] - known["a"])
+        return [s[1], first, s[3], -known["c2"] * s[3] - known["k2"] * (s[2] - s[0])]
+
+    time = np.linspace(0.0, 3.0, 1200)
+    path = solve_ivp(rates, (0.0, 3.0), [0.051, 0.0, 0.0505, 0.0], t_eval=time, rtol=1e-10, atol=1e-13).y
+    record = PistonRecord(time, path[0], extra={"q": path[2]})
+    model: Any = fit(record, text, parameters=known, starts=4, test_fraction=0.0)
+    assert model.parameters["k1"] == pytest.approx(400.0, rel=1e-3)
+    moved = model.free_decay(1e-4, 3.0)
+    assert np.abs(moved.height - 0.05).max() < 1.1e-4
+    with pytest.raises(InputError, match="several coordinates"):
+        model.harmonic_cycle(1e-4)
