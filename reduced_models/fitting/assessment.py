@@ -97,7 +97,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
         [grid.loss for grid in joint.grids],
         [
             None if level is None else level / grid.unknowns.residual_unit
-            for level, grid in zip(problem.noise, joint.grids, strict=True)
+            for level, grid in zip(problem.weighted_noise, joint.grids, strict=True)
         ],
         joint.entries,
         joint.held_entries,

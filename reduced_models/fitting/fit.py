@@ -124,10 +124,11 @@ def fit(
         What is known of parameters by name: values, limits, which are kept, and which each of several
         records has for itself (see `Parameter`); the others are shared. A number alone is one to
         begin from. Not all may be fixed. Every record has its own initial state.
-    noise : float or float (n,), optional
+    noise : float or float (n,), or mapping of str to these, optional
         Standard deviation of the noise, above 0, in m or the unit of the signal that is compared, of
-        all samples or of each; for several records a list. Intervals then come from it, and weights
-        where it is given for each sample.
+        all samples or of each; for several records a list. Where the law observes several columns, a
+        mapping gives that of each by its name. Intervals then come from it, and weights where it is
+        given for each sample.
     weights : float (n,), optional
         Weights of the residuals, above 0, without unit; for several records a list of such.
     loss : "linear", "soft_l1" or "huber"

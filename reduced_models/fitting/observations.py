@@ -109,6 +109,8 @@ def training_data(
             f"several columns are observed; give noise by their names, {{{quote(names[0])}: ...}}, and no "
             "weights"
         )
+    if isinstance(noise, Mapping):
+        _check_noise_names(law, noise)
     result = []
     for name in names:
         own = noise.get(name) if isinstance(noise, Mapping) else noise
@@ -128,6 +130,18 @@ def training_data(
     return tuple(result) if len(names) == 1 else _weighted_by_noise(result)
 
 
+def _check_noise_names(law: Law, noise: Mapping[str, Any]) -> None:
+    """Refuse noise by name that is not of the columns that a law observes."""
+    if not law.observations:
+        raise InputError(f"noise: the law {quote(law.name)} names no observed column; give a number")
+    unknown = [str(name) for name in noise if name not in law.observations]
+    missing = [name for name in law.observations if name not in noise]
+    if unknown or missing:
+        wrong = [f"no column {', '.join(map(quote, unknown))} is observed"] if unknown else []
+        wrong += [f"that of {', '.join(map(quote, missing))} is missing"] if missing else []
+        raise InputError(f"noise: {', and '.join(wrong)}; give it of {', '.join(law.observations)}")
+
+
 def _reading_sensor(name: str) -> Sensor:
     """Sensor that reads a column as it is."""
     quantity: Any = name if name in get_args(SensorQuantity) else "height"
@@ -141,7 +155,8 @@ def _weighted_by_noise(data: Sequence[TrainingData]) -> tuple[TrainingData, ...]
         level = item.noise or noise_level(item.record.height, item.record.time)
         levels.append(level / float(np.abs(item.training.height - item.training.height.mean()).max()))
     least = max(min(levels), 1e-300)
+    balances = [least / max(level, least) for level in levels]
     return tuple(
-        item._replace(weights=item.weights * least / max(level, least))
-        for item, level in zip(data, levels, strict=True)
+        item._replace(weights=item.weights * balance, balance=balance)
+        for item, balance in zip(data, balances, strict=True)
     )

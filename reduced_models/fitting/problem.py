@@ -55,6 +55,12 @@ class TrainingData(NamedTuple):
     fixed: Mapping[str, float] = {}  # parameters that are given for this record alone
     observation: str = ""  # of the law, that the heights of record and training are
     number: int = 0  # of the record, of which there may be several observations
+    balance: float = 1.0  # part of the weights that makes several observations count by their noise
+
+    @property
+    def weighted_noise(self) -> float:
+        """Noise [m] of the weighted residuals."""
+        return self.noise * self.balance
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,9 +113,14 @@ class FitProblem:
         """Noise [m] of each record, None unless it was given."""
         return tuple(data.noise if self.known_noise else None for data in self.data)
 
+    @property
+    def weighted_noise(self) -> tuple[float | None, ...]:
+        """Noise [m] of each record's weighted residuals, None unless it was given."""
+        return tuple(data.weighted_noise if self.known_noise else None for data in self.data)
+
     def loss_of_record(self, data: TrainingData, unit: float) -> Loss:
         """Loss of a record's residuals, which count in a unit; data, unit [m]."""
-        scale = _SCALES[self.loss] * max(data.noise / unit, _LEAST_SCALE)
+        scale = _SCALES[self.loss] * max(data.weighted_noise / unit, _LEAST_SCALE)
         return Loss(self.loss, scale)
 
 

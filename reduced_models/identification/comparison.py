@@ -42,6 +42,7 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printout import format_percent
+from reduced_models.models.quality import Quality
 from reduced_models.models.roll_out import RollOut, roll_out
 
 STRONG = 6.0
@@ -99,9 +100,9 @@ def compare(
     ------
     InputError
         If no record or no law is given, there is no law of a name, an argument is out of its range,
-        what `discover` gave has no model, no law has a parameter of a name, one that is a record's own does
-        not go together with ``test_records``, or no law
-        can be fitted, as to records that are too short or do not move.
+        what `discover` gave has no model, the laws observe different columns, no law has a parameter of a
+        name, one that is a record's own does not go together with ``test_records``, or no law can be
+        fitted, as to records that are too short or do not move.
     RecordError
         If a table is no record, or a record holds no heights.
 
@@ -127,6 +128,7 @@ def compare(
         raise InputError("a record's own parameters do not carry over to test_records; leave one of them out")
     chosen = [_law_to_compare(law, records[0], tuple(known)) for law in laws]
     check_parameter_names(known, [*dict.fromkeys(name for law, _ in chosen for name in law.parameters)])
+    _check_same_columns([law for law, _ in chosen], records[0])
     rows = [_fit_law_to_row(*entry, records, test_fraction, test_records, known, starts) for entry in chosen]
     sound = [row for row in rows if not row.failure]
     if not sound:
@@ -154,15 +156,21 @@ def _score_on_further_records(row: ComparisonRow, test_records: Sequence[PistonR
 
 def _total_test_error(models: Sequence[ReducedModel], roll_outs: Sequence[RollOut]) -> tuple[float, float]:
     """Test error over all that was held out, and its standard error; the residual without any."""
-    parts = [(model.quality.test_error, model.quality.test_standard_error) for model in models]
+    qualities = _qualities_of_observations(models)
+    parts = [(quality.test_error, quality.test_standard_error) for quality in qualities]
     parts += [(candidate.relative, candidate.standard_error) for candidate in roll_outs]
     known = [(value, spread or 0.0) for value, spread in parts if value is not None]
     if not known:
-        return root_mean_square([model.quality.relative for model in models]), 0.0
+        return root_mean_square([quality.relative for quality in qualities]), 0.0
     error = root_mean_square([value for value, _ in known])
     if not 0.0 < error < math.inf:
         return error, 0.0
     return error, math.hypot(*(value * spread for value, spread in known)) / (len(known) * error)
+
+
+def _qualities_of_observations(models: Sequence[ReducedModel]) -> list[Quality]:
+    """Quality of each model in each column that it observes."""
+    return [quality for model in models for quality in (model.quality, *model.qualities.values())]
 
 
 def law_name(law: str | Law | ReducedModel) -> str:
@@ -172,6 +180,14 @@ def law_name(law: str | Law | ReducedModel) -> str:
     if isinstance(law, Law):
         return law.name
     return " ".join(law.split())
+
+
+def _check_same_columns(laws: Sequence[Law], record: PistonRecord) -> None:
+    """Refuse laws whose errors are of different columns."""
+    columns = {law.name: sorted(law.observations or (record.measured,)) for law in laws}
+    if len(set(map(tuple, columns.values()))) > 1:
+        each = "; ".join(f"{name}: {', '.join(seen)}" for name, seen in columns.items())
+        raise InputError(f"the laws observe different columns ({each}); compare laws of the same columns")
 
 
 def _law_to_compare(law: Any, record: PistonRecord, declared: Sequence[str]) -> tuple[Law, HeightMap | None]:
@@ -206,8 +222,8 @@ def _fit_law_to_row(
     except GranularError as cause:
         return ComparisonRow(law.name, failure=str(cause))
     stretches = tuple(model.quality.test_error for model in models if model.quality.test_error is not None)
-    count = len(law.parameters) + (2 if models[0].map.fitted else 0)
-    count -= sum(item.fixed for item in known.values())
+    held = [name for name, (low, high) in models[0].intervals.items() if low == high]
+    count = sum(name not in held for name in law.parameters) + (2 if models[0].map.fitted else 0)
     own = sum(is_per_record(item) and not item.fixed for item in known.values())
     count += own * (len(records) - 1)
     error, spread = _total_test_error(models, roll_outs)
@@ -217,7 +233,9 @@ def _fit_law_to_row(
 def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) -> Comparison:
     correlation = min(max(model.quality.correlation for model in row.models) for row in sound)
     scored = [_add_information_criteria(row, correlation) for row in sound]
-    noise = root_mean_square([_relative_noise(model) for model in scored[0].models])
+    noise = root_mean_square(
+        [_relative_noise(quality) for quality in _qualities_of_observations(scored[0].models)]
+    )
     least, limit = min(row.error for row in scored), largest_tied_error(scored, noise)
     # Where all diverge, what their fits leave over is all that tells them apart.
     at_noise = least <= NOISE_TIE * noise or math.isinf(least)
@@ -254,8 +272,8 @@ def merge_comparisons(*tables: Comparison) -> Comparison:
     return _rank_rows(rows, [row for row in rows if not row.failure])
 
 
-def _relative_noise(model: ReducedModel) -> float:
-    return model.quality.noise * model.quality.relative / max(model.quality.residual, 1e-300)
+def _relative_noise(quality: Quality) -> float:
+    return quality.noise * quality.relative / max(quality.residual, 1e-300)
 
 
 def _add_information_criteria(row: ComparisonRow, correlation: float) -> ComparisonRow:
@@ -280,9 +298,9 @@ def _rms_swing(model: ReducedModel) -> float:
 
 def _test_error_at_rest(row: ComparisonRow) -> float:
     errors = [
-        model.quality.test_error_at_rest
-        for model in row.models
-        if model.quality.test_error_at_rest is not None
+        quality.test_error_at_rest
+        for quality in _qualities_of_observations(row.models)
+        if quality.test_error_at_rest is not None
     ]
     errors += [record.at_rest for record in row.records]
     return root_mean_square(errors) if errors else 1.0

@@ -17,6 +17,7 @@ from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.held_out_swings import error_on_swings, find_whole_swings
+from reduced_models.records.sensor import Sensor
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
 if TYPE_CHECKING:
@@ -79,7 +80,8 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     ------
     RecordError
         If the record has fewer than 20 samples, does not move, lasts more periods than can be followed,
-        has heights or times beyond what can be computed with, or lacks an input of the law.
+        has heights or times beyond what can be computed with, or lacks an input of the law or the column
+        that it observes.
 
     Examples
     --------
@@ -109,7 +111,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         theta = np.append(theta, np.zeros(unknowns.sensor_entry_count))
         total = dataclasses.replace(total, height=signal)
     elif model.observation:
-        signal = record.columns[model.observation]
+        signal = Sensor("height", column=model.observation).signal(total.columns)
         size = float(np.abs(signal - signal.mean()).max())
         unknowns = dataclasses.replace(unknowns, observation=model.observation, signal=max(size, 1e-300))
         total = dataclasses.replace(total, height=signal)
@@ -131,7 +133,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     height = np.where(np.maximum.accumulate(lost), np.nan, height)
     error = math.inf if lost.any() else unit * _rms(residuals)
     rest = guess.rest if model.at_rest is None else model.at_rest.height
-    if sensor is not None:
+    if sensor is not None or model.observation:
         rest = float(total.height.mean())
     swing = float(total.height.std())
     motion = _record_with_heights(record, height)

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from reduced_models import FitOptions, Law, Parameter, fit, load_model, roll_out
+from reduced_models import FitOptions, Law, Parameter, compare, fit, load_model, roll_out
 
 NOISE = 0.01
 MASSES = (
@@ -192,3 +192,73 @@ def test_another_motion_of_two_masses_begins_at_their_rest() -> None:
     assert np.abs(moved.height - 0.05).max() < 1.1e-4
     with pytest.raises(InputError, match="several coordinates"):
         model.harmonic_cycle(1e-4)
+TENSION = "z'' + 2*lam*z' + k*z = 0; height = z; tension = s*z + t0"
+
+
+def spring(error: float = 0.3) -> PistonRecord:
+    """Record of a swing of 1 mm and the tension of its spring, with noise of 2e-5 m and of an error [N]."""
+    time, random = np.linspace(0.0, 4.0, 2000), np.random.default_rng(0)
+    z = 1e-3 * np.exp(-0.4 * time) * np.cos(20.0 * time)
+    tension = 500.0 * z + 12.0 + error * random.normal(size=2000)
+    return PistonRecord(time, z + 2e-5 * random.normal(size=2000), extra={"tension": tension})
+
+
+def test_known_noise_of_several_columns_gives_the_intervals_of_their_scatter() -> None:
+    record, law = spring(), Law("tension", TENSION, positive=("lam", "k"))
+    widths = []
+    for noise in (None, {"height": 2e-5, "tension": 0.3}):
+        model: Any = fit(record, law, noise=noise, starts=2)
+        low, high = model.intervals["s"]
+        assert abs(model.parameters["s"] - 500.0) <= 1.5 * (high - low)
+        widths.append(high - low)
+    assert widths[1] == pytest.approx(widths[0], rel=0.2)
+
+
+def test_the_loss_spares_outliers_of_each_column_by_its_noise() -> None:
+    record, law = spring(), Law("tension", TENSION, positive=("lam", "k"))
+    tension = record.columns["tension"] + np.where(np.arange(2000) % 50 == 7, 20.0, 0.0)
+    spoilt = PistonRecord(record.time, record.height, extra={"tension": tension})
+    model: Any = fit(spoilt, law, noise={"height": 2e-5, "tension": 0.3}, loss="huber")
+    assert model.parameters["t0"] == pytest.approx(12.0, abs=0.05)  # 12.4 by least squares
+
+
+def test_noise_by_names_that_are_not_observed() -> None:
+    record, law = spring(), Law("tension", TENSION, positive=("lam", "k"))
+    with pytest.raises(InputError, match="no column 'tensoin' is observed, and that of 'tension' is missing"):
+        fit(record, law, noise={"height": 2e-5, "tensoin": 0.3})
+    with pytest.raises(InputError, match="that of 'height' is missing"):
+        fit(record, law, noise={"tension": 0.3})
+    with pytest.raises(InputError, match="names no observed column; give a number"):
+        fit(record, "linear", noise={"height": 2e-5})
+
+
+def test_roll_out_of_an_observed_column() -> None:
+    """A piston at rest shows the mean of the signal; a record without the column is refused."""
+    record, text = spring(error=0.03), "z'' + 2*lam*z' + k*z = 0; tension = s*z + t0"
+    model: Any = fit(record, text, parameters={"s": Parameter(500.0, fixed=True)})
+    assert roll_out(model, record).at_rest == pytest.approx(1.0)
+    with pytest.raises(RecordError, match="needs the column 'tension'"):
+        roll_out(model, PistonRecord(record.time, record.height))
+
+
+def test_laws_are_compared_on_the_same_columns() -> None:
+    """Errors count in all of them."""
+    record, law = spring(), Law("tension", TENSION, positive=("lam", "k"))
+    with pytest.raises(InputError, match=r"different columns \(tension: height, tension; linear: height\)"):
+        compare(record, [law, "linear"])
+    (row,) = compare(record, law, starts=2).rows
+    errors = [row.models[0].quality.test_error, row.models[0].qualities["tension"].test_error]
+    assert row.error == pytest.approx(math.sqrt(np.mean(np.square(errors))))
+    assert row.parameters == 4
+
+
+def test_a_height_that_a_fit_holds_is_no_free_parameter() -> None:
+    time = np.linspace(0.0, 4.0, 1000)
+    stroke = 0.03 + 5e-3 * np.sin(6.0 * time)
+    pressure = 3.0 * 0.03e-3 * np.cos(6.0 * time) - 2.0 * (0.03 / stroke) ** 3
+    record = PistonRecord(time, stroke, force=pressure + 0.01 * np.random.default_rng(2).normal(size=1000))
+    text = "force = c*z' - load*(rest/z)**power"
+    law = Law("pressure", text, positive=("load", "rest", "power"), given="rest")
+    (row,) = compare(record, law, starts=2).rows
+    assert row.models[0].parameters["rest"] == pytest.approx(0.03, rel=0.02)
+    assert row.parameters == 3
