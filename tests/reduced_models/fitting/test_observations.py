@@ -216,10 +216,10 @@ def test_known_noise_of_several_columns_gives_the_intervals_of_their_scatter() -
 
 def test_the_loss_spares_outliers_of_each_column_by_its_noise() -> None:
     record, law = spring(), Law("tension", TENSION, positive=("lam", "k"))
-    tension = record.columns["tension"] + np.where(np.arange(2000) % 50 == 7, 20.0, 0.0)
+    tension = record.columns["tension"] + np.where(np.arange(2000) % 10 == 7, 2.0, 0.0)
     spoilt = PistonRecord(record.time, record.height, extra={"tension": tension})
     model: Any = fit(spoilt, law, noise={"height": 2e-5, "tension": 0.3}, loss="huber")
-    assert model.parameters["t0"] == pytest.approx(12.0, abs=0.05)  # 12.4 by least squares
+    assert model.parameters["t0"] == pytest.approx(12.0, abs=0.1)  # 12.2 by least squares
 
 
 def test_noise_by_names_that_are_not_observed() -> None:
