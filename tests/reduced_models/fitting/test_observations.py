@@ -192,6 +192,8 @@ def test_another_motion_of_two_masses_begins_at_their_rest() -> None:
     assert np.abs(moved.height - 0.05).max() < 1.1e-4
     with pytest.raises(InputError, match="several coordinates"):
         model.harmonic_cycle(1e-4)
+
+
 TENSION = "z'' + 2*lam*z' + k*z = 0; height = z; tension = s*z + t0"
 
 
