@@ -14,6 +14,7 @@ from granular.readers.calibration import Calibration
 from granular.readers.column_headers import (
     ACCELERATION,
     ANGLES,
+    FORCE,
     HEIGHT,
     TIME,
     VELOCITY,
@@ -99,6 +100,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
     _convert_epoch_times(own, chosen[TIME], notes)
     _note_large_values_without_unit(own, chosen, units, notes, in_memory=sheet.form in IN_MEMORY)
     _note_velocity_unlike_slope(own, notes)
+    _note_stroke_taken_as_free(chosen, options, notes)
     if options.flip:
         own |= {role: -own[role] for role in (HEIGHT, VELOCITY, ACCELERATION) if role in own}
     others, left_out = _remaining_columns(sheet, chosen)
@@ -293,6 +295,19 @@ def _note_velocity_unlike_slope(own: dict[str, np.ndarray], notes: list[str]) ->
         notes.append(
             f"the velocity does not follow the slope of the height (correlation {agreement:.2f}): "
             "if these are not what they are called, say so (--columns height=NAME,velocity=NAME)"
+        )
+
+
+def _note_stroke_taken_as_free(chosen: Mapping[str, Column], options: ReadOptions, notes: list[str]) -> None:
+    """Note a column that is called a stroke, next to a force, and was not said to be prescribed."""
+    if not {HEIGHT, FORCE} <= {*chosen} or not {HEIGHT, STROKE, ANGLE}.isdisjoint(options.columns):
+        return
+    stroke, force = (chosen[role].name for role in (HEIGHT, FORCE))
+    if normalize_column_name(stroke) == STROKE:
+        pairs = shlex.quote(f"stroke={stroke},force={force}")
+        notes.append(
+            f"the column {quote(stroke)} is taken as a free motion; if it is prescribed, give "
+            f"columns={{'stroke': {quote(stroke)}, 'force': {quote(force)}}} (--columns {pairs})"
         )
 
 

@@ -42,6 +42,7 @@ from reduced_models.commands.records import (
 )
 
 if TYPE_CHECKING:
+    from granular.run.piston_record import PistonRecord
     from reduced_models.fitting.parameter import Parameter
     from reduced_models.laws.height_map import HeightMap
 
@@ -118,6 +119,7 @@ examples:
 )
 def identify(options: Any) -> None:
     """Identify a scene, a run or a CSV file."""
+    from granular.run.piston_record import PistonRecord
     from granular.schema.units import si_value
     from granular.shared.progress_bars import print_above_bar
     from granular.user_code import import_user_code
@@ -131,10 +133,11 @@ def identify(options: Any) -> None:
     if options.parts or options.usual:
         changed = getattr(source, "replace", None)  # of a scene
         parts = parts_from_options(options, changed(**changes) if changed else getattr(source, "scene", None))
+    records = [source] if isinstance(source, PistonRecord) else []
     result = identify_source(
         source,
         options.out,
-        laws=None if options.laws is None else parse_laws(options.laws),
+        laws=None if options.laws is None else parse_laws(options.laws, records),
         discovery=options.discover,
         mass=None if options.mass is None else si_value(options.mass, "kg"),
         changes=changes,
@@ -403,7 +406,8 @@ def _compare_laws(options: Any) -> None:
     target = make_directory(options.out)
     leave_cautions_to_print_out(options)
     records, further = (load_records(paths, options) for paths in (options.sources, options.test_records))
-    laws = parse_laws(options.laws or CANDIDATES)
+    default = ("all",) if _are_of_force(records) else CANDIDATES
+    laws = parse_laws(options.laws or default, records)
     with time_budget(options.budget, spent_budget_text(options.budget)):
         table = compare_laws(records, laws, options.test_fraction, further, starts=options.starts)
     text = str(table)
@@ -448,9 +452,16 @@ def _compare_response(options: Any) -> None:
     )
 
 
-def parse_laws(names: Sequence[str]) -> tuple[str, ...]:
-    """Names of the laws to fit, each once; "all" stands for those of the package."""
+def parse_laws(names: Sequence[str], records: Sequence[PistonRecord] = ()) -> tuple[str, ...]:
+    """Names of the laws to fit, each once; "all" stands for those of the package for such records."""
+    from reduced_models.identification.candidate_laws import candidate_force_laws
     from reduced_models.laws.catalogue import LAWS
 
-    every = (list(LAWS) if name == "all" else [name] for name in names)
+    package = [law.name for law in candidate_force_laws(records)] if _are_of_force(records) else list(LAWS)
+    every = (package if name == "all" else [name] for name in names)
     return tuple(dict.fromkeys(law for some in every for law in some))
+
+
+def _are_of_force(records: Sequence[PistonRecord]) -> bool:
+    """Return whether records are of a force along a prescribed stroke."""
+    return bool(records) and records[0].measured == "force"

@@ -48,7 +48,7 @@ class FitOptions:
         `Sensor` with gain, offset and filter; that of which the record holds the measurement if not
         given. Where it does not tell the level of rest, heights count from there. ``"force"`` of a
         record with heights: these are prescribed, and laws of the force are fitted, see
-        `fit_force`.
+        `fit`.
     initial : "rest", "free", mapping of str to float, or PistonRecord, optional
         The start of the motion: at velocity zero, or free with the hidden states too, or numbers
         (or ``"free"``) for ``height`` [m], ``velocity`` [m/s] and hidden states by name. Or the
@@ -59,7 +59,7 @@ class FitOptions:
     Raises
     ------
     InputError
-        If the map or the interpolation is none of these.
+        If the map, the interpolation, what is measured or a word for the start is none of these.
 
     Examples
     --------
@@ -79,6 +79,13 @@ class FitOptions:
             raise InputError(f"map = {quote(self.map)}; give 'auto', 'fitted' or a HeightMap")
         if self.input_interpolation is not None:
             _check_word("input_interpolation", self.input_interpolation, INTERPOLATIONS)
+        if isinstance(self.measured, str):
+            _check_word("measured", self.measured, get_args(SensorQuantity))
+        if isinstance(self.initial, str) and self.initial not in ("rest", "free"):
+            raise InputError(
+                f"initial = {quote(self.initial)}; give 'rest', 'free' or numbers by name, "
+                "or the motion before"
+            )
 
 
 def check_fit_options(

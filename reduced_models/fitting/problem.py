@@ -235,7 +235,7 @@ def refuse_prescribed_strokes(records: Sequence[PistonRecord], action: str) -> N
         if record.measured == "force":
             raise RecordError(
                 f"{action} is of free or driven motions, and the stroke of this record is prescribed; "
-                "fit laws of the force to it with fit"
+                'for a law of its force give target="force" (--target force)'
             )
 
 

@@ -25,6 +25,7 @@ from reduced_models.discovery.weak_form import (
 )
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.equation import compile_rates
+from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.rubbing_bed import RUBBING_BED, rubbing_bed_near
@@ -95,6 +96,12 @@ def choose_candidate_laws(
     if known is not None or frequency_rises(record):
         saved = (*saved, RUBBING_BED if known is None else rubbing_bed_near(known))
     return CandidateLaws(saved, screening, bool(record.height.min() <= 0.0 <= record.height.max()))
+
+
+def candidate_force_laws(records: Sequence[PistonRecord]) -> list[Law]:
+    """Laws of the package for a force on prescribed strokes, those of heights above 0 where all are."""
+    above = all(record.height.min() > 0.0 for record in records)
+    return [law for law in FORCE_LAWS.values() if above or not law.given]
 
 
 def frequency_rises(record: PistonRecord) -> bool:

@@ -21,6 +21,7 @@ from granular.shared.message_text import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_fit_options
 from reduced_models.fitting.problem import record_from_table
 from reduced_models.identification.candidate_laws import (
+    candidate_force_laws,
     choose_candidate_laws,
     drive_option_text,
     driven_law,
@@ -361,7 +362,7 @@ def _laws_to_fit(
     if laws is not None:
         return [_add_drive_to_law(law, record, drive) for law in laws], (), None
     if record.measured == "force":
-        fitting = [law for law in FORCE_LAWS.values() if not law.given or record.height.min() > 0.0]
+        fitting = candidate_force_laws([record])
         others = (law for law in FORCE_LAWS.values() if law not in fitting)
         return fitting, tuple(f"{law.name} was not fitted: it is of heights above 0" for law in others), None
     chosen = choose_candidate_laws(record, drive, friction)

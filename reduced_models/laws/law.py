@@ -182,8 +182,10 @@ class Law:
         ------
         InputError
             If the equation cannot be read, is not linear in z'', or does not name one of the
-            ``inputs``.
+            ``inputs``, or if the record prescribes the motion.
         """
+        if self.prescribed:
+            raise InputError(f"a record prescribes the motion of the law {quote(self.name)}; it has no z''")
         return self.parsed_equation.acceleration
 
     def sympy_equation(self, values: Mapping[str, float] | None = None) -> sympy.Eq:

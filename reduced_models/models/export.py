@@ -21,6 +21,7 @@ from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.fmu import VERSIONS, write_fmu
 from reduced_models.models.ports import (
     ForcePort,
+    force_port,
     port_c_sources,
     port_matlab_source,
     port_modelica_source,
@@ -71,7 +72,9 @@ _TAKEN = frozenset(re.findall(r"[A-Za-z_]\w*", _TEMPLATE))
 
 
 def numpy_source(model: FittedLaw) -> str:
-    """Python source of a stand-alone module with the model's rates and a solver."""
+    """Python source of a stand-alone module: rates and a solver, or the force along a prescribed stroke."""
+    if model.law.prescribed:
+        return port_python_source(force_port(model, None))
     import sympy
     from sympy.printing.numpy import NumPyPrinter
 

@@ -393,7 +393,15 @@ class ReducedModel(PrintedModel):
 
     @property
     def numpy_source(self) -> str:
-        """Python source of a stand-alone module of the model, which needs NumPy alone; SI units."""
+        """Python source of a stand-alone module of the model, which needs NumPy alone; SI units.
+
+        Of a law along a prescribed stroke it has the force and the rates of the hidden states.
+
+        Raises
+        ------
+        InputError
+            If the law observes several columns along a prescribed stroke.
+        """
         return export.numpy_source(self)
 
     def export(

@@ -27,6 +27,7 @@ _NODES, _TURNS = 400, 3
 """Samples of a harmonic cycle, and cycles after which hidden states are taken to repeat."""
 _STEP = 1e-5  # of a parameter, over its standard deviation, for slopes
 _ALIKE = 0.05  # relative difference of amplitudes and frequencies of cycles that are one row
+_NEAR = 0.1  # distance of their centres, over the amplitude
 _MOST_ROWS = 12
 
 
@@ -115,7 +116,7 @@ def measured_and_lawful_cycles(model: FittedLaw) -> list[tuple[HarmonicCycle, Ha
     """Cycles of the force as measured, each with the law's; of a law with inputs there is none."""
     by_law = set(model.law.inputs) <= set(STROKE)
     return [
-        (cycle, force_cycle(model, cycle.amplitude, cycle.frequency) if by_law else None)
+        (cycle, force_cycle(model, cycle.amplitude, cycle.frequency, cycle.centre) if by_law else None)
         for cycle in model.cycles[:_MOST_ROWS]
     ]
 
@@ -148,7 +149,7 @@ def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray])
     every = [row for pair in zip(records, forces, strict=True) for row in _cycles_of_record(*pair)]
     groups: list[list[np.ndarray]] = []
     for row in every:
-        alike = [group for group in groups if np.allclose(group[0][:2], row[:2], rtol=_ALIKE, atol=0.0)]
+        alike = [group for group in groups if _are_alike(group[0], row)]
         if alike:
             alike[0].append(row)
         else:
@@ -163,6 +164,12 @@ def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray])
             HarmonicCycle(amplitude, frequency, centre, stiffness, damping, energy, errors, len(rows))
         )
     return tuple(sorted(cycles))
+
+
+def _are_alike(one: np.ndarray, other: np.ndarray) -> bool:
+    """Return whether two cycles have one amplitude, frequency and centre."""
+    near = abs(one[2] - other[2]) < _NEAR * one[0]
+    return bool(near) and np.allclose(one[:2], other[:2], rtol=_ALIKE, atol=0.0)
 
 
 def _cycles_of_record(record: PistonRecord, force: np.ndarray) -> list[np.ndarray]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 _AMPLITUDES = 240
 _PER_PERIOD = 64
 _SLOPE_STEP = 1e-6  # of a parameter
+_OBSERVATION_OR_RATE = re.compile(r"\s*[^\W\d]\w*'?\s*=")
 
 
 class FasterMode(NamedTuple):
@@ -172,14 +174,14 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
     Returns
     -------
     Law
-        Law with z'' less the input in place of z''; parameters and their units stay. It has no start
-        values of its own.
+        Law with z'' less the input in place of z'' in its first equation of motion with z''; parameters
+        and their units stay. It has no start values of its own.
 
     Raises
     ------
     InputError
-        If the law has something else of that name or no ``z''``, or the name cannot stand for an input,
-        as ``"z"``, ``"pi"`` and ``"1x"`` cannot.
+        If the law has something else of that name, no ``z''`` or a prescribed stroke, or the name
+        cannot stand for an input, as ``"z"``, ``"pi"`` and ``"1x"`` cannot.
 
     Examples
     --------
@@ -189,7 +191,15 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
     """
     if name in (*law.parameters, *law.hidden, *law.inputs):
         raise InputError(f"the law {quote(law.name)} has a {quote(name)} already; give another name")
-    text = law.equation.replace("z''", f"(z'' - {name})")
+    if law.prescribed:
+        raise InputError(f"a record prescribes the stroke of the law {quote(law.name)}; no force drives it")
+    statements = law.equation.split(";")
+    for k, statement in enumerate(statements):
+        # What is observed is of the whole acceleration.
+        if "z''" in statement and not _OBSERVATION_OR_RATE.match(statement):
+            statements[k] = statement.replace("z''", f"(z'' - {name})")
+            break
+    text = ";".join(statements)
     changes: dict[str, Any] = {"start": None, "swing_form": None, "inputs": (*law.inputs, name)}
     driven = dataclasses.replace(law, name=f"{law.name}, driven", equation=text, **changes)
     _ = driven.parsed_equation  # which refuses a name that is none

@@ -321,3 +321,16 @@ def test_structures_of_matlab(name: str, tmp_path: Path) -> None:
     record, _ = read(tmp_path / "lab.mat")
     assert np.array_equal(record.time, TIME)
     assert np.array_equal(record.height, HEIGHT)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_stroke_next_to_a_force_is_noted_unless_its_role_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "rig.csv"
+    table = np.column_stack([TIME, HEIGHT, SPEED])
+    np.savetxt(path, table, delimiter=",", header="time,stroke,force", comments="")
+    (note,) = PistonRecord.from_file(path).source.notes
+    assert "free motion" in note
+    assert "--columns stroke=stroke,force=force" in note
+    said = PistonRecord.from_file(path, columns={"stroke": "stroke", "force": "force"})
+    assert said.source.notes == ()
+    assert PistonRecord.from_file(path, columns={"height": "stroke"}).source.notes == ()

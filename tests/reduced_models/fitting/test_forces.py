@@ -32,7 +32,11 @@ from reduced_models import (
     identify,
     load_model,
 )
+from reduced_models.__main__ import main
+from reduced_models.commands.identification import parse_laws
 from reduced_models.laws import FORCE_LAWS
+from reduced_models.laws import LAWS as PACKAGED_LAWS
+from reduced_models.models.observed import measured_and_lawful_cycles, stroke_cycles
 from tests.reduced_models.fitting.made_strokes import made_stroke, random_stroke
 
 FORCE = FitOptions(measured="force")
@@ -217,6 +221,72 @@ def test_a_stroke_by_its_role(tmp_path: Path, command: Callable[..., Any]) -> No
     energy = math.pi * 2.0 * math.pi * 2.0 * 0.01**2 * 100.0
     assert plain["cycles"][0]["energy"] == pytest.approx(energy, rel=0.01)
     assert load_model(out).harmonic_cycle(0.01, 4.0 * math.pi).energy == pytest.approx(energy, rel=0.01)
+
+
+@pytest.mark.parametrize(("middle", "above"), [(0.0, False), (0.05, True)])
+def test_all_laws_along_a_stroke(middle: float, above: bool) -> None:
+    """They are those of a force; one of heights above 0 needs such."""
+    record = sine(2.0, 0.01, c=100.0)
+    record = dataclasses.replace(record, height=record.height + middle, measured="force")
+    chosen = parse_laws(("all",), [record])
+    assert set(chosen) == {name for name, law in FORCE_LAWS.items() if above or not law.given}
+    assert parse_laws(("all",)) == tuple(PACKAGED_LAWS)
+
+
+def test_a_comparison_along_a_stroke_needs_no_law(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record = sine(2.0, 0.01, c=100.0, k=500.0)
+    path = tmp_path / "rig.csv"
+    table = np.column_stack([record.time, record.height, record.columns["force"]])
+    np.savetxt(path, table, delimiter=",", header="t,x [m],cell [N]", comments="")
+    asked: list[tuple[str, ...]] = []
+
+    def note_laws(records: Any, laws: tuple[str, ...], *others: Any, **further: Any) -> None:
+        asked.append(laws)
+        raise InputError("enough")
+
+    monkeypatch.setattr("reduced_models.identification.comparison.compare", note_laws)
+    words = ("compare", str(path), "--columns", "stroke=x,force=cell")
+    for further in ((), ("--law", "all")):
+        with pytest.raises(InputError, match="enough"):
+            main([*words, *further])
+    assert asked == [tuple(name for name, law in FORCE_LAWS.items() if not law.given)] * 2
+
+
+def test_cycles_about_other_middles_are_rows_of_their_own() -> None:
+    record = sine(2.0, 0.01, c=100.0, k=500.0)
+    higher = dataclasses.replace(record, height=record.height + 0.03)
+    force = record.columns["force"]
+    apart = stroke_cycles([record, higher], [force, force])
+    assert sorted(cycle.centre for cycle in apart) == pytest.approx([0.0, 0.03], abs=1e-3)
+    assert len(stroke_cycles([record, record], [force, force])) == 1
+    model = dataclasses.replace(fit(record, "linear", options=FORCE), cycles=apart)
+    for measured, law in measured_and_lawful_cycles(model):
+        assert law is not None
+        assert law.centre == measured.centre
+
+
+def test_the_python_of_a_force_is_that_of_its_port() -> None:
+    model = fit(sine(2.0, 0.01, c=100.0, k=500.0), "linear", options=FORCE)
+    names: dict[str, Any] = {}
+    exec(model.numpy_source, names)
+    values = model.parameters
+    force = values["c"] * 0.2 + values["k"] * 0.01 + values["zero"]
+    assert names["force"](0.01, 0.2) == pytest.approx(force, rel=1e-12)
+    with pytest.raises(InputError, match="has no z''"):
+        _ = model.law.acceleration
+
+
+def test_discovery_of_a_motion_names_the_target() -> None:
+    record = dataclasses.replace(sine(2.0, 0.01, c=100.0), measured="force")
+    with pytest.raises(RecordError, match="--target force"):
+        discover(record)
+
+
+def test_options_are_checked_at_once() -> None:
+    with pytest.raises(InputError, match="measured = 'forse'"):
+        FitOptions(measured="forse")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="initial = 'resting'"):
+        FitOptions(initial="resting")  # type: ignore[arg-type]
 
 
 def test_a_force_is_saved_and_exported_as_any_law(tmp_path: Path) -> None:

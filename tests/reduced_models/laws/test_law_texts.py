@@ -15,6 +15,7 @@ from reduced_models import HeightMap, Law, law_named, law_with_force_input
 from reduced_models.jax_setup import jax
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates, parse_equation
+from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import law_from_text
 
 READ = {
@@ -252,6 +253,17 @@ def test_a_driven_law_is_the_law_and_its_drive(name: str) -> None:
     found = compile_rates(driven.equation, driven.inputs, "numpy")(*state, 0.7, *ordered)
     assert found[0] == pytest.approx(own[0] + 0.7, rel=1e-13)
     assert found[1:] == pytest.approx(own[1:])
+
+
+def test_a_drive_is_in_the_first_equation_of_motion_alone() -> None:
+    text = "z'' + k*z = q*y; y'' + q*y = z''; acceleration = gain*z''"
+    driven = law_with_force_input(Law("two", text), "push")
+    assert driven.equation == text.replace("z''", "(z'' - push)", 1)
+    text = "acceleration = gain*z''; z'' + k*z = 0"
+    driven = law_with_force_input(Law("observed", text), "push")
+    assert driven.equation == "acceleration = gain*z''; (z'' - push) + k*z = 0"
+    with pytest.raises(InputError, match="prescribes the stroke"):
+        law_with_force_input(FORCE_LAWS["linear"])
 
 
 def test_numbers_that_only_multiplying_out_makes_too_large() -> None:
