@@ -393,15 +393,7 @@ class ReducedModel(PrintedModel):
 
     @property
     def numpy_source(self) -> str:
-        """Python source of a stand-alone module of the model, which needs NumPy alone; SI units.
-
-        Of a law along a prescribed stroke it has the force and the rates of the hidden states.
-
-        Raises
-        ------
-        InputError
-            If the law observes several columns along a prescribed stroke.
-        """
+        """Python source of a stand-alone module of the model, which needs NumPy alone; SI units."""
         return export.numpy_source(self)
 
     def export(
