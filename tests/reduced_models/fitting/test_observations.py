@@ -249,7 +249,8 @@ def test_laws_are_compared_on_the_same_columns() -> None:
     with pytest.raises(InputError, match=r"different columns \(tension: height, tension; linear: height\)"):
         compare(record, [law, "linear"])
     (row,) = compare(record, law, starts=2).rows
-    errors = [row.models[0].quality.test_error, row.models[0].qualities["tension"].test_error]
+    model: Any = row.models[0]
+    errors = [model.quality.test_error, model.qualities["tension"].test_error]
     assert row.error == pytest.approx(math.sqrt(np.mean(np.square(errors))))
     assert row.parameters == 4
 
