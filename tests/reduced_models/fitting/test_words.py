@@ -158,9 +158,6 @@ def test_other_words_are_asked_about(text: str, made: Callable[..., PistonRecord
     assert "\n" not in str(caught.value)
 
 
-WORD: Any = "moving"  # that types forbid
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -176,7 +173,6 @@ WORD: Any = "moving"  # that types forbid
         ({"loss": "cauchy"}, "'linear', 'soft_l1' or 'huber'"),
         ({"weights": np.ones(3)}, r"one a sample \(2000\)"),
         ({"noise": -1.0}, "positive numbers"),
-        ({"options": FitOptions(initial=WORD)}, "give 'rest', 'free' or numbers by name"),
         ({"options": FitOptions(initial={"speed": 1.0})}, "state at the start"),
         ({"options": FitOptions(drift=True), "intervals": "profile"}, "know no drift"),
         ({"seed": -1}, "seed = -1; give an integer from 0 on"),
