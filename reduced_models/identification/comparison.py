@@ -186,8 +186,8 @@ def _check_same_columns(laws: Sequence[Law], record: PistonRecord) -> None:
     """Refuse laws whose errors are of different columns."""
     columns = {law.name: sorted(law.observations or (record.measured,)) for law in laws}
     if len(set(map(tuple, columns.values()))) > 1:
-        each = "; ".join(f"{name}: {', '.join(seen)}" for name, seen in columns.items())
-        raise InputError(f"the laws observe different columns ({each}); compare laws of the same columns")
+        listed = "; ".join(f"{name}: {', '.join(seen)}" for name, seen in columns.items())
+        raise InputError(f"the laws observe different columns ({listed}); compare laws of the same columns")
 
 
 def _law_to_compare(law: Any, record: PistonRecord, declared: Sequence[str]) -> tuple[Law, HeightMap | None]:

@@ -166,10 +166,10 @@ def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray])
     return tuple(sorted(cycles))
 
 
-def _are_alike(one: np.ndarray, other: np.ndarray) -> bool:
+def _are_alike(cycle: np.ndarray, other: np.ndarray) -> bool:
     """Return whether two cycles have one amplitude, frequency and centre."""
-    near = abs(one[2] - other[2]) < _NEAR * one[0]
-    return bool(near) and np.allclose(one[:2], other[:2], rtol=_ALIKE, atol=0.0)
+    near = abs(cycle[2] - other[2]) < _NEAR * cycle[0]
+    return bool(near) and np.allclose(cycle[:2], other[:2], rtol=_ALIKE, atol=0.0)
 
 
 def _cycles_of_record(record: PistonRecord, force: np.ndarray) -> list[np.ndarray]:
