@@ -21,7 +21,7 @@ from reduced_models.least_squares.unknowns import Unknowns
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-_DRAWS = 256
+_DRAWS = 1024
 _LOW, _HIGH = -4.0, 2.0  # logarithm of what is drawn, over its natural size
 _NEAR = 0.1  # spread of the logarithm of values that are given
 _LEAST = 1e-3  # of the signal: least part of a factor that is above zero
