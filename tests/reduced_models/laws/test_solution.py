@@ -20,7 +20,7 @@ OMEGA, COUPLING = 8.0 * np.pi, 0.4
 
 @pytest.fixture
 def solvers(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """Whether the solver of each call was implicit."""
+    """Kind of the solver of each call: True where it was implicit."""
     calls: list[bool] = []
     make = solution._adaptive_solver
 
