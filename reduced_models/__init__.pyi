@@ -17,6 +17,7 @@ from .fitting.posterior import sample_posterior
 from .identification.comparison import compare
 from .identification.comparison_table import Comparison
 from .identification.identify import identify
+from .identification.options import IdentifyOptions
 from .laws.catalogue import law_named
 from .laws.height_map import HeightMap
 from .laws.law import Law
@@ -37,6 +38,7 @@ __all__ = [
     "FirstGuesses",
     "FitOptions",
     "HeightMap",
+    "IdentifyOptions",
     "Law",
     "LawEstimator",
     "Parameter",

@@ -24,7 +24,7 @@ import numpy as np
 
 from granular.methods import resolve_method
 from granular.run.piston_record import PistonRecord
-from granular.run.plan import multiply_time_step
+from granular.run.plan import multiply_time_step, parse_time_step
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, RecordError
 from granular.shared.message_text import quote
@@ -44,7 +44,7 @@ from reduced_models.fitting.options import check_fit_options
 from reduced_models.fitting.problem import list_of_records
 from reduced_models.fitting.uncertainty import undetermined_directions
 from reduced_models.laws.law import Law
-from reduced_models.records.sources import METHOD, RunOptions, check_run_options, make_directory
+from reduced_models.records.sources import METHOD, make_directory
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -164,7 +164,8 @@ def calibrate(
         raise InputError(f"parameters = {list(parameters)}; give at least one, each once")
     _check_scene(scene)
     varied = tuple(scene_parameter(scene, key) for key in parameters)
-    check_run_options(RunOptions({}, dt, method, None, progress))
+    resolve_method(method)
+    parse_time_step(dt)
     force = record.force is not None
     wanted = record_features(record, law, force=force)
     target = make_directory(out)

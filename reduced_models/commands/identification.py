@@ -124,15 +124,15 @@ def identify(options: Any) -> None:
     from granular.shared.progress_bars import print_above_bar
     from granular.user_code import import_user_code
     from reduced_models.identification.identify import identify as identify_source
+    from reduced_models.identification.options import IdentifyOptions
     from reduced_models.records.sources import open_source
 
     import_user_code(options.user_files)
     leave_cautions_to_print_out(options)
-    source = open_source(options.source, parse_reading_options(options))
-    changes, parts = parse_changes(options.changes), None
+    source = _planned_source(open_source(options.source, parse_reading_options(options)), options)
+    parts = None
     if options.parts or options.usual:
-        changed = getattr(source, "replace", None)  # of a scene
-        parts = parts_from_options(options, changed(**changes) if changed else getattr(source, "scene", None))
+        parts = parts_from_options(options, getattr(source, "scene", None))
     records = [source] if isinstance(source, PistonRecord) else []
     result = identify_source(
         source,
@@ -140,15 +140,27 @@ def identify(options: Any) -> None:
         laws=None if options.laws is None else parse_laws(options.laws, records),
         discovery=options.discover,
         mass=None if options.mass is None else si_value(options.mass, "kg"),
-        changes=changes,
-        parts=parts,
-        dt=None if options.dt is None else parse_time_step(options.dt),
-        checks=not options.no_checks,
-        progress=not options.quiet,
-        announce=None if options.quiet else lambda first: print_above_bar(first.line_before_checks),
-        **pick_options(options, "drive", "method", "threads", "starts", "budget"),
+        options=IdentifyOptions(options.budget, not options.no_checks, parts=parts),
+        progress=not options.quiet and (lambda first: print_above_bar(first.line_before_checks)),
+        **pick_options(options, "drive", "starts"),
     )
     print_result_and_report_path(result, options, None if options.verbose else result.printout())
+
+
+def _planned_source(source: Any, options: Any) -> Any:
+    """Plan of a scene with the changes and the step of a command; a run or a record as it is."""
+    from reduced_models.identification.identify import plan_run
+    from reduced_models.records.sources import METHOD as DEFAULT_METHOD
+
+    if hasattr(source, "replace"):
+        dt = None if options.dt is None else parse_time_step(options.dt)
+        scene = source.replace(**parse_changes(options.changes))
+        return plan_run(scene, dt, options.method, options.threads, checks=not options.no_checks)
+    given = {**pick_options(options, "dt", "method", "threads"), "set": options.changes}
+    for name, value in given.items():
+        if value not in (None, [], DEFAULT_METHOD):
+            raise InputError(f"--{name} applies to a scene only; this is a run or a record: leave it out")
+    return source
 
 
 @command(
@@ -398,7 +410,7 @@ def compare(options: Any) -> None:
 def _compare_laws(options: Any) -> None:
     from reduced_models.identification.candidate_laws import CANDIDATES
     from reduced_models.identification.comparison import compare as compare_laws
-    from reduced_models.identification.identify import check_budget
+    from reduced_models.identification.options import check_budget
     from reduced_models.least_squares.levenberg_marquardt import spent_budget_text, time_budget
     from reduced_models.records.sources import make_directory
 

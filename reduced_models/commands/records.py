@@ -151,8 +151,6 @@ def _parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
 def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
     """Return the records of some sources, scenes simulated first; all releases of a file where asked."""
     from reduced_models.records.sources import (
-        METHOD,
-        RunOptions,
         is_record_file,
         load_record,
         open_source,
@@ -160,7 +158,6 @@ def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
         stated_release_number,
     )
 
-    run = RunOptions({}, "auto", METHOD, None, not options.quiet)
     said = parse_reading_options(options)
     records: list[PistonRecord] = []
     for source in sources:
@@ -168,7 +165,7 @@ def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
         if is_record_file(path) and stated_release_number(path, said) == ALL:
             records += read_releases(path, **said.to_plain())
         else:
-            records.append(load_record(open_source(source, said), None, run)[0])
+            records.append(load_record(open_source(source, said), not options.quiet))
     return records
 
 

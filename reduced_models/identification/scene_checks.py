@@ -35,6 +35,7 @@ from reduced_models.records.sources import FALL, RECORD, piston_record_columns
 if TYPE_CHECKING:
     from granular.linear import MotionFriction
     from granular.linear.equilibrium import Equilibrium
+    from granular.run.plan import Plan
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
     from granular.studies.background_cases import BackgroundCall, BackgroundCase, BackgroundCaseRunner
@@ -148,7 +149,7 @@ def rest_of(run: Trajectory) -> Equilibrium:
 
 
 def read_parts_of_source(
-    source: Scene | Trajectory | PistonRecord, parts: Mapping[str, str | float]
+    source: Scene | Plan | Trajectory | PistonRecord, parts: Mapping[str, str | float]
 ) -> tuple[Part, ...]:
     """Read the tolerances of parts of a scene, or of a run's, that begins with a rest."""
     from granular.linear.bed_forces import check_free_piston

@@ -8,7 +8,7 @@ import os
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from granular.readers.read_options import ReadOptions, is_record_description, read_record_description
 from granular.run.piston_record import PistonRecord
@@ -21,55 +21,38 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
 
-METHOD, STEP = "stormer-verlet", "auto"
+METHOD = "stormer-verlet"
 
 
-class RunOptions(NamedTuple):
-    """Options for the run of a scene, as of `granular.simulate`."""
-
-    changes: Mapping[str, Any]
-    dt: float | str
-    method: str
-    threads: int | None
-    progress: bool
-
-
-def load_record(
-    source: str | Path | Scene | Trajectory | PistonRecord, out: Path | None, options: RunOptions
-) -> tuple[PistonRecord, Trajectory | None]:
-    """Record of a source, and the run it comes from."""
-    opened = open_and_check_source(source, options)
+def load_record(source: Scene | Trajectory | PistonRecord, progress: bool) -> PistonRecord:
+    """Record of a source; a scene is simulated first."""
+    opened = open_and_check_source(source)
     if isinstance(opened, PistonRecord):
-        return opened, None
-    from granular.scene.scene import Scene
+        return opened
+    from granular.run.simulation import simulate
+    from granular.run.trajectory import Trajectory
 
-    if isinstance(opened, Scene):
-        from granular.run.plan import plan
-
-        chosen = plan(opened, options.dt, options.method, threads=options.threads)
-        opened = run_plan(chosen, out, options.progress)
-    return opened.piston(), opened
+    run = opened if isinstance(opened, Trajectory) else simulate(opened, progress=progress)
+    return run.piston()
 
 
 def open_and_check_source(
-    source: str | Path | Scene | Trajectory | PistonRecord, options: RunOptions
-) -> Scene | Trajectory | PistonRecord:
-    """Open a source, and change it where it is a scene."""
-    check_run_options(options)
+    source: str | Path | Scene | Plan | Trajectory | PistonRecord,
+) -> Scene | Plan | Trajectory | PistonRecord:
+    """Open a source, and check that it has or will have a piston's record."""
     result = open_source(source) if isinstance(source, str | Path) else source
     if isinstance(result, PistonRecord):  # needs nothing of what simulates
-        _refuse_run_options(options)
         return result
+    from granular.run.plan import Plan
     from granular.scene.scene import Scene
 
-    if isinstance(result, Scene):
-        scene = result.replace(**options.changes)
+    if isinstance(result, Scene | Plan):
+        scene = result.scene if isinstance(result, Plan) else result
         if scene.piston is None:
             raise InputError(f"scene {quote(scene.name)} has no piston, so there is nothing to identify")
-        return scene
+        return result
     if not hasattr(result, "settings"):
-        raise InputError(f"a {type(result).__name__} is no source; give a scene, a run or a record")
-    _refuse_run_options(options)
+        raise InputError(f"a {type(result).__name__} is no source; give a scene, a plan, a run or a record")
     missing = {"dt", "method", "steps"} - set(result.settings())
     if missing:
         raise StoreError(
@@ -263,32 +246,6 @@ def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene
 def is_record_file(path: Path) -> bool:
     """Return whether a path is the file of a record, or describes one."""
     return path.is_file() and (path.suffix != ".toml" or is_record_description(path))
-
-
-def check_run_options(options: RunOptions) -> None:
-    """Raise `InputError` unless there is a method of the name, and the time step is one."""
-    if (options.method, options.dt) == (METHOD, STEP):
-        return
-    from granular.methods import resolve_method
-    from granular.run.plan import parse_time_step
-
-    resolve_method(options.method)
-    parse_time_step(options.dt)
-
-
-def _refuse_run_options(options: RunOptions) -> None:
-    """Raise `InputError` for options of a run where nothing is simulated."""
-    if options.changes:
-        raise InputError("only a scene can be changed; this is a run or a record")
-    defaults = {"dt": STEP, "method": METHOD, "threads": None}
-    for name, value in defaults.items():
-        given = getattr(options, name)
-        if given != value:
-            raise InputError(
-                f"{name} = {quote(given)} applies to a scene only; this is a run or a record: "
-                "leave "
-                f"{name} out"
-            )
 
 
 def run_plan(plan: Plan, out: Path | None, progress: bool) -> Trajectory:

@@ -120,7 +120,7 @@ def test_fits_need_nothing_of_the_simulation() -> None:
         "from granular import PistonRecord\n"
         "from reduced_models import commands, compare, discover, fit, identify\n"
         "from reduced_models.identification import page\n"
-        "from reduced_models.records.sources import RunOptions, load_record\n"
+        "from reduced_models.records.sources import load_record\n"
         "assert 'jax' in sys.modules\n"
         + MISSES.format(package="granular", name="simulate", module="numba", group="simulation"),
     )

@@ -15,7 +15,7 @@ from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import fit, identify
 from reduced_models.discovery import discover as discovery
-from reduced_models.identification import identify as identification
+from reduced_models.identification import laws_of_record as identification
 from reduced_models.identification.candidate_laws import CandidateLaws, LawScreening, choose_candidate_laws
 from reduced_models.laws import LAWS
 from reduced_models.laws.law import Law

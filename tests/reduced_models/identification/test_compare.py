@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import compare, fit, identify, roll_out
+from reduced_models import IdentifyOptions, compare, fit, identify, roll_out
 from reduced_models.identification import comparison
 from reduced_models.identification.comparison_table import ComparisonRow
 from reduced_models.laws import LAWS
@@ -135,7 +135,7 @@ def test_what_exceeds_the_budget_is_left_out_and_named(made: Any, monkeypatch: p
     assert found.comparison.rows[-1].failure
     monkeypatch.setattr(levenberg_marquardt.time, "process_time", iter(range(0, 10**6, 7)).__next__)
     with pytest.raises(InputError, match=r"no law could be fitted; linear: .*--budget 25"):
-        identify(made("linear"), laws=laws, budget=5.0, progress=False)
+        identify(made("linear"), laws=laws, options=IdentifyOptions(budget=5.0), progress=False)
 
 
 def test_the_command_compare_keeps_a_budget(

@@ -21,15 +21,15 @@ import pytest
 from granular import PistonRecord, Scene, simulate
 from granular.run.plan import multiply_time_step, parse_time_step
 from granular.run.trajectory import Trajectory
-from granular.shared.errors import InputError
 from granular.studies.cases import Case
-from reduced_models import DiscoveryOptions, compare, discover, identify, load_model
+from reduced_models import DiscoveryOptions, IdentifyOptions, compare, discover, identify, load_model
 from reduced_models.identification import scene_checks
 from reduced_models.identification.pictures import _break_at_gaps
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import RECORD, choose_step_check
 
 ROOT = Path(__file__).parents[3]
+UNCHECKED = IdentifyOptions(checks=False)
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +149,7 @@ def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch
     )
     # Checks run in other processes; `test_checks_from_a_plain_script` looks at those.
     with ThreadPoolExecutor(1) as here:
-        found = identify(scene, tmp_path / "out", executor=here, progress=False)
+        found = identify(scene, tmp_path / "out", options=IdentifyOptions(executor=here), progress=False)
     assert (tmp_path / "out" / "run" / "checkpoint.npz").is_file()
     page = (tmp_path / "out" / "report.html").read_text()
     for words in ("The bed before and after", "Energy ledger", "Settings", "What it took"):
@@ -173,7 +173,7 @@ def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch
     assert (tmp_path / "out" / "fall.json").is_file()
     assert found.mass == scene.piston.mass
     assert any(one.unit == "N/m" for one in found.figures)
-    again = identify(scene, tmp_path / "out", laws=["linear"], checks=False, progress=False)
+    again = identify(scene, tmp_path / "out", laws=["linear"], options=UNCHECKED, progress=False)
     assert again.seconds["simulation"] < 0.5 * found.seconds["simulation"] + 1.0
     assert json.dumps(again.to_plain())
 
@@ -188,12 +188,9 @@ def run(small_damper: Scene, tmp_path_factory: pytest.TempPathFactory) -> Trajec
 
 
 def test_from_run(run: Trajectory) -> None:
-    found = identify(run.path, laws=["linear"], starts=2, checks=False, progress=False)
+    found = identify(run.path, laws=["linear"], starts=2, options=UNCHECKED, progress=False)
     assert np.array_equal(found.record.height, run.piston().height)
     assert "time step auto*2: " in str(found)
-    for option in ({"changes": {"piston.mass": 1.0}}, {"dt": 1e-5}, {"threads": 1}):
-        with pytest.raises(InputError, match="this is a run or a record"):
-            identify(run.path, progress=False, **option)
 
 
 @pytest.mark.parametrize(
@@ -284,7 +281,9 @@ def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
     swing = PistonRecord(time, height)
     monkeypatch.setattr(Trajectory, "piston", lambda _: swing)
     made_up = MadeUp(*(faster(swing, by) for by in (1.01, 0.99, 1.03)))
-    found = identify(run.path, laws=[law], starts=2, executor=made_up, progress=False)
+    found = identify(
+        run.path, laws=[law], starts=2, options=IdentifyOptions(executor=made_up), progress=False
+    )
     assert [case.settings["dt"] for case in made_up.asked] == ["auto*2", "auto*2", "auto*4"]
     assert {case.settings["method"] for case in made_up.asked} == {"stormer-verlet"}
     seeds = [case.scene.arrangement.seed for case in made_up.asked]
@@ -304,7 +303,14 @@ def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -
 
     made_up = MadeUp(run.piston(), run.piston(), "EnergyError: step 3", before=saved)
     with pytest.warns(UserWarning, match="check with twice the time step failed: EnergyError"):
-        found = identify(run.path, tmp_path, laws=["linear"], starts=2, executor=made_up, progress=False)
+        found = identify(
+            run.path,
+            tmp_path,
+            laws=["linear"],
+            starts=2,
+            options=IdentifyOptions(executor=made_up),
+            progress=False,
+        )
     frequency = found.figure("natural frequency")
     assert "step" not in frequency.parts
     assert frequency.parts["start"] < 1e-6 * frequency.value

@@ -16,7 +16,7 @@ from granular.shared.errors import InputError
 from granular.shared.html_pages import HtmlPage
 from granular.studies.tolerance_parts import Part
 from granular.studies.tolerances import Tolerances
-from reduced_models import identify, load_model
+from reduced_models import IdentifyOptions, identify, load_model
 from reduced_models.identification.comparison_table import Comparison, ComparisonRow
 from reduced_models.identification.page import comparison_page
 from reduced_models.identification.pictures import add_run_sections
@@ -155,12 +155,12 @@ def test_grains_that_come_close_are_doubted_without_contact_alone(small_damper: 
 
 def test_a_record_has_no_parts() -> None:
     with pytest.raises(InputError, match="a record has no parts"):
-        identify(found(("linear",)).record, parts={"piston.mass": "1%"})
+        identify(found(("linear",)).record, options=IdentifyOptions(parts={"piston.mass": "1%"}))
 
 
 def test_parts_are_read_before_a_run(small_damper: Scene) -> None:
     with pytest.raises(InputError, match=r"'piston\.colour' is no number of a part"):
-        identify(small_damper, parts={"piston.colour": "1%"})
+        identify(small_damper, options=IdentifyOptions(parts={"piston.colour": "1%"}))
     held = small_damper.replace(**{"protocol.drop.until": None, "protocol.drop.duration": 1.0})
     with pytest.raises(InputError, match="does not begin with a rest"):
-        identify(held, parts={"piston.mass": "1%"})
+        identify(held, options=IdentifyOptions(parts={"piston.mass": "1%"}))

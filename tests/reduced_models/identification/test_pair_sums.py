@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from granular import Plan, Scene, damper
+from granular import Plan, Scene, damper, plan
 from granular.studies.cases import Case
-from reduced_models import design, identify
+from reduced_models import IdentifyOptions, design, identify
 
 IDENTIFY = importlib.import_module("reduced_models.identification.identify")
 
@@ -30,7 +30,9 @@ class StoppedError(RuntimeError):
     """Ends what would simulate."""
 
 
-def summed(monkeypatch: pytest.MonkeyPatch, scene: Scene, **options: Any) -> tuple[str, str, set[str]]:
+def summed(
+    monkeypatch: pytest.MonkeyPatch, scene: Scene | Plan, checks: bool = True
+) -> tuple[str, str, set[str]]:
     """Method of summing pairs and step of the scene's own run, and the methods of its checks."""
     ran, asked = [], Asked()
 
@@ -40,7 +42,7 @@ def summed(monkeypatch: pytest.MonkeyPatch, scene: Scene, **options: Any) -> tup
 
     monkeypatch.setattr(IDENTIFY, "run_plan", run)
     with pytest.raises(StoppedError):
-        identify(scene, executor=asked, progress=False, **options)
+        identify(scene, options=IdentifyOptions(checks=checks, executor=asked), progress=False)
     return *ran[0], {one.pair_method for one in asked.scenes}
 
 
@@ -51,11 +53,9 @@ def test_a_scene_and_its_checks_are_summed_alike(monkeypatch: pytest.MonkeyPatch
 
 
 def test_what_is_asked_for_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert summed(monkeypatch, damper(), dt="auto") == ("direct", "auto", {"direct"})
+    assert summed(monkeypatch, plan(damper())) == ("direct", "auto", {"direct"})
     named = damper().replace(**{"pairs.method": "direct"})
     assert summed(monkeypatch, named) == ("direct", "auto*4", {"direct"})
-    by_change = summed(monkeypatch, damper(), changes={"pairs.method": "direct"})
-    assert by_change == ("direct", "auto*4", {"direct"})
 
 
 def test_a_single_run_does_not_pay_for_the_mesh(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from reduced_models.identification.comparison import compare
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.result import Identification
 
-identifying = importlib.import_module("reduced_models.identification.identify")
+identifying = importlib.import_module("reduced_models.identification.laws_of_record")
 
 
 def spiked() -> PistonRecord:
