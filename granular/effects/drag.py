@@ -22,9 +22,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from granular.compiled import Array, compiled, entry
+from granular.compiled import Array, compiled
 from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import EffectContext, energy_variable
+from granular.effects.slide import drag_flow_coefficients
 from granular.kernel_data.compensated_summation import add_to_velocity
 from granular.kernel_data.state import LOSSES, Bed, State
 from granular.pairs.direct_sum import pad_values
@@ -220,51 +221,6 @@ def _kick_with_drag(rounding: Array | None, last: Array, law: DragLaw, k: int, d
             add_to_velocity(rounding, state, i, loss * vx + gain * ax, loss * vy + gain * ay)
         lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
         state.scratch[i] = mass * lost
-
-
-@entry
-def drag_flow_coefficients(rate: float, dt: float) -> tuple[float, float, float, float, float]:
-    """Decay, gain [tau], A, B [tau] and C [tau^2] of the exact flow of kick and drag over dt [tau]."""
-    z = rate * dt
-    decay = math.exp(-z)
-    gain = -math.expm1(-z) / rate if z != 0.0 else dt
-    a = -0.5 * math.expm1(-2.0 * z)
-    b = rate * gain * gain
-    # Series of C: at 1e-2 it errs by 1e-12, the closed form by up to 1.4e-11, and more below (2e-9 at 1e-3).
-    if abs(z) < 1e-2:
-        bent = 1.0 / 3.0 - z * (1.0 / 4.0 - z * (7.0 / 60.0 - z * (1.0 / 24.0 - z * 31.0 / 2520.0)))
-        c = rate * dt * dt * dt * bent
-    else:
-        c = (dt - 2.0 * gain + a / rate) / rate
-    return decay, gain, a, b, c
-
-
-@compiled
-def displacement_under_drag(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
-    """Displacement under drag and a push [D]; rate [1/tau], dt, gain [tau], speed [D/tau], push [D/tau^2]."""
-    # Below, rate dt/3 < 4e-7 of it is neglected; above, the difference keeps nine digits.
-    bend = (dt - gain) / rate if rate * dt > 1e-6 else 0.5 * dt * dt
-    return gain * speed + bend * push
-
-
-@compiled
-def stopping_distance(rate: float, speed: float, brake: float) -> float:
-    """Distance to rest under drag and a brake [D]; rate [1/tau], speed [D/tau], brake [D/tau^2]."""
-    # Neglects 7e-7 of it at most; above, the difference with the logarithm keeps nine digits.
-    if rate * speed <= 1e-6 * brake:
-        return 0.5 * speed * speed / brake
-    if brake <= 0.0:
-        return speed / rate
-    # At rest after t: e^(c t) = 1 + c v/brake, and the distance is v/c - brake t/c.
-    return (speed - brake / rate * math.log1p(rate * speed / brake)) / rate
-
-
-@compiled
-def stopping_time(rate: float, speed: float, brake: float) -> float:
-    """Time log(1 + c v/brake)/c to rest [tau]; rate [1/tau], speed [D/tau], brake [D/tau^2]."""
-    if rate * speed <= 1e-6 * brake:
-        return speed / brake
-    return math.log1p(rate * speed / brake) / rate
 
 
 @compiled(inline=True)

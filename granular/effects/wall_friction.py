@@ -9,7 +9,6 @@ the force along the wall is at most mu N.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -17,6 +16,7 @@ from granular.compiled import Array, compiled
 from granular.effects import drag
 from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import Effect, EffectContext, energy_variable
+from granular.effects.slide import drag_flow_coefficients, move_with_drag, slide
 from granular.effects.wall_side import force_at_distance
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, Bed
@@ -90,52 +90,21 @@ class WallFrictionLaw(NamedTuple):
         rubbed, dragged = 0.0, 0.0
         for k in range(len(law.rates.values)):
             rate = law.rates.values[k]
-            decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
+            flow = drag_flow_coefficients(rate, dt)
             for i in range(constants.grains):
                 if not drag.is_of_drag_kind(law.kind, i, k):
                     continue
                 mass, x = value_or_one(masses, i), state.x[i]
                 normal = force_at_distance(law.left, x) + force_at_distance(law.right, constants.width - x)
                 hold = law.coefficient * value_or_one(moments, i) * normal
-                v, push = state.vx[i], state.fx[i] / mass
-                state.vx[i] = decay * v + gain * push
-                dragged += mass * (a * v * v + b * v * push + c * push * push)
-                state.vy[i], displacement = slide_along_wall(
-                    rate, dt, state.vy[i], state.fy[i] / mass, hold / mass
+                state.vx[i], _, lost = move_with_drag(flow, state.vx[i], 0.0, state.fx[i] / mass, 0.0)
+                dragged += mass * lost
+                along, force = (0.0, state.vy[i]), (0.0, state.fy[i])
+                _, state.vy[i], by_drag, by_friction = slide(
+                    rate, dt, flow, mass, along, force, 1.0, 1.0, hold
                 )
-                rubbed += hold * displacement[0]
-                dragged += mass * displacement[1]
+                rubbed += by_friction
+                dragged += by_drag
         state.ledger[LOSSES + index] += rubbed
         drag.record_drag_loss(law.drag, state, dragged)
         return 0
-
-
-@compiled
-def _move_with_drag(rate: float, dt: float, v: float, push: float) -> tuple[float, float, float]:
-    """Velocity [D/tau] after dt under a push and drag; path [D], and loss to drag per mass [D^2/tau^2]."""
-    decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
-    displacement = drag.displacement_under_drag(rate, dt, gain, abs(v), math.copysign(1.0, v) * push)
-    return decay * v + gain * push, displacement, a * v * v + b * v * push + c * push * push
-
-
-@compiled
-def slide_along_wall(
-    rate: float, dt: float, v: float, push: float, hold: float
-) -> tuple[float, tuple[float, float]]:
-    """Exact v [D/tau], path [D], loss to drag per mass [D^2/tau^2]; rate [1/tau], push, hold [D/tau^2]."""
-    displacement, dragged = 0.0, 0.0
-    if v != 0.0:
-        sign = math.copysign(1.0, v)
-        net = push - sign * hold
-        after, path, lost = _move_with_drag(rate, dt, v, net)
-        if sign * after > 0.0:
-            return after, (path, lost)
-        brake = -sign * net
-        displacement = drag.stopping_distance(rate, abs(v), brake)
-        dragged = 0.5 * v * v - brake * displacement
-        dt = max(dt - drag.stopping_time(rate, abs(v), brake), 0.0)
-        v = 0.0
-    if abs(push) > hold:
-        v, path, lost = _move_with_drag(rate, dt, 0.0, push - math.copysign(hold, push))
-        return v, (displacement + abs(path), dragged + lost)
-    return 0.0, (displacement, dragged)

@@ -6,9 +6,8 @@ import math
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import sum_of_hooks
-from granular.effects import drag
-from granular.effects.friction_law import velocity_factor_after_friction
 from granular.effects.host_structure import PULL, PUSH, HostWorkspace
+from granular.effects.slide import drag_flow_coefficients, slide
 from granular.effects.wall_side import TOP
 from granular.kernel_data.compensated_summation import compensated_sum
 from granular.kernel_data.constants import Constants, PistonResistance
@@ -50,78 +49,17 @@ def _add_to_piston(rounding: Array | None, entry: int, error: int, by: float, pi
 
 @compiled(inline=True)
 def _kick_against_resistance(
-    resistance: PistonResistance | None, force: float, dt: float, mass: float, state: State, opens_step: bool
+    resistance: PistonResistance | None, force: float, dt: float, mass: float, state: State
 ) -> None:
     if resistance is None:
         _add_to_piston(state.rounding, SPEED, SPEED_ROUNDING, dt * force / mass, state.piston)
-    # One after the other, force and friction would stop a piston for good that is pushed on, and give a
-    # creeping one more energy than it has.
-    elif _stops_within_step(resistance, force, dt, mass, state):
-        _slide_with_friction(resistance, force, dt, mass, state)
-    elif opens_step:
-        _accelerate_with_drag(resistance, force, dt, mass, state)
-        _slow_by_friction(resistance, dt, mass, state)
     else:
-        _slow_by_friction(resistance, dt, mass, state)
-        _accelerate_with_drag(resistance, force, dt, mass, state)
-
-
-@compiled
-def _stops_within_step(
-    resistance: PistonResistance, force: float, dt: float, mass: float, state: State
-) -> bool:
-    """Return whether the force and twice the friction would stop the piston within ``dt``."""
-    v = state.piston[SPEED]
-    against = max(-math.copysign(force, force * v), 0.0)
-    return abs(v) * mass < dt * (against + 2.0 * resistance.force)
-
-
-@compiled
-def _accelerate_with_drag(
-    resistance: PistonResistance, force: float, dt: float, mass: float, state: State
-) -> None:
-    """Force and drag, exactly."""
-    decay, gain, a, b, c = drag.drag_flow_coefficients(resistance.rate, dt)
-    v, push = state.piston[SPEED], force / mass
-    state.piston[SPEED] = decay * v + gain * push
-    state.ledger[PISTON] += mass * (a * v * v + b * v * push + c * push * push)
-
-
-@compiled
-def _slide_with_friction(
-    resistance: PistonResistance, force: float, dt: float, mass: float, state: State
-) -> None:
-    """Force, drag and friction together, where friction alone could stop the piston."""
-    v, rate, friction = state.piston[SPEED], resistance.rate, resistance.force
-    if v != 0.0:
-        sign = math.copysign(1.0, v)
-        net = force - sign * friction
-        decay, gain, _, _, _ = drag.drag_flow_coefficients(rate, dt)
-        if sign * (decay * v + gain * net / mass) > 0.0:
-            displacement = drag.displacement_under_drag(rate, dt, gain, abs(v), sign * net / mass)
-            state.ledger[PISTON] += friction * displacement
-            _accelerate_with_drag(resistance, net, dt, mass, state)
-            return
-        brake = -sign * net / mass
-        displacement = drag.stopping_distance(rate, abs(v), brake)
-        state.ledger[PISTON] += 0.5 * mass * v * v + sign * force * displacement
-        state.piston[SPEED] = 0.0
-        dt = max(dt - drag.stopping_time(rate, abs(v), brake), 0.0)
-    if abs(force) > friction:
-        net = force - math.copysign(friction, force)
-        _, gain, _, _, _ = drag.drag_flow_coefficients(rate, dt)
-        state.ledger[PISTON] += friction * drag.displacement_under_drag(rate, dt, gain, 0.0, abs(net) / mass)
-        _accelerate_with_drag(resistance, net, dt, mass, state)
-
-
-@compiled
-def _slow_by_friction(resistance: PistonResistance, dt: float, mass: float, state: State) -> None:
-    """Sliding piston loses speed, and stops where it has no more."""
-    speed = abs(state.piston[SPEED])
-    if speed > 0.0:
-        left = velocity_factor_after_friction(speed, resistance.force * dt / mass)
-        state.piston[SPEED] *= left
-        state.ledger[PISTON] += 0.5 * mass * speed * speed * (1.0 - left * left)
+        rate, friction = resistance.rate, resistance.force
+        flow, speed = drag_flow_coefficients(rate, dt), (0.0, state.piston[SPEED])
+        _, state.piston[SPEED], dragged, rubbed = slide(
+            rate, dt, flow, mass, speed, (0.0, force), 1.0, 1.0, friction
+        )
+        state.ledger[PISTON] += dragged + rubbed
 
 
 @compiled
@@ -147,7 +85,7 @@ def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, 
             state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
         ) - _inertial_force(state.host, constants)
         before = state.piston[SPEED]
-        _kick_against_resistance(constants.resistance, force, dt, constants.piston_mass, state, opens_step)
+        _kick_against_resistance(constants.resistance, force, dt, constants.piston_mass, state)
         # Force times mean velocity: the ledger then has the method's order.
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
