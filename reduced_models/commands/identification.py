@@ -182,7 +182,23 @@ def _planned_source(source: Any, options: Any) -> Any:
         action="append",
         default=[],
         metavar="NAME=LOW:HIGH",
-        help="least and greatest value of a parameter, in SI or as '0.1 m:20 cm' (repeatable)",
+        help="lowest and highest value of a parameter, in SI or as '0.1 m:20 cm' (repeatable)",
+    ),
+    option(
+        "--fix",
+        dest="fixed",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="parameter that keeps its value, in SI or as '12 cm' (repeatable)",
+    ),
+    option(
+        "--start",
+        dest="begun",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="value about which a parameter is looked for first, in SI or as '12 cm' (repeatable)",
     ),
     TEST_FRACTION,
     STARTS,
@@ -212,6 +228,7 @@ examples:
   %(prog)s --laws
   %(prog)s lab.csv --law duffing -o model.json
   %(prog)s a.csv b.csv --law linear --own g0 --bound lam=0:2
+  %(prog)s lab.csv --law duffing --fix lam=0.8 --start "omega=21 rad/s"
   %(prog)s shaken.csv --law "z'' + 2*lam*(z' - base_speed) + k*z = g0"
   %(prog)s acc.csv --law linear --columns acceleration=ax
   %(prog)s slow.csv fast.csv --law bouc-wen --columns stroke=lvdt,force=cell
@@ -235,7 +252,7 @@ def fit(options: Any) -> None:
     models = fit_law(
         load_records(options.sources, options),
         options.law,
-        parameters=parse_parameters(options.bounds, options.own),
+        parameters=parse_parameters(**pick_options(options, "bounds", "own", "fixed", "begun")),
         options=FitOptions(
             drift=options.drift, measured=None if options.measured is None else parse_sensor(options.measured)
         ),
@@ -248,19 +265,32 @@ def fit(options: Any) -> None:
     print_result({"models": [model.to_plain() for model in models]}, text, options.json)
 
 
-def parse_parameters(bounds: Sequence[str], own: Sequence[str]) -> dict[str, Parameter]:
-    """Read limits of parameters, ``NAME=LOW:HIGH``, and names of those that each record has for itself."""
+def parse_parameters(
+    bounds: Sequence[str], own: Sequence[str], fixed: Sequence[str] = (), begun: Sequence[str] = ()
+) -> dict[str, Parameter]:
+    """Read limits ``NAME=LOW:HIGH``, names that each record has for itself, and values ``NAME=VALUE``."""
     from reduced_models.fitting.parameter import Parameter
 
-    parameters = {}
+    parameters: dict[str, Parameter] = {}
+
+    def add(name: str, **known: Any) -> None:
+        name = name.strip()
+        parameters[name] = dataclasses.replace(parameters.get(name, Parameter()), **known)
+
     for item in bounds:
         name, _, pair = item.partition("=")
         low, colon, high = pair.partition(":")
         if not colon:
             raise InputError(f"--bound {quote(item)} is not NAME=LOW:HIGH; write lam=0:2")
-        parameters[name.strip()] = Parameter(low=low.strip() or None, high=high.strip() or None)
+        add(name, low=low.strip() or None, high=high.strip() or None)
     for name in own:
-        parameters[name] = dataclasses.replace(parameters.get(name, Parameter()), per_record=True)
+        add(name, per_record=True)
+    for word, items in (("--start", begun), ("--fix", fixed)):
+        for item in items:
+            name, _, value = item.partition("=")
+            if not value.strip():
+                raise InputError(f"{word} {quote(item)} is not NAME=VALUE; write lam=0.5")
+            add(name, value=value.strip(), fixed=word == "--fix")
     return parameters
 
 

@@ -27,6 +27,7 @@ from reduced_models.falls.predicted_law import (
     predict_bed_parameters,
 )
 from reduced_models.laws.equation import compile_rates
+from reduced_models.laws.solution import solve_law
 
 if TYPE_CHECKING:
     from granular.scene.scene import Scene
@@ -39,7 +40,6 @@ from 1.09 on it is within 3 % of the drop, at 1.02 and 0.89 it is 5 and 8 % off.
 DURATION = 3.0
 """Duration of a fall [s], times the fourth root of the grains over 368, as its period goes."""
 SAMPLES = 3001
-TOLERANCE = 1e-8
 
 
 class FallSummary(NamedTuple):
@@ -155,7 +155,7 @@ def whole_fall(
 
 
 def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float | None) -> FallSummary:
-    from scipy.integrate import odeint, simpson
+    from scipy.integrate import simpson
 
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
@@ -168,13 +168,8 @@ def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float
             "give a greater height"
         )
     times = np.linspace(0.0, _fall_duration(scene), SAMPLES)
-    field, numbers = compile_rates(LAW.equation, (), "math"), [values[name] for name in LAW.parameters]
-
-    def rates(state: np.ndarray, _: float) -> tuple[float, ...]:
-        z, v, w = (float(number) for number in state)
-        return v, *field(z, v, w, *numbers)
-
-    z, v, w = odeint(rates, (start, 0.0, 0.0), times, rtol=TOLERANCE, atol=TOLERANCE).T
+    numbers = [values[name] for name in LAW.parameters]
+    z, v, w = solve_law(LAW, times, start, 0.0, numbers, start - values["rest"]).states.T
     acceleration = np.asarray(compile_rates(LAW.equation, (), "numpy")(z, v, w, *numbers)[0])
     force = piston.mass * (gravity.acceleration + acceleration)
     stress = values["weight"] * (values["rest"] / z) ** values["power"] * w

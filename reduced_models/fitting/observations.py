@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from granular.shared.errors import InputError, RecordError
+from granular.shared.errors import InputError, RecordError, RecordWarning
 from granular.shared.message_text import quote
 from reduced_models.fitting.problem import TrainingData, split_training_data, weights_and_noise
 from reduced_models.fitting.sensor_identifiability import IdentifiableSensor, identifiable_sensor
@@ -18,6 +19,7 @@ from reduced_models.least_squares.residuals import LossName
 from reduced_models.records.derivatives import noise_level
 from reduced_models.records.inputs import with_stroke_columns
 from reduced_models.records.sensor import Sensor, SensorQuantity, resolve_sensor
+from reduced_models.records.sensor_artefacts import keep_text, without_clipped_samples
 
 
 class ObservedRecords(NamedTuple):
@@ -112,14 +114,17 @@ def training_data(
     if isinstance(noise, Mapping):
         _check_noise_names(law, noise)
     result = []
+    shared = [_shared_samples(record, law.observations) for record in observed.records]
     for name in names:
         own = noise.get(name) if isinstance(noise, Mapping) else noise
         given = weights_and_noise(observed.records, weights, own)
         for number, record in enumerate(observed.records):
+            weight, level = given[number]
             data = split_training_data(
-                record,
+                record.select(shared[number]),
                 test_fraction,
-                *given[number],
+                None if weight is None else weight[shared[number]],
+                level,
                 loss,
                 fixed[number],
                 _reading_sensor(name) if name and observed.view.sensor is None else observed.view.sensor,
@@ -128,6 +133,22 @@ def training_data(
             )
             result.append(data._replace(observation=name, number=number))
     return tuple(result) if len(names) == 1 else _weighted_by_noise(result)
+
+
+def _shared_samples(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
+    """Mask of the samples from the first on that no column is clipped at: columns share their time zero."""
+    start = record.time[0]
+    if len(names) > 1:
+        with warnings.catch_warnings(action="ignore"):
+            for name in names:
+                signal = _reading_sensor(name).signal(record.columns)
+                sound = without_clipped_samples(dataclasses.replace(record, height=signal))
+                start = max(start, sound.time[0])
+    if start > record.time[0]:
+        words = "a column begins at the limit of its sensor (clipped)"
+        cut = f"the first {start - record.time[0]:.3g} s are left out"
+        warnings.warn(f"{words}, so {cut}; {keep_text(record)}", RecordWarning, stacklevel=3)
+    return np.asarray(record.time >= start)
 
 
 def _check_noise_names(law: Law, noise: Mapping[str, Any]) -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -341,11 +342,12 @@ def _extremes_between(time: np.ndarray, height: np.ndarray, passages: tuple[np.n
             "its extremes: sample faster"
         )
     sign = -first * (-1.0) ** np.arange(len(halves))
+    spline = functools.cache(lambda: _spline(time, height))  # of few samples a half cycle alone
     extremes = [
-        _extreme_about(time, height, 0.5 * (begin + end), end - begin, side)
+        _extreme_about(time, height, spline, 0.5 * (begin + end), end - begin, side)
         for begin, end, side in zip(times[:-1], times[1:], sign, strict=True)
     ]
-    early = _extreme_about(time, height, times[0] - 0.5 * halves[0], halves[0], first)
+    early = _extreme_about(time, height, spline, times[0] - 0.5 * halves[0], halves[0], first)
     if math.isfinite(early[0]):
         extremes, sign = [early, *extremes], np.concatenate([[first], sign])
     placed = np.array(extremes)
@@ -353,7 +355,12 @@ def _extremes_between(time: np.ndarray, height: np.ndarray, passages: tuple[np.n
 
 
 def _extreme_about(
-    time: np.ndarray, height: np.ndarray, middle: float, half: float, sign: float
+    time: np.ndarray,
+    height: np.ndarray,
+    spline: Callable[[], Callable[[np.ndarray], np.ndarray]],
+    middle: float,
+    half: float,
+    sign: float,
 ) -> tuple[float, float]:
     """Time and height of the extreme about a time, half a cycle wide; not a number if a hole hides it."""
     begin, end = np.searchsorted(time, [middle - half, middle + half])
@@ -369,8 +376,7 @@ def _extreme_about(
             return math.nan, math.nan
         if last - first < _FEWEST:
             x = np.linspace(-1.0, 1.0, 2 * _DEGREE + 1)
-            near = slice(max(0, first - 8), last + 8)
-            values = _spline(time[near], height[near], middle + _REACH * half * x)
+            values = spline()(middle + _REACH * half * x)
         else:
             x, values = (time[first:last] - middle) / (_REACH * half), height[first:last]
         top, value = _polynomial_top(x, sign * values)
@@ -378,10 +384,11 @@ def _extreme_about(
     return middle, sign * value
 
 
-def _spline(time: np.ndarray, height: np.ndarray, at: np.ndarray) -> np.ndarray:
+def _spline(time: np.ndarray, height: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     from scipy.interpolate import make_interp_spline
 
-    return np.asarray(make_interp_spline(time, height, k=min(5, (len(time) - 1) | 1))(at))
+    result: Callable[[np.ndarray], np.ndarray] = make_interp_spline(time, height, k=5)
+    return result
 
 
 @functools.lru_cache(maxsize=8)
@@ -396,12 +403,13 @@ def _polynomial_top(x: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     coefficients, *_ = np.linalg.lstsq(basis, values, rcond=None)
     fine, powers = _fine_grid(_DEGREE)
     top = float(fine[int((powers @ coefficients).argmax())])
-    line = np.polynomial.Polynomial(coefficients)
-    slope, bend = line.deriv(1), line.deriv(2)
+    power = np.arange(_DEGREE + 1)
     for _ in range(3):  # Newton's steps to where the slope is zero
-        if bend(top) < 0.0:
-            top = float(np.clip(top - slope(top) / bend(top), -1.0, 1.0))
-    return top, float(line(top))
+        terms = coefficients[1:] * power[1:] * top ** power[:-1]
+        bend = float((coefficients[2:] * power[2:] * power[1:-1]) @ top ** power[:-2])
+        if bend < 0.0:
+            top = min(max(top - float(terms.sum()) / bend, -1.0), 1.0)
+    return top, float(coefficients @ top**power)
 
 
 def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ...]:

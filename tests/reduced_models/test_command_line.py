@@ -125,6 +125,10 @@ def test_fit_compare_and_simulate(
     words = ["fit", "lab.csv", "--law", "z'' + 2*d*z' + k*z = g", "--bound", "d=0:5", "--starts", "1"]
     assert launch(main, [*words, "-o", "fitted.json", "--quiet"]) == 0
     assert "model: fitted.json" in capsys.readouterr().out
+    kept = ["fit", "lab.csv", "--law", "z'' + 2*d*z' + k*z = g", "--fix", "d=0.75", "--start", "k=476"]
+    assert launch(main, [*kept, "--starts", "1", "--json", "--quiet"]) == 0
+    (model,) = json.loads(capsys.readouterr().out)["models"]
+    assert model["parameters"]["d"] == pytest.approx(0.75, rel=1e-12)
     words = ["simulate", "fitted.json", "--until", "2 s", "--samples", "2000", "-o", "motion.csv"]
     assert launch(main, words) == 0
     record = PistonRecord.from_csv(files / "lab.csv")
@@ -151,6 +155,8 @@ def test_fit_compare_and_simulate(
         (("fit", "lab.csv", "--law", "linear", "--bound", "lam=1 m:2"), "in 1/s is wanted"),
         (("fit", "lab.csv", "--law", "linear", "--bound", "omega=3 Hz:"), "give 2 pi times it"),
         (("fit", "lab.csv", "--law", "q'' + k*q = g0", "--bound", "k=one:2"), "give a number in SI"),
+        (("fit", "lab.csv", "--fix", "lam"), "--fix 'lam' is not NAME=VALUE"),
+        (("fit", "lab.csv", "--start", "lam=1 m"), "in 1/s is wanted"),
         (("fit", "lab.csv", "--test-fraction", "1"), "from 0 to 0.9"),
         (("fit", "lab.csv", "--test-fraction", "2 s"), "a pure number or a fraction in % is wanted"),
         (("compare", "lab.csv", "--law", "linaer"), "did you mean 'linear'"),
@@ -182,6 +188,10 @@ def test_numbers_have_units_where_they_are_taken() -> None:
     settings = parameter_settings(LAWS["polynomial-spring"], found, 1)
     assert settings.bounds == {"rest": (0.01, 0.02), "k2": (-1.0, math.inf), "lam": (0.0, 2.0)}
     assert settings.own == ("lam",)
+    found = parse_parameters(["lam=0:2"], [], ["rest=12 mm"], ["k2=1e-3 1/(mm s^2)", "lam=0.5"])
+    settings = parameter_settings(LAWS["polynomial-spring"], found, 1)
+    assert settings.bounds == {"rest": (0.012, 0.012), "lam": (0.0, 2.0)}
+    assert settings.start == {"k2": 1.0, "lam": 0.5}
     words = ["design", "--frequency", "3.5 Hz", "--damping", "4 %", "--small-share", "25 %"]
     options = parser().parse_args(words)
     assert (options.frequency, options.damping, options.small_share) == (3.5, 0.04, 0.25)

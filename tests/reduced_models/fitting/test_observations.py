@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
-from granular.shared.errors import InputError, RecordError
+from granular.shared.errors import InputError, RecordError, RecordWarning
 from reduced_models import FitOptions, Law, Parameter, compare, fit, load_model, roll_out
 
 NOISE = 0.01
@@ -265,3 +265,18 @@ def test_a_height_that_a_fit_holds_is_no_free_parameter() -> None:
     (row,) = compare(record, law, starts=2).rows
     assert row.models[0].parameters["rest"] == pytest.approx(0.03, rel=0.02)
     assert row.parameters == 3
+
+
+def test_columns_share_their_time_zero_if_one_begins_at_a_limit_of_its_sensor() -> None:
+    """A position sensor that ends below the release, next to a whole record of the velocity."""
+    time, random = np.linspace(0.0, 2.0, 2000), np.random.default_rng(0)
+    motion = 1e-3 * np.exp((-0.8 + 21.8j) * time)
+    position = np.minimum(motion.real + random.normal(0.0, 2e-6, len(time)), 0.95e-3)
+    velocity = ((-0.8 + 21.8j) * motion).real + random.normal(0.0, 4e-5, len(time))
+    law = Law("both", "z'' + 2*lam*z' + k*z = 0; height = z; rate = z'", positive=("lam", "k"))
+    with pytest.warns(RecordWarning, match="begins at the limit of its sensor"):
+        model = fit(PistonRecord(time, position, extra={"rate": velocity}), law, starts=2)
+    for name, true in (("lam", 0.8), ("k", 0.8**2 + 21.8**2)):
+        low, high = model.intervals[name]
+        assert abs(model.parameters[name] - true) < high - low
+    assert model.quality.residual == pytest.approx(2e-6, rel=0.1)
