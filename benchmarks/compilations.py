@@ -1,4 +1,4 @@
-"""Processor time of fits with nothing compiled, and the share of JAX: ``python -m benchmarks.compilations``."""
+"""Processor time of fits without stored code, and the part of JAX: ``python -m benchmarks.compilations``."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from benchmarks.process import finished
 
-PROGRAM = ("-m", "validation.console_script")
+PROGRAM = ("-c", "from validation.console_script import main; raise SystemExit(main())")
 
 _COMPRESSION = """
 from granular import mono_bed, simulate
