@@ -8,7 +8,20 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import PARTS, c_kernel
+from benchmarks.absent_effect_cost import cost_of_absence
 from benchmarks.available_engines import NAMES, why_not
+from benchmarks.compression import SPEED, compression
+from benchmarks.custom_effect_cost import own_starts, own_steps
+from benchmarks.engine import PAIR_METHODS
+from benchmarks.fits import TRUTHS, fits
+from benchmarks.fresh_process import peak_memory, starts
+from benchmarks.jobs import job_times
+from benchmarks.package import package_figures
+from benchmarks.page import growth, page
+from benchmarks.pair_sum_errors import forces_at_rest
+from benchmarks.steps import effect_steps, method_errors, method_steps, thread_steps
+from benchmarks.study import study_times
+from benchmarks.sums import cut_off_sums, direct_sums
 from granular.shared.files import make_directory, write_json
 from validation.report_tasks import Task, machine_info, run_tasks
 
@@ -19,79 +32,43 @@ COUNTS, LARGE_COUNTS = (92, 368, 1472, 2944, 5888, 11776), (23552, 94208)
 MILLION = 1_000_000
 
 
+_Part = Callable[[bool], _Work]
+
+
 def _rounds(full: bool) -> int:
     return 100 if full else 40
 
 
-def _sums(full: bool) -> _Work:
-    from benchmarks.sums import direct_sums
-
-    for count in (92, 368, 1472, 5888) if full else (92, 368, 1472):
-        yield {"grains": count}, partial(direct_sums, count, _rounds(full))
+def _once(measure: Callable[[], _Rows]) -> _Part:
+    """Part that is one measurement."""
+    return lambda full: iter([({}, measure)])
 
 
-def _lists(full: bool) -> _Work:
-    from benchmarks.sums import cut_off_sums
+def _for_each(
+    key: str, measure: Callable[..., _Rows], quick: Sequence[int], full: Sequence[int], share: float = 0.0
+) -> _Part:
+    """Part that measures some values of a key, with a share of the usual rounds if it takes rounds."""
 
-    for count in (368, 1472, 5888, 23552, 94208) if full else (368, 1472, 5888):
-        yield {"grains": count}, partial(cut_off_sums, count, _rounds(full) // 4)
+    def work(is_full: bool) -> _Work:
+        rounds = (int(share * _rounds(is_full)),) if share else ()
+        for value in full if is_full else quick:
+            yield {key: value}, partial(measure, value, *rounds)
+
+    return work
 
 
 def _methods(full: bool) -> _Work:
-    from benchmarks.steps import method_steps
-
-    for count in COUNTS:
-        yield {"grains": count}, partial(method_steps, count, _rounds(full) // 4)
+    yield from _for_each("grains", method_steps, COUNTS, COUNTS, 0.25)(full)
     for count in LARGE_COUNTS if full else ():
         yield {"grains": count}, partial(method_steps, count, 3)
 
 
-def _errors(full: bool) -> _Work:
-    from benchmarks.steps import method_errors
-
-    for count in (368, 2208, 5888) if full else (368, 2208):
-        yield {"grains": count}, partial(method_errors, count)
-
-
-def _rest(full: bool) -> _Work:
-    from benchmarks.pair_sum_errors import forces_at_rest
-
-    for count in (736, 2208, 5888) if full else (368,):
-        yield {"grains": count}, partial(forces_at_rest, count)
-
-
-def _threads(full: bool) -> _Work:
-    from benchmarks.steps import thread_steps
-
-    for count in (368, 1472, 5888, 23552) if full else (368, 1472, 5888):
-        yield {"grains": count}, partial(thread_steps, count, _rounds(full) // 4)
-
-
-def _effects(full: bool) -> _Work:
-    from benchmarks.steps import effect_steps
-
-    for count in (92, 368, 5888) if full else (368, 5888):
-        yield {"grains": count}, partial(effect_steps, count, _rounds(full) // 4)
-
-
-def _absent(full: bool) -> _Work:
-    from benchmarks.absent_effect_cost import cost_of_absence
-
-    yield {}, partial(cost_of_absence, rounds=_rounds(full) // 2)
-
-
 def _own(full: bool) -> _Work:
-    from benchmarks.custom_effect_cost import own_starts, own_steps
-
-    for count in (92, 368):
-        yield {"grains": count}, partial(own_steps, count, 4 * _rounds(full))
+    yield from _for_each("grains", own_steps, (92, 368), (92, 368), 4.0)(full)
     yield {}, own_starts
 
 
 def _memory(full: bool) -> _Work:
-    from benchmarks.engine import PAIR_METHODS
-    from benchmarks.fresh_process import peak_memory
-
     for method in PAIR_METHODS:
         for count in (5888, *LARGE_COUNTS) if full else (5888, 23552):
             yield {"method": method, "grains": count}, partial(peak_memory, count, method)
@@ -99,65 +76,36 @@ def _memory(full: bool) -> _Work:
             yield {"method": method, "grains": MILLION}, partial(peak_memory, MILLION, method)
 
 
-def _start(full: bool) -> _Work:
-    from benchmarks.fresh_process import starts
-
-    yield {}, starts
-
-
-def _package(full: bool) -> _Work:
-    from benchmarks.package import package_figures
-
-    yield {}, package_figures
-
-
 def _protocol(full: bool) -> _Work:
-    from benchmarks.compression import SPEED, compression
-
     # Twelve times the published speed takes a twelfth of the time.
     speed = SPEED if full else 0.1
     for seed in (1, 2, 3) if full else (1,):
         yield {"seed": seed, "speed": speed}, partial(compression, seed, speed)
 
 
-def _study(full: bool) -> _Work:
-    from benchmarks.study import study_times
-
-    cases = 200 if full else 20
-    yield {"cases": cases}, partial(study_times, cases)
-
-
 def _fits(full: bool) -> _Work:
-    from benchmarks.fits import TRUTHS, fits
-
     for law in TRUTHS if full else ("van-der-pol-like",):
         for samples in (1_000, 100_000):
             yield {"law": law, "samples": samples}, partial(fits, law, samples)
 
 
-def _jobs(full: bool) -> _Work:
-    from benchmarks.jobs import job_times
-
-    yield {}, job_times
-
-
-_WORK: dict[str, Callable[[bool], _Work]] = {
-    "sums": _sums,
-    "lists": _lists,
+_WORK: dict[str, _Part] = {
+    "sums": _for_each("grains", direct_sums, (92, 368, 1472), (92, 368, 1472, 5888), 1.0),
+    "lists": _for_each("grains", cut_off_sums, (368, 1472, 5888), (368, 1472, 5888, *LARGE_COUNTS), 0.25),
     "methods": _methods,
-    "errors": _errors,
-    "rest": _rest,
-    "threads": _threads,
-    "effects": _effects,
-    "absent": _absent,
+    "errors": _for_each("grains", method_errors, (368, 2208), (368, 2208, 5888)),
+    "rest": _for_each("grains", forces_at_rest, (368,), (736, 2208, 5888)),
+    "threads": _for_each("grains", thread_steps, (368, 1472, 5888), (368, 1472, 5888, 23552), 0.25),
+    "effects": _for_each("grains", effect_steps, (368, 5888), (92, 368, 5888), 0.25),
+    "absent": lambda full: iter([({}, partial(cost_of_absence, rounds=_rounds(full) // 2))]),
     "own": _own,
     "memory": _memory,
-    "start": _start,
-    "package": _package,
+    "start": _once(starts),
+    "package": _once(package_figures),
     "protocol": _protocol,
     "fits": _fits,
-    "study": _study,
-    "jobs": _jobs,
+    "study": _for_each("cases", study_times, (20,), (200,)),
+    "jobs": _once(job_times),
 }
 
 
@@ -212,8 +160,6 @@ def benchmark(
     InputError
         If the directory cannot be written.
     """
-    from benchmarks.page import growth
-
     where = None if out is None else Path(out)
     if where is not None:
         make_directory(where)
@@ -233,7 +179,5 @@ def benchmark(
 
 
 def _save(result: dict[str, Any], where: Path) -> None:
-    from benchmarks.page import page
-
     page(result).save(where / "benchmark.html")
     write_json(where / "benchmark.json", result)

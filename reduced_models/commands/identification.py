@@ -474,15 +474,9 @@ def _compare_response(options: Any) -> None:
     page.save(path)
     peaks = () if law is None else law.peaks
     rows = [
-        {
-            "force": peak.force,
-            "simulated": peak.simulated,
-            "law": peak.law,
-            "error": peak.law_peak_error,
-            "linear": peak.linear,
-            "linear_error": peak.small_swing_peak_error,
-            "outside": peak.outside or None,
-        }
+        dataclasses.asdict(peak)
+        | {"error": peak.law_peak_error, "linear_error": peak.small_swing_peak_error}
+        | {"outside": peak.outside or None}
         for peak in peaks
     ]
     lines = [response.table, why] if law is None else [law.peak_table]
