@@ -65,6 +65,6 @@ def bed_by_hand(engine: EngineSteps) -> Bed:
         push=np.zeros_like(state.x),
         totals=np.zeros(5),
         grains=constants.grains,
-        width=constants.width,
+        width=-constants.acting.sides[1].offset,
         height=float(state.piston[0]),
     )

@@ -89,21 +89,23 @@ def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
         a = -decay * v - weight * np.array([0.0, 1.0])
         if effects.dipole is not None and count > 1:
             a = a + pairs(x)
-        for axis, sign, position in walls:
-            push = 0.5 * sign * (sign * (x[:, axis] - position)) ** -3.5
-            a = a + push[:, None] * np.eye(2)[axis]
+        for normal, point in walls:
+            push = 0.5 * ((x - point) @ normal) ** -3.5
+            a = a + push[:, None] * normal
         return arrays.concatenate([v.ravel(), a.ravel()])
 
     return motion
 
 
-def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]:
-    """Axis, direction of the force and place [D] of each wall."""
-    walls, right = scene.effects.walls, scene.cell.width / scales.length
-    planes = {"left": (0, 1.0, 0.0), "right": (0, -1.0, right), "bottom": (1, 1.0, 0.0)}
-    if scene.piston is not None:
-        planes["top"] = (1, -1.0, scene.piston.height / scales.length)
-    return [] if walls is None else [planes[side] for side, _ in walls.present_walls]
+def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the normal into the cell, and a point [D], of each wall."""
+    walls, height = scene.effects.walls, 0.0 if scene.piston is None else scene.piston.height
+    walled = set() if walls is None else {side for side, _ in walls.present_walls}
+    return [
+        (np.array(line.normal), np.array(line.place(height)) / scales.length)
+        for line in scene.cell.lines
+        if line.name in walled
+    ]
 
 
 def external_solver(name: str) -> Callable[[ExactProblem, int], GrainStates]:

@@ -33,7 +33,8 @@ from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
 from granular.parts.drags import counter_flow_factor, disc_drag
 from granular.parts.liquids import find_liquid
-from granular.schema.apparatus import Cell, Grains
+from granular.schema.apparatus import Grains
+from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError, at_key
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity, text_field

@@ -29,7 +29,8 @@ from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.grain_arrays import value_or_one
-from granular.schema.apparatus import Cell, Grains, Piston
+from granular.schema.apparatus import Grains, Piston
+from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
 from granular.schema.sections import choice_field, flag_field, integer_field, quantity

@@ -30,7 +30,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from granular.schema.apparatus import Cell, Grains, Piston
+from granular.schema.apparatus import Grains, Piston
+from granular.schema.cell import Cell
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section
 

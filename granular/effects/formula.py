@@ -29,7 +29,8 @@ from granular.effects.force_effect import ForceEffect
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
 from granular.pairs.direct_sum import pad_values
-from granular.schema.apparatus import Cell, Grains, Piston
+from granular.schema.apparatus import Grains, Piston
+from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError, FieldKind, SectionListKind, unknown_word_message
 from granular.schema.formula_parameters import SectionWithFormula
 from granular.schema.natural_units import Scales

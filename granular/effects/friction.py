@@ -39,7 +39,8 @@ from granular.effects.effect import Effect, EffectContext, RecordedVariable, ene
 from granular.effects.friction_law import FrictionLaw
 from granular.kernel_data.state import LOSSES, State
 from granular.pairs.direct_sum import pad_values
-from granular.schema.apparatus import Cell, Grains, Piston
+from granular.schema.apparatus import Grains, Piston
+from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError
 from granular.schema.sections import choice_field, quantity
 

@@ -20,7 +20,8 @@ from granular.effects.excitation import Excitation, ExcitationLaw
 from granular.effects.moving_frame_effect import MovingFrameEffect
 from granular.kernel_data.state import LOSSES, SPEED, Bed, State
 from granular.pairs.grain_arrays import value_or_one
-from granular.schema.apparatus import Cell, Grains, Piston
+from granular.schema.apparatus import Grains, Piston
+from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
 from granular.schema.sections import (

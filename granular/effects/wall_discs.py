@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.effects.wall_side import WallSide
+from granular.effects.wall_side import WallView, distance_from_wall, place_along_wall, push_grain
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
 from granular.pairs.disc_near_law import disc_law_continued_below_contact, force_slope_at_contact
@@ -126,31 +126,30 @@ class DiscWall(NamedTuple):
         law: DiscWall,
         count: int,
         moments: Float[Array, "m"] | None,
-        side: WallSide,
+        view: WallView,
         normal: Float[Array, "m"],
     ) -> int:
         """Add the forces of the wall; fill in those away from it, ``normal`` [F*]."""
         outside = 0
         for i in range(count):
-            w = side.sign * (side.position[i] - side.offset)
+            w = distance_from_wall(view, i)
             kind = _grain_species(law.species, i)
-            _, normal[i], tangential = energy_and_forces(law.tables, kind, w, side.along[i])
+            _, normal[i], along = energy_and_forces(law.tables, kind, w, place_along_wall(view, i))
             normal[i] *= value_or_one(moments, i)
-            side.force[i] += side.sign * normal[i]
-            side.force_along[i] += value_or_one(moments, i) * tangential
+            push_grain(view, i, normal[i], value_or_one(moments, i) * along)
             outside += not w > 0.0
         return outside
 
     @staticmethod
     @compiled
     def measure_energy_and_stiffness(
-        law: DiscWall, count: int, side: WallSide, slopes: Float[Array, "m"], energies: Float[Array, "m"]
+        law: DiscWall, count: int, view: WallView, slopes: Float[Array, "m"], energies: Float[Array, "m"]
     ) -> None:
         """Fill in energies of grains of moment 1 [F* D], and add bounds of their stiffness [F*/D]."""
         for i in range(count):
-            w = side.sign * (side.position[i] - side.offset)
+            w = distance_from_wall(view, i)
             kind = _grain_species(law.species, i)
-            energies[i] = energy_and_forces(law.tables, kind, w, side.along[i])[0]
+            energies[i] = energy_and_forces(law.tables, kind, w, place_along_wall(view, i))[0]
             slopes[i] += stiffness(law.tables, kind, w)
 
     @staticmethod

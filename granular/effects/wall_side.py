@@ -1,51 +1,68 @@
-"""A side of the cell as a wall sees it, and what a law of the distance alone does there.
+"""A side of the cell as the kernels take it, and the work of a law of the distance alone there.
+
+A side is a line with a unit normal n into the cell; a grain at r is at the distance w = n.r - c from it,
+and at t.r - a along it. It moves up and down with its body: the cell, or the piston, whose height is
+added to its place.
 
 The law of a wall is a named tuple whose class has, as static methods, ``force(law, w)``,
 ``energy(law, w)`` and ``stiffness(law, w)`` of a grain of the first species at the distance w [D],
 and ``turning_point_stiffness(law, speed)``, the stiffness per mass where a grain of that speed turns;
-``is_behind(law, w)`` where another test than the sign of w is quicker. A law that is more than that
+``is_behind(law, w)`` if another test than the sign of w is quicker. A law that is more than that
 has ``add_forces`` and ``measure_energy_and_stiffness`` instead.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_hook
-from granular.kernel_data.state import HEIGHT, Bed
+from granular.kernel_data.constants import relative_moments
+from granular.kernel_data.state import HEIGHT, SPEED, Bed
+from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
+from granular.schema.cell import PISTON
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-SIDES = ("left", "right", "bottom", "top")
-LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))
-"""Walls in the order in which their forces are entered."""
+PARALLEL = 1e-9
+"""Largest sine of the angle between two sides that count as parallel."""
 
 
-class WallSide(NamedTuple):
-    """A wall's position, and the grains' coordinates as seen from it."""
+class WallView(NamedTuple):
+    """The grains as a wall sees them at one moment."""
 
-    position: Float[Array, "m"]  # coordinates across the wall [D]
-    along: Float[Array, "m"]  # coordinates along it [D]
-    force: Float[Array, "m"]  # on the grains, in the direction of ``position`` [F*]
-    force_along: Float[Array, "m"]  # [F*]
-    offset: float  # [D]; w = sign * (position - offset)
-    sign: float
+    x: Float[Array, "m"]  # [D]
+    y: Float[Array, "m"]  # [D]
+    fx: Float[Array, "m"]  # forces on the grains [F*]
+    fy: Float[Array, "m"]  # [F*]
+    nx: float  # unit normal into the cell
+    ny: float
+    offset: float  # [D]; w = n.r - offset
+    tx: float  # unit vector along the wall
+    ty: float
+    begin: float  # [D]; the place along the wall is t.r - begin
 
 
 @compiled(inline=True)
-def sides_of_cell(bed: Bed) -> tuple[WallSide, WallSide, WallSide, WallSide]:
-    """Return the walls of a bed, in the order of `SIDES`."""
-    state = bed.state
-    x, y, fx, fy = state.x, state.y, state.fx, state.fy
-    return (
-        WallSide(x, y, fx, fy, 0.0, 1.0),
-        WallSide(x, y, fx, fy, bed.constants.width, -1.0),
-        WallSide(y, x, fy, fx, 0.0, 1.0),
-        WallSide(y, x, fy, fx, state.piston[HEIGHT], -1.0),
-    )
+def distance_from_wall(view: WallView, i: int) -> float:
+    """Distance of a grain from a wall, negative behind it [D]."""
+    return view.nx * view.x[i] + (view.ny * view.y[i] - view.offset)
+
+
+@compiled(inline=True)
+def place_along_wall(view: WallView, i: int) -> float:
+    """Place of a grain along a wall [D]."""
+    return view.tx * view.x[i] + (view.ty * view.y[i] - view.begin)
+
+
+@compiled(inline=True)
+def push_grain(view: WallView, i: int, normal: float, along: float) -> None:
+    """Add a force away from a wall and one along it to those on a grain [F*]."""
+    view.fx[i] += view.nx * normal + view.tx * along
+    view.fy[i] += view.ny * normal + view.ty * along
 
 
 @compiled
@@ -67,24 +84,125 @@ force_at_distance, _energy, _stiffness = (
 
 @compiled(inline=True)
 def add_normal_wall_forces(
-    law: Any, count: int, moments: Float[Array, "m"] | None, side: WallSide, normal: Float[Array, "m"]
+    law: Any, count: int, moments: Float[Array, "m"] | None, view: WallView, normal: Float[Array, "m"]
 ) -> int:
     """Add the forces of a wall by a law of the distance alone; fill in ``normal`` [F*]."""
     outside = 0
     for i in range(count):
-        w = side.sign * (side.position[i] - side.offset)
+        w = distance_from_wall(view, i)
         normal[i] = force_at_distance(law, w) * value_or_one(moments, i)
-        side.force[i] += side.sign * normal[i]
+        view.fx[i] += view.nx * normal[i]
+        view.fy[i] += view.ny * normal[i]
         outside += _is_behind(law, w)
     return outside
 
 
 @compiled
 def add_wall_energies(
-    law: Any, count: int, side: WallSide, stiffness: Float[Array, "m"], energies: Float[Array, "m"]
+    law: Any, count: int, view: WallView, stiffness: Float[Array, "m"], energies: Float[Array, "m"]
 ) -> None:
     """Fill in the energies at a wall of grains of moment 1 [F* D], and add their stiffness [F*/D]."""
     for i in range(count):
-        w = side.sign * (side.position[i] - side.offset)
+        w = distance_from_wall(view, i)
         energies[i] = _energy(law, w)
         stiffness[i] += _stiffness(law, w)
+
+
+_forces = call_hook("add_forces", "count moments view normal", add_normal_wall_forces)
+_energies = call_hook("measure_energy_and_stiffness", "count view stiffness energies", add_wall_energies)
+_turning_point_stiffness = call_hook("turning_point_stiffness", "speed", zero_of_no_law)
+
+
+class Side(NamedTuple):
+    """A straight side of the cell, in the frame of its body, with its law; None is open."""
+
+    nx: float  # unit normal into the cell
+    ny: float
+    offset: float  # [D]
+    tx: float  # unit vector along it
+    ty: float
+    begin: float  # [D]
+    body: int  # that it moves with: `CELL` or `PISTON`
+    law: Any
+
+    @staticmethod
+    @compiled(inline=True)
+    def add_forces(side: Side, workspace: Any, index: int, bed: Bed) -> int:
+        """Add a wall's forces on the grains, and enter the force on it, outwards [F*]."""
+        if side.law is None:
+            return 0
+        state, constants = bed.state, bed.constants
+        moments = relative_moments(constants)
+        outside = _forces(side.law, constants.grains, moments, view_of_side(side, bed), state.scratch)
+        state.wall_forces[index] = reproducible_sum(state.scratch)
+        # Behind a wall the force may be no number, and at it infinite, so the total tells.
+        return outside + (not state.wall_forces[index] < math.inf)
+
+    @staticmethod
+    @compiled
+    def measure_energy(side: Side, workspace: Any, index: int, bed: Bed, stiffness: Array) -> float:
+        """Energy of the grains at a wall [F* D]; add their stiffness, of grains of moment 1 [F*/D]."""
+        return _measure_energy(side, bed, stiffness)
+
+    @staticmethod
+    @compiled
+    def add_stiffness_against_body(
+        side: Side, workspace: Any, index: int, bed: Bed, body: int, slopes: Array
+    ) -> float:
+        """Add the stiffness of grains of moment 1 at a side of a body [F*/D]."""
+        return _measure_energy(side, bed, slopes) if side.body == body else 0.0
+
+    @staticmethod
+    @compiled(inline=True)
+    def upward_force(side: Side, workspace: Any, index: int, forces: Array, body: int) -> float:
+        """Upward force of the grains on a side of a body [F*]."""
+        return -side.ny * forces[index] if side.body == body else 0.0
+
+    @staticmethod
+    @compiled(inline=True)
+    def pressing_force(
+        side: Side, workspace: Any, index: int, x: float, y: float, tx: float, ty: float
+    ) -> float:
+        """Force on a grain of moment 1 by a side of the cell, if it lies along a direction [F*]; x [D]."""
+        if abs(side.tx * ty - side.ty * tx) > PARALLEL:
+            return 0.0
+        return force_at_distance(side.law, side.nx * x + (side.ny * y - side.offset))
+
+    @staticmethod
+    @compiled
+    def fill_wall(side: Side, workspace: Any, index: int, bed: Bed, walls: Array) -> int:
+        """Fill in normal, offset [D], infinitely far if open, and vertical speed [D/tau] of a side."""
+        view = view_of_side(side, bed)
+        offset = -math.inf if side.law is None else view.offset
+        lift = bed.state.piston[SPEED] if side.body == PISTON else 0.0
+        walls[index, 0], walls[index, 1], walls[index, 2], walls[index, 3] = side.nx, side.ny, offset, lift
+        return 0
+
+    @staticmethod
+    @compiled
+    def turning_point_stiffness(side: Side, workspace: Any, index: int, speed: float) -> float:
+        """Stiffness over mass of a grain of moment 1 where it turns [1/tau^2]; speed [D/tau]."""
+        return _turning_point_stiffness(side.law, speed)
+
+
+@compiled(inline=True)
+def view_of_side(side: Side, bed: Bed) -> WallView:
+    """Return the grains of a bed as a side sees them now."""
+    state = bed.state
+    offset, begin = side.offset, side.begin
+    if side.body == PISTON:
+        offset += side.ny * state.piston[HEIGHT]
+        begin += side.ty * state.piston[HEIGHT]
+    return WallView(state.x, state.y, state.fx, state.fy, side.nx, side.ny, offset, side.tx, side.ty, begin)
+
+
+@compiled
+def _measure_energy(side: Side, bed: Bed, stiffness: Array) -> float:
+    if side.law is None:
+        return 0.0
+    energies, constants = bed.state.scratch, bed.constants
+    moments = relative_moments(constants)
+    _energies(side.law, constants.grains, view_of_side(side, bed), stiffness, energies)
+    for i in range(constants.grains):
+        energies[i] *= value_or_one(moments, i)
+    return reproducible_sum(energies)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from granular.compiled import Array, compiled, entry
 from granular.effects.wall_infinite import InfiniteWall
-from granular.effects.wall_side import WallSide
+from granular.effects.wall_side import WallView, distance_from_wall, place_along_wall, push_grain
 from granular.pairs.grain_arrays import value_or_one
 
 if TYPE_CHECKING:
@@ -99,35 +99,34 @@ class SlabWall(NamedTuple):
         law: SlabWall,
         count: int,
         moments: Float[Array, "m"] | None,
-        side: WallSide,
+        view: WallView,
         normal: Float[Array, "m"],
     ) -> int:
         """Add the forces of the slabs; fill in those away from them, ``normal`` [F*]."""
         outside = 0
         for i in range(count):
-            w = side.sign * (side.position[i] - side.offset)
+            w, place = distance_from_wall(view, i), place_along_wall(view, i)
             normal[i], tangential, moment = 0.0, 0.0, value_or_one(moments, i)
             for k in range(law.starts.size):
-                a, b = side.along[i] - law.starts[k], law.ends[k] - side.along[i]
+                a, b = place - law.starts[k], law.ends[k] - place
                 normal[i] += normal_force(w, a, b)
                 tangential += tangential_force(w, a, b)
             normal[i] *= moment
-            side.force[i] += side.sign * normal[i]
-            side.force_along[i] += moment * tangential
+            push_grain(view, i, normal[i], moment * tangential)
             outside += (not w > 0.0) if law.closed else (not abs(w) >= 0.0)
         return outside
 
     @staticmethod
     @compiled
     def measure_energy_and_stiffness(
-        law: SlabWall, count: int, side: WallSide, slopes: Float[Array, "m"], energies: Float[Array, "m"]
+        law: SlabWall, count: int, view: WallView, slopes: Float[Array, "m"], energies: Float[Array, "m"]
     ) -> None:
         """Fill in energies of grains of moment 1 [F* D], and add bounds of their stiffness [F*/D]."""
         for i in range(count):
-            w = side.sign * (side.position[i] - side.offset)
+            w, place = distance_from_wall(view, i), place_along_wall(view, i)
             energies[i] = 0.0
             for k in range(law.starts.size):
-                a, b = side.along[i] - law.starts[k], law.ends[k] - side.along[i]
+                a, b = place - law.starts[k], law.ends[k] - place
                 energies[i] += energy(w, a, b)
                 slopes[i] += stiffness(w, a, b)
 

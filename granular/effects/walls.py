@@ -1,7 +1,7 @@
-"""The walls of the cell: left, right, bottom, and the piston as the top. Each has a law of its own.
+"""The walls of the cell: each side has a law of its own, or none, and is open then.
 
-The force on every wall is the sum of the reactions of the grains; that of the top wall is the
-piston force.
+The force on every wall is the sum of the reactions of the grains; the piston force is that of the
+sides that move with the piston.
 """
 
 from __future__ import annotations
@@ -22,11 +22,14 @@ from granular.effects.wall_discs import DiscWall, disc_wall_tables
 from granular.effects.wall_experimental import ExperimentalWall
 from granular.effects.wall_infinite import InfiniteWall
 from granular.effects.wall_kernels import WallLaws
-from granular.effects.wall_side import SIDES
+from granular.effects.wall_side import Side
 from granular.effects.wall_slab import SlabWall
-from granular.schema.apparatus import Cell, Grains, Piston
-from granular.schema.field_kinds import FieldError, FieldKind, unknown_word_message
-from granular.schema.sections import Section, nested_section_field, quantity, section_field, text_field
+from granular.schema.apparatus import Grains, Piston
+from granular.schema.cell import CELL, ROUNDING, Cell, SideLine
+from granular.schema.field_kinds import FieldError, FieldKind, NestedSectionKind, at_key, unknown_word_message
+from granular.schema.natural_units import Scales
+from granular.schema.sections import Section, quantity, section_field, text_field
+from granular.shared.message_text import quote
 
 LAWS = ("experimental", "infinite", "slab", "discs")
 FORMULA = "formula"
@@ -54,13 +57,13 @@ class Wall(Section):
         are discs whatever ``grains.magnets`` is. A side that is not named has a row of touching
         magnets if grains are discs, ``"experimental"`` else.
     length : float or None
-        Length of a slab [m], from the corner at the origin. Must be given for a slab at the side;
-        the bottom and the piston are as long as the cell is wide.
+        Length of a slab at the left or the right of a rectangle [m], from the bottom, and must be given
+        there; every other slab is as long as its side.
     gap_start, gap_end : float or None
-        A gap in a bottom slab, along x [m]: two slabs, between which grains flow out.
+        A gap in a slab, along its side [m]: two slabs, between which grains flow out.
     pitch : float
-        Distance of two magnets of a row of discs [m]; the corner at the origin lies half way between
-        two.
+        Distance of two magnets of a row of discs [m]; the first end of the side lies half way between
+        two, of a rectangle's the corner next to the origin.
     own : section or None
         Of a law of one's own; in a scene its keys stand next to ``law``. See
         `granular.effects.custom`.
@@ -96,7 +99,7 @@ class Wall(Section):
 
     @property
     def has_gap(self) -> bool:
-        """True for a bottom with a gap."""
+        """True for a slab with a gap."""
         return self.gap_start is not None
 
     def validate(self) -> None:
@@ -112,9 +115,9 @@ class Wall(Section):
         if self.has_gap and not (self.gap_end or 0.0) > (self.gap_start or 0.0):
             raise FieldError(f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end")
 
-    def make_kernel_law(self, context: EffectContext) -> Any:
-        """Make the law of the wall that the compiled loop takes, in natural units."""
-        scales, width = context.scales, context.cell.width
+    def make_kernel_law(self, context: EffectContext, line: SideLine) -> Any:
+        """Make the law of the wall at a side that the compiled loop takes, in natural units."""
+        scales = context.scales
         if self.own is not None:
             return self.own.make_kernel_law(scales)
         if self.law == "experimental":
@@ -127,53 +130,95 @@ class Wall(Section):
             tables = disc_wall_tables(discs, discs[0], 1.0, self.pitch / scales.length, 0.5)
             # Each wall has its own, since grains that leave are taken out of it.
             return DiscWall(tables, context.species.copy() if len(discs) > 1 else None)
-        ends = [0.0, width if self.length is None else self.length]
+        length = line.length if self.length is None else self.length
+        assert length is not None
+        ends = [0.0, length]
         if self.gap_start is not None and self.gap_end is not None:
-            ends = [0.0, self.gap_start, self.gap_end, ends[1]]
+            ends = [0.0, self.gap_start, self.gap_end, length]
         natural = np.array(ends) / scales.length
-        return SlabWall(natural[::2].copy(), natural[1::2].copy(), not self.has_gap)
+        walls: Any = context.effects["walls"]
+        # Grains that have left a polygon may be behind the line of any of its slabs.
+        closed = not self.has_gap and not (context.cell.is_polygon and walls.has_gap)
+        return SlabWall(natural[::2].copy(), natural[1::2].copy(), closed)
 
 
-_UNNAMED = Wall()
-"""Wall of a side that a scene does not name, known by its identity: others may be equal."""
+NamedWall = tuple[str, Wall | None]
+
+
+@dataclasses.dataclass(frozen=True)
+class _NamedWallsKind(FieldKind):
+    """A wall, or none, for each side by its name."""
+
+    def parse(self, value: Any, diameter: float | None) -> tuple[NamedWall, ...]:
+        if not isinstance(value, Mapping | tuple):
+            raise FieldError(f"{quote(value)} must be a table with the names of sides")
+        kind, walls = NestedSectionKind(True, section=Wall), []
+        for name, plain in dict(value).items():
+            with at_key(name):
+                walls.append((name, kind.read_value(plain, diameter)))
+        return tuple(walls)
 
 
 class Walls(ForceEffect):
-    """The four walls; the top is the piston. ``"none"`` leaves a side open."""
+    """The walls of the sides, by their names; the piston is the ``top`` of a rectangle. ``"none"`` is open.
+
+    Attributes
+    ----------
+    walls : pairs of str and Wall or None
+        Name of each side, and its wall; in a scene a table of them.
+    """
 
     key = "walls"
     rank = 2
     energy_record = energy_variable("wall_energy", "energy of the grains at the walls")
     unnamed: ClassVar[tuple[str, ...]] = ()  # sides whose law follows from the grains
+    has_gap: ClassVar[bool] = False  # grains flow out between walls
 
-    left: Wall | None = nested_section_field(Wall, default=_UNNAMED, optional=True)
-    right: Wall | None = nested_section_field(Wall, default=_UNNAMED, optional=True)
-    bottom: Wall | None = nested_section_field(Wall, default=_UNNAMED, optional=True)
-    top: Wall | None = nested_section_field(Wall, default=_UNNAMED, optional=True)
+    walls: tuple[NamedWall, ...] = section_field(_NamedWallsKind(), default=())
+
+    @classmethod
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Walls:
+        """Read a table of walls by their sides; diameter [m]."""
+        try:
+            return super().from_plain({"walls": {} if plain is True else plain}, diameter)
+        except FieldError as error:
+            raise FieldError(error.reason, *error.path[1:]) from None
+
+    def to_plain(self) -> dict[str, Any]:
+        """Walls as a table by their sides; `from_plain` makes equal ones of it."""
+        return {side: "none" if wall is None else wall.to_plain() for side, wall in self.walls}
+
+    def __getattr__(self, name: str) -> Any:
+        for side, wall in self.__dict__.get("walls", ()):
+            if side == name:
+                return wall
+        raise AttributeError(f"there is no side {name!r}")
 
     def resolve_parts(self, grains: Grains, cell: Cell) -> Walls:
-        """Return the walls with rows of the grains' magnets on unnamed sides, where grains are discs."""
-        unnamed = self.unnamed or tuple(side for side in SIDES if getattr(self, side) is _UNNAMED)
-        if not unnamed:
-            return self
-        result, wall = copy.copy(self), _UNNAMED
+        """Return the walls of all sides of the cell, where unnamed ones are rows of the grains' discs."""
+        sides = tuple(line.name for line in cell.lines)
+        given = {side: wall for side, wall in self.walls if side not in self.unnamed}
+        for side in given:
+            if side not in sides:
+                raise FieldError(unknown_word_message(side, sides, "side"), "effects", self.key)
+        usual = Wall()
         if grains.magnets == "cylinders":
-            wall = Wall(law="discs", pitch=grains.species[0].diameter)
-        for side in unnamed:
-            object.__setattr__(result, side, wall)
-        object.__setattr__(result, "unnamed", unnamed)
+            usual = Wall(law="discs", pitch=grains.species[0].diameter)
+        result = copy.copy(self)
+        object.__setattr__(result, "walls", tuple((side, given.get(side, usual)) for side in sides))
+        object.__setattr__(result, "unnamed", tuple(side for side in sides if side not in given))
+        object.__setattr__(result, "has_gap", result._lets_grains_out(cell))
         return result
 
-    def validate(self) -> None:
-        """Check that a gap is in the bottom, and that slabs at the sides alone have a length."""
-        for side, wall in self.present_walls:
-            if wall.has_gap and side != "bottom":
-                raise FieldError("only the bottom can have a gap", side, "gap_start")
-            upright = side in ("left", "right")
-            if wall.law == "slab" and wall.length is None and upright:
-                raise FieldError("must be given for a slab at the side", side, "length")
-            if wall.length is not None and not upright:
-                raise FieldError("is the cell's width here; leave it out", side, "length")
+    def _lets_grains_out(self, cell: Cell) -> bool:
+        """Whether a slab has a gap, or walls of a polygon that move with it do not meet."""
+        if any(wall.has_gap for _, wall in self.present_walls):
+            return True
+        walled = [
+            line.name for line in cell.lines if line.body == CELL and getattr(self, line.name) is not None
+        ]
+        # Walls in one chain have two free ends, between which the piston or the open top is.
+        return cell.is_polygon and cell.free_ends(walled, 0.0) > 2
 
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
@@ -181,35 +226,19 @@ class Walls(ForceEffect):
         """Check that slabs fit the cell and the piston's height, and a pitch the magnets."""
         height = 0.0 if piston is None else piston.height or 0.0
         diameter = grains.species[0].diameter
-        for side, wall in self.present_walls:
-            path = ("effects", self.key, side)
-            if wall.gap_end is not None and wall.gap_end > cell.width:
-                raise FieldError(
-                    f"{wall.gap_end:g} m must be at most the cell's width, {cell.width:g} m", *path, "gap_end"
-                )
-            if wall.length is not None and wall.length < height:
-                raise FieldError(
-                    f"{wall.length:g} m is less than the piston's height, {height:g} m; grains "
-                    "would come behind the slab",
-                    *path,
-                    "length",
-                )
-            # 1e-12: rounding of a pitch that is written as one diameter.
-            if wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
-                raise FieldError(
-                    f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m", *path, "pitch"
-                )
-
-    @property
-    def walls_in_order(self) -> tuple[Wall | None, ...]:
-        """Walls in the order of `SIDES`; None where a side is open."""
-        return tuple(getattr(self, side) for side in SIDES)
+        for line in cell.lines:
+            wall = getattr(self, line.name)
+            if wall is not None:
+                with at_key("effects", self.key, line.name):
+                    _check_slab(wall, line, height)
+                    _check_pitch(wall, diameter)
+                    if cell.is_polygon and self.has_gap:
+                        _check_leaves_opening_free(wall, line)
 
     @property
     def present_walls(self) -> list[tuple[str, Wall]]:
         """Sides that are not open, with their walls."""
-        sides = zip(SIDES, self.walls_in_order, strict=True)
-        return [(side, wall) for side, wall in sides if wall is not None]
+        return [(side, wall) for side, wall in self.walls if wall is not None]
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
@@ -222,13 +251,66 @@ class Walls(ForceEffect):
         """True where a wall is a slab."""
         return any(wall.law == "slab" for _, wall in self.present_walls)
 
-    @property
-    def has_gap(self) -> bool:
-        """True where the bottom has a gap."""
-        return self.bottom is not None and self.bottom.has_gap
-
     def make_kernel_law(self, context: EffectContext) -> WallLaws:
-        """Make the laws of all four walls that the compiled loop takes, in natural units."""
-        return WallLaws(
-            *(None if wall is None else wall.make_kernel_law(context) for wall in self.walls_in_order)
+        """Make the sides that the compiled loop takes, with their laws, in natural units."""
+        return WallLaws(natural_sides(self, context, context.cell.lines))
+
+
+def natural_sides(
+    walls: Walls | None, context: EffectContext, lines: tuple[SideLine, ...]
+) -> tuple[Side, ...]:
+    """Return sides of the cell with their laws, all open without walls, in natural units."""
+    sides = []
+    for line in lines:
+        wall = None if walls is None else getattr(walls, line.name)
+        law = None if wall is None else wall.make_kernel_law(context, line)
+        sides.append(_natural_side(line, law, context.scales))
+    return tuple(sides)
+
+
+def _natural_side(line: SideLine, law: Any, scales: Scales) -> Side:
+    (x, y), (nx, ny), (tx, ty) = line.point, line.normal, line.tangent
+    offset, begin = (nx * x + ny * y) / scales.length, (tx * x + ty * y) / scales.length
+    return Side(nx, ny, offset, tx, ty, begin, line.body, law)
+
+
+def _check_slab(wall: Wall, line: SideLine, height: float) -> None:
+    """Check that a slab has a length if its side has none, and a gap within it; height [m]."""
+    if wall.law == "slab" and wall.length is None and line.length is None:
+        raise FieldError("must be given for a slab at the side", "length")
+    if wall.length is not None and line.length is not None:
+        raise FieldError(f"follows from the side, {line.length:g} m; leave it out", "length")
+    if wall.has_gap and (line.length is None or line.body != CELL):
+        raise FieldError("a side without an end, or of the piston, cannot have a gap", "gap_start")
+    if wall.gap_end is not None and line.length is not None and wall.gap_end > line.length:
+        raise FieldError(
+            f"{wall.gap_end:g} m must be at most the length of the side, {line.length:g} m", "gap_end"
         )
+    if wall.length is not None and wall.length < height:
+        raise FieldError(
+            f"{wall.length:g} m is less than the piston's height, {height:g} m; grains "
+            "would come behind the slab",
+            "length",
+        )
+    if line.body != CELL and not line.is_level and wall.law in ("slab", "discs"):
+        raise FieldError(
+            f"an inclined side of the piston cannot be {wall.law!r}, which pushes along itself; "
+            "take 'infinite'",
+            "law",
+        )
+
+
+def _check_leaves_opening_free(wall: Wall, line: SideLine) -> None:
+    """Check that the force of a wall ends with its side, if its line may cross an opening."""
+    if line.body == CELL and wall.law != "slab" and abs(line.normal[1]) > ROUNDING:
+        raise FieldError(
+            f"{wall.law!r} has no end, and would close the opening of the cell; take 'slab', or let the "
+            "sides meet",
+            "law",
+        )
+
+
+def _check_pitch(wall: Wall, diameter: float) -> None:
+    # 1e-12: rounding of a pitch that is written as one diameter.
+    if wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
+        raise FieldError(f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m", "pitch")

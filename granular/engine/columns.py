@@ -13,10 +13,7 @@ COLUMNS = (
     "time",
     "height",
     "velocity",
-    "left",
-    "right",
-    "bottom",
-    "top",
+    "upward",
     "kinetic",
     "pair",
     "piston",
@@ -28,21 +25,18 @@ COLUMNS = (
     "grains",
     "turned",
 )
-"""Time; height and velocity of the piston; the force on each wall; the kinetic energy of the
+"""Time; height and velocity of the piston, and the upward force on it; the kinetic energy of the
 grains, that of the pairs and of the piston; work from outside, and what the piston loses; the least
 distance of two grains, the greatest speed, and the bound of the highest angular frequency that the
-bed can meet; the number of grains; the energy turned over so far. Behind them stand the energy of
-each law, what each of them took, and the laws' own records. In natural units."""
+bed can meet; the number of grains; the energy turned over so far. Behind them follow the energy of
+each law, what each of them took, the laws' own records, and the force on each side. In natural units."""
 
 # Kernels take integers, not texts; a test holds both lists together.
 (
     TIME,
     HEIGHT,
     VELOCITY,
-    LEFT,
-    RIGHT,
-    BOTTOM,
-    TOP,
+    UPWARD,
     KINETIC,
     PAIR,
     PISTON,
@@ -59,11 +53,16 @@ ENERGIES = len(COLUMNS)
 """Column in which the energies of the laws begin."""
 
 
-def column_names_for_laws(laws: int, own: int = 0) -> tuple[str, ...]:
-    """Names of all columns of a record."""
+def column_names(laws: int, own: int = 0, sides: int = 0) -> tuple[str, ...]:
+    """Names of all columns of a record, for numbers of laws, of their own records and of sides."""
     numbers = range(laws)
     known = (*COLUMNS, *map(energy_column, numbers), *map(loss_column, numbers))
-    return (*known, *map(law_record_column, range(own)))
+    return (*known, *map(law_record_column, range(own)), *map(side_column, range(sides)))
+
+
+def side_column(index: int) -> str:
+    """Name of the column of the force on a side."""
+    return f"side {index}"
 
 
 def law_record_column(index: int) -> str:

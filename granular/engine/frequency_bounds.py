@@ -11,7 +11,6 @@ from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
 from granular.compiled.hook_calls import greatest_of_hooks
 from granular.effects.wall_kernels import add_piston_stiffness
-from granular.effects.wall_side import TOP
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import Bed, Measurement
 from granular.pairs.dipole_law import head_on_frequency_squared
@@ -68,7 +67,7 @@ def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement:
     if motion.free:
         slopes = measurement.against_piston
         slopes[:] = 0.0
-        add_piston_stiffness(constants.acting.walls[TOP], bed, slopes)
+        add_piston_stiffness(constants.acting.sides, bed, slopes)
         total, largest = _total_and_largest_stiffness(slopes, constants.grains, constants.masses)
         # The piston's row has each grain's stiffness on the diagonal and beside it; a grain's row the
         # piston's.

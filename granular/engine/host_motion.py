@@ -51,7 +51,7 @@ from granular.effects.host_structure import (
     bed_momentum,
     last_body_velocity,
 )
-from granular.effects.wall_side import TOP
+from granular.effects.wall_kernels import force_on_piston
 from granular.engine.grain_kicks import kick_grains
 from granular.engine.piston import kick_piston, prescribed_speed
 from granular.kernel_data.state import HEIGHT, SPEED, WORK, Bed, State
@@ -237,7 +237,7 @@ def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     outer, top = 0.0, 0.0
     if free:
         outer = outer_force_on_piston(motion, time)
-        top = state.wall_forces[TOP] - constants.piston_weight
+        top = force_on_piston(bed) - constants.piston_weight
     weight, bed_force = law.frame_mass, 0.0
     for i in range(constants.grains):
         workspace.push[i] = state.fy[i]

@@ -55,7 +55,7 @@ def new_state(
         piston=np.array([height, 0.0, 0.0, 0.0]),
         ledger=np.zeros(LOSSES + len(acting.laws)),
         clock=np.array([0.0, 0.0, 0.0, 0.0, np.inf, 0.0, 0.0]),
-        wall_forces=np.zeros(4),
+        wall_forces=np.zeros(len(acting.sides)),
         label=np.arange(size),
         load=np.zeros_like(x) if with_loads else None,
         stripes=stripes,

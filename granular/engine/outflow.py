@@ -16,7 +16,7 @@ def constants_per_grain(constants: Constants) -> list[np.ndarray]:
     result = [constants.masses, constants.moments, acting.weight, acting.charges, acting.shift]
     if acting.near is not None:
         result.append(acting.near.species)
-    result += [law.species for law in acting.walls if isinstance(law, DiscWall)]
+    result += [side.law.species for side in acting.sides if isinstance(side.law, DiscWall)]
     # A law's arrays are all of this kind; any other stands in a tuple of its own within the law.
     result += [values for law in acting.laws for values in law]
     # Masses, moments and charges may be one array, and must not be moved twice.

@@ -8,7 +8,7 @@ from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import sum_of_hooks
 from granular.effects.host_structure import PULL, PUSH, HostWorkspace
 from granular.effects.slide import drag_flow_coefficients, slide
-from granular.effects.wall_side import TOP
+from granular.effects.wall_kernels import force_on_piston
 from granular.kernel_data.compensated_summation import compensated_sum
 from granular.kernel_data.constants import Constants, PistonResistance
 from granular.kernel_data.state import (
@@ -82,14 +82,14 @@ def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, 
         swing = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force_on_piston(motion, time)
         force = (
-            state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
+            force_on_piston(bed) - constants.piston_weight + constants.piston_mass * swing + outer
         ) - _inertial_force(state.host, constants)
         before = state.piston[SPEED]
         _kick_against_resistance(constants.resistance, force, dt, constants.piston_mass, state)
         # Force times mean velocity: the ledger then has the method's order.
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
-        state.ledger[WORK] -= dt * state.wall_forces[TOP] * prescribed_speed(motion, time, dt, opens_step)
+        state.ledger[WORK] -= dt * force_on_piston(bed) * prescribed_speed(motion, time, dt, opens_step)
     record_external_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 

@@ -14,6 +14,7 @@ from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
 from granular.pairs.disc_near_law import CLOSEST
 from granular.pairs.near_law import closest_over_least
+from granular.schema.cell import SideLine
 from granular.schema.natural_units import Scales
 from granular.shared.errors import (
     EnergyError,
@@ -27,7 +28,13 @@ from granular.shared.errors import (
 
 
 def misplaced_grain_error(
-    state: State, constants: Constants, scales: Scales, step: int, time: float, remedy: str
+    state: State,
+    constants: Constants,
+    lines: tuple[SideLine, ...],
+    scales: Scales,
+    step: int,
+    time: float,
+    remedy: str,
 ) -> RunError:
     """Make the error for a grain that is where it cannot be [m]; time [s]."""
     count = constants.grains
@@ -45,18 +52,13 @@ def misplaced_grain_error(
             remedy="give it a wall ('effects.walls.top'), or a path that stays above the bottom",
             **common,
         )
-    left, right, bottom, top = constants.acting.walls
-    gaps = {
-        "the left wall": (left, position[:, 0]),
-        "the right wall": (right, constants.width - position[:, 0]),
-        "the bottom": (bottom, position[:, 1]),
-        "the piston": (top, state.piston[HEIGHT] - position[:, 1]),
-    }
-    for name, (law, gap) in gaps.items():
-        held = getattr(law, "closed", law is not None)  # grains may be below a bottom with a gap
+    for line, side in zip(lines, constants.acting.sides, strict=True):
+        law = side.law
+        gap = line.distances(position * scales.length, state.piston[HEIGHT] * scales.length)
+        held = getattr(law, "closed", law is not None)  # grains may be behind a slab with a gap
         if held and len(gap) and not gap.min() > 0.0:
-            value, grain = -float(gap.min()) * scales.length, int(state.label[gap.argmin()])
-            message = f"the grain is {value:.3g} m behind {name}, 0 m is the limit"
+            value, grain = -float(gap.min()), int(state.label[gap.argmin()])
+            message = f"the grain is {value:.3g} m behind {line.label}, 0 m is the limit"
             if isinstance(law, DiscWall):  # its discs hold off only so much, and contact is between grains
                 remedy = (
                     "a hard impact pushes grains into a row of magnets, with any dt: let the piston fall "

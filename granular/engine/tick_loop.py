@@ -15,7 +15,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
-from granular.effects.wall_side import TOP
+from granular.effects.wall_kernels import force_on_piston
 from granular.engine import columns
 from granular.engine.far_field_forces import compute_far_field, kick_by_far_field
 from granular.engine.forces import compute_and_measure_forces, kinetic_energy, potential_energies
@@ -82,8 +82,7 @@ def fill_record_row(
     row[columns.TIME] = time
     row[columns.HEIGHT] = state.piston[HEIGHT]
     row[columns.VELOCITY] = state.piston[SPEED]
-    for side in range(state.wall_forces.size):
-        row[columns.LEFT + side] = state.wall_forces[side]
+    row[columns.UPWARD] = force_on_piston(bed)
     row[columns.KINETIC] = kinetic
     row[columns.PAIR] = pair
     row[columns.PISTON] = piston_energy(bed, time)
@@ -96,7 +95,10 @@ def fill_record_row(
     row[columns.FASTEST] = math.sqrt(fastest)
     row[columns.STIFFEST] = highest_frequency_bound(row[columns.FASTEST], bed, motion, measurement)
     row[columns.GRAINS] = constants.grains
-    own = row[columns.ENERGIES + 2 * laws :]
+    sides, last = state.wall_forces.size, row.size
+    for side in range(sides):
+        row[last - sides + side] = state.wall_forces[side]
+    own = row[columns.ENERGIES + 2 * laws : last - sides]
     record_host_motion(constants.acting.host, state.host, state, time, own)
 
 
@@ -277,7 +279,7 @@ def _advance_window(
             saved += 1
         if resting:
             return RESTING, done - window.first, saved
-        if state.wall_forces[TOP] >= motion.limit:
+        if force_on_piston(bed) >= motion.limit:
             return REACHED, done - window.first, saved
         if _any_grain_below(state.y, constants.grains, constants.exit):
             return REMOVED, done - window.first, saved

@@ -12,13 +12,15 @@ them is close to the largest.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
-from granular.effects.wall_side import BOTTOM, LEFT, RIGHT, TOP
+from granular.compiled.hook_calls import sum_of_hooks
 from granular.kernel_data.constants import Constants, relative_moments
-from granular.kernel_data.state import DENSITY, HEIGHT, LEAST, SPEED, SQUARE, Bed, State
+from granular.kernel_data.state import DENSITY, LEAST, SQUARE, Bed, State
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -47,14 +49,12 @@ def step_density(
     moments: Float[Array, "m"] | None,
     square: float,
     least: float,
-    sides: tuple[float, float, float, float],
-    piston_speed: float,
+    walls: Float[Array, "sides 4"],
     pairs: bool,
 ) -> tuple[float, float]:
-    """Smooth frequency, its logarithmic rate [1/tau]; x [D], vx, piston_speed [D/tau], square [D^2/tau^2]."""
+    """Smooth frequency, its logarithmic rate [1/tau]; x [D], vx [D/tau], square [D^2/tau^2]."""
     # omega^8 = sum of kappa^4 + least^8, with kappa a squared frequency, over all pairs and walls.
     total, rate = least**8, 0.0
-    left, right, bottom, top = sides
     for i in range(count):
         qi = 1.0 if moments is None else moments[i]
         if pairs:
@@ -66,32 +66,25 @@ def step_density(
                 value, change = _fourth_power_and_rate(r, closing, 3.0 * (qi + qj), 4.0 * square)
                 total += value
                 rate += change
-        for gap, speed in (
-            (x[i] - left, vx[i]),
-            (right - x[i], -vx[i]),
-            (y[i] - bottom, vy[i]),
-            (top - y[i], piston_speed - vy[i]),
-        ):
+        for k in range(len(walls)):
+            nx, ny, offset, lift = walls[k]
+            gap = nx * x[i] + (ny * y[i] - offset)
             if gap < math.inf:
+                speed = nx * vx[i] + ny * (vy[i] - lift)
                 value, change = _fourth_power_and_rate(gap, speed, 1.75, square)
                 total += value
                 rate += change
     return total**0.125, 0.125 * rate / total
 
 
-@compiled
-def _wall_positions(walls: tuple[Any, ...], width: float, height: float) -> tuple[float, float, float, float]:
-    return (
-        -math.inf if walls[LEFT] is None else 0.0,
-        math.inf if walls[RIGHT] is None else width,
-        -math.inf if walls[BOTTOM] is None else 0.0,
-        math.inf if walls[TOP] is None else height,
-    )
+_fill_wall = sum_of_hooks("fill_wall", "bed walls")
 
 
 @compiled
 def _bed_step_density(bed: Bed) -> tuple[float, float]:
     state, constants = bed.state, bed.constants
+    walls = np.empty((state.wall_forces.size, 4))
+    _fill_wall(constants.acting.sides, constants.acting.sides, bed, walls)
     return step_density(
         state.x,
         state.y,
@@ -101,8 +94,7 @@ def _bed_step_density(bed: Bed) -> tuple[float, float]:
         relative_moments(constants),
         state.clock[SQUARE],
         state.clock[LEAST],
-        _wall_positions(constants.acting.walls, constants.width, state.piston[HEIGHT]),
-        state.piston[SPEED],
+        walls,
         constants.acting.dipole is not None,
     )
 

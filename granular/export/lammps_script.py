@@ -122,9 +122,13 @@ def check_exportable_scene(scene: Scene) -> None:
         raise InputError(
             "grains.spread cannot be exported to LAMMPS, whose tables are of species; set it to 0"
         )
-    for side in ("left", "right", "bottom", "top"):
-        wall = None if walls is None else getattr(walls, side)
-        if wall is not None and wall.law not in WALLS:
+    if scene.cell.is_polygon:
+        raise InputError(
+            "cell.sides cannot be exported to LAMMPS, whose walls by tables are upright or level; write "
+            "the frames as extended XYZ, GSD or VTK, or give cell.width"
+        )
+    for side, wall in () if walls is None else walls.present_walls:
+        if wall.law not in WALLS:
             why = "it depends on two coordinates" if wall.own is None else "no deck has its law"
             raise InputError(
                 f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: {why}; take "

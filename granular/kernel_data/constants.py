@@ -21,7 +21,7 @@ class EffectLaws(NamedTuple):
     laws: tuple[Any, ...]  # one for each effect but the dipole, in loop order
     host: Any  # the one that carries the cell, and moves all others
     dipole: bool | None  # sum over all pairs: of dipoles, discs, or the tails of own laws
-    walls: tuple[Any, ...]  # in the order of `SIDES`; no named tuple, as kernels take each whole
+    sides: tuple[Any, ...]  # of the cell, with their laws: see `granular.effects.wall_side`
     weight: Float[Array, "m"] | None  # where friction bears: weight_j of the sums over 1/r^3
     cut: CutOffSettings | None  # where pairs end; None, as the next: all pairs
     listing: VerletSettings | None  # de Paula's list
@@ -57,7 +57,6 @@ class Constants(NamedTuple):
     least_mass: float  # of the grain that others come closest to
     least_moment: float  # likewise
     least_ratio: float  # least moment over mass
-    width: float  # [D]
     piston_mass: float  # [m]; inf: none is given
     piston_weight: float  # [F*]
     resistance: PistonResistance | None

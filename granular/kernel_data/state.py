@@ -50,7 +50,7 @@ class State(NamedTuple):
     piston: Float[np.ndarray, "4"]  # height [D], speed [D/tau], what rounding took from each
     ledger: Float[np.ndarray, "2+laws"]  # work from outside; losses of the piston, to each law [F* D]
     clock: Float[np.ndarray, "7"]  # entries `TIME` to `STEPS`
-    wall_forces: Float[np.ndarray, "4"]  # in the order of `granular.effects.wall_side.SIDES` [F*]
+    wall_forces: Float[np.ndarray, "sides"]  # of the grains on each side of the cell, outwards [F*]
     label: Int[np.ndarray, "m"]  # index in the scene of each grain
     load: Float[np.ndarray, "m"] | None  # sums behind the normal force of friction [1/D^3]
     stripes: Stripes | None

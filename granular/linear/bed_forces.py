@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.gravity import GravityLaw
-from granular.effects.wall_side import TOP
+from granular.engine import columns
 from granular.engine.far_field_forces import force_with_far_field
 from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.engine.step_size import StepSchedule
@@ -111,8 +111,8 @@ class BedForces:
         """Positions of the grains [m]."""
         return np.stack([q[: self.grains], q[self._fall]], axis=1)
 
-    def _look(self, q: Float[np.ndarray, "q"]) -> None:
-        """Have the loop compute all forces."""
+    def _look(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "columns"]:
+        """Have the loop compute all forces, and return its record."""
         state, length = self._run.state, self.length
         state.x[: self.grains] = q[: self.grains] / length
         state.y[: self.grains] = q[self._fall] / length
@@ -120,19 +120,19 @@ class BedForces:
         state.piston[HEIGHT] = height / length
         try:
             with report_arithmetic_errors_as(_misplaced_grain_error):
-                self._run.present_record("")
+                return self._run.present_record("")
         except RunError:
             raise _misplaced_grain_error() from None
 
     def forces(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"]:
         """Conservative forces on all coordinates [N]; q [m]."""
-        self._look(q)
+        row = self._look(q)
         state, n = self._run.state, self.grains
         fx, fy = force_with_far_field(state)
         result = np.zeros(self.size)
         result[:n], result[self._fall] = fx[:n] * self.scales.force, fy[:n] * self.scales.force
         if self.piston is not None:
-            result[self.piston] = state.wall_forces[TOP] * self.scales.force - self.weight
+            result[self.piston] = row[columns.UPWARD] * self.scales.force - self.weight
         if self.machine is not None:
             result[self.bodies :] = -self.machine.springs @ q[self.bodies :]
         return result
@@ -257,10 +257,7 @@ def without_drive_and_friction(scene: Scene) -> Scene:
 
 def has_free_piston(scene: Scene) -> bool:
     """Return whether a bed carries a piston that is free to move."""
-    walls: Any = scene.effects.walls
-    return (
-        scene.piston is not None and scene.piston.mass is not None and walls is not None and bool(walls.top)
-    )
+    return scene.piston is not None and scene.piston.mass is not None and scene.has_piston_wall
 
 
 def check_free_piston(scene: Scene) -> None:

@@ -90,31 +90,22 @@ def iterate_wall_forces(
     scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: float | None = None
 ) -> BranchesAndForces:
     """Evaluate branches (k, m, 2) [m] and forces [N] of the m walls on each grain; positions [m]."""
-    from granular.effects.wall_side import SIDES
-
     positions, here, system = _positions_and_natural_system(scene, positions)
-    scales, laws = system.scales, _law_in_natural_units(system, "walls")
+    scales, points = system.scales, positions[here]
     if piston_height is None:
         piston_height = np.nan if scene.piston is None else scene.piston.height
-    x, y = (positions[here] / scales.length).T
-    width, height = system.constants.width, piston_height / scales.length
-    seen = {
-        "left": (x, y, (1.0, 0.0)),
-        "right": (width - x, y, (-1.0, 0.0)),
-        "bottom": (y, x, (0.0, 1.0)),
-        "top": (height - y, x, (0.0, -1.0)),
-    }
-    acting = [] if laws is None else [s for s in SIDES if getattr(laws, s) is not None]
+    sides = zip(scene.cell.lines, system.constants.acting.sides, strict=True)
+    acting = [(line, side.law) for line, side in sides if side.law is not None]
     moments = relative_magnetic_moments(scene)[here]
     branches, forces = np.zeros((2, len(here), len(acting), 2))
-    for k, side in enumerate(acting):
-        w, along, (nx, ny) = seen[side]
-        normal, tangential = _wall_force_components(getattr(laws, side), w, along, system.species[here])
-        branches[:, k] = w[:, None] * [nx, ny]
-        # Positive along the wall is the direction of x, or of y at the sides.
-        forces[:, k] = normal[:, None] * [nx, ny] + tangential[:, None] * [abs(ny), abs(nx)]
+    for k, (line, law) in enumerate(acting):
+        w = line.distances(points, piston_height)
+        along = (points - line.place(piston_height)) @ line.tangent / scales.length
+        normal, tangential = _wall_force_components(law, w / scales.length, along, system.species[here])
+        branches[:, k] = w[:, None] * line.normal
+        forces[:, k] = normal[:, None] * line.normal + tangential[:, None] * line.tangent
     forces *= moments[:, None, None]
-    return BranchesAndForces(here, branches * scales.length, forces * scales.force)
+    return BranchesAndForces(here, branches, forces * scales.force)
 
 
 def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:

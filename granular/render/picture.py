@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +12,14 @@ from granular.observables.frame import Frame, is_present
 from granular.observables.voronoi import cell_polygons, voronoi_cells
 from granular.render.colourings import colour_classes, colouring_by_name
 from granular.run.trajectory import Trajectory
+from granular.scene.bed_drawing import SidePiece, side_pieces
 from granular.scene.scene import Scene
+from granular.schema.cell import CELL, ROUNDING, Point
+from granular.schema.cell import PISTON as PISTON_BODY
 from granular.shared.plotting import COLOURS, GREY, figure_label
 
 if TYPE_CHECKING:
+    from jaxtyping import Float
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -75,34 +80,32 @@ def axes_below_bed(figure: Figure, bed: Axes) -> Axes:
 
 def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
     """Draw walls as slabs outside of the cell [mm], and a side without one as a dotted line; top [m]."""
-    from matplotlib.patches import Rectangle
+    from matplotlib.patches import Polygon
 
-    width, height, thickness = 1e3 * scene.cell.width, 1e3 * top, wall_thickness_mm(scene)
-    walls = scene.effects.walls
-
-    def draw_open_side(*ends: tuple[float, float]) -> None:
-        axes.plot(*zip(*ends, strict=True), ":", color=WALL, linewidth=1.0, zorder=0)
-
-    def draw_slab(x: float, y: float, wide: float, high: float) -> None:
-        axes.add_patch(Rectangle((x, y), wide, high, color=WALL, linewidth=0.0))
-
-    for side, x, edge in (("left", 0.0, -thickness), ("right", width, width)):
-        wall = None if walls is None else getattr(walls, side)
-        if wall is None:
-            draw_open_side((x, 0.0), (x, height))
+    pieces, thickness = list(side_pieces(scene, CELL, top, top)), wall_thickness_mm(scene)
+    for piece in pieces:
+        if piece.walled:
+            outside = [_outer_corner(piece, end, pieces, thickness) for end in (piece.end, piece.start)]
+            corners = [*(1e3 * np.array([piece.start, piece.end])), *outside]
+            axes.add_patch(Polygon(corners, color=WALL, linewidth=0.0))
         else:
-            draw_slab(edge, 0.0, thickness, height if wall.length is None else min(height, 1e3 * wall.length))
+            x, y = 1e3 * np.transpose([piece.start, piece.end])
+            axes.plot(x, y, ":", color=WALL, linewidth=1.0, zorder=0)
     if scene.cell.periods is not None:
-        draw_open_side((0.0, height), (width, height))
-    bottom = None if walls is None else walls.bottom
-    if bottom is None:
-        draw_open_side((0.0, 0.0), (width, 0.0))
-        return
-    ends = [-thickness, width + thickness]
-    if bottom.gap_start is not None and bottom.gap_end is not None:
-        ends[1:1] = 1e3 * bottom.gap_start, 1e3 * bottom.gap_end
-    for start, end in zip(ends[::2], ends[1::2], strict=True):
-        draw_slab(start, -thickness, end - start, thickness)
+        axes.plot([0.0, 1e3 * scene.cell.width], [1e3 * top] * 2, ":", color=WALL, linewidth=1.0, zorder=0)
+
+
+def _outer_corner(
+    piece: SidePiece, end: Point, pieces: list[SidePiece], thickness: float
+) -> Float[np.ndarray, "2"]:
+    """Outer corner of a drawn wall at one of its ends, on the mitre with a wall that meets it there [mm]."""
+    normal, others = np.array(piece.line.normal), [np.array(piece.line.normal)]
+    for other in pieces:
+        meets = min(math.dist(end, other.start), math.dist(end, other.end)) < ROUNDING
+        if other.walled and meets and other.line is not piece.line:
+            others.append(np.array(other.line.normal))
+    both = np.sum(others, axis=0)
+    return 1e3 * np.array(end) - thickness * both / (both @ normal)
 
 
 MOST = 4000
@@ -176,7 +179,7 @@ class BedPicture:
 
     def _draw_moving_parts(self) -> None:
         from matplotlib.collections import EllipseCollection, PolyCollection
-        from matplotlib.patches import Rectangle
+        from matplotlib.patches import Polygon
 
         axes = self._axes
         self._cells: Any = PolyCollection([], edgecolors="white", linewidths=0.7, zorder=1)
@@ -194,11 +197,13 @@ class BedPicture:
             zorder=2,
         )
         axes.add_collection(self._grains)
-        thickness = wall_thickness_mm(self.run.scene)
-        width = 1e3 * self.run.scene.cell.width
-        self._piston = Rectangle((0.0, 0.0), width, thickness, color=PISTON, zorder=3)
-        self._piston.set_visible(self.run.scene.piston is not None)
-        axes.add_patch(self._piston)
+        scene = self.run.scene
+        self._piston: list[tuple[Any, np.ndarray]] = []
+        for piece in side_pieces(scene, PISTON_BODY, 0.0, 0.0) if scene.piston is not None else ():
+            outwards = -wall_thickness_mm(scene) * np.array(piece.line.normal)
+            inner = 1e3 * np.array([piece.start, piece.end])
+            shape = np.concatenate([inner, inner[::-1] + outwards])
+            self._piston.append((axes.add_patch(Polygon(shape, color=PISTON, zorder=3)), shape))
         title: Any = {"transform": axes.transAxes, "va": "bottom", "color": INK}
         self._when = axes.text(0.0, 1.015, "", ha="left", fontweight="bold", **title)
         self._where = axes.text(1.0, 1.015, "", ha="right", **title)
@@ -270,7 +275,8 @@ class BedPicture:
         self._grains.set_facecolor(colours[here])
         self._when.set_text(f"t = {frame.time:.3f} s" + figure_label(self._stage_label_at(frame.time)))
         self._where.set_text(self._piston_text(frame))
-        self._piston.set_y(1e3 * frame.piston_height)
+        for patch, shape in self._piston:
+            patch.set_xy(shape + np.array([0.0, 1e3 * frame.piston_height]))
         if self._curve is not None:
             self._curve.show_until(frame.time)
 

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.scene.bed_drawing import SidePiece, side_pieces
 from granular.scene.scene import Scene
+from granular.schema.cell import CELL, PISTON
 from granular.shared.errors import InputError
 from granular.shared.html_pages import InteractivePage
 from granular.shared.plotting import COLOURS
@@ -33,6 +35,7 @@ def run_animation_page(
         raise InputError("the run has no frames; run it for longer, or lower output.frames")
     every = max(1, -(-frames * grains * 4 // MOST_VALUES))
     chosen = data.isel(frame=slice(None, None, every))
+    top = _height_of_animated_cell(scene, data)
     plain: dict[str, Any] = {
         "width": scene.cell.width,
         "periods": scene.cell.periods,
@@ -42,10 +45,16 @@ def run_animation_page(
         "position": _encode_as_base64(scene.cell.wrap_positions(chosen["position"].values)),
         "velocity": _encode_as_base64(chosen["velocity"].values),
         "stages": [{"name": name, "start": start} for name, start in stages],
-        "top": _height_of_animated_cell(scene, data),
+        "top": top,
+        "walls": [_piece_ends(piece) for piece in side_pieces(scene, CELL, top, top) if piece.walled],
+        "piston": [_piece_ends(piece) for piece in side_pieces(scene, PISTON, 0.0, 0.0)],
         **_piston_curves(data),
     }
     return InteractivePage.from_template(TEMPLATE, f"scene {scene.name}", plain, HEIGHT)
+
+
+def _piece_ends(piece: SidePiece) -> list[list[float]]:
+    return [list(piece.start), list(piece.end)]
 
 
 def _piston_curves(data: xarray.Dataset) -> dict[str, Any]:

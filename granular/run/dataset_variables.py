@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from granular.effects.effect import RecordedVariable
-from granular.effects.wall_side import SIDES
-from granular.engine.columns import energy_column, law_record_column, loss_column
+from granular.engine.columns import energy_column, law_record_column, loss_column, side_column
 from granular.scene.scene import Scene
+from granular.schema.cell import CELL
 from granular.schema.field_kinds import FieldError
 from granular.shared.message_text import quote
 
@@ -36,11 +36,7 @@ _PISTON = (
     DatasetVariable("piston_height", "m", "height of the piston", "height", "length"),
     DatasetVariable("piston_velocity", "m/s", "velocity of the piston", "velocity", "velocity"),
 )
-_SIDES = tuple(
-    DatasetVariable(f"{side}_force", "N", f"force of the grains on the {side} wall", side, "force")
-    for side in SIDES[:3]
-)
-_TOP = DatasetVariable("piston_force", "N", "force of the grains on the piston, upwards", "top", "force")
+_LIFT = DatasetVariable("piston_force", "N", "force of the grains on the piston, upwards", "upward", "force")
 _KINETIC = DatasetVariable("kinetic_energy", "J", "kinetic energy of the grains", "kinetic", "energy")
 _PAIR = DatasetVariable("pair_energy", "J", "energy of the magnetic pairs", "pair", "energy")
 _PISTON_ENERGY = DatasetVariable(
@@ -57,7 +53,10 @@ _STATE = (
     DatasetVariable("stiffest_mode", "rad/s", "bound of the highest frequency", "stiffest", "rate"),
 )
 
-COORDINATES = ("frame", "grain", "axis", "species", "diameter")
+COORDINATES = (
+    *("frame", "grain", "axis", "species", "diameter"),
+    *("departure_grain", "departure_time", "departure_position"),
+)
 """Names that a run's dataset has besides those of its variables."""
 STAGE = DatasetVariable("stage", "1", "index of the stage in the protocol")
 FRAME_TIME = DatasetVariable("frame_time", "s", "time of the frame", scale="time", dims=("frame",))
@@ -76,10 +75,9 @@ def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
     effects, piston, walls = scene.effects, scene.piston, scene.effects.walls
     laws = list(enumerate(effects.in_loop_order))
     own = [record for _, law in laws for record in law.extra_records]
-    sides = zip((*_SIDES, _TOP), SIDES, strict=True)
     return (
         *(_PISTON if piston else ()),
-        *(variable for variable, side in sides if getattr(walls, side, None)),
+        *(() if walls is None else _side_variables(scene)),
         _KINETIC,
         *([_PAIR] if effects.dipole else ()),
         *_variables_of_summed_records((energy_column(k), law.energy_record) for k, law in laws[::-1]),
@@ -91,6 +89,17 @@ def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
         *([_COUNT] if walls and walls.has_gap else ()),
         *(variable for variable in _STATE if variable.column != "closest" or effects.dipole),
     )
+
+
+def _side_variables(scene: Scene) -> Iterator[DatasetVariable]:
+    """Force on each wall of the cell, and that on the piston."""
+    walled = {name for name, _ in scene.effects.walls.present_walls} if scene.effects.walls else set()
+    for index, line in enumerate(scene.cell.lines):
+        if line.body == CELL and line.name in walled:
+            meaning = f"force of the grains on the {line.name} wall"
+            yield DatasetVariable(f"{line.name}_force", "N", meaning, side_column(index), "force")
+    if scene.has_piston_wall:
+        yield _LIFT
 
 
 def _variables_of_summed_records(

@@ -74,9 +74,9 @@ def advance(system: SceneInNaturalUnits, state: State, ticks: Ticks) -> Rows:
 
 
 def record_length(system: SceneInNaturalUnits) -> int:
-    """Count the columns of a record: of the energy ledger, and of the effects' own values."""
-    effects = system.effects
-    return ledger_column_count(len(effects)) + sum(len(effect.extra_records) for effect in effects)
+    """Count the columns of a record: of the energy ledger, of the effects' own values, and of the sides."""
+    effects, own = system.effects, sum(len(effect.extra_records) for effect in system.effects)
+    return ledger_column_count(len(effects)) + own + len(system.constants.acting.sides)
 
 
 def engine_named(name: str) -> Engine:

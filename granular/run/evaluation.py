@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 
-from granular.effects.wall_side import SIDES, TOP
 from granular.engine.far_field_forces import force_with_far_field
 from granular.engine.forces import evaluate_forces
 from granular.engine.new_state import new_measurement, new_state
@@ -15,6 +14,7 @@ from granular.kernel_data.state import State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
 from granular.scene.scene_in_natural_units import SceneInNaturalUnits, scene_in_natural_units
+from granular.schema.cell import PISTON
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 
@@ -29,10 +29,9 @@ class Evaluation:
         Magnetic force, weight and contact of each grain [N], and own effects with an energy;
         without friction and drag.
     piston_force : float
-        Force of the grains on the piston, upwards [N]; 0 without a top wall.
+        Force of the grains on the piston, upwards [N]; 0 if it is no wall.
     wall_forces : dict of str to float
-        Force of the grains on ``left``, ``right``, ``bottom`` and ``top``, outwards [N]; 0 without
-        that wall.
+        Force of the grains on each side of the cell, outwards [N]; 0 without a wall there.
     potential_energy : float
         Energy of pairs, walls, contacts, the grains' weight and own effects [J].
     kinetic_energy : float
@@ -107,11 +106,12 @@ def evaluate(
     if outside or not np.isfinite(force).all():
         raise _misplaced_positions_error()
     potential += float(energies[::-1].sum())
-    wall_forces = state.wall_forces * scales.force
+    wall_forces, lines = (state.wall_forces * scales.force).tolist(), scene.cell.lines
+    lifts = [-s.normal[1] * f for s, f in zip(lines, wall_forces, strict=True) if s.body == PISTON]
     return Evaluation(
         force=force * scales.force,
-        piston_force=float(wall_forces[TOP]),
-        wall_forces=dict(zip(SIDES, wall_forces.tolist(), strict=True)),
+        piston_force=sum(lifts),
+        wall_forces=dict(zip((line.name for line in lines), wall_forces, strict=True)),
         potential_energy=float(potential * scales.energy),
         kinetic_energy=float(kinetic * scales.energy),
         normal_load=_normal_loads(state, system) * scales.force,

@@ -188,7 +188,10 @@ class ProtocolRunner(RunState):
 
     def _remove_departed_grains(self) -> None:
         """Take out the grains that have left through the gap, with the energy they carry."""
-        before = self.total_energy(self.remedy_for_long_steps)
+        before, state, scales = self.total_energy(self.remedy_for_long_steps), self.state, self.system.scales
+        for i in np.flatnonzero(state.y[: self.constants.grains] < self.constants.exit):
+            place = [float(values[i]) * scales.length for values in (state.x, state.y)]
+            self.progress.departures.append([int(state.label[i]), self.present_time * scales.time, *place])
         self.constants = remove_outflowed_grains(self.state, self.constants)
         self.state.ledger[WORK] += self.total_energy(self.remedy_for_long_steps) - before
 

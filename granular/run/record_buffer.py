@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.effects.effect import Effect
-from granular.engine.columns import column_names_for_laws
+from granular.engine.columns import column_names
 from granular.engine.far_field_forces import force_with_far_field
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
@@ -76,7 +76,8 @@ class RecordBuffer:
     def variables_in_si(self, scene: Scene) -> Iterator[tuple[DatasetVariable, np.ndarray]]:
         """Iterate over the scene's variables, with all values that are held converted to SI."""
         own = sum(len(effect.extra_records) for effect in self.effects)
-        columns, scales = column_names_for_laws(len(self.effects), own), Scales.from_grains(scene.grains)
+        columns = column_names(len(self.effects), own, len(scene.cell.lines))
+        scales = Scales.from_grains(scene.grains)
         rows = np.concatenate([np.empty((0, len(columns))), *self.rows])
         for variable in (TIME, *scalar_variables(scene)):
             first, *others = (rows[:, columns.index(word)] for word in variable.column.split(" + "))

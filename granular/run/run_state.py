@@ -68,6 +68,8 @@ class RunProgress:
     stiffest: float = 0.0  # largest step times highest angular frequency so far
     closest: float = math.inf  # least distance of two grains so far [D]
     results: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # of `StageResult`
+    # Grains that have left: index in the scene, time [s], place when taken out [m].
+    departures: list[list[float]] = dataclasses.field(default_factory=list)
 
 
 class RunState:
@@ -239,7 +241,8 @@ class RunState:
     def misplaced_grain_error(self, remedy: str) -> RunError:
         """Error for a grain that stands where none can be, with the present step and time."""
         moment = self.steps_made, self.present_time * self.system.scales.time
-        error = misplaced_grain_error(self.state, self.constants, self.system.scales, *moment, remedy)
+        lines, scales = self.scene.cell.lines, self.system.scales
+        error = misplaced_grain_error(self.state, self.constants, lines, scales, *moment, remedy)
         if isinstance(error, NotFiniteError) and remedy == self.remedy_for_long_steps:
             return error.with_context(self.too_long_step_text, self.remedy_for_non_finite)
         return error.with_context(self.too_long_step_text)

@@ -205,7 +205,8 @@ class _SimulationJob:
     def _outcome_fields(self, complete: bool, until: float) -> dict[str, Any]:
         compiled, passed = self.compiling.seconds, time.perf_counter() - self.started
         figures = self.run.summary_figures() | {"seconds": passed - compiled, "compile_seconds": compiled}
-        return {"figures": figures, "complete": complete, "stages": self.run.stage_results(until)}
+        stages, left = self.run.stage_results(until), self.run.progress.departures
+        return {"figures": figures, "complete": complete, "stages": stages, "departures": left}
 
     def _write_and_commit(self, complete: bool, until: float | None = None) -> None:
         """Write what was recorded, with the last snapshot to resume from."""

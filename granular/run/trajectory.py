@@ -312,6 +312,8 @@ def make_trajectory(
         species=("grain", species, {"long_name": "species of the grain", "units": "1"}),
         diameter=("grain", scene.grains.diameters(), {"long_name": "diameter", "units": "m"}),
     )
+    if scene.effects.walls is not None and scene.effects.walls.has_gap:
+        data = data.assign(departure_variables(outcome.get("departures", [])))
     data = data.set_coords([name for name in ("frame_time", "stage") if name in data])
     data.attrs = {
         "title": f"scene {scene.name}",
@@ -323,6 +325,20 @@ def make_trajectory(
     }
     stages = tuple(StageResult(**stage) for stage in outcome["stages"])
     return Trajectory(scene, data, stages, outcome["complete"], path)
+
+
+def departure_variables(departures: Sequence[Sequence[float]]) -> dict[str, Any]:
+    """Variables of grains that have left, from their index, time [s] and place [m], for a dataset."""
+    table = np.array(departures, dtype=float).reshape(-1, 4)
+    variables: dict[str, tuple[Any, np.ndarray, str, str]] = {
+        "departure_grain": ("departure", table[:, 0].astype(int), "1", "grain that left"),
+        "departure_time": ("departure", table[:, 1], "s", "time at which a grain had left"),
+        "departure_position": (("departure", "axis"), table[:, 2:], "m", "position where a grain had left"),
+    }
+    return {
+        name: (dims, values, {"units": unit, "long_name": meaning})
+        for name, (dims, values, unit, meaning) in variables.items()
+    }
 
 
 def separate_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:

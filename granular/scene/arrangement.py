@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.schema.apparatus import Cell, Grains, Piston
+from granular.schema.apparatus import Grains, Piston
+from granular.schema.cell import CELL, PISTON, Cell, SideLine
 from granular.schema.field_kinds import FieldError, PointListKind
 from granular.schema.sections import Section, integer_field, quantity, section_field
 from granular.shared.errors import SceneError
@@ -96,13 +97,20 @@ def _grid_positions(
         height = piston.height
     if count == 0:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    # Rows of a triangular lattice are sqrt(3)/2 of a spacing apart; a closed cell has nearly square meshes.
-    flat = math.sqrt(0.75) if periodic else 1.0
-    columns = max(1, round(math.sqrt(count * width / height * flat)))
-    rows = -(-count // columns)
-    # The outermost grains stand one mesh from the walls, which repel about as strongly as grains.
-    edge = 0 if periodic else 1
-    mesh = np.array([width / (columns + edge), height / (rows + edge)])
+    if cell.is_polygon:
+        places, mesh = _polygon_grid(count, height, cell, piston)
+    else:
+        # Rows of a triangular lattice are sqrt(3)/2 of a spacing apart; a closed cell has nearly square
+        # meshes.
+        flat = math.sqrt(0.75) if periodic else 1.0
+        columns = max(1, round(math.sqrt(count * width / height * flat)))
+        rows = -(-count // columns)
+        # The outermost grains are one mesh from the walls, which repel about as strongly as grains.
+        edge = 0 if periodic else 1
+        mesh = np.array([width / (columns + edge), height / (rows + edge)])
+        places = np.stack([np.arange(count) % columns, np.arange(count) // columns], axis=1) + edge
+        if periodic:
+            places = places + np.stack([0.25 + 0.5 * (places[:, 1] % 2), np.full(count, 0.5)], axis=1)
     widest = max(specy.diameter for specy in grains.species)
     apart = mesh.min()
     if periodic:
@@ -113,15 +121,30 @@ def _grid_positions(
             f"{plan.jitter:g} grains of {widest:.4g} m could overlap; use fewer grains, less "
             "jitter, or more room"
         )
-    index = np.stack([np.arange(count) % columns, np.arange(count) // columns], axis=1)
     random = np.random.default_rng(plan.seed)
     offset = random.uniform(-plan.jitter, plan.jitter, (count, 2))
     angle = random.uniform(0.0, 2.0 * math.pi, count)
-    if periodic:
-        index = index + np.stack([0.25 + 0.5 * (index[:, 1] % 2), np.full(count, 0.5)], axis=1)
-    positions = (index + edge + offset) * mesh
+    positions = (places + offset) * mesh
     velocities = plan.speed * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return positions, velocities
+
+
+def _polygon_grid(
+    count: int, height: float, cell: Cell, piston: Piston | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places in the widest square grid that fits a polygon up to a height, from below, and its mesh [m]."""
+    spacing, lines = math.sqrt(cell.width * height / count), _lines_to_keep_clear_of(cell, piston)
+    top = 0.0 if piston is None else piston.height
+    while True:
+        columns = np.arange(-math.floor(0.5 * cell.width / spacing), cell.width / spacing)
+        places = np.array([(x, y) for y in np.arange(1, height / spacing - 0.5) for x in columns + 0.5])
+        places = places.reshape(-1, 2) + np.array([0.5 * cell.width / spacing, 0.0])
+        # As in a rectangle, no grain is closer to a wall than one mesh.
+        free = [line.distances(places * spacing, top) >= (1.0 - _ROUNDING) * spacing for line in lines]
+        places = places[np.all(free, axis=0)]
+        if len(places) >= count:
+            return places[:count], np.array([spacing, spacing])
+        spacing *= 0.99
 
 
 def check_positions(
@@ -134,17 +157,18 @@ def check_positions(
 ) -> None:
     """Check that all grains stand clear of the walls, the piston and each other; positions [m]."""
     radius = grains.diameters() / 2.0
-    x, y = positions[:, 0], positions[:, 1]
-    top = math.inf if piston is None else piston.height
     if cell.periods is None:
-        _check_wall_gap(x - radius, "the left wall", "move it to the right")
-        _check_wall_gap(cell.width - x - radius, "the right wall", "widen the cell or move it left")
-        _check_wall_gap(y - radius, "the bottom", "move it up")
-        _check_wall_gap(top - y - radius, "the piston", "raise piston.height or lower arrangement.height")
+        top = 0.0 if piston is None else piston.height
+        for line in _lines_to_keep_clear_of(cell, piston):
+            _check_wall_gap(line.distances(positions, top) - radius, line)
     else:
         positions = cell.wrap_positions(positions)
     if not overlapping:
         _check_overlaps(positions, radius, cell)
+
+
+def _lines_to_keep_clear_of(cell: Cell, piston: Piston | None) -> list[SideLine]:
+    return [line for line in cell.lines if line.body == CELL or piston is not None]
 
 
 def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> None:
@@ -174,7 +198,11 @@ def _candidate_pairs(positions: np.ndarray, reach: float, cell: Cell) -> np.ndar
     return np.asarray(tree.query_pairs(reach, output_type="ndarray"))
 
 
-def _check_wall_gap(gap: np.ndarray, what: str, remedy: str) -> None:
+def _check_wall_gap(gap: np.ndarray, line: SideLine) -> None:
     if len(gap) and gap.min() < 0.0:
-        grain = int(gap.argmin())
-        raise SceneError(f"grain {grain} reaches {-gap[grain]:.4g} m into {what}, 0 m is the limit; {remedy}")
+        grain, remedy = int(gap.argmin()), "move it away from there, or enlarge the cell"
+        if line.body == PISTON:
+            remedy = "raise piston.height or lower arrangement.height"
+        raise SceneError(
+            f"grain {grain} reaches {-gap[grain]:.4g} m into {line.label}, 0 m is the limit; {remedy}"
+        )

@@ -1,11 +1,13 @@
-"""A bed to scale in axes of Matplotlib."""
+"""A bed to scale in axes of Matplotlib, and the pieces of its cell that every picture draws."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.schema.cell import CELL, PISTON, Point, SideLine
 from granular.shared.plotting import COLOURS
 
 if TYPE_CHECKING:
@@ -13,6 +15,33 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from granular.scene.scene import Scene
+
+
+class SidePiece(NamedTuple):
+    """A straight piece of a side."""
+
+    line: SideLine
+    walled: bool  # not open
+    start: Point  # [m]
+    end: Point  # [m]
+
+
+def side_pieces(scene: Scene, body: int, height: float, top: float) -> Iterator[SidePiece]:
+    """Yield the sides of a body, without the gaps in them; height of the piston, and of the picture [m]."""
+    walls = scene.effects.walls
+    for line in scene.cell.lines:
+        if line.body != body:
+            continue
+        wall = None if walls is None else getattr(walls, line.name)
+        (x, y), end = line.ends(height, top)
+        places = [0.0, float(np.hypot(end[0] - x, end[1] - y))]
+        if wall is not None and wall.length is not None:
+            places[1] = min(places[1], wall.length)
+        if wall is not None and wall.gap_start is not None and wall.gap_end is not None:
+            places[1:1] = wall.gap_start, wall.gap_end
+        points = [(x + s * line.tangent[0], y + s * line.tangent[1]) for s in places]
+        for start, stop in zip(points[::2], points[1::2], strict=True):
+            yield SidePiece(line, wall is not None, start, stop)
 
 
 def draw_bed(
@@ -34,13 +63,17 @@ def draw_bed(
     )
     axes.add_collection(grains)
     width = 1e3 * scene.cell.width
-    top = 1e3 * (piston_height if piston_height is not None else float(positions[:, 1].max()))
-    axes.plot([0.0, 0.0, width, width], [top, 0.0, 0.0, top], color="#333333", linewidth=1.5)
+    top = piston_height if piston_height is not None else float(positions[:, 1].max())
+    bodies = [(CELL, "#333333", 1.5)]
     if piston_height is not None:
-        axes.plot([0.0, width], [top, top], color=COLOURS[1], linewidth=3.0)
+        bodies.append((PISTON, COLOURS[1], 3.0))
+    for body, colour, thickness in bodies:
+        for piece in side_pieces(scene, body, top, top):
+            x, y = 1e3 * np.transpose([piece.start, piece.end])
+            axes.plot(x, y, color=colour, linewidth=thickness)
     style_as_map(axes)
     axes.set_xlim(-0.01 * width, 1.01 * width)
-    axes.set_ylim(-0.01 * width, top + 0.02 * width)
+    axes.set_ylim(-0.01 * width, 1e3 * top + 0.02 * width)
 
 
 def style_as_map(ax: Axes) -> Axes:

@@ -12,11 +12,12 @@ from typing import Any
 
 from granular.effects.formula import FormulaList
 from granular.effects.registry import effect_names, find_effect
-from granular.effects.walls import Wall
+from granular.effects.walls import Wall, Walls
 from granular.methods.tables import METHODS
 from granular.scene.loading import scene_names
 from granular.scene.scene import Effects, Scene
 from granular.schema import field_kinds as kinds
+from granular.schema.cell import SidesKind
 from granular.schema.field_kinds import FieldKind
 from granular.schema.formula_parameters import ParameterValuesKind, SectionWithFormula
 from granular.schema.sections import Section
@@ -73,6 +74,9 @@ def _section_schema(section: type[Section]) -> Schema:
     if section is Effects:
         known = {name: result for name in effect_names() if (result := find_effect(name)) is not None}
         return _object_schema({name: _effect_schema(effect) for name, effect in known.items()}, [], section)
+    if section is Walls:
+        sides = _object_schema({}, [], section)
+        return sides | {"additionalProperties": {"anyOf": [_section_schema(Wall), {"const": "none"}]}}
     if issubclass(section, Wall):
         plain = _fields_schema(section)
         plain["additionalProperties"] = True  # parameters of a law of one's own
@@ -145,6 +149,8 @@ def _kind_schema(kind: FieldKind) -> Schema:
             number = _kind_schema(kinds.QuantityKind(unit=kind.unit))
             point = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
             return {"type": "array", "items": point}
+        case SidesKind():
+            return {"anyOf": [_kind_schema(kind.word), _kind_schema(kind.table)]}
         case kinds.QuantityListKind():
             return {"type": "array", "items": _kind_schema(kind.element)}
         case kinds.NestedSectionKind(section=section) if section is not None:

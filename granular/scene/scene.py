@@ -13,7 +13,8 @@ from granular.effects.registry import effect_names, find_effect
 from granular.pairs.pair_sum_settings import PairSumSettings
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_positions_and_velocities
-from granular.schema.apparatus import Cell, Grains, Output, Piston
+from granular.schema.apparatus import Grains, Output, Piston
+from granular.schema.cell import PISTON, Cell
 from granular.schema.field_kinds import (
     FieldError,
     NestedSectionKind,
@@ -256,7 +257,19 @@ class Scene(Section):
     def has_closed_walls(self) -> bool:
         """True where walls close the cell on all sides, without a gap."""
         walls = self.effects.walls
-        return walls is not None and not walls.has_gap and None not in walls.walls_in_order
+        if walls is None or walls.has_gap or len(walls.present_walls) < len(self.cell.lines):
+            return False
+        height = 0.0 if self.piston is None else self.piston.height
+        names = [line.name for line in self.cell.lines]
+        return not self.cell.is_polygon or not self.cell.free_ends(names, height)
+
+    @property
+    def has_piston_wall(self) -> bool:
+        """True where a side that moves with the piston is a wall, which grains push."""
+        walls = self.effects.walls
+        return walls is not None and any(
+            line.body == PISTON and getattr(walls, line.name) is not None for line in self.cell.lines
+        )
 
     def _check_pair_method(self) -> None:
         if self.grains.magnets == "cylinders" and self.pairs.method == "verlet-list":
@@ -311,16 +324,21 @@ class Scene(Section):
         return max(highest)
 
     def _check_piston(self) -> None:
-        walls = self.effects.walls
-        top = walls is not None and walls.top is not None
-        if self.piston is None and top:
-            raise FieldError("there is no piston; give one, or set this to 'none'", "effects", "walls", "top")
+        if self.piston is None and self.has_piston_wall:
+            side = next(line.name for line in self.cell.lines if line.body == PISTON)
+            raise FieldError("there is no piston; give one, or set this to 'none'", "effects", "walls", side)
+        if self.piston is not None:
+            self.cell.check_convex(self.piston.height)
         for stage in self.protocol:
             if stage.needs_piston and self.piston is None:
                 raise FieldError(f"must be given: stage {stage.name!r} moves the piston", "piston")
             if stage.needs_piston_mass and (self.piston is None or self.piston.mass is None):
                 raise FieldError(f"must be given: stage {stage.name!r} frees the piston", "piston", "mass")
-            if not top and self.grains.count and (stage.needs_piston_mass or stage.ends_at_force):
+            if (
+                not self.has_piston_wall
+                and self.grains.count
+                and (stage.needs_piston_mass or stage.ends_at_force)
+            ):
                 raise FieldError(
                     "the piston must be a wall that grains push (effects.walls.top)", "protocol", stage.name
                 )

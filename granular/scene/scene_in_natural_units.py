@@ -11,7 +11,7 @@ from granular.effects.dipole import discs_unless_dipoles
 from granular.effects.effect import Effect, EffectContext
 from granular.effects.force_effect import ForceEffect
 from granular.effects.pair_law import PairLawEffect, grain_charges
-from granular.effects.wall_side import SIDES
+from granular.effects.walls import natural_sides
 from granular.kernel_data.constants import Constants, EffectLaws, PistonResistance
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_values
@@ -74,7 +74,6 @@ def scene_in_natural_units(
     constants = Constants(
         grains=len(species),
         **numbers._asdict(),
-        width=scene.cell.width / scales.length,
         piston_mass=piston_mass,
         piston_weight=piston_weight,
         resistance=resistance,
@@ -156,7 +155,7 @@ def _acting_laws(
         laws=laws,
         host=named.get("host"),
         dipole=None if summed is None else True,
-        walls=tuple(named.get("walls", (None,) * len(SIDES))),
+        sides=named["walls"].sides if "walls" in named else natural_sides(None, context, scene.cell.lines),
         weight=weights[0] if weights else None,
         cut=cut,
         listing=listing,

@@ -1,4 +1,4 @@
-"""The parts of a scene that describe the apparatus and its records: grains, cell, piston, output.
+"""The parts of a scene that describe the apparatus and its records: grains, piston, output.
 
 What acts on them are the effects (`granular.effects`), how they stand at the start the arrangement,
 and what is done to them the protocol.
@@ -15,6 +15,7 @@ import numpy as np
 
 from granular.parts.grades import RECOIL_PERMEABILITY, REFERENCE_TEMPERATURE, find_grade
 from granular.parts.moment import Magnet, make_magnet, remanence_of_moment
+from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError, at_key
 from granular.schema.piston_parts import Blade, Guide
 from granular.schema.sections import (
@@ -287,64 +288,6 @@ def _species_by_every_kth_rule(count: int, fraction: float) -> np.ndarray:
         every = int(1 / rare)
         species[every - 1 :: every] = result
     return species
-
-
-class Cell(Section):
-    """The Hele-Shaw cell.
-
-    Attributes
-    ----------
-    width : float
-        Distance of the side walls [m].
-    separation : float
-        Distance E of the glass plates [m].
-    sides : str
-        ``"closed"``: walls stand there, as far as `granular.effects.walls` has them; or
-        ``"periodic"``: what leaves on one side comes in on the other, in both directions, and
-        every grain meets the images of all others. There is no piston then.
-    height : float or None
-        Height of the periodic cell [m]; a closed one ends at its piston.
-    """
-
-    width: float = quantity("m", above=0.0)
-    separation: float = quantity("m", default=0.0031, above=0.0)
-    sides: str = choice_field("closed", "periodic", default="closed")
-    height: float | None = quantity("m", above=0.0, default=None, optional=True)
-
-    @property
-    def periods(self) -> tuple[float, float] | None:
-        """Width and height of a periodic cell [m]; None of a closed one."""
-        return None if self.height is None else (self.width, self.height)
-
-    def wrap_positions(self, positions: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 2"]:
-        """Positions of the images within a periodic cell; as given of a closed one [m]; positions [m]."""
-        if self.periods is None:
-            return positions
-        inside = np.mod(positions, self.periods)
-        # A place just below 0 is rounded to the other side itself.
-        return np.asarray(np.where(inside < self.periods, inside, 0.0 * inside))
-
-    def nearest_image_displacements(
-        self, displacements: Float[np.ndarray, "... 2"]
-    ) -> Float[np.ndarray, "... 2"]:
-        """Displacements of the nearest images, as given in a closed cell [m] (Allen and Tildesley 1987)."""
-        if self.periods is None:
-            return displacements
-        return np.asarray(displacements - self.periods * np.round(displacements / self.periods))
-
-    def validate(self) -> None:
-        """Check that a periodic cell has a height, and a closed one has none."""
-        if self.sides == "periodic" and self.height is None:
-            raise FieldError("must be given where the sides are periodic", "height")
-        if self.sides == "closed" and self.height is not None:
-            raise FieldError("only a periodic cell has a height; a closed one has piston.height", "height")
-
-    def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`; periodic sides are written where there are any."""
-        plain = super().to_plain()
-        if self.height is None:
-            del plain["sides"]
-        return plain
 
 
 class Piston(Section):

@@ -247,11 +247,11 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
 
 def _unknown_keys(scene: Scene) -> Iterator[str]:
     """Yield keys, with their values, by which a bed leaves its cell or its pairs do not carry the piston."""
-    from granular.effects.wall_side import SIDES
-
+    if scene.cell.is_polygon:
+        yield "cell.sides, and no cell.width"
     walls = scene.effects.walls
-    for side in SIDES:
-        key, wall = f"effects.walls.{side}", None if walls is None else getattr(walls, side)
+    for line in scene.cell.lines:
+        key, wall = f"effects.walls.{line.name}", None if walls is None else getattr(walls, line.name)
         if wall is None:
             yield f"{key} = 'none'"
         elif wall.own is not None:

@@ -265,7 +265,7 @@ def test_the_bed_that_the_source_could_not_hold_up_rests_on_slabs() -> None:
         ({"bottom": {"law": "infinite", "length": 0.1}}, "only a slab has a length"),
         ({"bottom": "discs"}, "a row of discs has a pitch"),
         ({"bottom": {"law": "discs", "pitch": "0.9 D"}}, "at least the magnets' diameter"),
-        ({"top": {"law": "slab", "gap_start": 0.1, "gap_end": 0.2}}, "only the bottom"),
+        ({"top": {"law": "slab", "gap_start": 0.1, "gap_end": 0.2}}, "of the piston, cannot have a gap"),
         ({"bottom": {"law": "slab", "gap_start": 0.1}}, "both ends of the gap"),
         ({"bottom": {"law": "slab", "gap_start": 0.2, "gap_end": 0.1}}, "above gap_start"),
         ({"bottom": {"law": "experimental", "gap_start": 0.1, "gap_end": 0.2}}, "only a slab"),

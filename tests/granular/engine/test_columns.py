@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from granular.effects.wall_side import SIDES
 from granular.engine import columns
 from granular.engine.columns import COLUMNS
 
@@ -16,12 +15,8 @@ def test_each_column_has_the_place_that_its_constant_says() -> None:
     assert places == {name: place for place, name in enumerate(COLUMNS)}
 
 
-def test_walls_fill_columns_in_their_own_order() -> None:
-    assert COLUMNS[columns.LEFT : columns.TOP + 1] == SIDES
-
-
 def test_energies_and_losses_of_laws_are_in_the_sums() -> None:
-    names = columns.column_names_for_laws(2)
+    names = columns.column_names(2)
     assert len(names) == columns.ledger_column_count(2)
     row = np.zeros((1, len(names)))
     wanted = {"kinetic": 1.0, "pair": 2.0, "piston": 4.0}

@@ -9,7 +9,8 @@ import pytest
 
 from granular import Scene
 from granular.scene.arrangement import Arrangement, check_positions, initial_positions_and_velocities
-from granular.schema.apparatus import Cell, Grains, Piston, Species
+from granular.schema.apparatus import Grains, Piston, Species
+from granular.schema.cell import Cell
 from granular.shared.errors import SceneError
 
 GRAINS = Grains(count=23, species=(Species(diameter=0.006),))

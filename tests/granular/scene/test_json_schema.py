@@ -85,7 +85,7 @@ def test_what_a_scene_may_not_hold_is_refused(path: str, admits: Any) -> None:
 def test_keys_have_words_units_and_limits() -> None:
     width = scene_schema()["properties"]["cell"]["properties"]["width"]
     assert "side walls" in width["description"]
-    number, text = width["anyOf"]
+    number, text = width["anyOf"][0]["anyOf"]
     assert number == {"type": "number", "exclusiveMinimum": 0.0}
     assert "m" in text["description"]
 

@@ -1,0 +1,244 @@
+"""The Hele-Shaw cell: its sides, each a straight line that moves with the cell or with the piston."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from granular.schema.field_kinds import ChoiceKind, FieldError, FieldKind, PointListKind, SectionListKind
+from granular.schema.sections import Section, choice_field, quantity, section_field, text_field
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+BODIES = ("cell", "piston")
+CELL, PISTON = range(len(BODIES))
+"""Bodies that a side moves with."""
+
+ROUNDING = 1e-9
+"""Part of the cell's width by which rounding may move a corner."""
+
+Point = tuple[float, float]
+
+
+class CellSide(Section):
+    """One straight side of a cell.
+
+    Attributes
+    ----------
+    name : str
+        Name, by which `effects.walls` gives the side its law.
+    ends : two pairs of float
+        The first and the second end [m]; the inside lies on the left of the way between them. Heights of a
+        side of the piston count from the piston's height.
+    body : str
+        The body that it moves with: ``"cell"`` or ``"piston"``.
+    """
+
+    name: str = text_field()
+    ends: tuple[Point, ...] = section_field(PointListKind(unit="m"))
+    body: str = choice_field(*BODIES, default="cell")
+
+    def validate(self) -> None:
+        """Check that there are two ends."""
+        if len(set(self.ends)) != 2 or len(self.ends) != 2:
+            raise FieldError("must hold two different points, [[x, y], [x, y]]", "ends")
+
+
+@dataclasses.dataclass(frozen=True)
+class SideLine:
+    """The line of a side, in the frame of its body.
+
+    Attributes
+    ----------
+    name : str
+    point : pair of float
+        A point from which places along the side count [m].
+    normal, tangent : pair of float
+        Unit vectors into the cell, and along the side.
+    length : float or None
+        Length of the side [m]; None of an upright side of a rectangle, which ends at the piston.
+    body : int
+        `CELL` or `PISTON`.
+    """
+
+    name: str
+    point: Point
+    normal: Point
+    tangent: Point
+    length: float | None
+    body: int = CELL
+
+    @property
+    def label(self) -> str:
+        """Name of the side in messages."""
+        names = {"bottom": "the bottom", "top": "the piston"}
+        return names.get(self.name, f"the {self.name} wall")
+
+    @property
+    def is_level(self) -> bool:
+        """Whether the side is horizontal."""
+        return abs(self.normal[0]) < ROUNDING
+
+    def place(self, height: float) -> Point:
+        """Point from which places along the side count, with the piston at a height [m]."""
+        return (self.point[0], self.point[1] + (height if self.body == PISTON else 0.0))
+
+    def distances(self, positions: Float[np.ndarray, "n 2"], height: float) -> Float[np.ndarray, "n"]:
+        """Distances from the side, positive inside, with the piston at a height [m]; positions [m]."""
+        return (positions - np.array(self.place(height))) @ np.array(self.normal)
+
+    def ends(self, height: float, top: float) -> tuple[Point, Point]:
+        """Both ends, with the piston at a height; one without a length ends at ``top`` [m]."""
+        (x, y), (tx, ty) = self.place(height), self.tangent
+        length = top - y if self.length is None else self.length
+        return (x, y), (x + length * tx, y + length * ty)
+
+
+@dataclasses.dataclass(frozen=True)
+class SidesKind(FieldKind):
+    """Sides of a cell: ``"closed"``, ``"periodic"``, or a list of sides."""
+
+    word: ClassVar[ChoiceKind] = ChoiceKind(names=("closed", "periodic"))
+    table: ClassVar[SectionListKind] = SectionListKind(section=CellSide, least=1)
+
+    def parse(self, value: Any, diameter: float | None) -> Any:
+        """Read a word or a list of tables; diameter [m]."""
+        return (self.word if isinstance(value, str) else self.table).parse(value, diameter)
+
+    def to_plain(self, value: Any) -> Any:
+        """Word, or sides as tables."""
+        return (self.word if isinstance(value, str) else self.table).to_plain(value)
+
+
+class Cell(Section):
+    """The Hele-Shaw cell: a rectangle, or a convex polygon.
+
+    Attributes
+    ----------
+    width : float
+        Distance of the side walls of a rectangle [m]; of other cells it follows from the sides.
+    separation : float
+        Distance E of the glass plates [m].
+    sides : str, or tuple of CellSide
+        ``"closed"``: a rectangle with the sides ``left``, ``right``, ``bottom`` and ``top``, which is the
+        piston, and walls as far as `granular.effects.walls` has them; ``"periodic"``: what leaves on one
+        side comes in on the other, in both directions, and every grain meets the images of all others,
+        without a piston; or the sides of a convex polygon, with openings between sides that do not
+        meet. Its lowest and its leftmost corner have the coordinate 0.
+    height : float or None
+        Height of the periodic cell [m]; a closed one ends at its piston.
+    """
+
+    width: float = quantity("m", above=0.0, default=None, optional=True)
+    separation: float = quantity("m", default=0.0031, above=0.0)
+    sides: str | tuple[CellSide, ...] = section_field(SidesKind(), default="closed")
+    height: float | None = quantity("m", above=0.0, default=None, optional=True)
+
+    @property
+    def periods(self) -> tuple[float, float] | None:
+        """Width and height of a periodic cell [m]; None of a closed one."""
+        return None if self.height is None else (self.width, self.height)
+
+    def wrap_positions(self, positions: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 2"]:
+        """Positions of the images within a periodic cell; as given of a closed one [m]; positions [m]."""
+        if self.periods is None:
+            return positions
+        inside = np.mod(positions, self.periods)
+        # A place just below 0 is rounded to the other side itself.
+        return np.asarray(np.where(inside < self.periods, inside, 0.0 * inside))
+
+    def nearest_image_displacements(
+        self, displacements: Float[np.ndarray, "... 2"]
+    ) -> Float[np.ndarray, "... 2"]:
+        """Displacements of the nearest images, as given in a closed cell [m] (Allen and Tildesley 1987)."""
+        if self.periods is None:
+            return displacements
+        return np.asarray(displacements - self.periods * np.round(displacements / self.periods))
+
+    @property
+    def is_polygon(self) -> bool:
+        """Whether the cell has sides of its own, and is no rectangle by its width."""
+        return not isinstance(self.sides, str)
+
+    @property
+    def lines(self) -> tuple[SideLine, ...]:
+        """Lines of the sides; of a rectangle left, right, bottom and top."""
+        if not isinstance(self.sides, str):
+            return tuple(_line_between_ends(side) for side in self.sides)
+        origin, wide = (0.0, 0.0), self.width
+        return (
+            SideLine("left", origin, (1.0, 0.0), (0.0, 1.0), None),
+            SideLine("right", (wide, 0.0), (-1.0, 0.0), (0.0, 1.0), None),
+            SideLine("bottom", origin, (0.0, 1.0), (1.0, 0.0), wide),
+            SideLine("top", origin, (0.0, -1.0), (1.0, 0.0), wide, PISTON),
+        )
+
+    def validate(self) -> None:
+        """Check that a periodic cell has a height, and a polygon is convex; set the width of this one."""
+        if self.sides == "periodic" and self.height is None:
+            raise FieldError("must be given where the sides are periodic", "height")
+        if self.sides != "periodic" and self.height is not None:
+            raise FieldError("only a periodic cell has a height; a closed one has piston.height", "height")
+        if isinstance(self.sides, str):
+            if self.width is None:
+                raise FieldError("must be given", "width")
+            return
+        if self.width is not None:
+            raise FieldError("follows from the sides; leave it out", "width")
+        corners = np.array([end for side in self.sides if side.body == "cell" for end in side.ends])
+        if not len(corners):
+            raise FieldError("at least one side must move with the cell", "sides")
+        object.__setattr__(self, "width", float(corners[:, 0].max()))
+        if not self.width > 0.0 or (np.abs(corners.min(axis=0)) > ROUNDING * self.width).any():
+            x, y = corners.min(axis=0)
+            raise FieldError(
+                f"the lowest and the leftmost corner must be at 0; shift all corners by {-x:g}, {-y:g} m",
+                "sides",
+            )
+        self.check_convex(None)
+
+    def free_ends(self, names: Collection[str], height: float) -> int:
+        """Count the ends of sides of a polygon at which no other of them ends; height of the piston [m]."""
+        grid = 100.0 * ROUNDING * self.width
+        lines = [line for line in self.lines if line.name in names]
+        ends = [end for line in lines for end in line.ends(height, 0.0)]
+        counts = Counter((round(x / grid), round(y / grid)) for x, y in ends)
+        return sum(count == 1 for count in counts.values())
+
+    def check_convex(self, height: float | None) -> None:
+        """Check that all corners lie inside all sides; of the cell, or with the piston at a height [m]."""
+        lines = [line for line in self.lines if line.body == CELL or height is not None]
+        corners = [(line, end) for line in lines for end in line.ends(height or 0.0, 0.0)]
+        for line in lines:
+            for other, corner in corners:
+                outside = -float(line.distances(np.array(corner), height or 0.0))
+                # The cell may go on above its piston.
+                if outside > ROUNDING * self.width and (line.body == CELL or other.body == PISTON):
+                    raise FieldError(
+                        f"an end of {other.name!r} is {outside:.4g} m outside of {line.name!r}; a cell is "
+                        "convex, and the inside lies on the left of the way from the first end to the second",
+                        "cell",
+                        "sides",
+                    )
+
+    def to_plain(self) -> dict[str, Any]:
+        """Plain data as of `Section.to_plain`; sides are written unless they are a closed rectangle's."""
+        plain = super().to_plain()
+        if self.sides == "closed":
+            del plain["sides"]
+        if self.is_polygon:
+            del plain["width"]
+        return plain
+
+
+def _line_between_ends(side: CellSide) -> SideLine:
+    (x, y), (to_x, to_y) = side.ends
+    length = math.hypot(to_x - x, to_y - y)
+    tx, ty = (to_x - x) / length, (to_y - y) / length
+    return SideLine(side.name, (x, y), (-ty, tx), (tx, ty), length, BODIES.index(side.body))

@@ -1,0 +1,329 @@
+"""Sides of any inclination: forces, motion, friction and outflow against closed forms and invariants."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Scene, evaluate, load_scene, simulate
+from granular.linear.equilibrium import equilibrium_from
+from granular.observables.interactions import iterate_wall_forces
+from granular.schema.natural_units import Scales
+from granular.shared.errors import SceneError
+
+D = 6e-3
+HOLD = [{"kind": "hold", "name": "hold", "duration": 0.4}]
+LAWS: dict[str, Any] = {
+    "a": "experimental",
+    "b": "infinite",
+    "c": "slab",
+    "d": {"law": "discs", "pitch": "1.3 D"},
+    "e": {"law": "slab", "gap_start": "2 D", "gap_end": "4 D"},
+    "f": {"energy": "u*exp(-w/l)", "u": "1 mJ", "l": "9 mm"},
+}
+"""A law for each side of a hexagon."""
+ROW = ("experimental", "infinite", "slab", {"law": "discs", "pitch": "1.3 D"})
+
+
+def polygon(corners: np.ndarray, names: str = "abcdefgh") -> list[dict[str, Any]]:
+    """Sides of a closed polygon with these corners [m], counter-clockwise."""
+    ends = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+    return [{"name": name, "ends": pair} for name, pair in zip(names, ends.tolist(), strict=False)]
+
+
+def hexagon() -> list[dict[str, Any]]:
+    """A hexagon with sides of 12 D, turned by 11 degrees, in the first quadrant."""
+    angle = np.radians(60.0 * np.arange(6) + 11.0)
+    corners = 12.0 * D * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return polygon(corners - corners.min(axis=0))
+
+
+def held_in(sides: list[dict[str, Any]], walls: dict[str, Any], places: Any, **changes: Any) -> Scene:
+    """Dipoles at given places [m] in a cell without piston, drag and weight."""
+    return load_scene("bed").replace(
+        **{
+            "cell": {"sides": sides},
+            "effects": {"dipole": True, "walls": walls},
+            "piston": None,
+            "protocol": HOLD,
+            "grains.count": len(places),
+            "arrangement": {"positions": np.asarray(places).tolist()},
+            **changes,
+        }
+    )
+
+
+def scattered(sides: list[dict[str, Any]], count: int, seed: int = 1) -> np.ndarray:
+    """Places within a polygon, at least 1 D from its sides and 1.1 D from each other [m]."""
+    ends = np.array([side["ends"] for side in sides])
+    along = np.diff(ends, axis=1)[:, 0]
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1)[:, None]
+    random, places = np.random.default_rng(seed), np.empty((0, 2))
+    while len(places) < count:
+        new = random.uniform(ends.min(axis=(0, 1)), ends.max(axis=(0, 1)))
+        inside = (((new - ends[:, 0]) * normal).sum(axis=1) > D).all()
+        if inside and (np.linalg.norm(places - new, axis=1) > 1.1 * D).all():
+            places = np.concatenate([places, [new]])
+    return places
+
+
+def test_grain_in_a_wedge_rests_and_oscillates_as_in_closed_form() -> None:
+    """Two infinite walls of inclination b: w^3 = 2 cos(b) F*/(m g), k = 3 F*/w^4 along each normal."""
+    incline, tall = math.radians(35.0), 40.0 * D
+    half = tall / math.tan(incline)
+    sides = [
+        {"name": "left", "ends": [[0.0, tall], [half, 0.0]]},
+        {"name": "right", "ends": [[half, 0.0], [2.0 * half, tall]]},
+    ]
+    wedge = {"left": "infinite", "right": "infinite"}
+    scene = held_in(sides, wedge, [[half + 0.2 * D, 12.0 * D]], **{"effects.gravity.acceleration": 9.8})
+    scales, mass = Scales.from_grains(scene.grains), float(scene.grains.masses()[0])
+    w = (2.0 * math.cos(incline) * scales.force * scales.length**3 / (mass * 9.8)) ** (1.0 / 3.0)
+    stiffness = 3.0 * scales.force * scales.length**3 / w**4
+    rest = equilibrium_from(scene, np.array([[half + 0.1 * D, w / math.cos(incline) + 0.2 * D]]), None)
+    np.testing.assert_allclose(rest.positions[0], [half, w / math.cos(incline)], rtol=1e-6)
+    squares = np.diag(rest.pencil.full_stiffness) / mass
+    known = 2.0 * stiffness / mass * np.array([math.sin(incline), math.cos(incline)]) ** 2
+    np.testing.assert_allclose(np.sqrt(squares), np.sqrt(known), rtol=1e-6)
+    assert abs(rest.pencil.full_stiffness[0, 1]) < 1e-6 * stiffness
+
+
+@pytest.mark.parametrize("law", ROW)
+def test_forces_on_six_sides_and_on_grains_cancel(law: Any) -> None:
+    """Each wall's force acts along its normal, and of rows and slabs along itself, too."""
+    sides = hexagon()
+    places = scattered(sides, 25)
+    scene = held_in(sides, dict.fromkeys("abcdef", law), places)
+    found, parts = evaluate(scene, places), iterate_wall_forces(scene, places)
+    on_walls = -parts.forces.sum(axis=0)
+    size = np.linalg.norm(on_walls, axis=1).max()
+    np.testing.assert_allclose(found.force.sum(axis=0), -on_walls.sum(axis=0), atol=1e-12 * size)
+    outwards = [-on @ np.array(line.normal) for on, line in zip(on_walls, scene.cell.lines, strict=True)]
+    np.testing.assert_allclose(list(found.wall_forces.values()), outwards, rtol=1e-12)
+    if law in ("experimental", "infinite"):
+        normals = -np.array([line.normal for line in scene.cell.lines])
+        pushed = np.array(list(found.wall_forces.values())) @ normals
+        np.testing.assert_allclose(pushed, -found.force.sum(axis=0), atol=1e-12 * size)
+
+
+def test_force_is_minus_the_gradient_at_every_law_on_an_inclined_side() -> None:
+    sides = hexagon()
+    places = scattered(sides, 25)
+    scene = held_in(sides, LAWS, places)
+    force, step = evaluate(scene, places).force, 2e-4 * D
+    for grain in range(0, 25, 3):
+        for axis in (0, 1):
+            energies = []
+            for shift in (-2, -1, 1, 2):
+                moved = places.copy()
+                moved[grain, axis] += shift * step
+                energies.append(evaluate(scene, moved).potential_energy)
+            slope = (energies[0] - 8.0 * energies[1] + 8.0 * energies[2] - energies[3]) / (12.0 * step)
+            assert -slope == pytest.approx(force[grain, axis], rel=1e-7, abs=1e-7 * np.abs(force).max())
+
+
+@pytest.mark.parametrize("law", ROW)
+def test_turned_rectangle_gives_turned_forces_and_motions(law: Any) -> None:
+    corners = D * np.array([[0.0, 0.0], [14.0, 0.0], [14.0, 9.0], [0.0, 9.0]])
+    walls, places = dict.fromkeys("abcd", law), scattered(polygon(corners), 16)
+    turn = np.array([[math.cos(0.4), -math.sin(0.4)], [math.sin(0.4), math.cos(0.4)]])
+    turned = corners @ turn.T
+    shift = -turned.min(axis=0)
+    level = held_in(polygon(corners), walls, places)
+    inclined = held_in(polygon(turned + shift), walls, places @ turn.T + shift)
+    force = evaluate(level, places).force
+    there = evaluate(inclined, places @ turn.T + shift)
+    np.testing.assert_allclose(there.force, force @ turn.T, atol=1e-11 * np.abs(force).max())
+    runs = [simulate(scene, dt=2e-5, t_end=0.01, progress=False) for scene in (level, inclined)]
+    paths = [run.dataset["position"].values[-1] for run in runs]
+    np.testing.assert_allclose(paths[1], paths[0] @ turn.T + shift, atol=1e-8 * D)
+
+
+def small_bed(count: int) -> Scene:
+    """The packaged bed in a cell of 20 D, under a piston at 14 D."""
+    size = {"cell.width": "20 D", "piston.height": "14 D", "arrangement.height": "13 D"}
+    return load_scene("bed").replace(**{"grains.count": count, **size})
+
+
+def test_polygon_of_a_rectangle_is_the_rectangle() -> None:
+    """Also under a piston, whose side counts heights from its own."""
+    bed = small_bed(40)
+    places = bed.initial_positions_and_velocities()[0]
+    wide, tall = 20.0 * D, 30.0 * D
+    sides: list[dict[str, Any]] = [
+        {"name": "left", "ends": [[0.0, tall], [0.0, 0.0]]},
+        {"name": "right", "ends": [[wide, 0.0], [wide, tall]]},
+        {"name": "bottom", "ends": [[0.0, 0.0], [wide, 0.0]]},
+        {"name": "top", "ends": [[wide, 0.0], [0.0, 0.0]], "body": "piston"},
+    ]
+    same = bed.replace(**{"cell": {"sides": sides}, "arrangement": {"positions": places.tolist()}})
+    one, other = evaluate(bed, places), evaluate(same, places)
+    np.testing.assert_array_equal(one.force, other.force)
+    assert one.wall_forces == other.wall_forces
+    assert one.piston_force == other.piston_force
+
+
+def test_force_on_a_wedge_shaped_piston_is_the_slope_of_the_energy() -> None:
+    bed = small_bed(30)
+    wide, tall = 20.0 * D, 30.0 * D
+    sides: list[dict[str, Any]] = [
+        {"name": "left", "ends": [[0.0, tall], [0.0, 0.0]]},
+        {"name": "bottom", "ends": [[0.0, 0.0], [wide, 0.0]]},
+        {"name": "right", "ends": [[wide, 0.0], [wide, tall]]},
+        {"name": "up", "ends": [[wide, 0.0], [0.5 * wide, 4.0 * D]], "body": "piston"},
+        {"name": "down", "ends": [[0.5 * wide, 4.0 * D], [0.0, 0.0]], "body": "piston"},
+    ]
+    scene = bed.replace(**{"cell": {"sides": sides}})
+    places, step = scene.initial_positions_and_velocities()[0], 1e-3 * D
+    energies = [
+        evaluate(scene, places, piston_height=14.0 * D + k * step).potential_energy for k in (-2, -1, 1, 2)
+    ]
+    slope = (energies[0] - 8.0 * energies[1] + 8.0 * energies[2] - energies[3]) / (12.0 * step)
+    assert evaluate(scene, places).piston_force == pytest.approx(-slope, rel=1e-8)
+
+
+def funnel(opening: float, count: int, law: Any = "slab", **changes: Any) -> Scene:
+    """Two inclined sides of 45 degrees above an opening [D], filled with grains at rest."""
+    tall = 14.0 * D
+    sides = [
+        {"name": "left", "ends": [[0.0, tall], [tall, 0.0]]},
+        {"name": "right", "ends": [[tall + opening * D, 0.0], [2.0 * tall + opening * D, tall]]},
+    ]
+    return load_scene("bed").replace(
+        **{
+            "cell": {"sides": sides},
+            "effects": {"dipole": True, "walls": {"left": law, "right": law}, "gravity": True},
+            "piston": None,
+            "protocol": HOLD,
+            "grains.count": count,
+            "arrangement": {"height": "13 D"},
+            "output": {"scalars": 1e-3, "frames": 0.01},
+            **changes,
+        }
+    )
+
+
+@pytest.mark.parametrize("drag", [None, {"coefficient": 0.02}])
+def test_energy_ledger_closes_at_second_order_in_a_funnel(drag: Any) -> None:
+    scene = funnel(3.0, 12, **{"effects.drag": drag})
+    residuals = []
+    for dt in (8e-5, 4e-5, 2e-5):
+        data = simulate(scene, dt=dt, t_end=0.03, progress=False).dataset
+        names = ("kinetic", "pair", "wall", "weight")
+        total = sum(data[f"{name}_energy"].values for name in names)
+        if drag is not None:
+            total = total + data["drag_loss"].values
+        residuals.append(float((total - total[0])[-1]))
+    orders = np.log2(np.divide(residuals[:-1], residuals[1:]))
+    np.testing.assert_allclose(orders, 2.0, atol=0.1)
+
+
+def test_grains_leave_a_funnel_with_time_and_place_and_resume_to_the_last_bit(tmp_path: Path) -> None:
+    scene = funnel(8.0, 20, **{"effects.drag.coefficient": 0.02})
+    flow = simulate(scene, dt=5e-5, progress=False)
+    data = flow.dataset
+    left = data["departure_grain"].values
+    assert 3 < len(left) == 20 - data["grain_count"].values[-1]
+    assert sorted(left) == np.flatnonzero(np.isnan(data["position"].values[-1, :, 0])).tolist()
+    times, places = data["departure_time"].values, data["departure_position"].values
+    assert (np.diff(times) >= 0.0).all()
+    counted = 20 - np.searchsorted(times, data["time"].values, side="right")
+    assert np.abs(counted - data["grain_count"].values).max() <= 1  # one may leave at a record's time
+    assert (places[:, 1] < -5.0 * D).all()
+    assert (places[:, 1] > -6.0 * D).all()
+    for stop in (0.13, 0.2571, 0.4):
+        again = simulate(scene, dt=5e-5, t_end=stop, out=tmp_path / "run", resume=True, progress=False)
+    for name in data:
+        assert np.array_equal(data[name].values, again.dataset[name].values, equal_nan=True), name
+
+
+def test_lone_grain_leaves_when_it_has_fallen() -> None:
+    """Far from the walls it falls freely: 5 D below the opening after sqrt(2 (h + 5 D)/g)."""
+    scene = funnel(200.0, 1, **{"arrangement": {"positions": [["114 D", "8 D"]]}})
+    data = simulate(scene, progress=False).dataset
+    late = math.sqrt(2.0 * 13.0 * D / 9.8)
+    assert late < float(data["departure_time"][0]) < late + 2e-3
+    assert float(data["departure_position"][0, 0]) == pytest.approx(114.0 * D, rel=1e-9)
+
+
+@pytest.mark.parametrize("coefficient", [0.3, 0.6])
+def test_grain_on_an_incline_slides_or_stays(coefficient: float) -> None:
+    """Where the wall carries m g cos(b), it slides by g (sin(b) - mu cos(b)), or stays to the last bit."""
+    incline, g = math.radians(30.0), 9.8
+    up = np.array([math.cos(incline), math.sin(incline)])
+    sides = [{"name": "slope", "ends": [[0.0, 0.0], (400.0 * D * up).tolist()]}]
+    scene = held_in(sides, {"slope": "infinite"}, [[60.0 * D, 60.0 * D]])
+    scales, mass = Scales.from_grains(scene.grains), float(scene.grains.masses()[0])
+    w = (scales.force * scales.length**3 / (mass * g * math.cos(incline))) ** (1.0 / 3.0)
+    place = 200.0 * D * up + w * np.array([-up[1], up[0]])
+    scene = scene.replace(
+        **{
+            "arrangement": {"positions": [place.tolist()]},
+            "effects.gravity.acceleration": g,
+            "effects.wall_friction.coefficient": coefficient,
+        }
+    )
+    data = simulate(scene, dt=1e-4, t_end=0.2, progress=False).dataset
+    path = (data["position"].values[:, 0] - place) @ up
+    if coefficient > math.tan(incline):
+        assert np.abs(path).max() < 1e-14
+    else:
+        pull = g * (math.sin(incline) - coefficient * math.cos(incline))
+        np.testing.assert_allclose(-path, 0.5 * pull * data["frame_time"].values ** 2, rtol=1e-9, atol=1e-12)
+
+
+def test_friction_at_two_inclined_sides_takes_the_energy_that_the_ledger_lacks() -> None:
+    scene = funnel(0.0, 12, "infinite", **{"effects.wall_friction.coefficient": 0.2})
+    residuals = []
+    for dt in (4e-5, 2e-5):
+        data = simulate(scene, dt=dt, t_end=0.04, progress=False).dataset
+        names = ("kinetic_energy", "pair_energy", "wall_energy", "weight_energy", "wall_friction_loss")
+        total = sum(data[name].values for name in names)
+        residuals.append(abs(float((total - total[0])[-1])))
+        assert data["wall_friction_loss"].values[-1] > 100.0 * residuals[-1]
+    assert residuals[1] < 0.4 * residuals[0]
+
+
+def test_variable_steps_follow_a_turned_cell() -> None:
+    """Steps depend on distances alone, so that a turned cell is passed in the same ones."""
+    corners = D * np.array([[0.0, 0.0], [14.0, 0.0], [14.0, 9.0], [0.0, 9.0]])
+    walls, places = dict.fromkeys("abcd", "infinite"), scattered(polygon(corners), 6)
+    turn = np.array([[math.cos(0.4), -math.sin(0.4)], [math.sin(0.4), math.cos(0.4)]])
+    shift = -(corners @ turn.T).min(axis=0)
+    runs = [
+        simulate(scene, t_end=0.02, method="adaptive-verlet", progress=False)
+        for scene in (
+            held_in(polygon(corners), walls, places),
+            held_in(polygon(corners @ turn.T + shift), walls, places @ turn.T + shift),
+        )
+    ]
+    assert len({run.settings()["steps"] for run in runs}) == 1
+    paths = [run.dataset["position"].values[-1] for run in runs]
+    np.testing.assert_allclose(paths[1], paths[0] @ turn.T + shift, atol=1e-7 * D)
+
+
+SQUARE = D * np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"cell.sides": polygon(SQUARE[::-1])}, "a cell is convex"),
+        ({"cell.sides": polygon(SQUARE + D)}, "shift all corners by -0.006, -0.006 m"),
+        ({"cell.width": "9 D"}, "follows from the sides"),
+        ({"cell.sides": [{"name": "a", "ends": [[0.0, 0.0]]}]}, "two different points"),
+        ({"effects.walls": {"lid": "infinite"}}, "unknown side 'lid'"),
+        ({"effects.walls.a": {"law": "slab", "length": "9 D"}}, "follows from the side"),
+        ({"effects.walls": {"a": "infinite", "b": "none", "c": "slab", "d": "none"}}, "close the opening"),
+        ({"effects.walls.a": {"law": "slab", "gap_start": "8 D", "gap_end": "10 D"}}, "at most the length"),
+    ],
+)
+def test_bad_sides(changes: dict[str, Any], words: str) -> None:
+    scene = held_in(polygon(SQUARE), dict.fromkeys("abcd", "infinite"), [[4.5 * D, 4.5 * D]])
+    with pytest.raises(SceneError) as caught:
+        scene.replace(**changes)
+    assert words in str(caught.value)
