@@ -102,7 +102,7 @@ def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[np.ndarray, np.ndar
     walls, height = scene.effects.walls, 0.0 if scene.piston is None else scene.piston.height
     walled = set() if walls is None else {side for side, _ in walls.present_walls}
     return [
-        (np.array(line.normal), np.array(line.place(height)) / scales.length)
+        (np.array(line.normal), np.array(line.origin(height)) / scales.length)
         for line in scene.cell.lines
         if line.name in walled
     ]

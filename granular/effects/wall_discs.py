@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.effects.wall_side import WallView, distance_from_wall, place_along_wall, push_grain
+from granular.effects.wall_side import WallView, distance_from_wall, position_along_wall, push_grain
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
 from granular.pairs.disc_near_law import disc_law_continued_below_contact, force_slope_at_contact
@@ -134,7 +134,7 @@ class DiscWall(NamedTuple):
         for i in range(count):
             w = distance_from_wall(view, i)
             kind = _grain_species(law.species, i)
-            _, normal[i], along = energy_and_forces(law.tables, kind, w, place_along_wall(view, i))
+            _, normal[i], along = energy_and_forces(law.tables, kind, w, position_along_wall(view, i))
             normal[i] *= value_or_one(moments, i)
             push_grain(view, i, normal[i], value_or_one(moments, i) * along)
             outside += not w > 0.0
@@ -149,7 +149,7 @@ class DiscWall(NamedTuple):
         for i in range(count):
             w = distance_from_wall(view, i)
             kind = _grain_species(law.species, i)
-            energies[i] = energy_and_forces(law.tables, kind, w, place_along_wall(view, i))[0]
+            energies[i] = energy_and_forces(law.tables, kind, w, position_along_wall(view, i))[0]
             slopes[i] += stiffness(law.tables, kind, w)
 
     @staticmethod

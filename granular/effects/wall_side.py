@@ -53,7 +53,7 @@ def distance_from_wall(view: WallView, i: int) -> float:
 
 
 @compiled(inline=True)
-def place_along_wall(view: WallView, i: int) -> float:
+def position_along_wall(view: WallView, i: int) -> float:
     """Place of a grain along a wall [D]."""
     return view.tx * view.x[i] + (view.ty * view.y[i] - view.begin)
 

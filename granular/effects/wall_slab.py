@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from granular.compiled import Array, compiled, entry
 from granular.effects.wall_infinite import InfiniteWall
-from granular.effects.wall_side import WallView, distance_from_wall, place_along_wall, push_grain
+from granular.effects.wall_side import WallView, distance_from_wall, position_along_wall, push_grain
 from granular.pairs.grain_arrays import value_or_one
 
 if TYPE_CHECKING:
@@ -105,10 +105,10 @@ class SlabWall(NamedTuple):
         """Add the forces of the slabs; fill in those away from them, ``normal`` [F*]."""
         outside = 0
         for i in range(count):
-            w, place = distance_from_wall(view, i), place_along_wall(view, i)
+            w, along = distance_from_wall(view, i), position_along_wall(view, i)
             normal[i], tangential, moment = 0.0, 0.0, value_or_one(moments, i)
             for k in range(law.starts.size):
-                a, b = place - law.starts[k], law.ends[k] - place
+                a, b = along - law.starts[k], law.ends[k] - along
                 normal[i] += normal_force(w, a, b)
                 tangential += tangential_force(w, a, b)
             normal[i] *= moment
@@ -123,10 +123,10 @@ class SlabWall(NamedTuple):
     ) -> None:
         """Fill in energies of grains of moment 1 [F* D], and add bounds of their stiffness [F*/D]."""
         for i in range(count):
-            w, place = distance_from_wall(view, i), place_along_wall(view, i)
+            w, along = distance_from_wall(view, i), position_along_wall(view, i)
             energies[i] = 0.0
             for k in range(law.starts.size):
-                a, b = place - law.starts[k], law.ends[k] - place
+                a, b = along - law.starts[k], law.ends[k] - along
                 energies[i] += energy(w, a, b)
                 slopes[i] += stiffness(w, a, b)
 

@@ -100,7 +100,7 @@ def iterate_wall_forces(
     branches, forces = np.zeros((2, len(here), len(acting), 2))
     for k, (line, law) in enumerate(acting):
         w = line.distances(points, piston_height)
-        along = (points - line.place(piston_height)) @ line.tangent / scales.length
+        along = (points - line.origin(piston_height)) @ line.tangent / scales.length
         normal, tangential = _wall_force_components(law, w / scales.length, along, system.species[here])
         branches[:, k] = w[:, None] * line.normal
         forces[:, k] = normal[:, None] * line.normal + tangential[:, None] * line.tangent

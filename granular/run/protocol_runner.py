@@ -190,8 +190,8 @@ class ProtocolRunner(RunState):
         """Take out the grains that have left through the gap, with the energy they carry."""
         before, state, scales = self.total_energy(self.remedy_for_long_steps), self.state, self.system.scales
         for i in np.flatnonzero(state.y[: self.constants.grains] < self.constants.exit):
-            place = [float(values[i]) * scales.length for values in (state.x, state.y)]
-            self.progress.departures.append([int(state.label[i]), self.present_time * scales.time, *place])
+            position = [float(values[i]) * scales.length for values in (state.x, state.y)]
+            self.progress.departures.append([int(state.label[i]), self.present_time * scales.time, *position])
         self.constants = remove_outflowed_grains(self.state, self.constants)
         self.state.ledger[WORK] += self.total_energy(self.remedy_for_long_steps) - before
 

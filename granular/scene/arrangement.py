@@ -98,7 +98,7 @@ def _grid_positions(
     if count == 0:
         return np.zeros((0, 2)), np.zeros((0, 2))
     if cell.is_polygon:
-        places, mesh = _polygon_grid(count, height, cell, piston)
+        sites, mesh = _polygon_grid(count, height, cell, piston)
     else:
         # Rows of a triangular lattice are sqrt(3)/2 of a spacing apart; a closed cell has nearly square
         # meshes.
@@ -108,9 +108,9 @@ def _grid_positions(
         # The outermost grains are one mesh from the walls, which repel about as strongly as grains.
         edge = 0 if periodic else 1
         mesh = np.array([width / (columns + edge), height / (rows + edge)])
-        places = np.stack([np.arange(count) % columns, np.arange(count) // columns], axis=1) + edge
+        sites = np.stack([np.arange(count) % columns, np.arange(count) // columns], axis=1) + edge
         if periodic:
-            places = places + np.stack([0.25 + 0.5 * (places[:, 1] % 2), np.full(count, 0.5)], axis=1)
+            sites = sites + np.stack([0.25 + 0.5 * (sites[:, 1] % 2), np.full(count, 0.5)], axis=1)
     widest = max(specy.diameter for specy in grains.species)
     apart = mesh.min()
     if periodic:
@@ -124,7 +124,7 @@ def _grid_positions(
     random = np.random.default_rng(plan.seed)
     offset = random.uniform(-plan.jitter, plan.jitter, (count, 2))
     angle = random.uniform(0.0, 2.0 * math.pi, count)
-    positions = (places + offset) * mesh
+    positions = (sites + offset) * mesh
     velocities = plan.speed * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return positions, velocities
 
@@ -137,13 +137,13 @@ def _polygon_grid(
     top = 0.0 if piston is None else piston.height
     while True:
         columns = np.arange(-math.floor(0.5 * cell.width / spacing), cell.width / spacing)
-        places = np.array([(x, y) for y in np.arange(1, height / spacing - 0.5) for x in columns + 0.5])
-        places = places.reshape(-1, 2) + np.array([0.5 * cell.width / spacing, 0.0])
+        sites = np.array([(x, y) for y in np.arange(1, height / spacing - 0.5) for x in columns + 0.5])
+        sites = sites.reshape(-1, 2) + np.array([0.5 * cell.width / spacing, 0.0])
         # As in a rectangle, no grain is closer to a wall than one mesh.
-        free = [line.distances(places * spacing, top) >= (1.0 - _ROUNDING) * spacing for line in lines]
-        places = places[np.all(free, axis=0)]
-        if len(places) >= count:
-            return places[:count], np.array([spacing, spacing])
+        free = [line.distances(sites * spacing, top) >= (1.0 - _ROUNDING) * spacing for line in lines]
+        sites = sites[np.all(free, axis=0)]
+        if len(sites) >= count:
+            return sites[:count], np.array([spacing, spacing])
         spacing *= 0.99
 
 
@@ -185,7 +185,7 @@ def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> No
 
 
 def _candidate_pairs(positions: np.ndarray, reach: float, cell: Cell) -> np.ndarray:
-    """Pairs (k, 2) of grains within reach; of a few grains those whose places along x are."""
+    """Pairs (k, 2) of grains within reach; of a few grains those whose sites along x are."""
     if len(positions) <= FEW:
         apart = positions[:, None, 0] - positions[:, 0]
         if cell.periods is not None:

@@ -34,12 +34,12 @@ def side_pieces(scene: Scene, body: int, height: float, top: float) -> Iterator[
             continue
         wall = None if walls is None else getattr(walls, line.name)
         (x, y), end = line.ends(height, top)
-        places = [0.0, float(np.hypot(end[0] - x, end[1] - y))]
+        marks = [0.0, float(np.hypot(end[0] - x, end[1] - y))]
         if wall is not None and wall.length is not None:
-            places[1] = min(places[1], wall.length)
+            marks[1] = min(marks[1], wall.length)
         if wall is not None and wall.gap_start is not None and wall.gap_end is not None:
-            places[1:1] = wall.gap_start, wall.gap_end
-        points = [(x + s * line.tangent[0], y + s * line.tangent[1]) for s in places]
+            marks[1:1] = wall.gap_start, wall.gap_end
+        points = [(x + s * line.tangent[0], y + s * line.tangent[1]) for s in marks]
         for start, stop in zip(points[::2], points[1::2], strict=True):
             yield SidePiece(line, wall is not None, start, stop)
 

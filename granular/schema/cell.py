@@ -82,20 +82,20 @@ class SideLine:
 
     @property
     def is_level(self) -> bool:
-        """Whether the side is horizontal."""
+        """True if the side is horizontal."""
         return abs(self.normal[0]) < ROUNDING
 
-    def place(self, height: float) -> Point:
+    def origin(self, height: float) -> Point:
         """Point from which places along the side count, with the piston at a height [m]."""
         return (self.point[0], self.point[1] + (height if self.body == PISTON else 0.0))
 
     def distances(self, positions: Float[np.ndarray, "n 2"], height: float) -> Float[np.ndarray, "n"]:
         """Distances from the side, positive inside, with the piston at a height [m]; positions [m]."""
-        return (positions - np.array(self.place(height))) @ np.array(self.normal)
+        return (positions - np.array(self.origin(height))) @ np.array(self.normal)
 
     def ends(self, height: float, top: float) -> tuple[Point, Point]:
         """Both ends, with the piston at a height; one without a length ends at ``top`` [m]."""
-        (x, y), (tx, ty) = self.place(height), self.tangent
+        (x, y), (tx, ty) = self.origin(height), self.tangent
         length = top - y if self.length is None else self.length
         return (x, y), (x + length * tx, y + length * ty)
 
@@ -163,7 +163,7 @@ class Cell(Section):
 
     @property
     def is_polygon(self) -> bool:
-        """Whether the cell has sides of its own, and is no rectangle by its width."""
+        """True if the cell has sides of its own, in place of a rectangle by its width."""
         return not isinstance(self.sides, str)
 
     @property

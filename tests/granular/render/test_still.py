@@ -10,7 +10,7 @@ import pytest
 from matplotlib.collections import EllipseCollection, PolyCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon
 
 from granular.observables import grain_pressures, hexagon_regularity, per_frame, voronoi_cells
 from granular.render import save_picture, still
@@ -96,12 +96,16 @@ def test_absent_grains_are_not_drawn(run: Trajectory) -> None:
     assert len(grains(still(run, 40)).get_offsets()) == 6
 
 
+def bars(figure: Any) -> list[Any]:
+    """Bounding boxes of the walls and the piston that are drawn [mm]."""
+    return [one.get_path().get_extents() for one in figure.axes[0].patches if isinstance(one, Polygon)]
+
+
 def test_piston_stands_at_its_height_and_is_stated(run: Trajectory) -> None:
     figure = still(run, time=0.0201)
     frame = 40
     height = 1e3 * run.dataset["frame_height"].values[frame]
-    bars = [one for one in figure.axes[0].patches if isinstance(one, Rectangle)]
-    assert [one for one in bars if one.get_visible() and one.get_y() == pytest.approx(height)]
+    assert [one for one in bars(figure) if one.y0 == pytest.approx(height)]
     assert "t = 0.020 s" in words(figure)
     assert f"piston at {height:.1f} mm" in words(figure)
     record = np.searchsorted(run.dataset["time"].values, 0.02)
@@ -188,11 +192,34 @@ def test_walls_are_drawn_where_they_are(run: Trajectory) -> None:
         }
     )
     figure = still(dataclasses.replace(run, scene=scene), 0)
-    bars = [one.get_bbox() for one in figure.axes[0].patches if isinstance(one, Rectangle)]
-    below = sorted((one.x0, one.x1) for one in bars if one.y1 == pytest.approx(0.0))
+    below = sorted((one.x0, one.x1) for one in bars(figure) if one.y1 == pytest.approx(0.0))
     assert [below[0][1], below[1][0]] == pytest.approx([30.0, 50.0])
-    assert any(one.x0 == pytest.approx(90.0) for one in bars)
-    assert not any(one.x1 == pytest.approx(0.0) and one.y0 >= 0.0 for one in bars)
+    assert any(one.x0 == pytest.approx(90.0) for one in bars(figure))
+    assert not any(one.x1 == pytest.approx(0.0) and one.y0 >= 0.0 for one in bars(figure))
+
+
+def test_inclined_walls_are_drawn_outside_of_the_cell(run: Trajectory) -> None:
+    """Their inner edges are the sides, and two that meet share the corner of their mitre."""
+    corners = [[0.0, 0.1], [0.06, 0.0], [0.12, 0.1]]
+    ends = [{"name": name, "ends": corners[k : k + 2]} for k, name in enumerate(("left", "right"))]
+    walls = {"left": "infinite", "right": "infinite"}
+    scene = run.scene.replace(
+        **{
+            "cell": {"sides": ends},
+            "piston": None,
+            "protocol": [{"kind": "hold", "name": "hold", "duration": 1.0}],
+            "effects.walls": walls,
+            "output.record": None,
+            "arrangement": {"positions": [[0.06, 0.05]]},
+            "grains.count": 1,
+        }
+    )
+    bed = dataclasses.replace(run, scene=scene, dataset=run.dataset.isel(grain=slice(0, 1)))
+    left, right = [one.get_xy()[:4] for one in still(bed, 0).axes[0].patches if isinstance(one, Polygon)]
+    np.testing.assert_allclose(left[:2], 1e3 * np.array(corners[:2]), atol=1e-9)
+    np.testing.assert_allclose(right[:2], 1e3 * np.array(corners[1:]), atol=1e-9)
+    np.testing.assert_allclose(left[2], right[3], atol=1e-9)
+    assert left[2, 1] < 0.0
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
