@@ -112,12 +112,12 @@ class WallFrictionLaw(NamedTuple):
                 if opens_step:
                     rubbed += _rub_at_other_sides(law, bed, i, tx, ty, dt)
                 vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
-                across, _, lost = move_with_drag(flow, tx * vy - ty * vx, 0.0, (tx * fy - ty * fx) / mass, 0.0)
+                across, _, lost = move_with_drag(
+                    flow, tx * vy - ty * vx, 0.0, (tx * fy - ty * fx) / mass, 0.0
+                )
                 dragged += mass * lost
                 velocity, force = (0.0, tx * vx + ty * vy), (0.0, tx * fx + ty * fy)
-                _, along, by_drag, by_friction = slide(
-                    rate, dt, flow, mass, velocity, force, 1.0, 1.0, hold
-                )
+                _, along, by_drag, by_friction = slide(rate, dt, flow, mass, velocity, force, 1.0, 1.0, hold)
                 state.vx[i], state.vy[i] = tx * along - ty * across, ty * along + tx * across
                 rubbed += by_friction
                 dragged += by_drag

@@ -211,7 +211,7 @@ class Walls(ForceEffect):
         return result
 
     def _lets_grains_out(self, cell: Cell) -> bool:
-        """True if a slab has a gap, or walls of a polygon that move with it do not meet."""
+        """Return whether a slab has a gap, or walls of a polygon that move with it do not meet."""
         if any(wall.has_gap for _, wall in self.present_walls):
             return True
         walled = [

@@ -52,26 +52,13 @@ class CellSide(Section):
 
 @dataclasses.dataclass(frozen=True)
 class SideLine:
-    """The line of a side, in the frame of its body.
-
-    Attributes
-    ----------
-    name : str
-    point : pair of float
-        A point from which places along the side count [m].
-    normal, tangent : pair of float
-        Unit vectors into the cell, and along the side.
-    length : float or None
-        Length of the side [m]; None of an upright side of a rectangle, which ends at the piston.
-    body : int
-        `CELL` or `PISTON`.
-    """
+    """The line of a side, in the frame of its body."""
 
     name: str
-    point: Point
-    normal: Point
-    tangent: Point
-    length: float | None
+    point: Point  # from which positions along the side count [m]
+    normal: Point  # unit vector into the cell
+    tangent: Point  # unit vector along the side
+    length: float | None  # [m]; None of an upright side of a rectangle, which ends at the piston
     body: int = CELL
 
     @property
