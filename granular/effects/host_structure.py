@@ -1,28 +1,30 @@
-"""A machine that shakes, and carries the cell: bodies on springs and dashpots.
+"""Bodies on springs and dashpots: a machine that shakes and carries the cell, and further pistons.
 
-The bodies stand one above another on a base, each on a spring and a dashpot, and move up and down.
-The last of them carries the cell, or the piston, and feels all forces of what it carries. Their
+The bodies of a machine follow one another from a base upwards, each on a spring and a dashpot, and move up
+and down. The last of them carries the cell, or the piston, and feels all forces of what it carries. Their
 displacements X are counted from where all is at rest, with the damper aboard: the springs hold all
-weights, and move the more slowly for them. See `granular.engine.host_motion` for the equations.
+weights, and move the more slowly for them. Further pistons move in the cell, and may be its bottom; springs
+join any two bodies, or one and the base. See `granular.engine.bodies` for the equations.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from granular.compiled import Array, compiled
+from granular.effects.body_table import BodyLaw, BodyRows, Links, Shown
 from granular.effects.effect import Effect, EffectContext, RecordedVariable, energy_variable
-from granular.effects.excitation import Excitation, ExcitationLaw
+from granular.effects.excitation import Excitation
+from granular.effects.force_effect import ForceEffect
 from granular.effects.moving_frame_effect import MovingFrameEffect
-from granular.kernel_data.state import LOSSES, SPEED, Bed, State
-from granular.pairs.grain_arrays import value_or_one
+from granular.kernel_data.state import LOSSES
 from granular.schema.apparatus import Grains, Piston
-from granular.schema.cell import Cell
-from granular.schema.field_kinds import FieldError
+from granular.schema.cell import CELL, PISTON, Cell
+from granular.schema.field_kinds import FieldError, unknown_word_message
 from granular.schema.natural_units import Scales
 from granular.schema.sections import (
     Section,
@@ -31,6 +33,7 @@ from granular.schema.sections import (
     nested_section_field,
     quantity,
     section_list_field,
+    text_field,
 )
 
 if TYPE_CHECKING:
@@ -39,18 +42,9 @@ if TYPE_CHECKING:
 RESOLVED = 4.0
 """Steps in a host's period over those in the bed's stiffest one: most of the energy is the host's."""
 
-CELL, PISTON_MOUNT, FIXED = range(3)
-"""The load of the chain's last body: the cell; the piston; nothing, for the cell is the base."""
-
-PUSH, PULL, CARRIED = range(3)
-"""Entries of what holds for the present kick: the frame's acceleration A [D/tau^2], the force
-of the chain on the piston [F*], and the velocity in the frame of a last body that it drives [D/tau]."""
-
-_MOUNTS = {"cell": CELL, "piston": PISTON_MOUNT, "base": FIXED}
-
 
 class HostBody(Section):
-    """A body of the chain, on a spring and a dashpot that stand on the one before, or the base.
+    """A body of the chain, on a spring and a dashpot to the one before, or the base.
 
     Attributes
     ----------
@@ -67,8 +61,130 @@ class HostBody(Section):
     damping: float = quantity("kg/s", default=0.0, least=0.0)
 
 
+class FurtherPiston(Section):
+    """A body that a guide in the cell lets move up and down; its height is 0 at the start.
+
+    Attributes
+    ----------
+    name : str
+        For springs and records.
+    mass : float
+        [kg]
+    side : str or None
+        Side of the cell that moves with it, such as ``"bottom"``, by its name.
+    drag : float
+        Viscous drag in its guide [kg/s].
+    friction : float
+        Coulomb friction in its guide [N].
+    """
+
+    name: str = text_field()
+    mass: float = quantity("kg", above=0.0)
+    side: str | None = text_field(default=None, optional=True)
+    drag: float = quantity("kg/s", default=0.0, least=0.0)
+    friction: float = quantity("N", default=0.0, least=0.0)
+
+
+class Spring(Section):
+    """A spring and a dashpot, or a stop, between two bodies, or a body and the base.
+
+    Attributes
+    ----------
+    upper, lower : str
+        What it joins: ``"base"``, ``"cell"``, ``"piston"``, a further piston's name, or ``"body_0"``,
+        ``"body_1"`` ... for the bodies of the machine below the last one.
+    stiffness : float
+        [N/m]
+    damping : float
+        Coefficient of the dashpot [kg/s].
+    preload : float
+        Force at the start, which pushes both apart [N].
+    gap : float or None
+        Way by which both approach before they touch [m]: a stop, which pushes alone.
+    """
+
+    upper: str = text_field()
+    lower: str = text_field(default="base")
+    stiffness: float = quantity("N/m", default=0.0, least=0.0)
+    damping: float = quantity("kg/s", default=0.0, least=0.0)
+    preload: float = quantity("N", default=0.0)
+    gap: float | None = quantity("m", default=None, least=0.0, optional=True)
+
+    def validate(self) -> None:
+        """Check that a stop has neither preload nor dashpot, which act at any distance."""
+        if self.gap is not None and (self.preload or self.damping):
+            raise FieldError("a stop has neither preload nor damping; leave them out, or the gap", "gap")
+        if self.upper == self.lower:
+            raise FieldError("must join two bodies, or one and the base", "lower")
+
+    def push(self, stretch: float) -> float:
+        """Force that pushes both apart [N], for how much they moved apart since the start [m]."""
+        if self.gap is not None:
+            return self.stiffness * max(-stretch - self.gap, 0.0)
+        return self.preload - self.stiffness * stretch
+
+
+@dataclasses.dataclass(frozen=True)
+class BodyTable:
+    """All bodies of a scene, in SI; the first two are the cell and the piston."""
+
+    names: tuple[str, ...]
+    masses: Float[np.ndarray, "b"]  # [kg]; of a cell on the base without meaning
+    springs: tuple[Spring, ...]  # those of the chain first
+    chain: tuple[str, ...]  # names of the machine's bodies, from the base upwards
+    carrying_mass: float  # of the machine's last body [kg]
+    pistons: tuple[FurtherPiston, ...]
+
+    def row(self, name: str) -> int:
+        """Index of a body by its name."""
+        return self.names.index(name)
+
+    @property
+    def shown(self) -> list[tuple[str, str, int, bool]]:
+        """Name and meaning of each record of a displacement, its row, and whether it is over the base."""
+        result = [("host", "the last body", self.row(name), True) for name in self.chain[-1:]]
+        result += [(name, name.replace("_", " "), self.row(name), True) for name in self.chain[:-1]]
+        return result + [(other.name, other.name, self.row(other.name), False) for other in self.pistons]
+
+    def natural_rows(self, piston: Piston | None, weight: float, gravity: float, scales: Scales) -> BodyRows:
+        """Numbers of the bodies; weight on the piston [F*], gravity [D/tau^2]."""
+        count = len(self.names)
+        weights, drags, frictions, start = np.zeros((4, count))
+        weights[PISTON] = weight
+        if piston is not None:
+            drags[PISTON], frictions[PISTON], start[PISTON] = piston.drag, piston.friction, piston.height
+        for other in self.pistons:
+            row = self.row(other.name)
+            weights[row] = other.mass / scales.mass * gravity
+            drags[row], frictions[row] = other.drag, other.friction
+        rates = np.divide(drags * scales.time, self.masses, out=np.zeros(count), where=drags > 0.0)
+        return BodyRows(
+            self.masses / scales.mass, weights, rates, frictions / scales.force, start / scales.length
+        )
+
+    def natural_links(self, scales: Scales) -> Links:
+        """Springs, dashpots and stops."""
+        stiffness = scales.force / scales.length
+        springs = self.springs
+        gaps = [-math.inf if spring.gap is None else spring.gap / scales.length for spring in springs]
+        signs = np.zeros((len(springs), len(self.names)))
+        for k, spring in enumerate(springs):
+            for name, sign in ((spring.upper, 1.0), (spring.lower, -1.0)):
+                # All but the base move with the cell, too.
+                signs[k, CELL] += sign * (name != "base")
+                if name not in ("base", "cell"):
+                    signs[k, self.row(name)] += sign
+        return Links(
+            signs=signs,
+            stiffness=np.array([spring.stiffness for spring in springs]) / stiffness,
+            damping=np.array([spring.damping for spring in springs]) / (stiffness * scales.time),
+            preload=np.array([spring.preload for spring in springs]) / scales.force,
+            gap=np.array(gaps),
+        )
+
+
 class Host(MovingFrameEffect):
-    """Primary structure that carries the damper, and its excitation.
+    """Primary structure that carries the damper, and its excitation; further pistons and springs.
 
     Attributes
     ----------
@@ -84,6 +200,8 @@ class Host(MovingFrameEffect):
     excitation : Excitation or None
     excited : int or None
         Index of the body that the force acts on, from 0; the last one if not given.
+    pistons : tuple of FurtherPiston
+    springs : tuple of Spring
     """
 
     key = "host"
@@ -94,34 +212,47 @@ class Host(MovingFrameEffect):
         "excitation": {"kind": "sine", "force": "0.1 N", "frequency": "3 Hz"},
     }
     energy_record = energy_variable(
-        "host_energy", "energy of the host, and what its motion adds to that of grains and piston"
+        "host_energy", "energy of bodies and springs, and what their motion adds to that of grains and piston"
     )
-    loss_record = energy_variable("host_loss", "energy lost to the host's dashpots")
+    loss_record = energy_variable("host_loss", "energy lost to dashpots and the guides of further pistons")
 
     mount: str = choice_field("cell", "piston", "base", default="cell")
-    bodies: tuple[HostBody, ...] = section_list_field(HostBody)
+    bodies: tuple[HostBody, ...] = section_list_field(HostBody, default=())
     cell_mass: float | None = quantity("kg", above=0.0, default=None, optional=True)
     excitation: Excitation | None = nested_section_field(Excitation, default=None, optional=True)
     excited: int | None = integer_field(default=None, optional=True)
+    pistons: tuple[FurtherPiston, ...] = section_list_field(FurtherPiston, default=())
+    springs: tuple[Spring, ...] = section_list_field(Spring, default=())
+
+    @property
+    def moves_cell(self) -> bool:
+        """True where the cell moves over the base."""
+        return self.mount != "base"
+
+    def bodies_of_sides(self) -> dict[str, int]:
+        """Row of the further piston that a side of the cell moves with, by the side's name."""
+        return {other.side: self.table(None).row(other.name) for other in self.pistons if other.side}
 
     @property
     def damps(self) -> bool:  # type: ignore[override]  # of these dashpots
-        """True where a body has a dashpot."""
-        return any(body.damping > 0.0 for body in self.bodies)
+        """True where a body has a dashpot, or a further piston a guide that resists."""
+        resists = any(other.drag > 0.0 or other.friction > 0.0 for other in self.pistons)
+        return resists or any(spring.damping > 0.0 for spring in self.table(None).springs)
+
+    @property
+    def dry(self) -> bool:  # type: ignore[override]  # of these guides
+        """True where a further piston rubs."""
+        return any(other.friction > 0.0 for other in self.pistons)
 
     @property
     def extra_records(self) -> tuple[RecordedVariable, ...]:
-        """Displacement and velocity of the last body; displacements of the others; the drive."""
+        """Displacements and velocities of bodies; the drive."""
         result = []
-        if self.bodies:
+        for name, words, _, _ in self.table(None).shown:
             result += [
-                RecordedVariable("host_displacement", "m", "displacement of the last body", "length"),
-                RecordedVariable("host_velocity", "m/s", "velocity of the last body", "velocity"),
+                RecordedVariable(f"{name}_displacement", "m", f"displacement of {words}", "length"),
+                RecordedVariable(f"{name}_velocity", "m/s", f"velocity of {words}", "velocity"),
             ]
-        result += [
-            RecordedVariable(f"body_{k}_displacement", "m", f"displacement of body {k}", "length")
-            for k in range(len(self.bodies) - 1)
-        ]
         drive = self.excitation
         if drive is not None and drive.is_base_motion:
             result.append(
@@ -132,7 +263,7 @@ class Host(MovingFrameEffect):
         return tuple(result)
 
     def validate(self) -> None:
-        """Check that bodies, mount, free cell and excitation fit each other."""
+        """Check that bodies, mount, free cell and excitation fit each other, and that springs have ends."""
         if (self.mount == "base") == bool(self.bodies):
             raise FieldError(
                 "a cell on the base has no bodies" if self.bodies else "give at least one body", "bodies"
@@ -143,11 +274,33 @@ class Host(MovingFrameEffect):
             raise FieldError("a base is moved by an acceleration or a displacement", "excitation")
         if self.excited is not None and not self.excited < len(self.bodies):
             raise FieldError(f"{self.excited} is no body; there are {len(self.bodies)}", "excited")
+        if self.mount == "piston" and self.pistons:
+            raise FieldError("a cell upside down has none (mount = 'piston')", "pistons")
+        known = self.table(None).names
+        for index, other in enumerate(self.pistons):
+            if known.count(other.name) > 1 or other.name in ("base", "host"):
+                raise FieldError(
+                    "names another body already; give another name", "pistons", str(index), "name"
+                )
+        for index, spring in enumerate(self.springs):
+            for key in ("upper", "lower"):
+                end = getattr(spring, key)
+                if end not in (*known, "base"):
+                    words = unknown_word_message(end, (*known, "base"), "body")
+                    raise FieldError(words, "springs", str(index), key)
+
+    def to_plain(self) -> dict[str, Any]:
+        """Plain data as of `Section.to_plain`; without further pistons and springs, if there are none."""
+        plain = super().to_plain()
+        for key in ("pistons", "springs"):
+            if not plain[key]:
+                del plain[key]
+        return plain
 
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that nothing else moves the cell, and that what the mount needs is there."""
+        """Check that nothing else moves the cell, and that what mount and springs need is there."""
         if "shaking" in others:
             raise FieldError(
                 "the cell is shaken already; take effects.shaking away, or move the host's base",
@@ -161,20 +314,36 @@ class Host(MovingFrameEffect):
                 "effects",
                 self.key,
             )
+        sides = [line.name for line in cell.lines if line.body == CELL]
+        for index, other in enumerate(self.pistons):
+            path = ("effects", self.key, "pistons", str(index), "side")
+            if other.side is not None and other.side not in sides:
+                raise FieldError(unknown_word_message(other.side, tuple(sides), "side of the cell"), *path)
+            if other.side is not None and [further.side for further in self.pistons].count(other.side) > 1:
+                raise FieldError("moves with another one already; give another side", *path)
         walls: Any = others.get("walls")
         if walls is not None and walls.has_gap:
             raise FieldError("cannot carry a cell with a gap", "effects", self.key)
-        if self.mount == "piston" and (piston is None or piston.mass is None):
-            raise FieldError("must be given: the host carries the piston", "piston", "mass")
+        holds_piston = any("piston" in (spring.upper, spring.lower) for spring in self.springs)
+        if (self.mount == "piston" or holds_piston) and (piston is None or piston.mass is None):
+            raise FieldError("must be given: the host carries the piston, or a spring", "piston", "mass")
 
     def drive_angular_frequency(self, scales: Scales) -> float:
-        """Highest angular frequency of the chain or of its excitation, times `RESOLVED` [1/tau]."""
+        """Highest angular frequency of bodies on springs or of the excitation, times `RESOLVED` [1/tau]."""
         drive = 0.0 if self.excitation is None else self.excitation.highest_frequency()
         masses = [body.mass for body in self.bodies]
         stiffness = [body.stiffness for body in self.bodies] + [0.0]
         # Row sums of the chain's stiffness over the masses bound its squared frequencies (Gershgorin).
         rows = [2.0 * (stiffness[k] + stiffness[k + 1]) / mass for k, mass in enumerate(masses)]
         return RESOLVED * max(math.tau * drive, math.sqrt(max(rows, default=0.0))) * scales.time
+
+    def without_machine(self) -> dict[str, Any] | None:
+        """Return further pistons and springs in the cell alone, as plain data, on the base; None without."""
+        cell = ("base", "cell", "piston", *(other.name for other in self.pistons))
+        springs = [spring for spring in self.springs if {spring.upper, spring.lower} <= {*cell}]
+        if not (self.pistons or springs):
+            return None
+        return Host(mount="base", pistons=self.pistons, springs=tuple(springs)).to_plain()
 
     def weight_on_piston(self, grains: Grains, scales: Scales, gravity: float) -> float | None:
         """Weight that presses the bed against the piston, where the cell is free [F*]; gravity [D/tau^2]."""
@@ -186,135 +355,52 @@ class Host(MovingFrameEffect):
         """Mass of what moves as the piston: with the body that carries it, if one does [kg]; mass [kg]."""
         return mass + self.bodies[-1].mass if self.mount == "piston" else mass
 
-    def make_kernel_law(self, context: EffectContext) -> HostLaw:
-        """Law in natural units."""
-        scales, piston = context.scales, context.piston
-        masses = np.array([body.mass for body in self.bodies]) / scales.mass
-        force = scales.force / scales.length
-        stiffness = np.array([body.stiffness for body in self.bodies]) / force
-        damping = np.array([body.damping for body in self.bodies]) / (force * scales.time)
-        fraction = np.zeros(len(self.bodies))
-        if self.bodies:
-            fraction[len(fraction) - 1 if self.excited is None else self.excited] = 1.0
+    def table(self, piston: Piston | None) -> BodyTable:
+        """Return all bodies and springs."""
         own = 0.0 if piston is None or piston.mass is None else piston.mass
-        piston_mass = self.moving_piston_mass(own) / scales.mass
-        frame = masses[-1] if self.mount == "cell" else (self.cell_mass or 1.0) / scales.mass
-        drive = self.excitation or Excitation(force=0.0, frequency=1.0)
-        return HostLaw(
-            mount=_MOUNTS[self.mount],
-            chain=HostChain(masses, stiffness, damping, fraction),
-            drive=drive.make_kernel_law(scales),
-            frame_mass=float(frame),
-            piston_mass=piston_mass,
-            recoil=0.0 if self.mount == "base" else piston_mass / (float(frame) + piston_mass),
+        below = tuple(f"body_{k}" for k in range(len(self.bodies) - 1))
+        chain = (*below, self.mount) if self.bodies else ()
+        carrying = self.bodies[-1].mass if self.bodies else 0.0
+        carrier = carrying if self.mount == "cell" else self.cell_mass or 1.0
+        masses = [carrier, self.moving_piston_mass(own)]
+        masses += [body.mass for body in self.bodies[:-1]] + [other.mass for other in self.pistons]
+        springs = tuple(
+            Spring(upper=upper, lower=lower, stiffness=body.stiffness, damping=body.damping)
+            for upper, lower, body in zip(chain, ("base", *below), self.bodies, strict=False)
+        )
+        names = ("cell", "piston", *below, *(other.name for other in self.pistons))
+        return BodyTable(names, np.array(masses), (*springs, *self.springs), chain, carrying, self.pistons)
+
+    def make_kernel_law(self, context: EffectContext) -> BodyLaw:
+        """Law in natural units."""
+        scales, piston, table = context.scales, context.piston, self.table(context.piston)
+        acting = [part for effect in context.effects.values() for part in effect.component_effects]
+        gravity = sum(part.downward_acceleration(scales) for part in acting if isinstance(part, ForceEffect))
+        weight = self.weight_on_piston(context.grains, scales, gravity)
+        if weight is None:
+            weight = float(table.masses[PISTON]) / scales.mass * gravity
+        rows, links = table.natural_rows(piston, weight, gravity, scales), table.natural_links(scales)
+        carrier, moving = float(rows.masses[CELL]), float(rows.masses[PISTON])
+        rubs, dashed = bool(rows.rates.any() or rows.frictions.any()), bool(links.damping.any())
+        # Whatever dissipates in the cell reacts on it.
+        inside = rubs or any(effect.dissipates for effect in context.effects.values() if effect is not self)
+        reacts = self.moves_cell and (dashed or inside)
+        shown = table.shown
+        over = np.array([float(over) for *_, over in shown])
+        excited = len(table.chain) - 1 if self.excited is None else self.excited
+        return BodyLaw(
+            moves=self.moves_cell,
+            dashed=dashed,
+            rows=rows,
+            links=links,
+            chain=len(table.chain),
+            shown=Shown(np.array([row for _, _, row, _ in shown], np.int64), over),
+            drive=(self.excitation or Excitation(force=0.0, frequency=1.0)).make_kernel_law(scales),
+            driven=self.excitation is not None,
+            excited=table.row(table.chain[excited]) if table.chain else CELL,
             bed_mass=float(context.grains.masses().sum()) / scales.mass,
-            reacts=self.damps or self._bed_dissipates(context),
+            recoil=moving / (carrier + moving) if self.moves_cell else 0.0,
+            passes=3 if reacts or (dashed and rubs) else 1,
             entry=LOSSES + context.indices[self.key],
             laws=1 + max(context.indices.values()),
-            driven=self.excitation is not None,
         )
-
-    def _bed_dissipates(self, context: EffectContext) -> bool:
-        """Return whether anything in the cell dissipates, and so reacts on the frame."""
-        piston = context.piston
-        rubs = piston is not None and (piston.drag > 0.0 or piston.friction > 0.0)
-        inside = [effect for effect in context.effects.values() if effect.key != self.key]
-        return rubs or any(effect.dissipates for effect in inside)
-
-
-class HostChain(NamedTuple):
-    """The bodies, from the base upwards."""
-
-    masses: Float[np.ndarray, "n"]  # [m]
-    stiffness: Float[np.ndarray, "n"]  # [F*/D]
-    damping: Float[np.ndarray, "n"]  # [F* tau/D]
-    fraction: Float[np.ndarray, "n"]  # fraction of the outer force on each body
-
-
-class HostWorkspace(NamedTuple):
-    """The motion of the host, and scratch."""
-
-    persistent: Float[np.ndarray, "2 n"]  # displacements [D], velocities [D/tau]; last: the frame
-    present: Float[np.ndarray, "3"]  # `PUSH` [D/tau^2], `PULL` [F*], `CARRIED` [D/tau]
-    forces: Float[np.ndarray, "n"]  # [F*]
-    changes: Float[np.ndarray, "n"]  # [D/tau]
-    diagonal: Float[np.ndarray, "n"]  # [m]
-    speeds: Float[np.ndarray, "2 m"]  # velocities x, y of the grains before a kick [D/tau]
-    push: Float[np.ndarray, "m"]  # vertical forces on the grains, without inertia [F*]
-    ledger: Float[np.ndarray, "k"]
-
-
-class HostLaw(NamedTuple):
-    """The host as the kernels take it."""
-
-    mount: int
-    chain: HostChain
-    drive: ExcitationLaw
-    frame_mass: float  # [m], fixed to the frame while the piston is free
-    piston_mass: float  # [m], with the body that carries it; 0: none
-    recoil: float  # velocity that the cell loses over that which its drive gives the piston
-    bed_mass: float  # [m]
-    reacts: bool  # something dissipates, on either side of the frame
-    entry: int  # index in the ledger of the loss to the dashpots
-    laws: int  # number of laws, this one among them
-    driven: bool  # something shakes it
-
-    def workspace(self, size: int, count: int) -> HostWorkspace:
-        """Make the workspace for the motion of the host, all at rest."""
-        bodies = max(len(self.chain.masses), 1)
-        return HostWorkspace(
-            persistent=np.zeros((2, bodies)),
-            present=np.zeros(3),
-            forces=np.zeros(bodies),
-            changes=np.zeros(bodies),
-            diagonal=np.zeros(bodies),
-            speeds=np.zeros((2, size)),
-            push=np.zeros(size),
-            ledger=np.zeros(LOSSES + self.laws),
-        )
-
-    @staticmethod
-    @compiled
-    def measure_energy_and_stiffness(
-        law: HostLaw,
-        workspace: HostWorkspace,
-        index: int,
-        bed: Bed,
-        time: float,
-        stiffness: Float[Array, "m"],
-        energies: Float[Array, "laws"],
-    ) -> int:
-        """Enter the energy of bodies and springs, and of the frame's motion [F* D]."""
-        state = bed.state
-        chain, last = law.chain, law.chain.masses.size - 1
-        total, below = 0.0, 0.0
-        for k in range(last + 1):
-            x, speed = workspace.persistent[0, k], workspace.persistent[1, k]
-            total += 0.5 * chain.stiffness[k] * (x - below) * (x - below)
-            if k < last:
-                total += 0.5 * chain.masses[k] * speed * speed
-            below = x
-        if law.mount != FIXED:
-            frame, piston = workspace.persistent[1, last], state.piston[SPEED]
-            momentum = bed_momentum(bed)
-            total += 0.5 * (law.frame_mass + law.bed_mass) * frame * frame + frame * momentum
-            total += law.piston_mass * frame * (0.5 * frame + piston)
-        energies[index] = total
-        return 0
-
-
-@compiled(inline=True)
-def last_body_velocity(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
-    """Velocity of the last body over the base [D/tau]."""
-    speed = workspace.persistent[1, law.chain.masses.size - 1]
-    return speed + state.piston[SPEED] if law.mount == PISTON_MOUNT else speed
-
-
-@compiled
-def bed_momentum(bed: Bed) -> float:
-    """Vertical momentum of the grains in the frame of the cell [m D/tau]."""
-    state, constants = bed.state, bed.constants
-    total = 0.0
-    for i in range(constants.grains):
-        total += value_or_one(constants.masses, i) * state.vy[i]
-    return total

@@ -1,6 +1,6 @@
 """A frame: it acts on everything, the piston too. `granular.effects.shaking` is a short one.
 
-A host moves grains and piston by their forces, so the loop itself moves it: `granular.engine.host_motion`.
+A host moves grains and piston by their forces, so the loop itself moves it: `granular.engine.bodies`.
 Hooks of its law, behind ``law, workspace, index``, next to those of a force that it may have:
 
 ``upward_acceleration(..., time) -> float``

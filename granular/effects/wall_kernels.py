@@ -15,7 +15,6 @@ from granular.effects.wall_side import Side
 from granular.kernel_data.constants import Constants, multiply_by_moment_over_mass
 from granular.kernel_data.state import Bed
 from granular.pairs.grain_arrays import value_or_one
-from granular.schema.cell import PISTON
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -70,17 +69,17 @@ class WallLaws(NamedTuple):
 
 
 @compiled(inline=True)
-def force_on_piston(bed: Bed) -> float:
-    """Upward force of the grains on the sides of the piston [F*]."""
+def force_on_body(bed: Bed, body: int) -> float:
+    """Upward force of the grains on the sides of a body [F*]."""
     sides = bed.constants.acting.sides
-    return _upward_force(sides, sides, bed.state.wall_forces, PISTON)
+    return _upward_force(sides, sides, bed.state.wall_forces, body)
 
 
 @compiled(inline=True)
-def add_piston_stiffness(sides: tuple[Side, ...], bed: Bed, slopes: Float[Array, "m"]) -> None:
-    """Add each grain's stiffness against the piston over its mass; slopes [1/tau^2]."""
+def add_body_stiffness(bed: Bed, body: int, slopes: Float[Array, "m"]) -> None:
+    """Add each grain's stiffness against the sides of a body over its mass; slopes [1/tau^2]."""
     constants = bed.constants
-    _add_stiffness_against_body(sides, sides, bed, PISTON, slopes)
+    _add_stiffness_against_body(constants.acting.sides, constants.acting.sides, bed, body, slopes)
     multiply_by_moment_over_mass(slopes, constants.moments, constants.masses, constants.grains)
 
 

@@ -22,7 +22,7 @@ from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import HEIGHT, SPEED, Bed
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
-from granular.schema.cell import PISTON
+from granular.schema.cell import CELL
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -122,7 +122,7 @@ class Side(NamedTuple):
     tx: float  # unit vector along it
     ty: float
     begin: float  # [D]
-    body: int  # that it moves with: `CELL` or `PISTON`
+    body: int  # row of the body that it moves with
     law: Any
 
     @staticmethod
@@ -174,7 +174,7 @@ class Side(NamedTuple):
         """Fill in normal, offset [D], infinitely far if open, and vertical speed [D/tau] of a side."""
         view = view_of_side(side, bed)
         offset = -math.inf if side.law is None else view.offset
-        lift = bed.state.piston[SPEED] if side.body == PISTON else 0.0
+        lift = bed.state.bodies[side.body, SPEED] if side.body != CELL else 0.0
         walls[index, 0], walls[index, 1], walls[index, 2], walls[index, 3] = side.nx, side.ny, offset, lift
         return 0
 
@@ -190,9 +190,9 @@ def view_of_side(side: Side, bed: Bed) -> WallView:
     """Return the grains of a bed as a side sees them now."""
     state = bed.state
     offset, begin = side.offset, side.begin
-    if side.body == PISTON:
-        offset += side.ny * state.piston[HEIGHT]
-        begin += side.ty * state.piston[HEIGHT]
+    if side.body != CELL:
+        offset += side.ny * state.bodies[side.body, HEIGHT]
+        begin += side.ty * state.bodies[side.body, HEIGHT]
     return WallView(state.x, state.y, state.fx, state.fy, side.nx, side.ny, offset, side.tx, side.ty, begin)
 
 

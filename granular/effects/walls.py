@@ -264,14 +264,20 @@ def natural_sides(
     for line in lines:
         wall = None if walls is None else getattr(walls, line.name)
         law = None if wall is None else wall.make_kernel_law(context, line)
-        sides.append(_natural_side(line, law, context.scales))
+        sides.append(_natural_side(line, _body_of_side(line, context), law, context.scales))
     return tuple(sides)
 
 
-def _natural_side(line: SideLine, law: Any, scales: Scales) -> Side:
+def _body_of_side(line: SideLine, context: EffectContext) -> int:
+    """Row of the body that a side moves with."""
+    host = context.effects.get("host")
+    return line.body if host is None else host.bodies_of_sides().get(line.name, line.body)
+
+
+def _natural_side(line: SideLine, body: int, law: Any, scales: Scales) -> Side:
     (x, y), (nx, ny), (tx, ty) = line.point, line.normal, line.tangent
     offset, begin = (nx * x + ny * y) / scales.length, (tx * x + ty * y) / scales.length
-    return Side(nx, ny, offset, tx, ty, begin, line.body, law)
+    return Side(nx, ny, offset, tx, ty, begin, body, law)
 
 
 def _check_slab(wall: Wall, line: SideLine, height: float) -> None:

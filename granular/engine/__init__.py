@@ -56,7 +56,7 @@ far field
 A run changes a `State` of plain arrays, and reads `Constants`
 (`granular.kernel_data`). In these stands, for every effect that acts, a law whose kernels the
 compiler writes into the loop (`granular.effects.effect`, `granular.compiled.hook_calls`); of what
-does not act nothing is there. A host that carries the cell moves all the others (`host_motion`).
+does not act nothing is there. A host that carries the cell moves all the others (`bodies`).
 `energy_ledger` checks the energy of every record, `granular.run.snapshot` says what must be kept to go on
 with the same bits, `run_errors` puts what went wrong into words. Kernels are declared with
 `granular.compiled`.

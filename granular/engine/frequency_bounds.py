@@ -10,12 +10,14 @@ import math
 from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
 from granular.compiled.hook_calls import greatest_of_hooks
-from granular.effects.wall_kernels import add_piston_stiffness
+from granular.effects.body_table import BodyLaw
+from granular.effects.wall_kernels import add_body_stiffness
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import Bed, Measurement
 from granular.pairs.dipole_law import head_on_frequency_squared
 from granular.pairs.near_law import NearLaw, squared_collision_frequency
 from granular.protocol.piston_motion import Motion
+from granular.schema.cell import CELL, PISTON
 
 _squared_impact_frequency = greatest_of_hooks("squared_head_on_impact_frequency", "speed constants")
 
@@ -57,6 +59,36 @@ def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None
 
 
 @compiled
+def _raise_by_body(body: int, mass: float, highest: float, bed: Bed, measurement: Measurement) -> float:
+    """Bound of the squared frequencies of bed and a body of a mass [m], by its sides [1/tau^2]."""
+    slopes, constants = measurement.against_piston, bed.constants
+    slopes[:] = 0.0
+    add_body_stiffness(bed, body, slopes)
+    total, largest = _total_and_largest_stiffness(slopes, constants.grains, constants.masses)
+    # The body's row has each grain's stiffness on the diagonal and beside it; a grain's row the body's.
+    return max(highest + largest, 2.0 * total / mass)
+
+
+@compiled
+def _raise_by_further_bodies(
+    law: BodyLaw | None, highest: float, bed: Bed, measurement: Measurement
+) -> float:
+    """Bound of the squared frequencies with further bodies, and springs that are not the machine's."""
+    if law is None:
+        return highest
+    masses, links, largest = law.rows.masses, law.links, 0.0
+    for b in range(CELL if law.moves else PISTON, masses.size):
+        if b > PISTON:
+            highest = _raise_by_body(b, masses[b], highest, bed, measurement)
+        total = 0.0
+        for link in range(law.chain, links.stiffness.size):
+            total += 2.0 * abs(links.signs[link, b]) * links.stiffness[link]
+        if total > 0.0:
+            largest = max(largest, total / masses[b])
+    return highest + largest
+
+
+@compiled
 def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement: Measurement) -> float:
     """Bound of the highest angular frequency of bed, free piston and collisions [1/tau]; speed [D/tau]."""
     constants = bed.constants
@@ -65,11 +97,6 @@ def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement:
     for i in range(constants.grains):
         highest = max(highest, measurement.stiffness[i])
     if motion.free:
-        slopes = measurement.against_piston
-        slopes[:] = 0.0
-        add_piston_stiffness(constants.acting.sides, bed, slopes)
-        total, largest = _total_and_largest_stiffness(slopes, constants.grains, constants.masses)
-        # The piston's row has each grain's stiffness on the diagonal and beside it; a grain's row the
-        # piston's.
-        highest = max(highest + largest, 2.0 * total / constants.piston_mass)
+        highest = _raise_by_body(PISTON, constants.piston_mass, highest, bed, measurement)
+    highest = _raise_by_further_bodies(constants.acting.host, highest, bed, measurement)
     return max(math.sqrt(highest), highest_impact_frequency(constants, speed))

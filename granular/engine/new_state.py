@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.kernel_data.constants import EffectLaws
-from granular.kernel_data.state import LOSSES, Measurement, StageSlopes, State
+from granular.kernel_data.state import HEIGHT, LOSSES, Measurement, StageSlopes, State
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_coordinates, partial_sum_buffers
 from granular.pairs.mesh_far_field import far_field_state
 from granular.pairs.near_law import near_law_workspace
 from granular.pairs.stripes import stripes_workspace
 from granular.pairs.verlet_list import verlet_list_workspace
+from granular.schema.cell import PISTON
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -45,6 +46,8 @@ def new_state(
     if method.tableau is not None:
         rows = len(method.tableau)
         stages = StageSlopes(np.zeros((rows, 4, size)), np.zeros((rows, 2)))
+    bodies = np.zeros((2 if acting.host is None else len(acting.host.rows.masses), 4))
+    bodies[PISTON, HEIGHT] = height
     return State(
         x=x,
         y=y,
@@ -52,7 +55,8 @@ def new_state(
         vy=vy,
         fx=np.zeros_like(x),
         fy=np.zeros_like(x),
-        piston=np.array([height, 0.0, 0.0, 0.0]),
+        bodies=bodies,
+        piston=bodies[PISTON],
         ledger=np.zeros(LOSSES + len(acting.laws)),
         clock=np.array([0.0, 0.0, 0.0, 0.0, np.inf, 0.0, 0.0]),
         wall_forces=np.zeros(len(acting.sides)),

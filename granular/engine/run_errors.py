@@ -14,7 +14,7 @@ from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
 from granular.pairs.disc_near_law import CLOSEST
 from granular.pairs.near_law import closest_over_least
-from granular.schema.cell import SideLine
+from granular.schema.cell import PISTON, SideLine
 from granular.schema.natural_units import Scales
 from granular.shared.errors import (
     EnergyError,
@@ -54,7 +54,10 @@ def misplaced_grain_error(
         )
     for line, side in zip(lines, constants.acting.sides, strict=True):
         law = side.law
-        gap = line.distances(position * scales.length, state.piston[HEIGHT] * scales.length)
+        height, points = state.piston[HEIGHT] * scales.length, position * scales.length
+        if side.body > PISTON:
+            points = points - [0.0, state.bodies[side.body, HEIGHT] * scales.length]
+        gap = line.distances(points, height)
         held = getattr(law, "closed", law is not None)  # grains may be behind a slab with a gap
         if held and len(gap) and not gap.min() > 0.0:
             value, grain = -float(gap.min()), int(state.label[gap.argmin()])

@@ -8,12 +8,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from granular.compiled import Array, compiled
-from granular.effects.wall_kernels import force_on_piston
+from granular.effects.wall_kernels import force_on_body
+from granular.engine.bodies import piston_energy, record_external_work, upward_acceleration
 from granular.engine.forces import compute_and_measure_forces, compute_forces
-from granular.engine.piston import piston_energy, record_external_work, upward_acceleration
 from granular.kernel_data.state import HEIGHT, SPEED, VX, VY, WORK, Bed, Measurement, StageSlopes, State, X, Y
 from granular.pairs.grain_arrays import value_or_one
 from granular.protocol.piston_motion import Motion, driven_height_and_velocity, outer_force_on_piston
+from granular.schema.cell import PISTON
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -39,12 +40,12 @@ def _fill_piston_slopes(
     if motion.free:
         frame = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force_on_piston(motion, time)
-        force = force_on_piston(bed) - constants.piston_weight + outer
+        force = force_on_body(bed, PISTON) - constants.piston_weight + outer
         slopes[HEIGHT] = state.piston[SPEED]
         slopes[SPEED] = force / constants.piston_mass + frame
         state.ledger[WORK] += dt * outer * state.piston[SPEED]
     else:
-        state.ledger[WORK] -= dt * force_on_piston(bed) * driven_height_and_velocity(motion, time)[1]
+        state.ledger[WORK] -= dt * force_on_body(bed, PISTON) * driven_height_and_velocity(motion, time)[1]
     record_external_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 

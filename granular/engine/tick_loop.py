@@ -15,13 +15,12 @@ import numpy as np
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
-from granular.effects.wall_kernels import force_on_piston
+from granular.effects.wall_kernels import force_on_body
 from granular.engine import columns
+from granular.engine.bodies import piston_energy, record_bodies
 from granular.engine.far_field_forces import compute_far_field, kick_by_far_field
 from granular.engine.forces import compute_and_measure_forces, kinetic_energy, potential_energies
 from granular.engine.frequency_bounds import highest_frequency_bound
-from granular.engine.host_motion import record_host_motion
-from granular.engine.piston import piston_energy
 from granular.engine.step_size import StepSchedule, steps_in_tick, tick_start_time
 from granular.engine.time_step import StepPlan, advance_one_step
 from granular.engine.variable_step import advance_step_density
@@ -30,7 +29,7 @@ from granular.kernel_data.state import (
     HEIGHT,
     LONGEST,
     LOSSES,
-    PISTON,
+    PISTON_LOSS,
     SHORTEST,
     SPEED,
     STEPS,
@@ -41,6 +40,7 @@ from granular.kernel_data.state import (
     State,
 )
 from granular.protocol.piston_motion import Motion
+from granular.schema.cell import PISTON
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -82,12 +82,12 @@ def fill_record_row(
     row[columns.TIME] = time
     row[columns.HEIGHT] = state.piston[HEIGHT]
     row[columns.VELOCITY] = state.piston[SPEED]
-    row[columns.UPWARD] = force_on_piston(bed)
+    row[columns.UPWARD] = force_on_body(bed, PISTON)
     row[columns.KINETIC] = kinetic
     row[columns.PAIR] = pair
     row[columns.PISTON] = piston_energy(bed, time)
     row[columns.WORK] = state.ledger[WORK]
-    row[columns.PISTON_LOSS] = state.ledger[PISTON]
+    row[columns.PISTON_LOSS] = state.ledger[PISTON_LOSS]
     for law in range(laws):
         row[columns.ENERGIES + laws + law] = state.ledger[LOSSES + law]
     fifth = measurement.energy_and_closest[1]  # power of the inverse distance
@@ -99,7 +99,7 @@ def fill_record_row(
     for side in range(sides):
         row[last - sides + side] = state.wall_forces[side]
     own = row[columns.ENERGIES + 2 * laws : last - sides]
-    record_host_motion(constants.acting.host, state.host, state, time, own)
+    record_bodies(constants.acting.host, state, time, own)
 
 
 @compiled
@@ -279,7 +279,7 @@ def _advance_window(
             saved += 1
         if resting:
             return RESTING, done - window.first, saved
-        if force_on_piston(bed) >= motion.limit:
+        if force_on_body(bed, PISTON) >= motion.limit:
             return REACHED, done - window.first, saved
         if _any_grain_below(state.y, constants.grains, constants.exit):
             return REMOVED, done - window.first, saved

@@ -8,11 +8,8 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_last_hook
-from granular.effects.host_structure import HostLaw, HostWorkspace
+from granular.engine.bodies import close_drift_of_bodies, kick_bodies, open_drift_of_bodies
 from granular.engine.forces import compute_and_measure_forces, compute_forces
-from granular.engine.grain_kicks import kick_grains
-from granular.engine.host_motion import close_drift_of_host, kick_host, open_drift_of_host
-from granular.engine.piston import drift_piston, kick_piston
 from granular.engine.runge_kutta import runge_kutta_step
 from granular.engine.step_size import StepRequest
 from granular.kernel_data.compensated_summation import compensated_sum
@@ -58,24 +55,6 @@ def drift_grains(rounding: Float[Array, "4 m"] | None, dt: float, state: State, 
 
 
 @compiled(inline=True)
-def _kick_bed_and_piston(
-    host: HostLaw | None,
-    workspace: HostWorkspace | None,
-    dt: float,
-    bed: Bed,
-    motion: Motion,
-    time: float,
-    start: float,
-    opens_step: bool,
-) -> None:
-    if host is not None and workspace is not None:
-        kick_host(host, workspace, dt, bed, motion, time, start, opens_step)
-    else:
-        kick_grains(dt, bed, opens_step)
-        kick_piston(dt, bed, motion, time, start, opens_step)
-
-
-@compiled(inline=True)
 def _drift_without_effects(dt: float, bed: Bed) -> int:
     state, constants = bed.state, bed.constants
     drift_grains(state.rounding, dt, state, constants.grains)
@@ -115,16 +94,13 @@ def advance_one_step(
                 if kicks[k] != 0.0:
                     opens_step = 2 * k + part < stages + parts - 1
                     dt = kicks[k] * h / parts
-                    _kick_bed_and_piston(
-                        constants.acting.host, state.host, dt, bed, motion, stage, start, opens_step
-                    )
+                    kick_bodies(constants.acting.host, state.host, dt, bed, motion, stage, start, opens_step)
             if k < stages:
                 dt = drifts[k] * h
                 stage += dt
-                open_drift_of_host(constants.acting.host, state.host, dt, bed, motion, stage)
+                open_drift_of_bodies(constants.acting.host, dt, bed, motion, stage)
                 _drift_all(constants.acting.laws, state.workspaces, dt, bed)
-                close_drift_of_host(constants.acting.host, state.host, dt, bed, motion, stage)
-                drift_piston(dt, bed, motion, stage, start)
+                close_drift_of_bodies(constants.acting.host, dt, bed, motion, stage, start)
                 last = k == stages - 1
                 if last and measuring:
                     outside += compute_and_measure_forces(bed, start + stage, measurement)

@@ -19,7 +19,7 @@ class EffectLaws(NamedTuple):
     """The effects that act; what does not is None, or no law, and compiled away."""
 
     laws: tuple[Any, ...]  # one for each effect but the dipole, in loop order
-    host: Any  # the one that carries the cell, and moves all others
+    host: Any  # the one of bodies besides the piston, and of springs
     dipole: bool | None  # sum over all pairs: of dipoles, discs, or the tails of own laws
     sides: tuple[Any, ...]  # of the cell, with their laws: see `granular.effects.wall_side`
     weight: Float[Array, "m"] | None  # where friction bears: weight_j of the sums over 1/r^3
@@ -40,8 +40,8 @@ class EffectLaws(NamedTuple):
         return None if self.cut is None else self.cut.periods
 
 
-class PistonResistance(NamedTuple):
-    """Resistance to the motion of a free piston."""
+class BodyResistance(NamedTuple):
+    """Resistance of its guide to the motion of a body."""
 
     rate: float  # decay rate of the velocity [1/tau]
     force: float  # Coulomb friction [F*]
@@ -59,7 +59,7 @@ class Constants(NamedTuple):
     least_ratio: float  # least moment over mass
     piston_mass: float  # [m]; inf: none is given
     piston_weight: float  # [F*]
-    resistance: PistonResistance | None
+    resistance: BodyResistance | None
     exit: float  # height below which a grain has left [D]; -inf: no gap
     acting: EffectLaws
     threaded: bool | None  # None: one thread

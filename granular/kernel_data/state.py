@@ -20,13 +20,13 @@ X, Y, VX, VY = range(4)
 """Rows of what is kept of the grains: positions and velocities together."""
 
 HEIGHT, SPEED, HEIGHT_ROUNDING, SPEED_ROUNDING = range(4)
-"""Entries of the piston."""
+"""Entries of a body; the first rows are `granular.schema.cell.BODIES`, behind them follow all others."""
 
 TIME, DENSITY, SQUARE, LEAST, SHORTEST, LONGEST, STEPS = range(7)
 """Entries of a state's clock: time in the stage; density of steps, and the square of the speed that
 it heeds; density where nothing is near; shortest and longest step so far; steps made in the run."""
 
-WORK, PISTON, LOSSES = range(3)
+WORK, PISTON_LOSS, LOSSES = range(3)
 """Entries of the ledger: work done from outside; what the piston loses; from there on, what each
 effect takes, in the order of the laws."""
 
@@ -47,7 +47,8 @@ class State(NamedTuple):
     vy: Float[np.ndarray, "m"]  # [D/tau]
     fx: Float[np.ndarray, "m"]  # magnetic, weight, contact, inertia [F*]
     fy: Float[np.ndarray, "m"]  # [F*]
-    piston: Float[np.ndarray, "4"]  # height [D], speed [D/tau], what rounding took from each
+    bodies: Float[np.ndarray, "b 4"]  # height [D], speed [D/tau], what rounding took from each
+    piston: Float[np.ndarray, "4"]  # the row of the piston in them
     ledger: Float[np.ndarray, "2+laws"]  # work from outside; losses of the piston, to each law [F* D]
     clock: Float[np.ndarray, "7"]  # entries `TIME` to `STEPS`
     wall_forces: Float[np.ndarray, "sides"]  # of the grains on each side of the cell, outwards [F*]
@@ -58,7 +59,7 @@ class State(NamedTuple):
     far_forces: FarFieldState | None
     near: NearList | None  # close pairs of discs
     workspaces: tuple[Any, ...]  # scratch of each law, or None; zero behind the grains
-    host: Any  # workspace of what carries the cell
+    host: Any  # workspace of the bodies
     scratch: Float[np.ndarray, "m"]  # for sums over the grains; zero behind them
     buffers: Float[np.ndarray, "parts 5 m"] | None  # scratch of the direct sum
     rounding: Float[np.ndarray, "4 m"] | None  # errors of x, y [D], vx, vy [D/tau]; None: plain sums

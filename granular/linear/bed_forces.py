@@ -1,9 +1,10 @@
 """Forces and resistance of a bed as functions of its coordinates, by the loop that simulates it.
 
-The coordinates are q = (x_1 ... x_n, y_1 ... y_n, z, X_1 ... X_b): the grains and the piston in the frame of
-the cell, and the displacements of a machine's bodies. Every derivative is a difference of these forces, so
-every effect, wall and pair law, a user's own among them, has its stiffness without a second formula. At a
-displacement of 5e-4 D the stencil of fourth order has an error of 3e-12 of the largest stiffness (dipoles).
+The coordinates are q = (x_1 ... x_n, y_1 ... y_n, z, Z_1 ... Z_p, X_1 ... X_b): the grains, the piston and
+further ones in the frame of the cell, and the displacements of a machine's bodies. Every derivative is a
+difference of these forces, so every effect, wall and pair law, a user's own among them, has its stiffness
+without a second formula. At a displacement of 5e-4 D the stencil of fourth order has an error of 3e-12 of the
+largest stiffness (dipoles).
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ from granular.engine import columns
 from granular.engine.far_field_forces import force_with_far_field
 from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.engine.step_size import StepSchedule
-from granular.kernel_data.state import HEIGHT
+from granular.kernel_data.state import HEIGHT, SPEED
 from granular.linear.machine import Machine, machine_of
 from granular.run.engines import NO_TICKS, UNWATCHED
 from granular.run.plan import plan
 from granular.run.run_state import RunState
 from granular.scene.scene import Scene
+from granular.schema.cell import PISTON
 from granular.schema.sections import find_value
 from granular.shared.errors import InputError, RunError
 from granular.shared.message_text import quote
@@ -42,6 +44,9 @@ of Hertz's stiffness, of two grains that move apart by it, is then 1e-6; its sma
 FLOW = 1e-5
 """Duration of the flow whose difference is the resistance [tau]: rounding over it, 1e-11, is as large as the
 square of decay rates of 5/tau times it, which is neglected."""
+
+Heights = float | np.ndarray | None
+"""Height of the piston [m], and behind it those of further ones; None without a piston."""
 
 _FRICTION = ("friction", "wall_friction")
 
@@ -66,8 +71,9 @@ class BedForces:
         self.grains = self._run.constants.grains
         has_piston = has_free_piston(scene)
         self.piston = 2 * self.grains if has_piston else None
-        self.bodies = 2 * self.grains + has_piston
-        self.size = self.bodies + (0 if self.machine is None else len(self.machine.masses))
+        self.pistons = 2 * self.grains + has_piston
+        self.bodies = self.pistons + (0 if self.machine is None else len(self.machine.pistons))
+        self.size = self.pistons + (0 if self.machine is None else self.machine.size)
         self.weight = 0.0
         if has_piston:
             self.weight = self._run.constants.piston_weight * self.scales.force
@@ -96,15 +102,15 @@ class BedForces:
     def _fall(self) -> slice:
         return slice(self.grains, 2 * self.grains)
 
-    def coordinates(
-        self, positions: Float[np.ndarray, "n 2"], height: float | None
-    ) -> Float[np.ndarray, "q"]:
-        """Coordinates of grains and piston, with the machine at rest [m]."""
+    def coordinates(self, positions: Float[np.ndarray, "n 2"], height: Heights) -> Float[np.ndarray, "q"]:
+        """Coordinates of grains, piston and further ones, with the machine at rest [m]."""
         result = np.zeros(self.size)
         result[: self.grains], result[self._fall] = positions[:, 0], positions[:, 1]
+        heights = np.atleast_1d(0.0 if height is None else height)
+        self._height = float(heights[0])
         if self.piston is not None:
-            result[self.piston] = height
-        self._height = 0.0 if height is None else height
+            result[self.piston] = self._height
+        result[self.pistons : self.bodies] = heights[1:] if len(heights) > 1 else 0.0
         return result
 
     def positions(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "n 2"]:
@@ -118,6 +124,7 @@ class BedForces:
         state.y[: self.grains] = q[self._fall] / length
         height = self._height if self.piston is None else q[self.piston]
         state.piston[HEIGHT] = height / length
+        state.bodies[PISTON + 1 :, HEIGHT] = q[self.pistons : self.bodies] / length
         try:
             with report_arithmetic_errors_as(_misplaced_grain_error):
                 return self._run.present_record("")
@@ -134,7 +141,10 @@ class BedForces:
         if self.piston is not None:
             result[self.piston] = row[columns.UPWARD] * self.scales.force - self.weight
         if self.machine is not None:
-            result[self.bodies :] = -self.machine.springs @ q[self.bodies :]
+            result += self.machine.forces(q, self.piston)
+            for side, force in zip(self._run.constants.acting.sides, state.wall_forces, strict=True):
+                if side.body > PISTON:
+                    result[self.pistons + side.body - PISTON - 1] -= side.ny * force * self.scales.force
         return result
 
     def stiffness_times(
@@ -184,14 +194,14 @@ class BedForces:
             schedule = _ONE_STEP._replace(length=sign * FLOW, h=sign * FLOW)
             run.call_engine(NO_TICKS._replace(ticks=1), schedule, UNWATCHED)
             kicked.append(np.concatenate([state.vx[:n], state.vy[:n]]))
-        state.vx[:], state.vy[:] = 0.0, 0.0
+        state.vx[:], state.vy[:], state.bodies[:, SPEED] = 0.0, 0.0, 0.0
         rates = (kicked[1] - kicked[0]) * (largest / (2.0 * FLOW * scales.time))
         result = np.zeros(self.size)
         result[: 2 * n] = self.masses()[: 2 * n] * (rates + self.bath_rate * velocities[: 2 * n])
         if self.piston is not None and self.scene.piston is not None:
             result[self.piston] = self.scene.piston.drag * velocities[self.piston]
         if self.machine is not None:
-            result[self.bodies :] = self.machine.dashpots @ velocities[self.bodies :]
+            result += self.machine.resistances(self.size, self.piston) @ velocities
         return result
 
     def _far_forces(self) -> tuple[np.ndarray, ...]:
@@ -199,7 +209,7 @@ class BedForces:
         return () if far is None else (far.fx, far.fy)
 
     def masses(self) -> Float[np.ndarray, "q"]:
-        """Masses of the grains twice, of the piston, and zeros for a machine's bodies [kg]."""
+        """Masses of the grains twice, of the piston, and zeros for other bodies [kg]."""
         grains = self.scene.grains.masses()
         result = np.zeros(self.size)
         result[: 2 * self.grains] = np.tile(grains, 2)
@@ -210,7 +220,7 @@ class BedForces:
     def frame_and_uplift(self) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
         """Displacement of the cell over the base, as a row, and the displacement that lifts all by 1."""
         frame, uplift = np.zeros(self.size), np.zeros(self.size)
-        if self.machine is None:
+        if self.machine is None or not self.machine.table.chain:
             uplift[self.grains : self.bodies] = 1.0
         else:
             frame[:] = self.machine.frame(self.size, self.piston)
@@ -252,6 +262,12 @@ def without_drive_and_friction(scene: Scene) -> Scene:
     }
     if scene.piston is not None and scene.piston.friction:
         taken["piston.friction"] = 0.0
+    if scene.effects.host is not None and scene.effects.host.pistons:
+        pistons = [
+            {"name": other.name, "mass": other.mass, "side": other.side}
+            for other in scene.effects.host.pistons
+        ]
+        taken["effects.host"] = {"mount": "base", "pistons": pistons}
     return scene.replace(**taken) if taken else scene
 
 

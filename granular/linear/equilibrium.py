@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.linear.bed_forces import BedForces, rubs_dry
+from granular.linear.bed_forces import BedForces, Heights, rubs_dry
 from granular.linear.pencil import Pencil, make_pencil
 from granular.linear.relaxation import RELAXED, relax
 from granular.protocol.stage import TimedStage
@@ -128,9 +128,9 @@ def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
 
 
 def equilibrium_from(
-    scene: Scene, positions: Float[np.ndarray, "n 2"], height: float | None, near: Pencil | None = None
+    scene: Scene, positions: Float[np.ndarray, "n 2"], height: Heights, near: Pencil | None = None
 ) -> Equilibrium:
-    """Find the equilibrium next to positions and a height of the piston [m].
+    """Find the equilibrium next to positions and the heights of piston and further ones [m].
 
     With the matrices of a bed nearby, the one that the bed reaches downhill, also if it rearranges.
     """
@@ -153,17 +153,19 @@ def equilibrium_from(
     return Equilibrium(
         scene=scene,
         positions=bed.positions(at),
-        piston_height=height if bed.piston is None else float(at[bed.piston]),
+        piston_height=_height_of_piston(height) if bed.piston is None else float(at[bed.piston]),
         residual=float(np.abs(bed.forces(at)).max()),
         frictionless=rubs_dry(scene),
         pencil=pencil,
     )
 
 
-def settled_state(
-    source: Scene | Trajectory | str | Path,
-) -> tuple[Scene, Float[np.ndarray, "n 2"], float | None]:
-    """Return scene, positions and height [m] of a run's end, or of a scene's first rest."""
+def _height_of_piston(height: Heights) -> float | None:
+    return None if height is None else float(np.atleast_1d(height)[0])
+
+
+def settled_state(source: Scene | Trajectory | str | Path) -> tuple[Scene, Float[np.ndarray, "n 2"], Heights]:
+    """Return scene, positions and heights [m] of a run's end, or of a scene's first rest."""
     if not isinstance(source, Trajectory | Scene):
         source = load_trajectory(source) if is_run_directory(Path(source)) else load_scene(source)
     run = (
@@ -177,14 +179,18 @@ def settled_state(
             "grains have left the cell; a bed with a gap has no equilibrium: leave out "
             "effects.walls.bottom.gap_start and gap_end"
         )
-    height = None if run.scene.piston is None else float(run.dataset["frame_height"].values[-1])
+    height: Heights = None if run.scene.piston is None else float(run.dataset["frame_height"].values[-1])
+    host = run.scene.effects.host
+    if host is not None and host.pistons:
+        further = [run.dataset[f"{other.name}_displacement"].values[-1] for other in host.pistons]
+        height = np.array([height or 0.0, *further])
     return source.scene if isinstance(source, Trajectory) else source, positions, height
 
 
 def settling_changes(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
     """Return the changes that end a scene's run at its first rest, which may be as coarse as that [D].
 
-    On a machine, the bed alone comes to rest.
+    On a machine, the bed comes to rest without it, with further pistons and the springs in the cell.
     """
     if not scene.grains.count:
         raise InputError("a scene without grains has no bed; give grains.count")
@@ -194,7 +200,7 @@ def settling_changes(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
     rests = [isinstance(stage, TimedStage) and stage.until == "rest" for stage in scene.protocol]
     if host is not None:
         stages, rests = [{"name": "settle", "kind": "free", "until": "rest"}], [True]
-        changes["effects.host"] = None
+        changes["effects.host"] = host.without_machine()
         if host.cell_mass is not None:
             changes["piston.mass"] = host.cell_mass + float(scene.grains.masses().sum())
     if not any(rests):

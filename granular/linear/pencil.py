@@ -202,15 +202,15 @@ def _diagonal_damping(bed: BedForces, at: Float[np.ndarray, "q"]) -> csc_matrix 
     from scipy.sparse import block_diag, diags
 
     trial = np.random.default_rng(0).uniform(0.5, 1.0, bed.size)
-    trial[bed.bodies :] = 0.0
+    trial[bed.pistons :] = 0.0
     unit_velocities = np.where(trial > 0.0, 1.0, 0.0)
     diagonal = bed.resistance_times(at, unit_velocities)
     error = np.abs(bed.resistance_times(at, trial) - trial * diagonal).max()
     if error > 1e-9 * np.abs(diagonal).max(initial=0.0):
         return None
-    blocks = [diags(diagonal[: bed.bodies])]
+    blocks = [diags(diagonal[: bed.pistons])]
     if bed.machine is not None:
-        blocks.append(bed.machine.dashpots)
+        blocks.append(bed.machine.resistances(bed.size, bed.piston)[bed.pistons :, bed.pistons :])
     return block_diag(blocks, format="csc")
 
 

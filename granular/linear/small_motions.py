@@ -218,8 +218,8 @@ def loss_shares(rest: Equilibrium, root: Root) -> dict[str, float]:
             fixed = {"piston.blade": None, "piston.guide": None, "piston.drag": scene.piston.drag}
             scene = scene.replace(**fixed)
     if bed.machine is not None:
-        bodies = shape[bed.bodies :]
-        losses["host"] = float(np.real(bodies.conj() @ bed.machine.dashpots @ bodies))
+        resistances = bed.machine.resistances(bed.size, bed.piston)
+        losses["host"] = float(np.real(shape.conj() @ resistances @ shape))
     total = float(np.real(shape.conj() @ pencil.damping_times(shape)))
     # The last flow has the remainder, so a scene of one flow needs no other bed, and no other kernel.
     outside = sum(losses.values())

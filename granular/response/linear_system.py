@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.host_structure import Host
-from granular.linear.machine import matrices_of_bodies
+from granular.linear.machine import matrices_of_chain
 from granular.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def dynamic_stiffness_of_hanging_mass(
 def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Complex[np.ndarray, "f n"]:
     """Steady displacement (f, n) of a linear host over its base, phase from the drive [m]; attached [N/m]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
-    masses, springs, dashpots = matrices_of_bodies(host)
+    masses, springs, dashpots = matrices_of_chain(host)
     rates, drive = 1j * omega[:, None, None], host.excitation
     matrices = springs + rates * dashpots + rates**2 * np.diag(masses)
     matrices[:, -1, -1] += attached
@@ -70,7 +70,7 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Comple
 
 def slowest_decay_rate(host: Host) -> float:
     """Decay rate of the host's mode that rings longest; c/(2 M) of one weakly damped body [1/s]."""
-    masses, springs, dashpots = matrices_of_bodies(host)
+    masses, springs, dashpots = matrices_of_chain(host)
     inertia, identity = masses[:, None], np.eye(len(masses))
     rates = np.block([[0.0 * identity, identity], [-springs / inertia, -dashpots / inertia]])
     return float(-np.linalg.eigvals(rates).real.max())

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from granular.effects.host_structure import PISTON_MOUNT
 from granular.engine import columns
 from granular.engine.energy_ledger import EnergyLedger
 from granular.engine.far_field_forces import update_held_far_field
@@ -37,6 +36,7 @@ from granular.run.plan import Plan
 from granular.run.run_state import ARRANGE, RunState
 from granular.run.thread_count import ThreadCountTuner
 from granular.scene.dry_friction import has_coarse_friction
+from granular.schema.cell import CELL, PISTON
 from granular.shared.errors import NotFiniteError, RunError
 
 CALL_SECONDS = 0.1
@@ -114,15 +114,15 @@ class ProtocolRunner(RunState):
 
     def _let_cell_recoil(self, height: float, speed: float) -> None:
         """Move a cell on a host against a jump of the driven piston; grains stay where they are."""
-        law, workspace = self.constants.acting.host, self.state.host
-        if law is None or workspace is None:
+        law = self.constants.acting.host
+        if law is None:
             return
         state, present = self.state, slice(self.constants.grains)
-        workspace.persistent[:, -1] -= law.recoil * np.array([height, speed])
-        if law.mount == PISTON_MOUNT:
-            workspace.persistent[0, -1] += height
-        state.y[present] += law.recoil * height
-        state.vy[present] += law.recoil * speed
+        by = law.recoil * np.array([height, speed])
+        state.bodies[CELL, [HEIGHT, SPEED]] -= by
+        state.bodies[PISTON + 1 :, [HEIGHT, SPEED]] += by
+        state.y[present] += by[0]
+        state.vy[present] += by[1]
 
     # Advancing ---------------------------------------------------------------------------------
 

@@ -72,6 +72,8 @@ def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
     """Arrays that a state cannot be made again from, by their names in a checkpoint."""
     names = [*PERSISTENT, "rounding"] if state.rounding is not None else PERSISTENT
     saved = {name: getattr(state, name) for name in names}
+    if state.host is not None:
+        saved["bodies"] = state.bodies
     for index, workspace in enumerate(state.workspaces):
         if hasattr(workspace, "persistent"):
             saved[f"room_{index}"] = workspace.persistent

@@ -12,7 +12,7 @@ from granular.effects.effect import Effect, EffectContext
 from granular.effects.force_effect import ForceEffect
 from granular.effects.pair_law import PairLawEffect, grain_charges
 from granular.effects.walls import natural_sides
-from granular.kernel_data.constants import Constants, EffectLaws, PistonResistance
+from granular.kernel_data.constants import BodyResistance, Constants, EffectLaws
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_near_law import DiscSeries, make_disc_laws
@@ -257,7 +257,7 @@ def _far_field_interval(scene: Scene, method: Method | None) -> int | None:
 
 def _piston_numbers(
     scene: Scene, scales: Scales, gravity: float
-) -> tuple[float, float, PistonResistance | None]:
+) -> tuple[float, float, BodyResistance | None]:
     """Mass and weight of the piston, and what resists it; infinite and 0 of one that is not free."""
     piston, host, weight = scene.piston, scene.effects.host, None
     if piston is None or piston.mass is None:
@@ -266,6 +266,6 @@ def _piston_numbers(
     if host is not None:
         mass = host.moving_piston_mass(mass)
         weight = host.weight_on_piston(scene.grains, scales, gravity)
-    resistance = PistonResistance(piston.drag * scales.time / mass, piston.friction / scales.force)
+    resistance = BodyResistance(piston.drag * scales.time / mass, piston.friction / scales.force)
     mass /= scales.mass
     return mass, mass * gravity if weight is None else weight, resistance if any(resistance) else None

@@ -124,9 +124,9 @@ def nested_section_field(
     return section_field(NestedSectionKind(optional, section=section), default)
 
 
-def section_list_field(section: type[Section], *, least: int = 0) -> Any:
+def section_list_field(section: type[Section], *, least: int = 0, default: Any = dataclasses.MISSING) -> Any:
     """Declare a list of sections within a section."""
-    return section_field(SectionListKind(section=section, least=least))
+    return section_field(SectionListKind(section=section, least=least), default)
 
 
 @dataclass_transform(

@@ -126,7 +126,7 @@ class DamperDesign:
                 f"law {1e3 * self.peak:.3g} mm ({100.0 * off:+.0f} %)."
             ]
         state = settled_state(self.scene.replace(**_HELD_STILL))
-        assert state[2] is not None
+        assert isinstance(state[2], float)
         return workshop_sheet(
             self.scene,
             state[2],

@@ -82,7 +82,7 @@ class CoupledSystem(NamedTuple):
     def from_host_scene(cls, scene: Scene) -> CoupledSystem:
         """Equation of a scene whose host carries the cell."""
         host = scene.effects.host
-        if host is None or host.mount != "cell" or len(host.bodies) != 1:
+        if host is None or host.mount != "cell" or len(host.bodies) != 1 or host.pistons or host.springs:
             raise InputError(
                 f"the scene {quote(scene.name)} has no host of one body that carries the cell; "
                 "the law is coupled to such a one"

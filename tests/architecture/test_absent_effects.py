@@ -102,6 +102,7 @@ def test_absent_effects_allocate_nothing() -> None:
         "vy",
         "fx",
         "fy",
+        "bodies",
         "piston",
         "ledger",
         "clock",
