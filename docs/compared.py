@@ -16,7 +16,7 @@ import numpy as np
 
 from granular import PistonRecord, evaluate, load_scene, simulate
 from granular.export import to_lammps
-from reduced_models import HeightMap, discover, fit, read_record
+from reduced_models import discover, fit, read_record
 from reduced_models.discovery.terms import state_symbols
 from reduced_models.records.example_records import write_example_records
 from research.discovery.cases import equation_text
@@ -130,7 +130,7 @@ class FoundLaw(NamedTuple):
     """A law z'' = f(z, v), where z is the map of the height."""
 
     law: sympy.Expr
-    map: HeightMap = HeightMap()
+    line: HeightLine = HeightLine()
 
 
 def searches(
@@ -145,7 +145,7 @@ def searches(
 
     def unknown() -> FoundLaw:
         result = discover(record)
-        return FoundLaw(result.expression, result.map)
+        return FoundLaw(result.expression, result.line)
 
     return {
         "PySINDy as in its guide": lambda: FoundLaw(pysindy_law(record, system, False, False)),
@@ -182,10 +182,10 @@ def predicted(record: PistonRecord) -> list[str]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is doubtful shows in the errors
             found, seconds = fastest(work, 1)
-        start = float(found.map.to_law(heights[end])), velocities[end] / found.map.scale
-        motion = found.map.shift + found.map.scale * solved(found.law, since, start, np.zeros_like)
+        start = float(found.line.coordinate(heights[end])), velocities[end] / found.line.scale
+        motion = found.line.shift + found.line.scale * solved(found.law, since, start, np.zeros_like)
         error = float(np.sqrt(((motion - later) ** 2).mean()) / later.std())
-        equation = equation_text(found.law, found.map)
+        equation = equation_text(found.law, found.line)
         rows.append(f"| {name} | `{equation}` | {100 * error:.2g} % | {seconds:.2g} s |")
     return rows
 
@@ -195,10 +195,10 @@ def table_row(name: str, system: System, found: FoundLaw, seconds: float | None 
     frequency, damping = small_swing(found.law)
     time = np.linspace(0.0, 20.0, 1000)
     truth = solved(law_of(system), time, system.unseen, np.zeros_like)
-    start = float(found.map.to_law(system.unseen[0])), system.unseen[1] / found.map.scale
-    motion = found.map.shift + found.map.scale * solved(found.law, time, start, np.zeros_like)
+    start = float(found.line.coordinate(system.unseen[0])), system.unseen[1] / found.line.scale
+    motion = found.line.shift + found.line.scale * solved(found.law, time, start, np.zeros_like)
     error = float(np.sqrt(((motion - truth) ** 2).mean()) / truth.std())
-    equation = f"`{equation_text(found.law, found.map)}`"
+    equation = f"`{equation_text(found.law, found.line)}`"
     ratio = "none" if math.isnan(damping) else f"{100 * damping + 0.0:.3f} %"
     cells = [name, equation, f"{frequency:.5f} Hz", ratio]
     last = ["", ""] if seconds is None else [f"{100 * error:.2g} %", f"{seconds:.2g} s"]

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from granular import PistonRecord, Scene, Trajectory, damper, load_scene, simulate
 from granular.pairs.disc_law import Disc, disc_energy_and_force
-from reduced_models import HeightMap, fit, predict, score_drops
+from reduced_models import fit, predict, score_drops
 from reduced_models.falls.lattice_pressure import lattice_pressure
 from reduced_models.laws.elliptic_motion import (
     OSCILLATORS,
@@ -45,7 +45,7 @@ def averaging() -> str:
         name = f"Duffing, lam {lam:g}, k {k:g}, beta {beta:g}, from 1.3"
         rows.append(averaged(name, "duffing", values, 1.3))
     for alpha in ALPHAS:
-        values = {"alpha": alpha, "omega": OMEGA, "g0": -1.0}
+        values = {"alpha": alpha, "omega": OMEGA, "g0": -1.0, "shift": 0.0, "scale": 1.0}
         name = f"Van der Pol-like, alpha {alpha:g}, omega {OMEGA:g}, g0 -1, from z = {START:g}"
         rows.append(averaged(name, "van-der-pol-like", values, START))
     return "\n".join([*rows, ""])
@@ -53,7 +53,7 @@ def averaging() -> str:
 
 def averaged(name: str, law: str, values: Mapping[str, float], start: float) -> str:
     """A row of the table: the last whole cycle within 40 s."""
-    one = OSCILLATORS[law](values, HeightMap())
+    one = OSCILLATORS[law](values)
     rest = values["rest"] if "rest" in values else values["g0"] / values["omega"] ** 2
 
     def slopes(_: float, y: np.ndarray) -> list[float]:

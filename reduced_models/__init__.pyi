@@ -19,7 +19,6 @@ from .identification.comparison_table import Comparison
 from .identification.identify import identify
 from .identification.options import IdentifyOptions
 from .laws.catalogue import law_named
-from .laws.height_map import HeightMap
 from .laws.law import Law
 from .models.model import ReducedModel, load_model
 from .models.response import law_with_force_input
@@ -37,7 +36,6 @@ __all__ = [
     "DiscoveryOptions",
     "FirstGuesses",
     "FitOptions",
-    "HeightMap",
     "IdentifyOptions",
     "Law",
     "LawEstimator",

@@ -44,7 +44,6 @@ from reduced_models.commands.records import (
 if TYPE_CHECKING:
     from granular.run.piston_record import PistonRecord
     from reduced_models.fitting.parameter import Parameter
-    from reduced_models.laws.height_map import HeightMap
 
 LAWS = option(
     "--law",
@@ -332,7 +331,7 @@ def parse_parameters(
         help="acceleration (default); height for a formula of the time; force, along a prescribed stroke",
     ),
     option(
-        "--map", metavar="SHIFT:SCALE", help="z = (height - SHIFT)/SCALE, as '60 mm:10 mm'; by itself without"
+        "--height", metavar="LINE", help="height as a line in z [m], as '0.06 + 0.01*z'; by itself without"
     ),
     option(
         "--effort",
@@ -365,9 +364,7 @@ def discover(options: Any) -> None:
         library=options.library or AUTO,
         input=options.drive,
         options=DiscoveryOptions(
-            map="auto" if options.map is None else _parse_height_map(options.map),
-            progress=not options.quiet,
-            **pick_options(options, "functions", "effort"),
+            progress=not options.quiet, **pick_options(options, "functions", "effort", "height")
         ),
         **pick_options(options, "method", "degree", "terms", "target", "seed"),
     )
@@ -383,18 +380,6 @@ def discover(options: Any) -> None:
     print_result(plain, text, options.json)
     if options.out is not None and model is None:
         raise InputError(f"no model was written to {options.out}: {result.best.note or NOT_POLISHED}")
-
-
-def _parse_height_map(text: str) -> HeightMap:
-    """Read "SHIFT:SCALE", two lengths."""
-    from granular.schema.units import si_value
-    from reduced_models.laws.height_map import HeightMap
-
-    parts = text.split(":")
-    if len(parts) != 2:
-        raise InputError(f"--map {quote(text)}; give two lengths, such as '60 mm:10 mm'")
-    shift, scale = (si_value(part, "m") for part in parts)
-    return HeightMap(shift, scale)
 
 
 @command(

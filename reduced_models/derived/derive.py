@@ -27,7 +27,6 @@ from granular.scene.scene import Scene
 from granular.shared.errors import InputError, RecordError
 from reduced_models.derived.continuation import HeldState, Instability, follow_piston, held_state
 from reduced_models.derived.polynomial_law import HIGHEST_ORDER, energy_backbone, polynomial_law
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printout import format_percent
@@ -203,7 +202,6 @@ def derive(
         parameters=values,
         intervals=_exact(values),
         confidence=0.95,
-        map=HeightMap(),
         initial=(states[-1].height, 0.0),
         at_rest=_small_motion(height, root),
         quality=Quality(0.0, 0.0, None, (), 0, 0, 0, 0.0),

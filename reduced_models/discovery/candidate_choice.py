@@ -156,7 +156,7 @@ def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[floa
 
 def _parameter_count(candidate: CandidateEquation) -> int:
     if candidate.models:  # numbers within terms, and a hidden state's, count too
-        return len(candidate.models[0].parameters)
+        return sum(low < high for low, high in candidate.models[0].intervals.values())
     return len(replace_numbers_by_symbols(candidate.expression)[1])
 
 
@@ -167,9 +167,9 @@ def _solution_criteria(fitted: list[CandidateEquation], scorer: EquationScorer) 
     for k, motion in enumerate(scorer.weak.motions):
         models = [fit.models[k] for fit in fitted]
         residuals = np.array([model.quality.residual for model in models])
-        noise = max(motion.noise * abs(models[0].map.scale), float(residuals.min()), 1e-300)
+        noise = max(motion.noise * abs(models[0].height_line.scale), float(residuals.min()), 1e-300)
         squares += len(motion.time) * (residuals / noise) ** 2
-    counts = [len(fit.models[0].parameters) for fit in fitted]
+    counts = [_parameter_count(candidate) for candidate in fitted]
     return [
         weighing.information_criterion(float(square), count)
         for square, count in zip(squares, counts, strict=True)
@@ -184,7 +184,7 @@ def notes_on_candidate(best: CandidateEquation, scorer: EquationScorer) -> tuple
         # The solution itself tells more than integrals with an estimate of z' in them.
         noises = [motion.noise for motion in scorer.weak.motions]
         left = max(
-            model.quality.residual / (noise * abs(model.map.scale))
+            model.quality.residual / (noise * abs(model.height_line.scale))
             for model, noise in zip(best.models, noises, strict=True)
         )
     if left > _POOR:

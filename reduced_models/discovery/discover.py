@@ -43,13 +43,13 @@ from reduced_models.discovery.term_libraries import (
 from reduced_models.discovery.terms import AnyTerm, Term
 from reduced_models.discovery.weak_form import (
     WeakForm,
-    choose_height_map,
     estimate_motion,
+    normalising_line,
     observed_weak_form,
     weak_form,
 )
 from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_prescribed_strokes
-from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.height_line import HeightLine
 from reduced_models.records.inputs import column_names
 
 _NO_OPERON = (
@@ -129,7 +129,7 @@ def discover(
     seed : int
         Seed of random searches, from 0 to 2^32 - 1.
     options : DiscoveryOptions
-        Rare options: map, polish, functions, effort, progress.
+        Rare options: height, polish, functions, effort, progress.
 
     Returns
     -------
@@ -149,7 +149,7 @@ def discover(
     """
     given, texts = list_of_records(records), text_sequence("terms", terms)
     libraries = text_sequence("library", library)
-    check_arguments(method, libraries, target, degree, texts, input, seed, options.map)
+    check_arguments(method, libraries, target, degree, texts, input, seed, options.line)
     _check_records_for_target(given, target)
     functions = functions_known_to_program(options.functions, method)
     used = _installed_method(method, options.functions)
@@ -160,14 +160,14 @@ def discover(
         search = SymbolicSearch("pysr" if used == "pysr" else "operon", functions, options.effort, seed)
     with stage_reporter("discover", wanted=options.progress) as now:
         now("libraries")
-        subject = _choose_terms(given, libraries, target, degree, texts, input, options.map)
+        subject = _choose_terms(given, libraries, target, degree, texts, input, options.line)
         now("sparse sums of terms" if search is None else "symbolic regression")
         proposed = propose_structures(subject.studies, used, search)
         open_terms = proposed.study.open_terms
 
         def polish_one(candidate: CandidateEquation) -> CandidateEquation:
             now(f"fit of {candidate.left_side} = {candidate.expression.evalf(3)}"[:_LINE])
-            return polish_candidate(candidate, given, subject.map, input, seed, open_terms)
+            return polish_candidate(candidate, given, subject.line, input, seed, open_terms)
 
         front, chosen = polish_and_choose_candidate(
             proposed,
@@ -191,7 +191,7 @@ def discover(
         _method_description(used, libraries, target),
         tuple(front),
         chosen,
-        subject.map,
+        subject.line,
         tuple(note for note in dict.fromkeys(notes) if note),
         {} if sure is None else sure.criterion_increases,
     )
@@ -201,7 +201,7 @@ class _Subject(NamedTuple):
     """Terms to choose from, with the integrals in the z that they mean."""
 
     studies: list[Study]
-    map: HeightMap
+    line: HeightLine
     note: str = ""
 
 
@@ -212,46 +212,46 @@ def _choose_terms(
     degree: int,
     texts: Sequence[str],
     column: str | None,
-    wanted: HeightMap | str,
+    wanted: HeightLine | None,
 ) -> _Subject:
     """Terms of a library, own ones, and those whose numbers are to be found."""
     left_side = _LEFT_SIDES[target]
 
-    def integrals(height_map: HeightMap) -> WeakForm:
-        motions = [estimate_motion(record, height_map, column) for record in records]
+    def integrals(line: HeightLine) -> WeakForm:
+        motions = [estimate_motion(record, line, column) for record in records]
         if target == "acceleration":
             return weak_form(*motions)
         return observed_weak_form(target, records, motions)
 
     if target == "height":
-        return _Subject([Study(integrals(HeightMap()), (Term(0),), left_side)], HeightMap())
+        return _Subject([Study(integrals(HeightLine()), (Term(0),), left_side)], HeightLine())
     if libraries == (MEMORY,):
-        studies = hidden_state_studies(integrals(HeightMap()), texts, left_side)
-        return _Subject(studies, HeightMap())
+        studies = hidden_state_studies(integrals(HeightLine()), texts, left_side)
+        return _Subject(studies, HeightLine())
     plain, opened = split_parametric_terms(texts, column, column_names(records[0]))
-    height_map, automatic = _resolve_height_map(records, libraries, texts, wanted), libraries == (AUTO,)
+    line, automatic = wanted or _automatic_line(records, libraries, texts), libraries == (AUTO,)
     drive = OpenTerms() if "w" in opened.names else split_parametric_terms(_DRIVE, None, ())[1]
     filled = ParametricTerms()
     if automatic and target == "acceleration":
         own = tuple(parse_custom_terms(plain, column))
         proposal = propose_library(
             integrals,
-            height_map,
+            line,
             column,
             degree,
-            map_is_given=bool(texts) or wanted != "auto",
+            line_is_given=bool(texts) or wanted is not None,
             angle=records[0].angle,
             drive_terms=lambda weak, known: ParametricTerms().fit_open_terms(drive, weak, known),
         )
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *own))))
     else:
         known = library_terms((PHYSICAL,) if automatic else libraries, plain, degree, column)
-        proposal = LibraryProposal("", known, height_map, integrals(height_map))
+        proposal = LibraryProposal("", known, line, integrals(line))
     _check_terms_finite(proposal.weak, proposal.terms)
     known = proposal.terms
     for item in (drive if proposal.driven else OpenTerms(), opened):
         known = (*known, *filled.fit_open_terms(item, proposal.weak, known))
-    return _Subject([Study(proposal.weak, known, left_side, open_terms=filled)], proposal.map, proposal.note)
+    return _Subject([Study(proposal.weak, known, left_side, open_terms=filled)], proposal.line, proposal.note)
 
 
 def _notes_on_records(
@@ -268,13 +268,13 @@ def _notes_on_records(
     return (*said, _UNUSED.format(", ".join(map(sanitize, others))))
 
 
-def _resolve_height_map(
-    records: Sequence[PistonRecord], libraries: Sequence[str], terms: Sequence[str], wanted: HeightMap | str
-) -> HeightMap:
-    """Map that is wanted; own terms and libraries other than the usual mean the height."""
-    if wanted == "auto" and (terms or libraries not in ((AUTO,), (PHYSICAL,))):
-        return HeightMap()
-    return choose_height_map(records, wanted)
+def _automatic_line(
+    records: Sequence[PistonRecord], libraries: Sequence[str], terms: Sequence[str]
+) -> HeightLine:
+    """Line from z to the height; own terms and libraries other than the usual mean the height."""
+    if terms or libraries not in ((AUTO,), (PHYSICAL,)):
+        return HeightLine()
+    return normalising_line(records)
 
 
 def _installed_method(method: Method, functions: str | Sequence[str]) -> Method:
@@ -305,7 +305,7 @@ def _check_terms_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
                 low, high = motion.z.min(), motion.z.max()
                 raise InputError(
                     f"the term {quote(term.text)} {wrong} for z from {low:.3g} to "
-                    f"{high:.3g}; leave it out, or give map=HeightMap(shift, scale)"
+                    f"{high:.3g}; leave it out, or give DiscoveryOptions(height=...)"
                 )
 
 

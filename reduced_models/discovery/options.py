@@ -10,7 +10,8 @@ from typing import Literal, get_args
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.discovery.term_libraries import AUTO, MEMORY
-from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.equation import parse_equation
+from reduced_models.laws.height_line import HeightLine
 
 Method = Literal["auto", "sindy", "pysindy", "operon", "pysr"]
 Target = Literal["acceleration", "force", "height"]
@@ -25,11 +26,11 @@ class DiscoveryOptions:
 
     Parameters
     ----------
-    map : HeightMap or "auto"
-        Z = (height - shift)/scale. Automatically the height itself, or, where the level of rest is
-        farther from zero than the swing is wide, the swing about rest in amplitudes; of the record
-        that swings the furthest. With own terms or another library, which mean something by z, it
-        is the height itself.
+    height : str
+        Height as a straight line in z, in numbers, as a law's text has it: ``"0.06 + 1e-3*z"``, or ``"z"``.
+        With ``"auto"`` z is the height itself, or, where the equilibrium is farther from zero than the
+        motion is wide, the displacement from it in amplitudes; of the record that moves the furthest.
+        With own terms or another library, which mean something by z, it is the height itself.
     polish : int
         Greatest number of candidates, from 0 on, best first, that are fitted to the records by their
         solutions; those whose criterion is hopeless next to the best one's are not. With 0 no
@@ -50,11 +51,11 @@ class DiscoveryOptions:
     Examples
     --------
     >>> from reduced_models import DiscoveryOptions
-    >>> DiscoveryOptions(polish=0).map
+    >>> DiscoveryOptions(polish=0).height
     'auto'
     """
 
-    map: HeightMap | Literal["auto"] = "auto"
+    height: str = "auto"
     polish: int = 3
     functions: str | Sequence[str] = ()
     effort: float = 1.0
@@ -66,14 +67,21 @@ class DiscoveryOptions:
             raise InputError(f"polish = {quote(self.polish)}; give an integer from 0 on")
         if not isinstance(self.effort, int | float) or not 0.0 < self.effort < math.inf:
             raise InputError(f"effort = {quote(self.effort)}; give a number above 0")
-        if not isinstance(self.map, HeightMap):
-            if self.map != "auto":
-                raise InputError(f"map = {quote(self.map)}; give 'auto' or HeightMap(shift, scale)")
-        elif not (math.isfinite(self.map.shift) and 0.0 < abs(self.map.scale) < math.inf):
-            raise InputError(
-                f"map has the shift {self.map.shift:g} and the scale {self.map.scale:g} m; "
-                "give finite ones, and a scale that is not zero"
-            )
+        _ = self.line
+
+    @property
+    def line(self) -> HeightLine | None:
+        """Line from z to the height; None if it is chosen by the records."""
+        if self.height == "auto":
+            return None
+        wrong = f"height = {quote(self.height)}; give 'auto' or a straight line in z, as '0.06 + 1e-3*z'"
+        if not isinstance(self.height, str):
+            raise InputError(wrong)
+        parsed = parse_equation(f"z'' = 0; height = {self.height}")
+        line = (0, 1) if parsed.line is None else parsed.line
+        if parsed.parameters or (parsed.line is None and parsed.observations["height"] != parsed.symbol_z):
+            raise InputError(wrong)
+        return HeightLine(*map(float, line))
 
 
 def check_arguments(
@@ -84,7 +92,7 @@ def check_arguments(
     terms: Sequence[str],
     column: str | None,
     seed: object,
-    height_map: object,
+    line: HeightLine | None,
 ) -> None:
     """Check that the arguments of `discover` are in their ranges, and go together."""
     for name, value, valid in (("method", method, get_args(Method)), ("target", target, get_args(Target))):
@@ -97,14 +105,14 @@ def check_arguments(
     if target == "height":
         if method in ("auto", *SPARSE):
             raise InputError("target = 'height' needs a symbolic method: give method 'operon' or 'pysr'")
-        if terms or column is not None or height_map != "auto" or libraries != (AUTO,):
+        if terms or column is not None or line is not None or libraries != (AUTO,):
             raise InputError(
-                "target = 'height' is a formula of the time; leave out library, terms, input and map"
+                "target = 'height' is a formula of the time; leave out library, terms, input and height"
             )
-    if libraries == (MEMORY,) and (column is not None or height_map not in ("auto", HeightMap())):
+    if libraries == (MEMORY,) and (column is not None or line not in (None, HeightLine())):
         raise InputError(
             f"library = {MEMORY!r} is of z'' or the force of a bed that is not driven, by the height itself; "
-            "leave out input and map"
+            "leave out input and height"
         )
 
 

@@ -26,8 +26,9 @@ from reduced_models.discovery.terms import (
 )
 from reduced_models.fitting.fit import fit
 from reduced_models.fitting.options import FitOptions
+from reduced_models.fitting.parameter import Parameter
 from reduced_models.fitting.start_values import start_values_near
-from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.height_line import HeightLine
 from reduced_models.laws.law import Law
 from reduced_models.records.sensor import Sensor
 
@@ -48,12 +49,12 @@ _NONE_OPEN = ParametricTerms()
 def polish_candidate(
     candidate: CandidateEquation,
     records: Sequence[PistonRecord],
-    height_map: HeightMap,
+    line: HeightLine,
     column: str | None = None,
     seed: int = 0,
     open_terms: ParametricTerms = _NONE_OPEN,
 ) -> CandidateEquation:
-    """Fit a candidate's numbers to the records themselves by `fit`; height_map [m]."""
+    """Fit a candidate's numbers to the records themselves by `fit`; line [m]."""
     template, values = open_terms.with_symbols(candidate)
     if len(values) > _MOST_NUMBERS:
         return dataclasses.replace(
@@ -64,18 +65,22 @@ def polish_candidate(
         values |= dict(zip(hidden_state.kind.scales, hidden_state.scales, strict=True))
     moving = candidate.left_side == "z''"
     measured = _AS_IT_IS if candidate.left_side == "force" else None
-    options = FitOptions(map=height_map) if moving else FitOptions(measured=measured)
+    given = {name: Parameter(value, fixed=True) for name, value in line._asdict().items()}
+    if not moving:
+        given = {name: Parameter(value) for name, value in values.items()}
+    elif line == HeightLine():
+        given = {}
     try:
-        law = law_of_candidate(candidate, template, values, records, height_map, column)
+        law = law_of_candidate(candidate, template, values, records, line, column)
         with warnings.catch_warnings(action="ignore"):  # notes stand in the model
             models = fit(
                 records,
                 law,
-                parameters={} if moving else values,
+                parameters=given,
                 starts=STARTS,
                 test_fraction=0.0,
                 seed=seed,
-                options=options,
+                options=FitOptions(measured=measured),
             )
     except TimeBudgetError:
         raise
@@ -97,18 +102,18 @@ def law_of_candidate(
     template: sympy.Expr,
     values: dict[str, float],
     records: Sequence[PistonRecord],
-    height_map: HeightMap,
+    line: HeightLine,
     column: str | None = None,
 ) -> Law:
-    """Law of a candidate with symbols for its numbers, whose fit starts near their values; height_map [m]."""
+    """Law of a candidate with symbols for its numbers, whose fit starts near their values; line [m]."""
     import sympy
 
     z, v, u = state_symbols()
     moving, hidden_state = candidate.left_side == "z''", candidate.hidden_state
     if moving:
-        template = replace_sign_by_tanh(template, records, height_map)
-    elif height_map != HeightMap():
-        template = template.xreplace({z: (z - height_map.shift) / height_map.scale, v: v / height_map.scale})
+        template = replace_sign_by_tanh(template, records, line)
+    elif line != HeightLine():
+        template = template.xreplace({z: line.coordinate(z), v: v / line.scale})
     if column is not None:
         template = template.xreplace({u: sympy.Symbol(column)})
     inputs = (column,) if column is not None and template.has(sympy.Symbol(column)) else ()
@@ -118,12 +123,15 @@ def law_of_candidate(
         equation = hidden_state.kind.substitute_into(equation)
         positive = hidden_state.kind.scales
         resolution = max(_MEMORY_RESOLUTION, resolution)
+    if moving and line != HeightLine():
+        # As parameters, so that records of one kind share compiled code.
+        equation += "; height = shift + scale*z"
+        values = values | line._asdict()
     return Law(
         name=name_candidate_law(candidate),
         equation=equation,
         start=start_values_near(values),
         positive=positive,
-        mapped=moving,
         source="discovered in the record",
         inputs=inputs,
         resolution=resolution,
@@ -190,14 +198,14 @@ def _spring_words(springs: Mapping[int, float]) -> list[str]:
 
 
 def replace_sign_by_tanh(
-    template: sympy.Expr, records: Sequence[PistonRecord], height_map: HeightMap
+    template: sympy.Expr, records: Sequence[PistonRecord], line: HeightLine
 ) -> sympy.Expr:
-    """Expression with a steep tanh(z') for sign(z'), which no solver can step across; height_map [m]."""
+    """Expression with a steep tanh(z') for sign(z'), which no solver can step across; line [m]."""
     import sympy
 
     _, v, _ = state_symbols()
     fastest = max(float(np.gradient(record.height, record.time).std()) for record in records)
-    speed = fastest / abs(height_map.scale)
+    speed = fastest / abs(line.scale)
     # A power of ten, so that records of one kind share compiled code.
     steepness = 10.0 ** round(math.log10(_STEEPNESS / speed))
     return template.subs(sympy.sign(v), sympy.tanh(sympy.Float(steepness, 4) * v))

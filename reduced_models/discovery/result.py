@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from granular.shared.errors import InputError
 from reduced_models.discovery.hidden_states import ScaledHiddenState
 from reduced_models.discovery.terms import AnyTerm, expression_text, round_fractions_for_print, split_terms
-from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.height_line import HeightLine
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printout import caution_lines, wrap_words
 
@@ -76,8 +76,8 @@ class Discovery:
         The Pareto front and close rivals that were polished, from the simplest on.
     chosen : int
         Place of the chosen one.
-    map : HeightMap
-        How z in the equations comes from the height.
+    line : HeightLine
+        How the height follows from z in the equations: shift and scale [m].
     notes : tuple of str
         What is to be doubted, in plain words.
     criterion_increases : mapping of str to float
@@ -88,7 +88,7 @@ class Discovery:
     method: str
     candidates: tuple[CandidateEquation, ...]
     chosen: int
-    map: HeightMap
+    line: HeightLine
     notes: tuple[str, ...] = ()
     criterion_increases: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
@@ -116,7 +116,7 @@ class Discovery:
     def __str__(self) -> str:
         model = self.best.model
         said = () if model is None else model.notes
-        lines = wrap_words(f"model: {self.best.text}   ({self.map})", "")
+        lines = wrap_words(f"model: {self.best.text}; {self.line.text}", "")
         if model is not None:
             lines = str(model).splitlines()
         lines.append(
@@ -142,7 +142,7 @@ class Discovery:
         return {
             "method": self.method,
             "chosen": self.chosen,
-            "map": dataclasses.asdict(self.map),
+            "height": self.line._asdict(),
             "notes": list(self.notes),
             "prices": dict(self.criterion_increases),
             "candidates": [

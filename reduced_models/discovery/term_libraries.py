@@ -31,7 +31,7 @@ from reduced_models.discovery.terms import (
     structure_text,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
-from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.height_line import HeightLine
 
 PHYSICAL = "physical"
 """The library without another name: see `reduced_models.discovery.terms.physical_library_terms`."""
@@ -220,43 +220,43 @@ class LibraryProposal(NamedTuple):
 
     name: str
     terms: tuple[AnyTerm, ...]
-    map: HeightMap  # of the z that the terms mean
+    line: HeightLine  # of the z that the terms mean
     weak: WeakForm
     note: str = ""
     driven: bool = False  # in the time
 
 
 def propose_library(
-    weak_form_of: Callable[[HeightMap], WeakForm],
-    usual_map: HeightMap,
+    weak_form_of: Callable[[HeightLine], WeakForm],
+    usual_line: HeightLine,
     column: str | None,
     degree: int,
     *,
-    map_is_given: bool,
+    line_is_given: bool,
     angle: bool,
     drive_terms: Callable[[WeakForm, Sequence[AnyTerm]], Sequence[AnyTerm]],
 ) -> LibraryProposal:
     """Library whose best sum of terms has the least information criterion along some motions."""
-    # Libraries that mean something by z = 0 only for angles, motions about it or a given map; negative powers
-    # only above zero.
-    plain = usual_map == HeightMap() or map_is_given
-    weak = weak_form_of(usual_map)
+    # Libraries that mean something by z = 0 only for angles, motions about it or a given line; negative
+    # powers only above zero.
+    plain = usual_line == HeightLine() or line_is_given
+    weak = weak_form_of(usual_line)
     usual = _physical_proposal(weak, column, degree)
-    proposals = [LibraryProposal(PHYSICAL, usual, usual_map, weak)]
+    proposals = [LibraryProposal(PHYSICAL, usual, usual_line, weak)]
     for name in LIBRARIES:
-        height_map_here, weak_form_here = usual_map, weak
+        line_here, weak_form_here = usual_line, weak
         if name == PHYSICAL or (name == "driven" and column is None):
             continue
         if name in _OF_THE_HEIGHT and not plain:
             if name == "contact" or (name == "trigonometric" and not angle):
                 continue
-            height_map_here = HeightMap()
-            weak_form_here = weak_form_of(height_map_here)
+            line_here = HeightLine()
+            weak_form_here = weak_form_of(line_here)
         if name == "rational" and not all((motion.z > 0.0).all() for motion in weak_form_here.motions):
             continue
         terms = library_terms(name, (), 3, column)
         if not any(find_term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
-            proposals.append(LibraryProposal(name, terms, height_map_here, weak_form_here))
+            proposals.append(LibraryProposal(name, terms, line_here, weak_form_here))
     sums = [_SumsOfLibrary.of(proposal) for proposal in proposals]
     excess = min(item.scorer.excess for item in sums)
     if excess > _UNEXPLAINED**2:

@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from granular.shared.errors import InputError, RecordError
-from granular.shared.message_text import quote
+from granular.shared.errors import RecordError
 from reduced_models.discovery.terms import AnyTerm, MotionState, evaluate_expression
-from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.height_line import HeightLine
 from reduced_models.records.derivatives import derivatives, noise_level
 from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.inputs import input_column
@@ -270,18 +269,18 @@ def _motion_integrals(motion: SmoothedMotion) -> MotionIntegrals:
 _FLOOR = 1e-6  # least noise, in standard deviations of the record or the force: rounding
 
 
-def estimate_motion(record: PistonRecord, height_map: HeightMap, drive: str | None = None) -> SmoothedMotion:
-    """Estimate derivatives, noise and period of a record's motion in z; record [s, m], height_map [m]."""
+def estimate_motion(record: PistonRecord, line: HeightLine, drive: str | None = None) -> SmoothedMotion:
+    """Estimate derivatives, noise and period of a record's motion in z; record [s, m], line [m]."""
     guess = first_guesses(record.time, record.height)
     smooth = derivatives(record)
-    size = abs(height_map.scale)
+    size = abs(line.scale)
     swing = float(record.height.std())
     return SmoothedMotion(
         time=record.time - record.time[0],
-        z=np.asarray(height_map.to_law(record.height)),
-        smooth=np.asarray(height_map.to_law(smooth.height)),
-        velocity=smooth.velocity / height_map.scale,
-        acceleration=smooth.acceleration / height_map.scale,
+        z=np.asarray(line.coordinate(record.height)),
+        smooth=np.asarray(line.coordinate(smooth.height)),
+        velocity=smooth.velocity / line.scale,
+        acceleration=smooth.acceleration / line.scale,
         drive=None if drive is None else input_column(record, drive),
         noise=max(smooth.record_noise, _FLOOR * swing) / size,
         acceleration_noise=max(smooth.noise.acceleration, _FLOOR * swing) / size,
@@ -289,18 +288,14 @@ def estimate_motion(record: PistonRecord, height_map: HeightMap, drive: str | No
     )
 
 
-def choose_height_map(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
-    """Map from the height to z: the one asked for, or one by the largest swing."""
-    if isinstance(wanted, HeightMap):
-        return wanted
-    if wanted != "auto":
-        raise InputError(f"map = {quote(wanted)}; give 'auto' or a HeightMap")
+def normalising_line(records: Sequence[PistonRecord]) -> HeightLine:
+    """Line from z to the height, by the record of the largest amplitude."""
     guesses = (first_guesses(record.time, record.height) for record in records)
     guess = max(guesses, key=lambda guess: guess.amplitude)
     # Powers of a height that hardly changes could not be told apart.
     if abs(guess.rest) <= guess.amplitude:
-        return HeightMap()
-    return HeightMap(guess.rest, guess.amplitude)
+        return HeightLine()
+    return HeightLine(guess.rest, guess.amplitude)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

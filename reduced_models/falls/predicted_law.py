@@ -53,7 +53,6 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.falls.lattice_pressure import POWER, PressedLattice, lattice_under_pressure
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import NoSwing, small_swing
 from reduced_models.models.at_rest import AtRest
@@ -101,7 +100,6 @@ class PredictedLaw(FittedLaw):
     at_rest: AtRest | None
     provenance: Mapping[str, str]
     law: Law = LAW
-    map: HeightMap = HeightMap(0.0, 1.0)  # noqa: RUF009  # immutable
     domain: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     hidden: Mapping[str, float] = dataclasses.field(default_factory=dict)
     input_interpolation: Interpolation = "spline"

@@ -103,7 +103,7 @@ class DropScores:
         for row in self.rows:
             cells = ["", *("" for _ in self.labels), "not fitted"]
             if row.model is not None:
-                cells = [str(len(row.model.parameters) + (2 if row.model.map.fitted else 0))]
+                cells = [str(len(row.model.parameters))]
                 cells += [format_percent_of_drop(value) for value in (*row.errors, row.median_error)]
             rows.append((row.name, *cells))
         return rows
@@ -270,9 +270,7 @@ def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, 
                 parameters=known,
                 starts=starts,
                 test_fraction=0.0,
-                options=FitOptions(
-                    map="fitted", initial={"height": float(record.height[0]), "velocity": 0.0}
-                ),
+                options=FitOptions(initial={"height": float(record.height[0]), "velocity": 0.0}),
             )
     except GranularError as cause:
         return DropScore(law.name, None, failure=str(cause))

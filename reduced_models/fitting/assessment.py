@@ -34,7 +34,6 @@ from reduced_models.fitting.uncertainty import (
     small_motion_figures,
     widen_to_linear_intervals,
 )
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.linearization import NoSwing
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, remove_random_walk
 from reduced_models.least_squares.unknowns import Unknowns
@@ -178,8 +177,7 @@ def _make_model_of_record(
     problem, grid = result.problem, result.joint.grids[k]
     unknowns, record = grid.unknowns, grid.record
     theta = result.theta[result.joint.entries[k]]
-    values, shift, scale, z0, v0, hidden = unknowns.physical_values(theta)
-    height_map = HeightMap(float(shift), float(scale), fitted=unknowns.map is None)
+    values, height, velocity, hidden = unknowns.physical_values(theta)
     left = remove_random_walk(residuals, grid.gain)
     quality = _assess_quality(result, k, residuals, left)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
@@ -197,8 +195,7 @@ def _make_model_of_record(
         parameters=known,
         intervals={name: pair for name, pair in intervals.items() if name not in problem.untold},
         confidence=problem.confidence,
-        map=height_map,
-        initial=(float(height_map.to_height(z0)), float(v0 * scale)),
+        initial=(float(height), float(velocity)),
         at_rest=None if rest is None else dataclasses.replace(rest, angle=record.angle),
         no_swing=at_rest.reason if isinstance(at_rest, NoSwing) else "",
         quality=quality,

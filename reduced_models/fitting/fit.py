@@ -214,7 +214,6 @@ def fit(
     problem = FitProblem(
         law=chosen,
         data=training_data(chosen, observed, test_fraction, weights, noise, loss, settings.by_record),
-        map="fitted" if view.sensor is not None and how.map == "auto" else how.map,
         own=settings.own,
         bounds=pairs,
         start=settings.start,

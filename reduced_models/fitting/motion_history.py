@@ -78,7 +78,7 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
 def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
     """Fit with hidden states held where the records' histories end."""
     problem, joint, theta = result.problem, result.joint, result.trained
-    first = joint.unknowns.parameter_and_map_count + 2
+    first = len(problem.law.parameters) + 2
     hidden = slice(first, first + len(problem.law.hidden))
     for _ in range(_ROUNDS):
         former, theta = theta, theta.copy()
@@ -100,11 +100,10 @@ def _states_at_history_end(
     """Hidden states (h,) where a history ends, which is at time 0."""
     unknowns = joint.unknowns
     law = unknowns.law
-    values, shift, scale, *_ = unknowns.physical_values(theta)
+    values = unknowns.physical_values(theta)[0]
     start = float(history.time[0])
     nodes = np.linspace(start, 0.0, max(_NODES_A_SWING, round(-_NODES_A_SWING * start / period)))
-    mapped = history.mapped(shift, scale)
-    motion = fit_local_cubics(mapped.time, mapped.height, period, nodes)
+    motion = fit_local_cubics(history.time, history.height, period, nodes)
     motion = motion[:, motion[3] <= 0.0]
     columns = [history.time if name == TIME else input_column(history, name) for name in law.inputs]
     drive = interpolate_inputs(history.time, columns, motion[3])

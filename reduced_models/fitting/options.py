@@ -13,7 +13,6 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.parameter import si_number
 from reduced_models.fitting.problem import Intervals
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.residuals import LOSSES
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation
@@ -33,10 +32,6 @@ class FitOptions:
 
     Parameters
     ----------
-    map : HeightMap, "auto" or "fitted"
-        How the height enters a law that has a map (``law.mapped``): as given, fitted, or fitted
-        unless the record is described as well with z = height (Bayesian information criterion;
-        Schwarz 1978, doi:10.1214/aos/1176344136).
     drift : bool, optional
         Whether the records' zero may drift, as a random walk; intervals then allow for it. If not
         given, it may where the residuals are such a walk next to white noise, and a note says so.
@@ -59,7 +54,7 @@ class FitOptions:
     Raises
     ------
     InputError
-        If the map, the interpolation, what is measured or a word for the start is none of these.
+        If the interpolation, what is measured or a word for the start is none of these.
 
     Examples
     --------
@@ -68,15 +63,12 @@ class FitOptions:
     True
     """
 
-    map: HeightMap | Literal["auto", "fitted"] = "auto"
     drift: bool | None = None
     input_interpolation: Interpolation | None = None
     measured: SensorQuantity | Sensor | None = None
     initial: Initial | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.map, HeightMap) and self.map not in ("auto", "fitted"):
-            raise InputError(f"map = {quote(self.map)}; give 'auto', 'fitted' or a HeightMap")
         if self.input_interpolation is not None:
             _check_word("input_interpolation", self.input_interpolation, INTERPOLATIONS)
         if isinstance(self.measured, str):

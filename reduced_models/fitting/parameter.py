@@ -14,6 +14,7 @@ from granular.schema.units import si_value
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.laws.law import Law
+from reduced_models.models.fitted_law import FittedLaw
 
 Quantity = float | str
 
@@ -170,3 +171,14 @@ def check_parameter_names(names: Iterable[str], parameters: Sequence[str]) -> No
     for name in names:
         if name not in parameters:
             raise InputError(unknown_word_message(str(name), parameters, "parameter"))
+
+
+def given_line_parameters(model: FittedLaw) -> dict[str, Parameter]:
+    """Parameters of a model's line to the height that were given to its fit, as a discovery gives them."""
+    line = model.law.parsed_equation.line or ()
+    names = {symbol.name for item in line for symbol in item.free_symbols}
+    return {
+        name: Parameter(model.all_parameters[name], fixed=True)
+        for name in sorted(names)
+        if name in model.intervals and model.intervals[name][0] == model.intervals[name][1]
+    }

@@ -155,7 +155,7 @@ def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[Joint
     )
     held = np.zeros(len(theta), dtype=bool)
     for here in entries:
-        held[here[unknowns.parameter_and_map_count + 2 :]] = True
+        held[here[len(unknowns.law.parameters) + 2 :]] = True
     for k, name in enumerate(unknowns.law.parameters):
         low, high = models[0].intervals[name]
         if low == high:
@@ -219,14 +219,14 @@ def _name_draws(joint: JointRecords, own: Sequence[str], full: np.ndarray) -> di
     result: dict[str, Any] = {}
     for index, here in enumerate(joint.entries):
         theta = np.moveaxis(full[..., here], -1, 0)
-        values, shift, scale, z0, v0, _ = unknowns.physical_values(theta)
+        values, height, velocity, _ = unknowns.physical_values(theta)
         for name, value in zip(unknowns.law.parameters, values, strict=True):
             if name in own:
                 result.setdefault(name, []).append(value)
             elif index == 0:
                 result[name] = np.broadcast_to(value, full.shape[:2])
-        result.setdefault("height", []).append(shift + scale * z0)
-        result.setdefault("velocity", []).append(scale * v0)
+        result.setdefault("height", []).append(height)
+        result.setdefault("velocity", []).append(velocity)
     for name in ("height", "velocity", *own):
         stacked = np.stack(result[name], axis=-1)
         result[name] = stacked if several else stacked[..., 0]

@@ -12,7 +12,6 @@ import numpy as np
 
 from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import InputError, RecordError
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.residuals import Loss, LossName
 from reduced_models.records.derivatives import noise_level
@@ -69,7 +68,6 @@ class FitProblem:
 
     law: Law
     data: tuple[TrainingData, ...]
-    map: HeightMap | Literal["auto", "fitted"]
     own: tuple[str, ...]  # parameters that each record has for itself
     bounds: Pairs
     start: Mapping[str, float]  # values about which parameters are looked for

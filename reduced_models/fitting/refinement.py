@@ -211,14 +211,15 @@ def _collocation_fit(
 ) -> np.ndarray | None:
     """Fit that starts from accelerations in the leading record; None where there are none."""
     unknowns, largest_swing_record = joint.unknowns, problem.largest_swing_record
-    if unknowns.map is None or unknowns.law.hidden or unknowns.law.prescribed or problem.own:
+    if unknowns.law.hidden or unknowns.law.prescribed or problem.own:
         return None
-    given = unknowns.map
-    seen = largest_swing_record.guess.rescaled_to_law(given.shift, given.scale)
-    mapped = largest_swing_record.look.mapped(given.shift, given.scale)
     values = np.array(unknowns.physical_values(theta[joint.entries[0]])[0])
     matched = fit_to_accelerations(
-        unknowns.law, seen, mapped, values, problem.bounds_of_record(largest_swing_record)
+        unknowns.law,
+        largest_swing_record.guess,
+        largest_swing_record.look,
+        values,
+        problem.bounds_of_record(largest_swing_record),
     )
     free = search_entries_from_draws(
         unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)}
@@ -229,8 +230,9 @@ def _collocation_fit(
         return None
     # Next to the fit's own start of the motion: what lies in its valley need not go far.
     adjacent = theta.copy()
+    count = len(unknowns.law.parameters)
     for here in joint.entries:
-        adjacent[here[: unknowns.parameter_and_map_count]] = start[here[: unknowns.parameter_and_map_count]]
+        adjacent[here[:count]] = start[here[:count]]
     risen = _training_cost(problem, joint, adjacent) - cost
     if _agrees_with_parabola(joint.normal_equations(problem.samples), theta, adjacent, risen):
         return theta
@@ -333,19 +335,18 @@ def _solver_error(grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray)
         left = (gain * signal + offset - grid.record.height) / unknowns.residual_unit
         error = float(np.abs(left - residuals).max())
         return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
-    _, shift, scale, *_ = unknowns.physical_values(theta)
     if unknowns.compares_heights:
         fitted = grid.record.height + unknowns.residual_unit * residuals
     else:
         fitted = grid.fitted_heights(theta)
-    error = float(np.abs(shift + scale * reference.z - fitted).max()) / unknowns.amplitude
+    error = float(np.abs(reference.z - fitted).max()) / unknowns.amplitude
     return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
 
 
 def _adaptive_solution(grid: GriddedRecord, theta: np.ndarray) -> Solution:
     unknowns, record = grid.unknowns, grid.record
-    values, _, scale, z0, v0, hidden = unknowns.physical_values(theta)
-    size = unknowns.amplitude / scale
+    values, z0, v0, hidden = unknowns.physical_values(theta)
+    size = unknowns.amplitude
     inputs = [input_column(record, name) for name in unknowns.law.inputs]
     how = grid.interpolation
     return solve_law(unknowns.law, record.time, z0, v0, values, size, inputs, hidden, how)

@@ -24,17 +24,8 @@ from reduced_models.fitting.refinement import (
     fine_grids_over_records,
     refine_best_start,
 )
-from reduced_models.fitting.start_values import (
-    append_initial_state,
-    draw_swing_parameters,
-    scale_unknowns,
-    search_entries_from_draws,
-    start_vectors,
-    swing_form_unknowns,
-    unknowns_of_data,
-)
+from reduced_models.fitting.start_values import scale_unknowns, start_vectors, unknowns_of_data
 from reduced_models.fitting.strokes import stroke_start_vectors
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
 from reduced_models.least_squares.joint_records import (
@@ -44,7 +35,6 @@ from reduced_models.least_squares.joint_records import (
     joint_vector_entries,
 )
 from reduced_models.least_squares.levenberg_marquardt import (
-    TIE,
     Bounds,
     Normal,
     Prior,
@@ -57,10 +47,6 @@ from reduced_models.least_squares.unknowns import Unknowns, theta_bounds
 from reduced_models.records.inputs import StepGrid, has_inputs_besides_time
 
 _TRIALS, _TOLERANCE = 60, 1e-4  # of all horizons but the last: what lags behind loses its phase
-_RIVAL_TRIALS = 20  # of an unchanged law, next to its fit with a map
-_HOPELESS = 4.0  # times the cost of the fit with a map
-_FREER = 1.5  # times the cost of the swing form: more is the law's own, or another valley
-_POOR = 0.05  # of the amplitude: what is left over where even the swing form may be in a wrong one
 # Steps over which all starts are followed, 512 periods; behind them, the best one.
 _MOST_COARSE = 2**13
 _STROKE_SAMPLES = 1200  # of all strokes that a search sees
@@ -68,59 +54,12 @@ _THIN = 2.0  # samples a coarse step, above which their means are fitted
 _MOST_NUMBERS = 2**26
 """Starts times grid points times unknowns, which stand in memory four times: two gigabytes."""
 
-Vectors = tuple[np.ndarray, np.ndarray]
-"""Search vectors (s, p) that starts led to, and their costs (s,)."""
-
 
 def multistart_search(problem: FitProblem) -> SearchResult:
-    """Fit the training stretches, with the map that is asked for, or that the data ask for."""
-    law, wanted = problem.law, problem.map
-    if not law.mapped or isinstance(wanted, HeightMap):
-        given = wanted if isinstance(wanted, HeightMap) and law.mapped else HeightMap()
-        return refine_best_start(problem, *_multistart_search_with_map(problem, given))
-    mapped = refine_best_start(problem, *_multistart_search_with_map(problem, None))
-    if wanted == "fitted":
-        return mapped
-    limit = _HOPELESS * mapped.coarse_cost
-    joint, vectors = _multistart_search_with_map(problem, HeightMap(), limit)
-    if vectors[1].min() > limit:
-        return mapped
-    return min(refine_best_start(problem, joint, vectors), mapped, key=_bayesian_criterion)
-
-
-def compile_fit_ahead(law: Law, starts: int) -> None:
-    """Put programs on disk that a fit of a law without inputs needs for a record of few periods."""
-    points = padded_step_count(0) + 1
-    still = PistonRecord(np.arange(float(points)), np.zeros(points))
-    samples = means_on_grid(still, StepGrid(1.0, points - 1), (), "spline")
-    forms = [(law, None if law.mapped else HeightMap())]
-    if law.swing_form is not None:
-        forms.append((law.swing_form.law, HeightMap()))
-    for form, height_map in forms:
-        unknowns = Unknowns(form, height_map, (1.0,) * len(form.parameters), 0.0, 1.0, 1.0)
-        theta = np.zeros((starts, len(unknowns.prior)))
-        residual_function(unknowns, "normal").compile_ahead(
-            theta, samples, unknowns.scales, Loss().compiled_arguments
-        )
-    compile_solution_ahead(law)
-
-
-def _bayesian_criterion(result: SearchResult) -> float:
-    """Bayesian information criterion; residuals below the tie level count as equal."""
-    samples = sum(result.problem.samples)
-    mean = max(result.cost / samples, TIE**2)
-    return samples * math.log(mean) + len(result.theta) * math.log(samples)
-
-
-def _multistart_search_with_map(
-    problem: FitProblem, height_map: HeightMap | None, limit: float = math.inf
-) -> tuple[JointRecords, Vectors]:
-    """Coarse records, and where random starts lead to over horizons that double."""
-    # Starts of the law's swing form come first. If the law leaves over more than that form, which knows no
-    # bounds of the law, they may lie in the wrong valley: starts of the law itself are tried too.
+    """Fit the training stretches from random starts."""
     # First of all: a record with too many periods is refused before any search.
     fine_grids_over_records(problem)
-    unknowns = scale_unknowns(problem.law, height_map, problem.largest_swing_record, problem.sensor)
+    unknowns = scale_unknowns(problem.law, problem.largest_swing_record, problem.sensor)
     joint = _coarse_records(problem, unknowns)
     points = max(len(grid.samples.weight) for grid in joint.grids)
     _check_memory(problem.starts, points, len(joint.entries[0]))
@@ -128,19 +67,23 @@ def _multistart_search_with_map(
         units, theta = stroke_start_vectors(problem, joint)
         joint = _coarse_records(problem, dataclasses.replace(unknowns, units=units))
         normal, prior = coarse_normal_equations(problem, joint, math.inf)
-        return joint, levenberg_marquardt(normal, theta, prior, bounds=joint.bounds)
-    bounds = joint.bounds
-    swing = _swing_vectors(problem, joint)
-    if swing is None:
-        return joint, _search_over_horizons(problem, joint, limit)
-    theta, least = swing
-    normal, prior = coarse_normal_equations(problem, joint, math.inf)
-    vectors = levenberg_marquardt(normal, theta, prior, bounds=bounds)
-    poor = prior.samples * _POOR**2
-    if vectors[1].min() > min(max(_FREER * least, prior.samples * TIE**2), poor):
-        other = _search_over_horizons(problem, joint, limit)
-        vectors = min(vectors, other, key=lambda vector: float(vector[1].min()))
-    return joint, vectors
+        vectors = levenberg_marquardt(normal, theta, prior, bounds=joint.bounds)
+    else:
+        vectors = _search_over_horizons(problem, joint)
+    return refine_best_start(problem, joint, vectors)
+
+
+def compile_fit_ahead(law: Law, starts: int) -> None:
+    """Put programs on disk that a fit of a law without inputs needs for a record of few periods."""
+    points = padded_step_count(0) + 1
+    still = PistonRecord(np.arange(float(points)), np.zeros(points))
+    samples = means_on_grid(still, StepGrid(1.0, points - 1), (), "spline")
+    unknowns = Unknowns(law, (1.0,) * len(law.parameters), 0.0, 1.0, 1.0)
+    theta = np.zeros((starts, len(unknowns.prior)))
+    residual_function(unknowns, "normal").compile_ahead(
+        theta, samples, unknowns.scales, Loss().compiled_arguments
+    )
+    compile_solution_ahead(law)
 
 
 def _coarse_records(problem: FitProblem, unknowns: Unknowns) -> JointRecords:
@@ -154,8 +97,8 @@ def _coarse_records(problem: FitProblem, unknowns: Unknowns) -> JointRecords:
     return JointRecords(tuple(grids), entries, bounds)
 
 
-def _search_over_horizons(problem: FitProblem, joint: JointRecords, limit: float) -> Vectors:
-    """Search vectors that random starts of a law lead to, and what they cost."""
+def _search_over_horizons(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray, np.ndarray]:
+    """Search vectors (s, p) that random starts of a law lead to, and what they cost (s,)."""
     theta = start = joint_vector(_start_vectors(problem, joint.unknowns), joint.entries)
     costs = np.zeros(problem.starts)
     for swings in _horizons_in_swings(problem, joint):
@@ -163,18 +106,13 @@ def _search_over_horizons(problem: FitProblem, joint: JointRecords, limit: float
         normal, prior = coarse_normal_equations(problem, joint, swings)
         if problem.law.start is None and not first:
             theta = _keep_better_starts(normal, theta, start)
-        rival = first and not math.isinf(limit)
-        trials = _RIVAL_TRIALS if rival else _TRIALS
+        waiting = promising_starts(costs, prior.samples) if costs.any() else None
         if last:
-            waiting = None if not costs.any() else promising_starts(costs, prior.samples)
             theta, costs = levenberg_marquardt(normal, theta, prior, bounds=joint.bounds, waiting=waiting)
         else:
-            waiting = None if first else promising_starts(costs, prior.samples)
             theta, costs = levenberg_marquardt(
-                normal, theta, prior, _TOLERANCE, joint.bounds, trials=trials, waiting=waiting
+                normal, theta, prior, _TOLERANCE, joint.bounds, trials=_TRIALS, waiting=waiting
             )
-        if rival and costs.min() > limit:
-            break
     return theta, costs
 
 
@@ -196,30 +134,6 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
         )
 
 
-def _swing_vectors(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray, float] | None:
-    """Start vectors of a mapped law where random starts of its swing form lead to; its cost."""
-    unknowns, largest_swing_record = joint.unknowns, problem.largest_swing_record
-    form = unknowns.law.swing_form
-    if form is None or unknowns.map is not None or problem.own or problem.bounds or problem.start:
-        return None
-    random = np.random.default_rng(problem.seed)
-    draws = draw_swing_parameters(form, largest_swing_record, problem.starts, random)
-    if draws is None:
-        return None
-    swinging = swing_form_unknowns(unknowns, form, draws)
-    free = search_entries_from_draws(swinging, draws)
-    theta = joint_vector([append_initial_state(swinging, data, free) for data in problem.data], joint.entries)
-    grids = tuple(dataclasses.replace(grid, unknowns=swinging) for grid in joint.grids)
-    swing = dataclasses.replace(joint, grids=grids)
-    for swings in _horizons_in_swings(problem, swing):
-        normal, prior = coarse_normal_equations(problem, swing, swings)
-        theta, costs = levenberg_marquardt(normal, theta, prior, _TOLERANCE, trials=_TRIALS)
-    values = swinging.physical_values(theta[:, joint.entries[0]].T)[0]
-    mapped = form.mapped(dict(zip(form.law.parameters, values, strict=True)))
-    theta[:, : free.shape[1]] = search_entries_from_draws(unknowns, mapped)
-    return theta, float(costs.min())
-
-
 def _start_vectors(problem: FitProblem, unknowns: Unknowns) -> list[np.ndarray]:
     """Start vectors (starts, p) of each record; the first one's parameters are the largest_swing_record's."""
     vectors = [
@@ -234,7 +148,7 @@ def _start_vectors(problem: FitProblem, unknowns: Unknowns) -> list[np.ndarray]:
         for data in problem.data
     ]
     largest_swing_record = vectors[problem.data.index(problem.largest_swing_record)]
-    shared = slice(0, unknowns.parameter_and_map_count)
+    shared = slice(0, len(unknowns.law.parameters))
     vectors[0] = vectors[0].copy()
     keep = [unknowns.law.parameters.index(name) for name in problem.own]
     own = vectors[0][:, keep].copy()

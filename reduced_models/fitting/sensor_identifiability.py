@@ -31,7 +31,8 @@ def identifiable_sensor(
     """Sensor as a fit of a law can take it, and what of the law its signal leaves open."""
     held: tuple[str, ...] = ()
     untold: list[str] = []
-    shift = find_similarity(law, "shift") if not law.mapped else None
+    has_line = law.parsed_equation.line is not None
+    shift = None if has_line else find_similarity(law, "shift")
     level_is_open = sensor.derivative_order > 0 or sensor.offset == "free"
     if shift is not None and level_is_open and "height" not in initial:
         known = shift.level in declared
@@ -40,7 +41,7 @@ def identifiable_sensor(
         if not known:
             untold += ["level", *(name for name in shift.moving if name == shift.level)]
     if sensor.gain == "free" or isinstance(sensor.gain, tuple):
-        scale = find_similarity(law, "scale") if not law.mapped else None
+        scale = None if has_line else find_similarity(law, "scale")
         if scale is not None and not {*scale.moving} & {*declared}:
             if sensor.gain == "free":
                 untold += ["size", *(name for name in scale.moving if name not in untold)]

@@ -19,11 +19,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from granular.shared.errors import InputError
 from reduced_models.fitting.problem import Pairs, TrainingData
 from reduced_models.laws.equation import compile_observation, compile_rates
-from reduced_models.laws.height_map import HeightMap
-from reduced_models.laws.law import Law, NormalizedSwingLaw, Starts
+from reduced_models.laws.law import Law, Starts
 from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 from reduced_models.least_squares.unknowns import Unknowns
@@ -102,6 +100,8 @@ def _fit_parameters_of_observations(
     for name, expression in parsed.observations.items():
         linear = parameters_linear_in(expression, law, (*fixed, *map(str, _symbols_of_rates(law))))
         mine = [law.parameters.index(item) for item in linear if expression.has(sympy.Symbol(item))]
+        if not mine:
+            continue
         observe = compile_observation(law.equation, law.inputs, name, "numpy")
         seen = np.interp(nodes, record.time, record.columns.get(name, record.height))
         for draw in draws:
@@ -171,6 +171,7 @@ def _random_draws(
 ) -> np.ndarray:
     """Values (count, p) in powers of the record's own time and lengths."""
     shape = (count, len(law.parameters))
+    guess = _guess_in_coordinate(law, guess)
     level = max(abs(guess.rest), 1e-3 * guess.amplitude)
     length = np.where(random.uniform(size=shape) < 0.7, guess.amplitude, level)
     size = guess.frequency ** random.integers(0, 3, shape) * length ** random.integers(-2, 2, shape)
@@ -180,6 +181,17 @@ def _random_draws(
     values = canonical_parameters(law, dict(zip(law.parameters, draws.T, strict=True)), bounds=bounds)
     values |= {name: np.full(count, value) for name, value in _fixed_by_bounds(bounds).items()}
     return np.stack([values[name] for name in law.parameters], axis=1)
+
+
+def _guess_in_coordinate(law: Law, guess: FirstGuesses) -> FirstGuesses:
+    """Level and size of the motion in the coordinate of the law's text, where that gives them as numbers."""
+    line = law.parsed_equation.line
+    if line is None or any(item.free_symbols for item in line):
+        return guess
+    shift, scale = map(float, line)
+    return dataclasses.replace(
+        guess, rest=(guess.rest - shift) / scale, amplitude=guess.amplitude / abs(scale)
+    )
 
 
 def _fit_draws_to_accelerations(
@@ -368,29 +380,24 @@ def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndar
     return normal
 
 
-def scale_unknowns(
-    law: Law, height_map: HeightMap | None, data: TrainingData, sensor: Sensor | None = None
-) -> Unknowns:
-    """Unknowns of a law, scaled by what a glance at a record tells; no map is a fitted one."""
+def scale_unknowns(law: Law, data: TrainingData, sensor: Sensor | None = None) -> Unknowns:
+    """Unknowns of a law, scaled by what a glance at a record tells."""
     guess = data.guess
     speed = guess.amplitude * guess.frequency
     signal = data.training.height
     size = float(np.abs(signal - signal.mean()).max()) if sensor is not None or data.observation else 1.0
     measured = (guess.rest, guess.amplitude, speed, sensor, max(size, 1e-300), data.observation)
     if law.prescribed:  # whose draws tell the units
-        return Unknowns(law, HeightMap(), (1.0,) * len(law.parameters), *measured)
-    given = height_map or HeightMap(guess.rest, guess.amplitude)
-    seen = guess.rescaled_to_law(given.shift, given.scale)
+        return Unknowns(law, (1.0,) * len(law.parameters), *measured)
     # A rest level near zero says nothing of a parameter's size: the amplitude counts too.
     away = dataclasses.replace(
-        seen, rest=abs(seen.rest) + seen.amplitude, crossings=max(seen.crossings, LEAST_CROSSINGS)
+        guess, rest=abs(guess.rest) + guess.amplitude, crossings=max(guess.crossings, LEAST_CROSSINGS)
     )
-    seen_record = data.look.mapped(given.shift, given.scale)
-    typical = start_values(law, away, seen_record, np.random.default_rng(0), _TYPICAL)
+    typical = start_values(law, away, data.look, np.random.default_rng(0), _TYPICAL)
     units = tuple(
         1.0 if name in law.positive else float(np.abs(typical[name]).mean()) or 1.0 for name in law.parameters
     )
-    return Unknowns(law, height_map, units, *measured)
+    return Unknowns(law, units, *measured)
 
 
 def unknowns_of_data(unknowns: Unknowns, data: TrainingData) -> Unknowns:
@@ -411,13 +418,7 @@ def start_vectors(
     bounds: Pairs | None = None,
 ) -> Float[np.ndarray, "count p"]:
     """Start vectors (count, p) of a search, from a record and its first guesses."""
-    if unknowns.map is not None:
-        shift, scale = unknowns.map.shift, unknowns.map.scale
-        seen = data.guess.rescaled_to_law(shift, scale)
-        mapped = data.look.mapped(shift, scale)
-        draws = start_values(unknowns.law, seen, mapped, random, count, bounds)
-    else:
-        draws = _draw_parameters_and_maps(unknowns, data.guess, count, random)
+    draws = start_values(unknowns.law, data.guess, data.look, random, count, bounds)
     for name, value in (near or {}).items():
         spread = _NEAR * random.normal(size=count) * (np.arange(count) > 0)
         positive = name in unknowns.law.positive or value != 0.0
@@ -432,7 +433,7 @@ def append_initial_state(
     free: Float[np.ndarray, "count k"],
     states: Mapping[str, np.ndarray] | None = None,
 ) -> Float[np.ndarray, "count p"]:
-    """Parameters and map (count, k) with the initial state of record and sensor behind them."""
+    """Parameters (count, k) with the initial state of record and sensor behind them."""
     count, guess = len(free), data.guess
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
     velocity = np.full(count, guess.velocity / unknowns.speed)
@@ -458,52 +459,10 @@ def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
 def search_entries_from_draws(
     unknowns: Unknowns, draws: Mapping[str, np.ndarray]
 ) -> Float[np.ndarray, "count k"]:
-    """Entries (count, k) of search vectors, initial states left out, of parameters and map."""
+    """Entries (count, k) of search vectors, without initial states, of parameters."""
     # A law that may be below zero draws either sign, also where limits keep it above.
     result = [
         np.log(np.abs(draws[name])) if name in unknowns.law.positive else draws[name] / unit
         for name, unit in zip(unknowns.law.parameters, unknowns.units, strict=True)
     ]
-    if unknowns.map is None:
-        result += [draws["shift"], np.log(draws["scale"])]
     return np.stack(result, axis=1)
-
-
-def draw_swing_parameters(
-    form: NormalizedSwingLaw, data: TrainingData, count: int, random: np.random.Generator
-) -> dict[str, np.ndarray] | None:
-    """Random parameters (count,) of a swing form; None where it does not hold for the record."""
-    guess = data.guess
-    swing = (data.look.height - guess.rest) / guess.amplitude
-    seen = guess.rescaled_to_law(guess.rest, guess.amplitude)
-    return form.start(data.look.time, swing, seen, random, count)
-
-
-def swing_form_unknowns(
-    unknowns: Unknowns, form: NormalizedSwingLaw, draws: Mapping[str, np.ndarray]
-) -> Unknowns:
-    """Unknowns of a swing form, in units that some draws tell."""
-    units = tuple(
-        1.0 if name in form.law.positive else float(np.abs(draws[name]).mean()) or 1.0
-        for name in form.law.parameters
-    )
-    swing = HeightMap(unknowns.rest, unknowns.amplitude)
-    return dataclasses.replace(unknowns, law=form.law, map=swing, units=units)
-
-
-def _draw_parameters_and_maps(
-    unknowns: Unknowns, guess: FirstGuesses, count: int, random: np.random.Generator
-) -> dict[str, np.ndarray]:
-    """Parameters with a shift (from the rest level) and a scale, both in amplitudes."""
-    seen = guess.rescaled_to_law(guess.rest, guess.amplitude)
-    start = unknowns.law.start
-    if start is None:
-        raise InputError(
-            f"the law {unknowns.law.name!r} has a map and does not say where to start a fit; give "
-            "it a start function, or the map"
-        )
-    scale = np.exp(random.uniform(-1.5, 1.5, count))
-    shift = -scale * random.uniform(-2.0, 4.0, count)
-    value = [start(seen.rescaled_to_law(shift[k], scale[k]), random, 1) for k in range(count)]
-    draws = {name: np.array([float(draw[name][0]) for draw in value]) for name in unknowns.law.parameters}
-    return draws | {"shift": shift, "scale": scale}

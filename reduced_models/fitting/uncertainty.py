@@ -98,21 +98,9 @@ def intervals_between(
 def search_entry_names(
     unknowns: Unknowns, theta: Float[np.ndarray, "p"]
 ) -> tuple[list[str], Float[np.ndarray, "k"], list[bool]]:
-    """Names of parameters and map, their entries of a search vector, and which are logarithms."""
-    law = unknowns.law
-    names = [*law.parameters]
-    logs = [name in law.positive for name in names]
-    if unknowns.map is None:
-        names += ["shift", "scale"]
-        logs += [False, True]
-    return names, theta[: len(names)], logs
-
-
-def _entry_unit(unknowns: Unknowns, k: int) -> float:
-    """Physical size of one unit of an entry of the search vector that is no logarithm."""
-    if k < len(unknowns.units):
-        return unknowns.units[k]
-    return unknowns.amplitude
+    """Names of parameters, their entries of a search vector, and which are logarithms."""
+    names = list(unknowns.law.parameters)
+    return names, theta[: len(names)], list(unknowns.logarithmic_parameters)
 
 
 def _confidence_interval(
@@ -120,26 +108,21 @@ def _confidence_interval(
 ) -> tuple[float, float]:
     value = float(value)
     if logarithmic:
-        unit = unknowns.amplitude if k >= len(unknowns.units) else 1.0
         if spread > _UNKNOWN:
             return 0.0, math.inf
-        return unit * math.exp(value - spread), unit * math.exp(value + spread)
-    offset = unknowns.rest if k >= len(unknowns.units) else 0.0
-    unit = float(_entry_unit(unknowns, k))
-    return offset + unit * (value - spread), offset + unit * (value + spread)
+        return math.exp(value - spread), math.exp(value + spread)
+    unit = unknowns.units[k]
+    return unit * (value - spread), unit * (value + spread)
 
 
 def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: FitStatistics) -> np.ndarray:
-    """Fisher information on the logarithms of free parameters and map, the start left open."""
+    """Fisher information on the logarithms of free parameters, the start left open."""
     names, values, logs = search_entry_names(unknowns, theta)
     relative = np.ones(len(names))
     for k, log in enumerate(logs):
         if not log:
-            value = values[k]
-            if k >= len(unknowns.units):  # the shift counts from the rest level
-                value += unknowns.rest / unknowns.amplitude
             # A value near zero is no measure of how well it is known; its unit is.
-            relative[k] = value if abs(value) > _NEAR_ZERO else 1.0
+            relative[k] = values[k] if abs(values[k]) > _NEAR_ZERO else 1.0
     asked = np.flatnonzero(known.free[: len(names)])
     left, relative = marginal_information(known.normal, asked, known.free), relative[asked]
     return np.asarray(left * np.outer(relative, relative)) / max(known.residual_variance, 1e-300)
@@ -148,10 +131,10 @@ def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: FitStatist
 def physical_covariance(
     unknowns: Unknowns, theta: Float[np.ndarray, "p"], covariance: Float[np.ndarray, "p p"]
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "k k"]]:
-    """Names and covariance (p, p), in their units, of law, map and start of a record's motion."""
+    """Names and covariance (p, p), in their units, of law and start of a record's motion."""
     names, values, logs = search_entry_names(unknowns, theta)
     units = [
-        _entry_unit(unknowns, k) * (math.exp(min(value, 700.0)) if log else 1.0)
+        unknowns.units[k] * (math.exp(min(value, 700.0)) if log else 1.0)
         for k, (value, log) in enumerate(zip(values, logs, strict=True))
     ]
     hidden = unknowns.law.hidden
@@ -256,18 +239,14 @@ def _damping_at_two_amplitudes(
     # Of dry friction the equivalent damping times the amplitude is constant, of drag the damping: two
     # amplitudes tell both apart.
     law = unknowns.law
-    values, shift, scale, *_ = unknowns.physical_values(thetas)
+    values = unknowns.physical_values(thetas)[0]
     amplitude = sizes[:, None]
     result = harmonic_cycles(
-        law_rates(law, values),
-        len(law.hidden),
-        amplitude / np.abs(scale),
-        (figures[0] - shift) / scale,
-        2.0 * math.pi / figures[1],
+        law_rates(law, values), len(law.hidden), amplitude, figures[0], 2.0 * math.pi / figures[1]
     )
     own = dry_friction_coefficient(law.equation, law.inputs)
     if own is not None:
-        friction = np.broadcast_to(np.abs(scale) * own(*values), thetas.shape[1:])
+        friction = np.broadcast_to(own(*values), thetas.shape[1:])
     else:
         wide, narrow = result.equivalent_friction(amplitude)
         friction = (FRACTIONS[0] * narrow - FRACTIONS[1] * wide) / (FRACTIONS[0] - FRACTIONS[1])
@@ -278,11 +257,10 @@ def small_motion_figures(unknowns: Unknowns, theta: Float[np.ndarray, "p"]) -> n
     """Height at rest [m], period [s] and damping ratio, or why there are none; hidden states are at zero."""
     if unknowns.law.prescribed:
         return NoSwing("the record prescribes the motion")
-    values, shift, scale, *_ = unknowns.physical_values(theta)
-    result = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
+    result = small_swing(unknowns.law, unknowns.physical_values(theta)[0], unknowns.rest)
     if isinstance(result, NoSwing):
         return result
-    level = float(shift + scale * result.z)
+    level = float(result.z)
     if abs(level) < _ROUNDING * unknowns.amplitude:  # the root finder's way of saying 0
         level = 0.0
     return np.array([level, result.period, result.damping_ratio])

@@ -19,14 +19,14 @@ from reduced_models.discovery.terms import Term, physical_library_terms
 from reduced_models.discovery.weak_form import (
     SmoothedMotion,
     WeakForm,
-    choose_height_map,
     estimate_motion,
+    normalising_line,
     weak_form,
 )
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.force_laws import FORCE_LAWS
-from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.height_line import HeightLine
 from reduced_models.laws.law import Law
 from reduced_models.laws.rubbing_bed import RUBBING_BED, rubbing_bed_near
 from reduced_models.records.derivatives import fit_local_cubics, noise_level
@@ -149,7 +149,6 @@ def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
         name=f"{law.name}, driven by {drive}",
         equation=law.equation.replace("z''", f"(z'' - {gain}*{drive})"),
         start=start,
-        swing_form=None,
         inputs=(drive,),
         units={**law.units},
     )
@@ -224,8 +223,8 @@ def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawSc
     # laws, when a fit through the differential equation takes ten.
     try:
         guess = first_guesses(record.time, record.height)
-        height_map = choose_height_map([record], "auto")
-        weak = weak_form(estimate_motion(record, height_map))
+        line = normalising_line([record])
+        weak = weak_form(estimate_motion(record, line))
         # The noise of the integrals is that which the linear law makes of the record's.
         _, scorer = score_subsets(
             weak, physical_library_terms(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]]
@@ -235,64 +234,49 @@ def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawSc
     misfits = {}
     for law in laws:
         if not law.hidden and not law.inputs:
-            misfit = _law_misfit(law, weak, scorer.whitening, guess, height_map)
+            misfit = _law_misfit(law, weak, scorer.whitening, guess, line)
             if math.isfinite(misfit):
                 misfits[law.name] = misfit
     return LawScreening(misfits, math.sqrt(scorer.excess))
 
 
-class _LawAlongMotion(NamedTuple):
-    """A law's rate along a motion, in the units of the integrals, and where its search starts."""
-
-    rate: Callable[..., np.ndarray]
-    names: Sequence[str]
-    positive: Sequence[str]
-    starts: Mapping[str, np.ndarray] | None
-
-
-def _law_along_motion(
-    law: Law, motion: SmoothedMotion, guess: FirstGuesses, height_map: HeightMap
-) -> _LawAlongMotion:
-    random = np.random.default_rng(0)
-    if law.swing_form is None:
-        # The law holds for the height, and the integrals are of the swing in amplitudes.
-        z, v = height_map.to_height(motion.z), height_map.scale * motion.velocity
-        starts = None if law.start is None else law.start(guess, random, _STARTS)
-        plain, size = law, height_map.scale
-    else:
-        z, v, size, plain = motion.z, motion.velocity, 1.0, law.swing_form.law
-        inner = guess.rescaled_to_law(height_map.shift, height_map.scale)
-        starts = law.swing_form.start(motion.time, motion.smooth, inner, random, _STARTS)
-    field = compile_rates(plain.equation, (), "numpy")
+def _rate_along_motion(
+    law: Law, motion: SmoothedMotion, line: HeightLine
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a law's accelerations along a motion, in the units of the integrals, by its parameters."""
+    # The law holds for the height, and the integrals are of the displacement in amplitudes.
+    z, v = line.height(motion.z), line.scale * motion.velocity
+    field = compile_rates(law.equation, (), "numpy")
 
     def rate(values: np.ndarray) -> np.ndarray:
         with np.errstate(all="ignore"):
-            accelerations = np.nan_to_num(field(z, v, *values)[0] / size, nan=_LARGEST)
+            accelerations = np.nan_to_num(field(z, v, *values)[0] / line.scale, nan=_LARGEST)
         return np.broadcast_to(np.clip(accelerations, -_LARGEST, _LARGEST), z.shape)
 
-    return _LawAlongMotion(rate, plain.parameters, plain.positive, starts)
+    return rate
 
 
 def _law_misfit(
-    law: Law, weak: WeakForm, whitening: np.ndarray, guess: FirstGuesses, height_map: HeightMap
+    law: Law, weak: WeakForm, whitening: np.ndarray, guess: FirstGuesses, line: HeightLine
 ) -> float:
     """Misfit of a law that is fitted to the integrals; infinite where that fails."""
     from scipy.optimize import least_squares
 
     (part,) = weak.parts
-    view = _law_along_motion(law, part.motion, guess, height_map)
+    rate = _rate_along_motion(law, part.motion, line)
     target = whitening @ weak.target
-    if view.starts is None or len(target) < len(view.names) + _FEWEST_ROWS:
+    if law.start is None or len(target) < len(law.parameters) + _FEWEST_ROWS:
         return math.inf
+    starts = law.start(guess, np.random.default_rng(0), _STARTS)
     bump = part.bump  # sparse, so it comes first: next to it the whitening is small
-    logarithmic = np.array([name in view.positive for name in view.names])
+    logarithmic = np.array([name in law.positive for name in law.parameters])
     least = math.inf
-    for start in np.stack([view.starts[name] for name in view.names], axis=1):
+    for start in np.stack([starts[name] for name in law.parameters], axis=1):
         units = np.where(np.abs(start) > 0.0, start, 1.0)
 
         def left(x: np.ndarray, units: np.ndarray = units) -> np.ndarray:
             values = units * np.where(logarithmic, np.exp(np.clip(x, -50.0, 50.0)), 1.0 + x)
-            return np.asarray(target - whitening @ (bump @ view.rate(values)))
+            return np.asarray(target - whitening @ (bump @ rate(values)))
 
         result = least_squares(left, np.zeros(len(units)), x_scale="jac", max_nfev=_EVALUATIONS)
         freedom = max(1, len(target) - len(units))

@@ -19,12 +19,13 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
 from reduced_models.fitting.fit import fit, resolve_law
-from reduced_models.fitting.options import STARTS, TEST_FRACTION, FitOptions, check_fit_options
+from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_fit_options
 from reduced_models.fitting.parameter import (
     Parameter,
     Parameters,
     as_parameters,
     check_parameter_names,
+    given_line_parameters,
     is_per_record,
 )
 from reduced_models.fitting.problem import RecordLike, list_of_records
@@ -38,7 +39,6 @@ from reduced_models.identification.comparison_table import (
     root_mean_square,
 )
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printout import format_percent
@@ -190,40 +190,40 @@ def _check_same_columns(laws: Sequence[Law], record: PistonRecord) -> None:
         raise InputError(f"the laws observe different columns ({listed}); compare laws of the same columns")
 
 
-def _law_to_compare(law: Any, record: PistonRecord, declared: Sequence[str]) -> tuple[Law, HeightMap | None]:
-    """Law to compare, and the map that it was given, if any."""
+def _law_to_compare(
+    law: Any, record: PistonRecord, declared: Sequence[str]
+) -> tuple[Law, dict[str, Parameter]]:
+    """Law to compare, with the parameters of a given line to the height."""
     if isinstance(law, str | Law):
-        return resolve_law(law, record, declared), None
+        return resolve_law(law, record, declared), {}
     model = law if isinstance(law, ReducedModel) else getattr(law, "model", None)
     if not isinstance(model, ReducedModel):
         raise InputError(f"law = {quote(law)}; give a name, an equation, a Law or a model")
+    given = given_line_parameters(model)
     if model.law.start is not None:
-        return model.law, model.map
-    return dataclasses.replace(model.law, start=start_values_near(model.all_parameters)), model.map
+        return model.law, given
+    return dataclasses.replace(model.law, start=start_values_near(model.all_parameters)), given
 
 
 def _fit_law_to_row(
     law: Law,
-    given: HeightMap | None,
+    given: Mapping[str, Parameter],
     records: Sequence[PistonRecord],
     test_fraction: float,
     test_records: Sequence[PistonRecord],
     parameters: Mapping[str, Parameter],
     starts: int,
 ) -> ComparisonRow:
-    known = {name: item for name, item in parameters.items() if name in law.parameters}
-    options = None if given is None or given.fitted else FitOptions(map=given)
+    known = dict(given) | {name: item for name, item in parameters.items() if name in law.parameters}
     try:
         with warnings.catch_warnings(action="ignore"):  # the models keep their notes
-            models = fit(
-                records, law, parameters=known, starts=starts, test_fraction=test_fraction, options=options
-            )
+            models = fit(records, law, parameters=known, starts=starts, test_fraction=test_fraction)
         roll_outs = tuple(roll_out(models[0], value) for value in test_records)
     except GranularError as cause:
         return ComparisonRow(law.name, failure=str(cause))
     stretches = tuple(model.quality.test_error for model in models if model.quality.test_error is not None)
     held = [name for name, (low, high) in models[0].intervals.items() if low == high]
-    count = sum(name not in held for name in law.parameters) + (2 if models[0].map.fitted else 0)
+    count = sum(name not in held for name in law.parameters)
     own = sum(is_per_record(item) and not item.fixed for item in known.values())
     count += own * (len(records) - 1)
     error, spread = _total_test_error(models, roll_outs)

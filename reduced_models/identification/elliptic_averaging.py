@@ -83,13 +83,12 @@ def _symmetric_cubic_spring(model: ReducedModel) -> _CubicSpring | None:
     constant, linear, square, third = (cubic.get((power, 0), 0.0) for power in range(4))
     rest = -square / (3.0 * third)
     skew = constant + rest * (linear + rest * (square + rest * third))
-    z0, v0 = model.map.to_law(model.initial[0]), model.initial[1] / model.map.scale
+    z0, v0 = model.initial
     inner = linear + rest * (2.0 * square + 3.0 * rest * third)
     away = z0 - rest
     if abs(skew) > _SKEW * max(abs(inner * away), abs(third * away**3), abs(v0) * math.sqrt(abs(inner))):
         return None
-    scale = model.map.scale
-    return _CubicSpring(-0.5 * cubic.get((0, 1), 0.0), -inner, -third / scale**2, model.map.to_height(rest))
+    return _CubicSpring(-0.5 * cubic.get((0, 1), 0.0), -inner, -third, rest)
 
 
 def _lost_amplitude_fraction(spring: _CubicSpring, duration: float) -> float:
@@ -133,7 +132,7 @@ def average_elliptically(model: ReducedModel, time: Float[np.ndarray, "n"]) -> E
     make = OSCILLATORS.get(model.law.name)
     if make is None or model.law.inputs:
         return None
-    oscillator = make(model.all_parameters, model.map)
+    oscillator = make(model.all_parameters)
     try:
         cycles = envelope(model.simulate(time))
     except (InputError, RecordError):

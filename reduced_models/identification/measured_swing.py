@@ -260,12 +260,12 @@ def _driven_backbone(motion: PistonRecord, record: PistonRecord, model: ReducedM
     inputs = [input_column(record, name) for name in law.inputs]
 
     def drive(height: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        z, v, *still = model.map.to_law(height), velocity / model.map.scale, *(0.0,) * len(law.hidden)
+        still = (0.0,) * len(law.hidden)
         with_drive, without = (
-            np.asarray(rates(z, v, *still, *given, *values)[0], dtype=float)
+            np.asarray(rates(height, velocity, *still, *given, *values)[0], dtype=float)
             for given in (inputs, [0.0] * len(inputs))
         )
-        return model.map.scale * (with_drive - without)
+        return with_drive - without
 
     return driven_backbone(motion, drive)
 

@@ -263,10 +263,8 @@ def add_law_section(page: HtmlPage, model: ReducedModel, remark: str) -> None:
     page.add_section(f"{model.law.name}{remark}")
     add_equations(page, model)
     meaning = f"z is the {model.coordinate} in {'radians' if model.angle else 'metres'}"
-    if model.law.mapped:
-        how = "fitted" if model.map.fitted else "given, not fitted"
-        height = model.map_text(max(5, model.printed_digits))
-        meaning = f"{height} ({how}), a pure number; the law's time unit is 1 s"
+    if model.law.parsed_equation.line is not None:
+        meaning = f"z a pure number, from which the {model.coordinate} follows"
     page.add_paragraph(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
     page.add_table(
         ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"), _parameter_rows(model)
@@ -294,6 +292,8 @@ def add_equations(page: HtmlPage, model: ReducedModel) -> None:
         page.add_equation(mathml(equation))
         for name, rate in rates.items():
             page.add_equation(mathml_of_rate(name, rate))
+    if model.law.parsed_equation.line is not None:
+        page.add_equation(mathml(model.printed_height))
     if model.law.hidden:
         starts = (f"{name} = {format_number(model.hidden.get(name, 0.0), 3)}" for name in model.law.hidden)
         page.add_paragraph(f"At the start {', '.join(starts)}.")
@@ -324,11 +324,8 @@ def _fit_quality_text(model: ReducedModel) -> str:
 
 
 def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
-    values = dict(model.parameters)
-    if model.map.fitted:
-        values |= {"shift": model.map.shift, "scale": model.map.scale}
     rows: list[Sequence[str]] = []
-    for name, value in values.items():
+    for name, value in model.parameters.items():
         low, high = model.intervals[name]
         size = math.floor(math.log10(abs(value))) if value else 0
         # As many digits as the interval is worth, and no fewer than the equation has.

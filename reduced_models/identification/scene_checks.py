@@ -20,7 +20,7 @@ from reduced_models.falls.unseen_fall_scores import (
     score_fitted_laws,
 )
 from reduced_models.fitting.fit import fit
-from reduced_models.fitting.options import FitOptions
+from reduced_models.fitting.parameter import given_line_parameters
 from reduced_models.fitting.search import compile_fit_ahead
 from reduced_models.identification.candidate_laws import LIKELY
 from reduced_models.identification.derived_figures import DerivedFigures
@@ -386,7 +386,7 @@ def _quantities_of_further_run(
                 model.law,
                 starts=model.quality.starts,
                 test_fraction=0.0,
-                options=FitOptions(map="fitted" if model.map.fitted else model.map),
+                parameters=given_line_parameters(model),
             )
     except GranularError as error:
         return CheckFailure(what, str(error))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -70,7 +71,7 @@ def _well_figures(model: ReducedModel) -> np.ndarray | None:
     def force(z: np.ndarray | float) -> np.ndarray:
         return np.asarray(rates(z, 0.0 * np.asarray(z))[0], dtype=float)
 
-    z = np.sort(model.map.to_law(np.linspace(*model.domain["height"], _POINTS)))
+    z = np.linspace(*model.domain["height"], _POINTS)
     with np.errstate(all="ignore"):
         pulls = np.broadcast_to(force(z), z.shape)
     stable = np.flatnonzero((pulls[:-1] > 0.0) & (pulls[1:] <= 0.0))
@@ -79,7 +80,7 @@ def _well_figures(model: ReducedModel) -> np.ndarray | None:
     swings = [small_swing(law, values, float(z[k])) for k in stable]
     if not all(isinstance(swing, SmallSwing) for swing in swings):
         return None
-    wells = sorted((model.map.to_height(swing.z), 1.0 / swing.period) for swing in swings)  # type: ignore[union-attr]  # checked
+    wells = sorted((swing.z, 1.0 / swing.period) for swing in swings)  # type: ignore[union-attr]  # checked
     orbit = _orbit_without_damping(force, model)
     if orbit is None:
         return None
@@ -91,20 +92,20 @@ def _well_figures(model: ReducedModel) -> np.ndarray | None:
 
 
 def _orbit_without_damping(
-    force: Callable[[float], np.ndarray], model: ReducedModel
+    force: Callable[[Any], np.ndarray], model: ReducedModel
 ) -> tuple[float, float, float] | None:
     """Lowest and highest height [m] and frequency [Hz] of the motion from the record's start, undamped."""
     from scipy.integrate import solve_ivp
 
     height, velocity = model.initial
-    size = float(np.ptp(model.domain["height"])) / abs(model.map.scale)
-    pulls = np.abs(force(model.map.to_law(np.array(model.domain["height"]))))
+    size = float(np.ptp(model.domain["height"]))
+    pulls = np.abs(force(np.array(model.domain["height"])))
     duration = 4.0 * math.tau * math.sqrt(size / float(pulls.max()))
     for _ in range(_TRIES):
         motion = solve_ivp(
             lambda _, state: (state[1], float(force(state[0]))),
             (0.0, duration),
-            (model.map.to_law(height), velocity / model.map.scale),
+            (height, velocity),
             "DOP853",
             events=lambda _, state: state[1],
             rtol=1e-10,
@@ -113,7 +114,7 @@ def _orbit_without_damping(
         # A release at velocity zero is a turn too, or none, by rounding.
         turns = [k for k, time in enumerate(motion.t_events[0]) if time > 1e-6 * duration][:3]
         if len(turns) == 3:
-            ends = model.map.to_height(motion.y_events[0][turns[:2], 0])
+            ends = motion.y_events[0][turns[:2], 0]
             period = float(motion.t_events[0][turns[2]] - motion.t_events[0][turns[0]])
             return float(ends.min()), float(ends.max()), 1.0 / period
         duration *= 2.0

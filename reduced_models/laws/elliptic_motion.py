@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from reduced_models.laws.duffing import DUFFING
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 
 if TYPE_CHECKING:
@@ -89,24 +88,22 @@ class DuffingVanDerPolOscillator(NamedTuple):
     bend: float = 0.0  # [1/(m^2 s)]
 
 
-def _duffing_oscillator(values: Mapping[str, float], _: HeightMap) -> DuffingVanDerPolOscillator:
+def _duffing_oscillator(values: Mapping[str, float]) -> DuffingVanDerPolOscillator:
     return DuffingVanDerPolOscillator(values["k"], values["beta"], values["lam"])
 
 
-def _van_der_pol_like_oscillator(
-    values: Mapping[str, float], height_map: HeightMap
-) -> DuffingVanDerPolOscillator:
-    alpha, square, scale = values["alpha"], values["omega"] ** 2, height_map.scale
+def _van_der_pol_like_oscillator(values: Mapping[str, float]) -> DuffingVanDerPolOscillator:
+    alpha, square, scale = values["alpha"], values["omega"] ** 2, values["scale"]
     level = values["g0"] / square
     decay, tilt = alpha * (level**2 - 2.0 * level), 2.0 * alpha * (level - 1.0) / scale
     return DuffingVanDerPolOscillator(square, 0.0, decay, tilt, alpha / scale**2)
 
 
-OSCILLATORS: Mapping[str, Callable[[Mapping[str, float], HeightMap], DuffingVanDerPolOscillator]] = {
+OSCILLATORS: Mapping[str, Callable[[Mapping[str, float]], DuffingVanDerPolOscillator]] = {
     DUFFING.name: _duffing_oscillator,
     VAN_DER_POL_LIKE.name: _van_der_pol_like_oscillator,
 }
-"""Laws by name, which make an oscillator of their parameters and the map of the height."""
+"""Laws by name, which make an oscillator of their parameters."""
 
 
 def averaged_amplitude(

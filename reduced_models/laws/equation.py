@@ -3,6 +3,9 @@
 A law is equations with semicolons between them. A name alone on the left is observed, and is a column
 of the record; one with a prime is a hidden state with its rate; every other equation is one of motion,
 of a coordinate with two primes. Without any, the coordinate is a stroke that the record prescribes.
+
+Where the height is a straight line in the coordinate, ``height = shift + scale*z``, the law is turned
+into one of the height as it is read: all that computes with a law has heights for its z.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ import dataclasses
 import functools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -54,6 +57,8 @@ class ParsedEquation:
     hidden: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # rate of each hidden state
     inputs: tuple[str, ...] = ()
     observations: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    line: tuple[Any, Any] | None = None  # height at the text's z = 0, and per unit of it; None if it is z
+    written: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # hidden rates in the text's z
 
     @property
     def rates(self) -> list[Any]:
@@ -135,7 +140,31 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
     left, right = motion[0] if motion else (None, None)
     names = {"z", *hidden, *inputs, TIME}
     parameters = tuple(name for name in trees.names if name not in names)
-    return ParsedEquation(left, right, first, parameters, z, v, a, hidden, inputs, observations)
+    line, written = _height_line(observations.get("height"), parameters), hidden
+    if line is not None:
+        shift, scale = line
+        inverse = {z: (z - shift) / scale, v: v / scale}
+        first = scale * accelerations[0].xreplace(inverse)
+        hidden, observations = (
+            {name: value.xreplace(inverse) for name, value in part.items()} for part in (hidden, observations)
+        )
+        observations["height"] = z
+    return ParsedEquation(
+        left, right, first, parameters, z, v, a, hidden, inputs, observations, line, written
+    )
+
+
+def _height_line(height: Any, parameters: Collection[str]) -> tuple[Any, Any] | None:
+    """Height at z = 0, and per unit of z, of an observed height; None if it is z, or no straight line."""
+    import sympy
+
+    z = sympy.Symbol("z")
+    if height is None or height == z:
+        return None
+    line = height.subs(z, 0), height.diff(z)
+    known = {sympy.Symbol(name) for name in parameters}
+    straight = line[1] != 0 and all(item.free_symbols <= known for item in line)
+    return line if straight else None
 
 
 def _solve_for_accelerations(

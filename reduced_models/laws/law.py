@@ -17,6 +17,7 @@ from reduced_models.laws.equation import (
     parse_equation,
     parse_law_formulas,
 )
+from reduced_models.laws.height_line import HeightLine
 
 if TYPE_CHECKING:
     import sympy
@@ -24,10 +25,6 @@ if TYPE_CHECKING:
     from reduced_models.records.first_guesses import FirstGuesses
 
 Starts = Callable[["FirstGuesses", np.random.Generator, int], dict[str, np.ndarray]]
-SwingStarts = Callable[
-    [np.ndarray, np.ndarray, "FirstGuesses", np.random.Generator, int], dict[str, np.ndarray] | None
-]
-
 
 _STEPS_OF_STROKE = 16
 """Steps are a fortieth of half a stroke then: hysteresis within a twentieth of it is stable."""
@@ -51,6 +48,7 @@ class Law:
         height is the coordinate. Without an equation of motion the record prescribes the stroke, z, as
         on a dynamometer: ``"force = c*z' + k*z + zero"``. Two coordinates have two equations of motion,
         and the height is the one that is observed: ``"m*x'' = k*(y - x); y'' = k*(x - y); height = x"``.
+        A coordinate without unit has a height of its own: ``"...; height = shift + scale*z"``.
     start : callable or None
         ``start(guesses, random, count)`` gives random start values, an array of ``count`` for
         each parameter. None where the accelerations in the record are to tell them.
@@ -58,12 +56,6 @@ class Law:
         Parameters that are above zero; they are searched for on a logarithmic scale.
     units : mapping of str to str
         SI units of the parameters, for printed results; those that are left out have none there.
-    mapped : bool
-        The law does not keep its form when the height is shifted or scaled, so it holds for
-        z = (height - shift)/scale with a map of its own. Its z is a pure number and its time unit
-        is fixed at 1 s.
-    swing_form : NormalizedSwingLaw, optional
-        Of a mapped law: the same law without a map, for the swing about the level of rest.
     source : str
         Papers behind the law, in words; empty if none is named.
     inputs : tuple of str
@@ -94,8 +86,6 @@ class Law:
     start: Starts | None = None
     positive: tuple[str, ...] = ()
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    mapped: bool = False
-    swing_form: NormalizedSwingLaw | None = None
     source: str = ""
     inputs: tuple[str, ...] = ()
     resolution: int = 1
@@ -134,8 +124,12 @@ class Law:
 
     @property
     def observations(self) -> tuple[str, ...]:
-        """Names of the columns that the law says are observed; `InputError` as of `parsed_equation`."""
-        return tuple(self.parsed_equation.observations)
+        """Names of the columns that the law says are observed; `InputError` as of `parsed_equation`.
+
+        None where that is only a height that is the coordinate, or a straight line in it.
+        """
+        result = tuple(self.parsed_equation.observations)
+        return () if result == ("height",) and self.observes_height else result
 
     @property
     def hidden(self) -> tuple[str, ...]:
@@ -151,9 +145,37 @@ class Law:
 
     @property
     def observes_height(self) -> bool:
-        """True where the height is the coordinate; otherwise the coordinate counts from anywhere."""
+        """True where the height tells the coordinate, which otherwise counts from anywhere."""
         parsed = self.parsed_equation
         return not parsed.observations or parsed.observations.get("height") == parsed.symbol_z
+
+    def height_line(self, values: Mapping[str, float]) -> HeightLine:
+        """Straight line from the coordinate of the text to the height.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Values of all parameters, in the units of ``units``.
+
+        Returns
+        -------
+        HeightLine
+            Height [m] at z = 0, and per unit of z: 0 and 1 where the text has no such line.
+
+        Raises
+        ------
+        InputError
+            If the equation cannot be read, is not linear in z'', or lacks one of the inputs.
+        KeyError
+            If a parameter in the line has no value.
+        """
+        line = self.parsed_equation.line
+        if line is None:
+            return HeightLine()
+        shift, scale = (
+            float(item.subs({symbol: values[symbol.name] for symbol in item.free_symbols})) for item in line
+        )
+        return HeightLine(shift, scale)
 
     @property
     def other_coordinates(self) -> tuple[str, ...]:
@@ -176,7 +198,7 @@ class Law:
     def acceleration(self) -> sympy.Expr:
         """Acceleration z'' in the symbols z, z_first (for z'), hidden states, inputs and parameters.
 
-        In m/s^2 where z is the height [m]; in 1/s^2 for a mapped law, whose z has no unit.
+        In m/s^2, z the height [m], also where the text has another coordinate (see `height_line`).
 
         Raises
         ------
@@ -253,19 +275,7 @@ class Law:
         z = sympy.Function("z")(t)
         numbers = {sympy.Symbol(name): number for name, number in (values or {}).items()}
         motion = {parsed.symbol_v: z.diff(t), parsed.symbol_z: z}
-        return {name: rate.subs(numbers).subs(motion) for name, rate in parsed.hidden.items()}
-
-
-@dataclasses.dataclass(frozen=True)
-class NormalizedSwingLaw:
-    """A mapped law as one of the swing u about the level of rest, in amplitudes."""
-
-    # A law without a map, whose valleys are not bent: its search is quick, and `mapped` turns the result into
-    # parameters, shift (from rest) and scale, in amplitudes.
-
-    law: Law
-    start: SwingStarts  # (time, swing, guesses, random, count) to parameters, or None
-    mapped: Callable[[Mapping[str, np.ndarray]], dict[str, np.ndarray]]
+        return {name: rate.subs(numbers).subs(motion) for name, rate in parsed.written.items()}
 
 
 def law_from_text(equation: str, columns: Collection[str] = (), declared: Collection[str] = ()) -> Law:

@@ -11,12 +11,11 @@ can be known, and alpha, shift and scale are tied to each other: the fit names t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from reduced_models.laws.law import Law, NormalizedSwingLaw
+from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
 if TYPE_CHECKING:
@@ -24,7 +23,8 @@ if TYPE_CHECKING:
 
 _UNEXPLAINED = 0.3
 """Fraction of the record that its quadratic damping may leave over before it says nothing."""
-_SPREAD = 0.1  # of the start values, in the size of the damping
+_SPREADS = 0.003, 0.2
+"""Spreads of the start values, in the size of the damping: of the first start and of the last."""
 _LEAST = 1e-3  # of curvature and depth of a damping, in its size
 _WIDTH = 0.6  # half-width of a bump, in periods
 _POWER = 4  # of the bump (1 - s^2)^4
@@ -34,34 +34,45 @@ _MOST_BUMPS = 512
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
+    """Start values from the quadratic damping of the motion, by its weak form; else about first guesses."""
+    swing = (guesses.heights - guesses.rest) / guesses.amplitude
+    result = fit_quadratic_damping(guesses.time, swing, guesses.period)
+    if not result.unexplained < _UNEXPLAINED or not result.stiffness > 0.0:
+        return _draw_about_guesses(guesses, random, count)
+    spread = np.geomspace(*_SPREADS, count)
+    size = float(np.abs(result.damping).sum())
+    damping = result.damping[:, None] + spread * size * random.normal(size=(3, count))
+    k = result.stiffness * np.exp(spread * random.uniform(-1.0, 1.0, count))
+    return _law_with_quadratic_damping(guesses, damping, k, result.force)
+
+
+def _draw_about_guesses(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
+    scale = np.exp(random.uniform(-1.5, 1.5, count))  # in amplitudes
+    origin = random.uniform(-2.0, 4.0, count)  # level of rest, in scales
+    level = origin + (guesses.draw_rest_levels(random, count) - guesses.rest) / (guesses.amplitude * scale)
     omega = guesses.draw_frequencies(random, count)
-    level = guesses.draw_rest_levels(random, count)
     # Twice the decay is the damping 2 alpha ((level - 1)^2 - 1), where that is positive.
     shape = np.maximum(np.abs((level - 1.0) ** 2 - 1.0), 0.1)
-    alpha = guesses.draw_decay_rates(random, count) / shape
-    return {"alpha": alpha, "omega": omega, "g0": omega**2 * level}
+    return {
+        "alpha": guesses.draw_decay_rates(random, count) / shape,
+        "omega": omega,
+        "g0": omega**2 * level,
+        "shift": guesses.rest - guesses.amplitude * scale * origin,
+        "scale": guesses.amplitude * scale,
+    }
 
 
-def _draw_swing_start_values(
-    time: np.ndarray, swing: np.ndarray, guesses: FirstGuesses, random: np.random.Generator, count: int
-) -> dict[str, np.ndarray] | None:
-    """Start values of the quadratic damping, from its weak form."""
-    result = fit_quadratic_damping(time, swing, guesses.period)
-    if not result.unexplained < _UNEXPLAINED or not result.stiffness > 0.0:
-        return None
-    size = float(np.abs(result.damping).sum())
-    c0, c1, c2 = result.damping[:, None] + _SPREAD * size * random.normal(size=(3, count))
-    k = result.stiffness * np.exp(random.uniform(-_SPREAD, _SPREAD, count))
-    return {"c0": c0, "c1": c1, "c2": c2, "k": k, "f": np.full(count, result.force)}
-
-
-def _law_from_swing(swing: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Law with that quadratic damping."""
+def _law_with_quadratic_damping(
+    guesses: FirstGuesses, damping: Float[np.ndarray, "3 n"], k: Float[np.ndarray, "n"], f: float
+) -> dict[str, np.ndarray]:
+    """Law with the damping c0 + c1 u + c2 u^2 of the height u about rest, in amplitudes."""
     # z = p + q u turns the damping 2 alpha (z^2 - 2 z) into c0 + c1 u + c2 u^2 with c2 = 2 alpha q^2, c1 = 4
     # alpha q (p - 1), so 2 alpha = c1^2/(4 c2) - c0: a parabola that opens upwards, negative at its vertex.
     # Others are moved to one with the same damping at rest.
-    c0, c1, c2, k, f = (swing[name] for name in ("c0", "c1", "c2", "k", "f"))
-    size = np.abs(c0) + np.abs(c1) + np.abs(c2)
+    c0, c1, c2 = damping
+    size = np.abs(damping).sum(axis=0)
     least = _LEAST * size
     depth = c0 + least
     steepest = np.where(depth > 0.0, c1**2 / (4.0 * np.maximum(np.abs(depth), _LEAST * least)), np.inf)
@@ -73,23 +84,17 @@ def _law_from_swing(swing: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         "alpha": 0.5 * double_alpha,
         "omega": np.sqrt(k),
         "g0": k * p + f * q,
-        "shift": -p / q,
-        "scale": 1.0 / q,
+        "shift": guesses.rest - guesses.amplitude * p / q,
+        "scale": guesses.amplitude / q,
     }
 
 
 VAN_DER_POL_LIKE = Law(
     name="van-der-pol-like",
-    equation="z'' + 2*alpha*(z**2 - 2*z)*z' + omega**2*z = g0",
+    equation="z'' + 2*alpha*(z**2 - 2*z)*z' + omega**2*z = g0; height = shift + scale*z",
     start=_draw_start_values,
-    positive=("alpha", "omega"),
-    units={"alpha": "1/s", "omega": "rad/s", "g0": "1/s^2"},
-    mapped=True,
-    swing_form=NormalizedSwingLaw(
-        Law("quadratic damping", "z'' + (c0 + c1*z + c2*z**2)*z' + k*z = f", positive=("k",)),
-        _draw_swing_start_values,
-        _law_from_swing,
-    ),
+    positive=("alpha", "omega", "scale"),
+    units={"alpha": "1/s", "omega": "rad/s", "g0": "1/s^2", "shift": "m", "scale": "m"},
     source="[D, eq. 5.12]",
 )
 

@@ -25,7 +25,7 @@ _NEAR = 1e-6  # first damping of a search that starts near its end
 def joint_vector_entries(unknowns: Unknowns, records: int, own: Sequence[str]) -> Entries:
     """Entries of records that share all parameters but their ``own``, and the state at the start."""
     names = unknowns.law.parameters
-    free, length = unknowns.parameter_and_map_count, len(unknowns.prior)
+    free, length = len(names), len(unknowns.prior)
     private = [k for k in range(length) if k >= free or (k < len(names) and names[k] in own)]
     shared = [k for k in range(length) if k not in private]
     entries = []

@@ -108,10 +108,7 @@ def residual_function(unknowns: Unknowns, kind: Kind) -> Compiled[..., Any]:
         order = 0 if unknowns.sensor is None else unknowns.sensor.derivative_order
         open_entries = unknowns.open_gain_and_offset
         sensor = SignalForm(unknowns.observation, order, open_entries, unknowns.sensor_entry_count)
-    fits_map = unknowns.map is None
-    return _compile_residuals(
-        kind, law.equation, law.inputs, unknowns.logarithmic_parameters, fits_map, sensor
-    )
+    return _compile_residuals(kind, law.equation, law.inputs, unknowns.logarithmic_parameters, sensor)
 
 
 def normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal:
@@ -126,7 +123,6 @@ def _compile_residuals(
     equation: str,
     inputs: tuple[str, ...],
     logarithmic: tuple[bool, ...],
-    fits_map: bool,
     sensor: SignalForm | None,
 ) -> Compiled[..., Any]:
     field, parsed = compile_rates(equation, inputs), parse_equation(equation, inputs)
@@ -154,13 +150,11 @@ def _compile_residuals(
         """Residuals (n, s) of search vectors that are columns (p, s)."""
         step, point, fraction, height, weight, drive, _, chunks, tables = samples
         split = len(vectors) - (0 if sensor is None else sensor.entries)
-        values, shift, scale, z0, v0, hidden = physical_values(
-            vectors[:split], scales, logarithmic, fits_map, jnp
-        )
+        values, z0, v0, hidden = physical_values(vectors[:split], scales, logarithmic, jnp)
         if sensor is None:
             grid = solve_on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
             z = hermite_interpolate(grid[:, 0], grid[:, 1], grid[:, 2], step, point, fraction[:, None])
-            result = (shift + scale * z - height[:, None]) / scales[1]
+            result = (z - height[:, None]) / scales[1]
         else:
             gain, offset, states = sensor_values(vectors[split:], scales, sensor.is_open)
             if sensor.observation:
@@ -169,7 +163,7 @@ def _compile_residuals(
                 assert tables is not None
                 grid = solve_on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
                 motion = (grid[:, 0], grid[:, 1], grid[:, 2])
-                signal = solution_signal(motion, step, point, sensor.derivative, tables, states, shift, scale)
+                signal = solution_signal(motion, step, point, sensor.derivative, tables, states)
             result = (gain * signal + offset - height[:, None]) / scales[-3]
         return jnp.where(jnp.abs(result) < BLOWN_UP, result, BLOWN_UP) * weight[:, None]
 
@@ -212,7 +206,7 @@ def _compile_residuals(
         "residual": residual,
         "several": several,
     }
-    return jit(functions[kind], (equation, inputs, logarithmic, fits_map, sensor))
+    return jit(functions[kind], (equation, inputs, logarithmic, sensor))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -127,11 +127,9 @@ def solution_signal(
     derivative: int,
     tables: SensorSignalTables,
     states: Any,
-    shift: Any,
-    scale: Any,
 ) -> Any:
-    """Signal (n, s) per gain of solutions on a grid, (points, s) each; step [s], scale [m] (for JAX)."""
-    z, v, a = scale * grid[0] + shift, scale * step * grid[1], scale * step**2 * grid[2]
+    """Signal (n, s) per gain of solutions on a grid, (points, s) each; step [s] (for JAX)."""
+    z, v, a = grid[0], step * grid[1], step**2 * grid[2]
     # Quintic, in steps, through height, velocity and acceleration at both ends of each step.
     z0, v0, a0, z1, v1, a1 = (item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a))
     ahead, turn, bend = z1 - z0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0

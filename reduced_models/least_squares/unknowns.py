@@ -1,4 +1,4 @@
-"""Unknowns of a fit: the parameters of a law, the map of the height, and the initial state."""
+"""Unknowns of a fit: the parameters of a law, and the initial state."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.records.sensor import Sensor
 
@@ -23,14 +22,13 @@ _PRIOR_SPREAD = 3.0
 
 @dataclasses.dataclass(frozen=True)
 class Unknowns:
-    """A law, a map of the height, and the scales in which the search works."""
+    """A law, and the scales in which the search works."""
 
-    # The search vector holds parameters (logarithms of positive ones, multiples of `units` of the others); a
-    # fitted map's shift from rest and logarithm of scale; height from rest, velocity and hidden states at the
-    # start; a sensor's open gain and offset, and its filter's state. Heights count in amplitudes.
+    # The search vector holds parameters (logarithms of positive ones, multiples of `units` of the others);
+    # height from rest, velocity and hidden states at the start; a sensor's open gain and offset, and its
+    # filter's state. Heights count in amplitudes.
 
     law: Law
-    map: HeightMap | None  # None if it is fitted
     units: tuple[float, ...]  # of the parameters that are no logarithms; 1 of the others
     rest: float  # [m]
     amplitude: float  # [m]
@@ -56,9 +54,8 @@ class Unknowns:
 
     @property
     def scales(self) -> np.ndarray:
-        """Numbers that the compiled residual takes: rest, amplitude, speed, map, units, sensor."""
-        given = self.map or HeightMap()
-        numbers = [self.rest, self.amplitude, self.speed, given.shift, given.scale, *self.units]
+        """Numbers that the compiled residual takes: rest, amplitude, speed, units, sensor."""
+        numbers = [self.rest, self.amplitude, self.speed, *self.units]
         if not self.compares_heights:
             sensor = self.sensor or Sensor(gain=1.0, offset=0.0)
             numbers += [self.signal, sensor.derivative_sign * sensor.nominal_gain, sensor.nominal_offset]
@@ -88,17 +85,12 @@ class Unknowns:
         # The initial height and velocity have none: the first samples tell them.
         hidden = [_PRIOR_SPREAD**-2] * len(self.law.hidden)
         sensor = [_PRIOR_SPREAD**-2] * self.sensor_entry_count
-        return np.array([_PRIOR_SPREAD**-2] * self.parameter_and_map_count + [0.0, 0.0] + hidden + sensor)
-
-    @property
-    def parameter_and_map_count(self) -> int:
-        """Number of parameters, and of entries of the map."""
-        return len(self.law.parameters) + (2 if self.map is None else 0)
+        return np.array([_PRIOR_SPREAD**-2] * len(self.law.parameters) + [0.0, 0.0] + hidden + sensor)
 
     def physical_values(self, theta: Float[np.ndarray, "p"]) -> Any:
-        """Parameters, shift [m] and scale [m] of the map; z, its velocity and hidden states at first."""
+        """Parameters; height [m], velocity [m/s] and hidden states at first."""
         motion = theta[: len(theta) - self.sensor_entry_count]
-        return physical_values(motion, self.scales, self.logarithmic_parameters, self.map is None, np)
+        return physical_values(motion, self.scales, self.logarithmic_parameters, np)
 
     def gain_and_offset(self, theta: Float[np.ndarray, "p"]) -> tuple[float, float]:
         """Gain and offset of the sensor by a search vector (p,)."""
@@ -123,9 +115,10 @@ def theta_bounds(
             else:
                 edges[side, k] = value / unknowns.units[k]
     names = ("height", "velocity", *unknowns.law.hidden)
+    count = len(unknowns.law.parameters)
     if unknowns.law.prescribed:  # the stroke is no state
-        edges[:, unknowns.parameter_and_map_count : unknowns.parameter_and_map_count + 2] = 0.0
-    for k, name in enumerate(names, unknowns.parameter_and_map_count):
+        edges[:, count : count + 2] = 0.0
+    for k, name in enumerate(names, count):
         if name in (initial or {}):
             value = (initial or {})[name]
             if name == "height":
@@ -152,20 +145,14 @@ def _bound_sensor(unknowns: Unknowns, edges: np.ndarray) -> None:
         k += is_open
 
 
-def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], fits_map: bool, np_: Any) -> Any:
-    """Parameters, shift, scale [m], z, its velocity and hidden states at first, of vectors (p, ...)."""
-    rest, amplitude, speed, shift, scale = (scales[k] for k in range(5))
+def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], np_: Any) -> Any:
+    """Parameters; height [m], velocity [m/s] and hidden states at first, of vectors (p, ...)."""
+    rest, amplitude, speed = (scales[k] for k in range(3))
     count = len(logarithmic)
     values = tuple(
-        np_.exp(theta[k]) if log else scales[5 + k] * theta[k] for k, log in enumerate(logarithmic)
+        np_.exp(theta[k]) if log else scales[3 + k] * theta[k] for k, log in enumerate(logarithmic)
     )
-    if fits_map:
-        shift = rest + amplitude * theta[count]
-        scale = amplitude * np_.exp(theta[count + 1])
-        count += 2
-    z0 = (rest + amplitude * theta[count] - shift) / scale
-    v0 = speed * theta[count + 1] / scale
-    return values, shift, scale, z0, v0, tuple(theta[count + 2 :])
+    return values, rest + amplitude * theta[count], speed * theta[count + 1], tuple(theta[count + 2 :])
 
 
 def sensor_values(entries: Any, scales: Any, is_open: tuple[bool, bool]) -> tuple[Any, Any, Any]:

@@ -38,7 +38,6 @@ Domain: heights from {low:.6g} to {high:.6g} m.
 import numpy
 
 PARAMETERS = {parameters}
-SHIFT, SCALE = {shift!r}, {scale!r}  # height = SHIFT + SCALE z [m]
 INITIAL = {initial}  # height [m], velocity [m/s]{hidden_note}
 
 
@@ -46,9 +45,7 @@ def rates(state, {inputs}parameters=PARAMETERS):
     """Time derivatives of the state: height [m], velocity [m/s]{hidden_words}."""
     height, velocity{hidden_names} = state
     {names} = (parameters[name] for name in {name_list})
-    z, z_first = (height - SHIFT) / SCALE, velocity / SCALE
-    acceleration = {acceleration}
-    return numpy.array([velocity, SCALE * acceleration{hidden_rates}])
+    return numpy.array([velocity, {acceleration}{hidden_rates}])
 
 
 def simulate(times, state=INITIAL, {inputs_default}steps=8):
@@ -82,6 +79,7 @@ def numpy_source(model: FittedLaw) -> str:
     doprint = NumPyPrinter({"fully_qualified_modules": True}).doprint
     safe = _python_names((*law.parameters, *law.hidden, *law.inputs))
     symbols = {sympy.Symbol(name): sympy.Symbol(other) for name, other in safe.items()}
+    symbols |= {parsed.symbol_z: sympy.Symbol("height"), parsed.symbol_v: sympy.Symbol("velocity")}
     own, hidden, inputs = (
         [safe[name] for name in names] for names in (law.parameters, law.hidden, law.inputs)
     )
@@ -101,8 +99,6 @@ def numpy_source(model: FittedLaw) -> str:
         low=low,
         high=high,
         parameters=repr({name: float(value) for name, value in model.all_parameters.items()}),
-        shift=float(model.map.shift),
-        scale=float(model.map.scale),
         initial=repr(
             (*map(float, model.initial), *(float(model.hidden.get(name, 0.0)) for name in law.hidden))
         ),

@@ -13,7 +13,7 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
-from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.height_line import HeightLine
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
     NoSwing,
@@ -51,7 +51,6 @@ class FittedLaw:
     law : Law
     parameters : mapping of str to float
         In the units of ``law.units``.
-    map : HeightMap
     initial : (float, float)
         Height [m] and velocity [m/s] at the record's start.
     at_rest : AtRest or None
@@ -68,7 +67,6 @@ class FittedLaw:
 
     law: Law
     parameters: Mapping[str, float]
-    map: HeightMap
     initial: tuple[float, float]
     at_rest: AtRest | None
     domain: Mapping[str, tuple[float, float]]
@@ -82,6 +80,7 @@ class FittedLaw:
     covariance: np.ndarray
     covariance_names: tuple[str, ...]
     quantile: float
+    intervals: Mapping[str, tuple[float, float]]
     observation: str = ""
     cycles: tuple[HarmonicCycle, ...] = ()
 
@@ -102,13 +101,14 @@ class FittedLaw:
         return "angle" if self.angle else "height"
 
     def unit_of_parameter(self, name: str) -> str:
-        """Return the unit of a parameter, of ``shift`` or of ``scale``."""
-        result = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
+        """Return the unit of a parameter."""
+        result = self.law.units.get(name, "")
         return _METRE.sub("rad", result) if self.angle else result
 
-    def map_text(self, digits: int) -> str:
-        """Map from the coordinate to z, as text."""
-        return self.map.text(digits, self.coordinate, self.unit)
+    @property
+    def height_line(self) -> HeightLine:
+        """Straight line from the coordinate of the law's text to the height."""
+        return self.law.height_line(self.all_parameters)
 
     @property
     def literature(self) -> tuple[str, ...]:
@@ -149,16 +149,15 @@ class FittedLaw:
         """Return whether so many digits give rest level and small swing within their intervals."""
         assert self.at_rest is not None
         rest, law = self.at_rest, self.law
-        z, reach = self.map.to_law(rest.height), float(np.ptp(self.domain.get("height", (0.0,))))
+        reach = float(np.ptp(self.domain.get("height", (0.0,))))
         values = [round_significant(value, digits) for value in self.all_parameters.values()]
-        shift, scale = (
-            round_significant(value, max(digits, 5)) for value in (self.map.shift, self.map.scale)
-        )
-        swings = [(small_swing(law, values, z), law_rates(law, values))]
+        line = law.height_line(dict(zip(law.parameters, values, strict=True)))
+        swings = [(small_swing(law, values, rest.height), law_rates(law, values), HeightLine())]
         if not law.hidden:  # whose equations stand next to this one
             equation = round_equation(self.fitted_equation, digits)
-            swings.append((small_swing_of_equation(equation, z), equation_rates(equation)))
-        for swing, rates in swings:
+            seen = small_swing_of_equation(equation, line.coordinate(rest.height))
+            swings.append((seen, equation_rates(equation), line))
+        for swing, rates, (shift, scale) in swings:
             if isinstance(swing, NoSwing):
                 return False
             ratio = swing.damping_ratio
@@ -178,6 +177,15 @@ class FittedLaw:
     def printed_equation(self) -> sympy.Eq:
         """The law in z(t), with the fitted numbers to `printed_digits`."""
         return round_equation(self.fitted_equation, self.printed_digits)
+
+    @property
+    def printed_height(self) -> sympy.Eq:
+        """The height as a straight line in z, with the fitted numbers to `printed_digits`."""
+        import sympy
+
+        line = (round_significant(value, max(5, self.printed_digits)) for value in self.height_line)
+        shift, scale = map(sympy.Float, line)
+        return sympy.Eq(sympy.Symbol(self.coordinate), shift + scale * sympy.Symbol("z"), evaluate=False)
 
     @property
     def printed_hidden_rates(self) -> dict[str, sympy.Expr]:
@@ -212,36 +220,31 @@ class FittedLaw:
                     "one value a time}"
                 )
         start = (self.initial[0] if z0 is None else z0, self.initial[1] if v0 is None else v0)
-        scale = self.map.scale
-        size = max(abs(self.map.to_law(start[0])), abs(start[1] / scale), 1e-300)
+        size = max(abs(start[0]), abs(start[1]), 1e-300)
         if self.at_rest is not None:
-            size = max(abs(start[0] - self.at_rest.height) / scale, 1e-6 * size)
+            size = max(abs(start[0] - self.at_rest.height), 1e-6 * size)
         if self.law.inputs and "height" in self.domain:
             # A driven motion may well start at rest.
-            size = max(size, (self.domain["height"][1] - self.domain["height"][0]) / abs(scale))
+            size = max(size, self.domain["height"][1] - self.domain["height"][0])
         values = list(self.all_parameters.values())
         drive = [np.asarray(given[name], dtype=np.float64) for name in self.law.inputs]
-        z_start = self.map.to_law(start[0])
         # Another start forgets the record's history.
         same = z0 is None and v0 is None
         others = {} if same else self._further_coordinates_at_rest(values)
         hidden = [self.hidden.get(name, 0.0) if same else others.get(name, 0.0) for name in self.law.hidden]
-        result = solve_law(
-            self.law, times, z_start, start[1] / scale, values, size, drive, hidden, self.input_interpolation
-        )
+        result = solve_law(self.law, times, *start, values, size, drive, hidden, self.input_interpolation)
         if result.ending != "complete":
             raise InputError(_incomplete_solution_text(self.law.name, times, result))
         if "height" in self.law.observations and not self.law.observes_height:
             height = observed_signal(self.law, "height", result, values, drive)
             return PistonRecord(times, height, angle=self.angle)
-        height, velocity = self.map.to_height(result.z), scale * result.velocity
-        return PistonRecord(times, height, velocity, angle=self.angle)
+        return PistonRecord(times, result.z, result.velocity, angle=self.angle)
 
     def _further_coordinates_at_rest(self, values: list[float]) -> dict[str, float]:
         """Further coordinates where the law rests, from which another motion begins."""
         if self.at_rest is None or not self.law.other_coordinates:
             return {}
-        swing = small_swing(self.law, values, self.map.to_law(self.at_rest.height))
+        swing = small_swing(self.law, values, self.at_rest.height)
         known = () if isinstance(swing, NoSwing) else zip(self.law.hidden, swing.hidden, strict=True)
         return {name: value for name, value in known if name in self.law.other_coordinates}
 

@@ -14,7 +14,6 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.files import write_json
 from granular.shared.message_text import quote, sanitize
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.sensor_signal import motion_signal
 from reduced_models.models import export, observed, prediction, response, schema
@@ -49,7 +48,6 @@ class ReducedModel(PrintedModel):
         units; their ends may be infinite.
     confidence : float
         Confidence level of the intervals, between 0 and 1.
-    map : HeightMap
         Map from the law's z to the height [m].
     initial : (float, float)
         Height [m] and velocity [m/s] at the record's start.
@@ -70,8 +68,7 @@ class ReducedModel(PrintedModel):
     input_interpolation : str
         Interpolation of the inputs between samples.
     covariance_names : tuple of str
-        Entries of the covariance: parameters, ``shift`` and ``scale`` where fitted, ``height``,
-        ``velocity`` and hidden states at the start.
+        Entries of the covariance: parameters, ``height``, ``velocity`` and hidden states at the start.
     covariance : float64 (p, p)
         Covariance of these, in their units.
     no_swing : str
@@ -101,7 +98,6 @@ class ReducedModel(PrintedModel):
     parameters: Mapping[str, float]
     intervals: Mapping[str, tuple[float, float]]
     confidence: float
-    map: HeightMap
     initial: tuple[float, float]
     at_rest: AtRest | None
     quality: Quality
@@ -488,11 +484,9 @@ class ReducedModel(PrintedModel):
             "parameters": dict(self.parameters),
             "units": dict(self.law.units),
             "positive": list(self.law.positive),
-            "mapped": self.law.mapped,
             "source": self.law.source,
             "intervals": {name: list(pair) for name, pair in self.intervals.items()},
             "confidence": self.confidence,
-            "map": dataclasses.asdict(self.map),
             "initial": list(self.initial),
             "at_rest": None if self.at_rest is None else dataclasses.asdict(self.at_rest),
             "quality": dataclasses.asdict(self.quality),
@@ -557,7 +551,6 @@ class ReducedModel(PrintedModel):
         return cls(
             **{name: data[name] for name in (*same, "input_interpolation", "no_swing")},
             law=schema.law_from_plain(data),
-            map=HeightMap(**data["map"]),
             initial=(data["initial"][0], data["initial"][1]),
             at_rest=None if at_rest is None else schema.at_rest_from_plain(at_rest),
             quality=schema.quality_from_plain(data["quality"]),

@@ -46,10 +46,9 @@ def _signal_with_values(
     """Observation of the law, with values of its parameters and hidden states at the start."""
     law, given = model.law, with_stroke_columns(record) if model.law.prescribed else record
     inputs = [input_column(given, name) for name in law.inputs]
-    shift, scale = model.map.shift, model.map.scale
-    z0, v0 = (model.initial[0] - shift) / scale, model.initial[1] / scale
-    size = float(np.ptp(model.domain.get("height", (0.0, 1.0)))) / abs(scale)
-    solution = solve_law(law, record.time, z0, v0, values, size, inputs, hidden, model.input_interpolation)
+    size = float(np.ptp(model.domain.get("height", (0.0, 1.0))))
+    how = model.input_interpolation
+    solution = solve_law(law, record.time, *model.initial, values, size, inputs, hidden, how)
     if solution.ending != "complete":
         raise InputError(
             f"the solution of the law {quote(law.name)} does not reach the end of the record: it diverges, "

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from granular.shared.errors import InputError
 from reduced_models.laws.equation import rate_derivatives
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.source_code import (
     LawForExport,
@@ -150,9 +149,6 @@ model {name} "The bed of a damper between the cell (flange_a) and the piston (fl
 {comments}
 {parameters}
 {inputs}{hidden}  output Real force(unit = "N") "of the bed on the piston, along s_rel";
-protected
-  Real z = {z};
-  Real z_first = {z_first};
 equation
   force = {force};
   f = -force;
@@ -178,8 +174,6 @@ class PortForExport(NamedTuple):
     values: tuple[float, ...]
     start: tuple[float, ...]
     units: tuple[str, ...]
-    z: sympy.Expr
-    z_first: sympy.Expr
     outputs: tuple[sympy.Expr, ...]
     comments: tuple[str, ...]
 
@@ -214,18 +208,15 @@ def prepare_port_for_export(port: ForcePort) -> PortForExport:
         (name, value, model.unit_of_parameter(own))
         for name, value, own in zip(law.parameters, law.values, model.law.parameters, strict=True)
     ]
-    mass, load, height, velocity, shift, scale = sympy.symbols("mass load height velocity shift scale")
-    z, z_first, force = height, velocity, mass * law.acceleration + load
+    mass, load = sympy.symbols("mass load")
+    motion = {sympy.Symbol("z"): sympy.Symbol("height"), sympy.Symbol("z_first"): sympy.Symbol("velocity")}
+    force = mass * law.acceleration + load
     meaning = (
         "force = mass z'' + load, of the bed on the piston: the masses of piston and cell are those of the"
     )
     meaning += " bodies on both sides."
     if model.law.prescribed:
         force, meaning = law.acceleration, "force is that which moves the coordinate upwards."
-    elif model.map != HeightMap():
-        numbers += [("shift", float(model.map.shift), "m"), ("scale", float(model.map.scale), "m")]
-        z, z_first = (height - shift) / scale, velocity / scale
-        force = mass * scale * law.acceleration + load
     if not model.law.prescribed:
         numbers += [("mass", port.mass, "kg"), ("load", port.load, "N")]
     words = (*law.comments[:3], escape_comment(meaning))
@@ -237,9 +228,7 @@ def prepare_port_for_export(port: ForcePort) -> PortForExport:
         tuple(float(value) for _, value, _ in numbers),
         law.initial[2:],
         tuple(unit for *_, unit in numbers),
-        z,
-        z_first,
-        (force, *law.rates),
+        tuple(output.xreplace(motion) for output in (force, *law.rates)),
         words,
     )
 
@@ -254,15 +243,12 @@ def port_jacobian(parts: PortForExport) -> list[list[sympy.Expr]] | None:
         for symbol in output.free_symbols
     }
     force, *rates = (output.xreplace(real) for output in parts.outputs)
-    z, z_first, scale = sympy.Symbol("z"), sympy.Symbol("z_first"), sympy.Symbol("scale")
-    by = [sympy.Symbol(name) for name in (*parts.states, z.name, z_first.name, *parts.law.inputs)]
+    by = [sympy.Symbol(name) for name in (*parts.states, *parts.inputs)]
     slopes = rate_derivatives([*rates, force], [real.get(symbol, symbol) for symbol in by])
-    factors = {z: 1 / scale, z_first: 1 / scale} if "scale" in parts.parameters else {}
     plain = {symbol: own for own, symbol in real.items()}
     flat = [
         replace_steps_by_signs(slope.replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)).xreplace(plain)
-        * factors.get(by[k % len(by)], 1)
-        for k, slope in enumerate(slopes)
+        for slope in slopes
     ]
     if any(slope.has(sympy.Derivative, sympy.Subs) for slope in flat):
         return None
@@ -282,12 +268,8 @@ def c_local_variables(parts: PortForExport) -> str:
     """Lines of C that name what the expressions name."""
     groups = {"inputs": parts.inputs, "parameters": parts.parameters, "states": parts.states}
     named = _array_element_locals(groups, "    const double {name} = {array}[{index}];\n")
-    used = ("z", "z_first", *parts.inputs, *parts.parameters, *parts.states)
-    silent = " ".join(f"(void){name};" for name in used)
-    return (
-        f"{named}    const double z = {c_expression(parts.z)}, "
-        f"z_first = {c_expression(parts.z_first)};\n    (void)states; {silent}\n"
-    )
+    silent = " ".join(f"(void){name};" for name in (*parts.inputs, *parts.parameters, *parts.states))
+    return f"{named}    (void)states; {silent}\n"
 
 
 def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
@@ -333,8 +315,7 @@ def port_matlab_source(port: ForcePort, name: str) -> str:
         start="; ".join(map(repr, parts.start)),
         names=", ".join(_names_with_units(parts)),
         parameters="; ".join(map(repr, parts.values)),
-        locals=_array_element_locals(groups, "  {name} = {array}({index});\n", 1)
-        + f"  z = {matlab_expression(parts.z)}; z_first = {matlab_expression(parts.z_first)};\n",
+        locals=_array_element_locals(groups, "  {name} = {array}({index});\n", 1),
         force=force,
         rates="; ".join(rates),
     )
@@ -350,7 +331,6 @@ def port_python_source(port: ForcePort) -> str:
     lines = [f"    {name} = inputs[{k}]\n" for k, name in enumerate(parts.law.inputs)]
     lines += [f'    {name} = parameters["{name}"]\n' for name in parts.parameters]
     lines += [f"    {name} = states[{k}]\n" for k, name in enumerate(parts.states)]
-    lines += [f"    z, z_first = {doprint(parts.z)}, {doprint(parts.z_first)}\n"]
     return _PYTHON.format(
         comments="\n".join(line.replace('"', "'") for line in parts.comments),
         parameters=repr(dict(zip(parts.parameters, parts.values, strict=True))),
@@ -367,10 +347,7 @@ def port_modelica_source(port: ForcePort, name: str) -> str:
 
     parts = prepare_port_for_export(port)
     flange = {sympy.Symbol("height"): sympy.Symbol("s_rel"), sympy.Symbol("velocity"): sympy.Symbol("v_rel")}
-    z, z_first, force, *rates = (
-        modelica_expression(expression.xreplace(flange))
-        for expression in (parts.z, parts.z_first, *parts.outputs)
-    )
+    force, *rates = (modelica_expression(output.xreplace(flange)) for output in parts.outputs)
     rows = zip(parts.parameters, parts.values, parts.units, strict=True)
     return _MODELICA.format(
         name=name,
@@ -384,8 +361,6 @@ def port_modelica_source(port: ForcePort, name: str) -> str:
             f"  Real {symbol}(start = {value!r}, fixed = true);\n"
             for symbol, value in zip(parts.states, parts.start, strict=True)
         ),
-        z=z,
-        z_first=z_first,
         force=force,
         rates="".join(
             f"  der({symbol}) = {rate};\n" for symbol, rate in zip(parts.states, rates, strict=True)

@@ -43,12 +43,9 @@ def correlation_matrix(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray
 
 
 def with_changed_value(model: M, name: str, value: float) -> M:
-    """Model with another value of a parameter, of the map, or of the start, by its name."""
+    """Model with another value of a parameter, or of the start, by its name."""
     changes: dict[str, Any] = {"hidden": {**model.hidden, name: value}}
-    if name in ("shift", "scale"):
-        shift, scale = (value if part == name else getattr(model.map, part) for part in ("shift", "scale"))
-        changes = {"map": dataclasses.replace(model.map, shift=shift, scale=scale)}
-    elif name in ("height", "velocity"):
+    if name in ("height", "velocity"):
         height, velocity = model.initial
         changes = {"initial": (value, velocity) if name == "height" else (height, value)}
     else:
@@ -114,14 +111,8 @@ def _change_along_direction(
 
 
 def parameter_value(model: FittedLaw, name: str) -> float:
-    """Value of a parameter, of the map, or of the start, by its name."""
-    known = {
-        **model.all_parameters,
-        "shift": model.map.shift,
-        "scale": model.map.scale,
-        "height": model.initial[0],
-        "velocity": model.initial[1],
-    }
+    """Value of a parameter, or of the start, by its name."""
+    known = {**model.all_parameters, "height": model.initial[0], "velocity": model.initial[1]}
     return float(known[name] if name in known else model.hidden.get(name, 0.0))
 
 

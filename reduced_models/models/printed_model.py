@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.at_rest import quantities_at_rest
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.observed import cycle_table
@@ -100,21 +99,17 @@ class PrintedModel(FittedLaw):
         return (*peaks, *self.notes)
 
     def parameter_quantities(self) -> tuple[QuantityWithError, ...]:
-        """Parameters that the record tells, and the map where it is fitted, with errors of the fit."""
-        values = dict(self.parameters)
-        if self.map.fitted:
-            values |= {"shift": self.map.shift, "scale": self.map.scale}
-        known = {name: value for name, value in values.items() if name not in self.untold}
+        """Parameters that the record tells, with errors of the fit."""
+        known = {name: value for name, value in self.parameters.items() if name not in self.untold}
         return parameter_quantities(
             known, self.intervals, {name: self.unit_of_parameter(name) for name in known}
         )
 
     def equation_lines(self, parameters: Sequence[QuantityWithError] | None = None) -> list[str]:
         """Lines of the equation, the meaning of z, and parameters, by default with errors of the fit."""
-        plain = f"z: {self.coordinate} [{self.unit}]"
-        meaning = plain if self.map == HeightMap() else self.map_text(5)
+        meaning = f"   (z: {self.coordinate} [{self.unit}])" * (self.law.parsed_equation.line is None)
         values = self.parameter_quantities() if parameters is None else parameters
-        return equation_lines(f"{self.law.equation}   ({meaning})", values, self.intervals)
+        return equation_lines(f"{self.law.equation}{meaning}", values, self.intervals)
 
 
 def swing_quantities(model: PrintedModel, angle: bool, mass: float | None) -> tuple[QuantityWithError, ...]:

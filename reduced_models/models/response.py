@@ -75,7 +75,7 @@ def faster_modes(
         return ()
 
     def figures(values: np.ndarray) -> np.ndarray | None:
-        swing = small_swing(model.law, list(values), model.map.to_law(rest.height))
+        swing = small_swing(model.law, list(values), rest.height)
         if isinstance(swing, NoSwing):
             return None
         return np.array([figure for period, ratio in swing.faster for figure in (1.0 / period, ratio)])
@@ -106,8 +106,8 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
     result = harmonic_cycles(
         _model_rates(model),
         len(model.law.hidden),
-        amplitude / abs(model.map.scale),
-        model.map.to_law(height),
+        amplitude,
+        height,
         2.0 * math.pi / period if frequency is None else frequency,
         free=frequency is None,
     )
@@ -123,7 +123,7 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
             f"{amplitude:g} m; "
             "give the frequency, or a smaller amplitude"
         )
-    centre = float(model.map.to_height(result.centre[0]))
+    centre = float(result.centre[0])
     energy = math.pi * amplitude**2 * omega * damping
     return HarmonicCycle(amplitude, omega, centre, stiffness, damping, energy)
 
@@ -144,12 +144,14 @@ def frequency_response(
     edges = model.domain.get("height", (height, height))
     far = largest or 10.0 * max(abs(edge - height) for edge in edges)
     amplitude = far * np.logspace(-5.0, 0.0, _AMPLITUDES)
-    rates, hidden, size = (_model_rates(model), len(model.law.hidden), amplitude / abs(model.map.scale))
-    centre = np.full_like(amplitude, model.map.to_law(height))
+    rates, hidden = _model_rates(model), len(model.law.hidden)
+    centre = np.full_like(amplitude, height)
     for _ in range(4):
-        centre, *_ = centre_cycles(rates, hidden, size, centre, np.full_like(size, 2 * math.pi / period))
+        centre, *_ = centre_cycles(
+            rates, hidden, amplitude, centre, np.full_like(amplitude, 2 * math.pi / period)
+        )
     _, stiffness, damping = harmonic_coefficients(
-        rates, hidden, size[:, None], centre[:, None], omega[None, :]
+        rates, hidden, amplitude[:, None], centre[:, None], omega[None, :]
     )
     # A steady cycle: the force carries stiffness less inertia, and damping a quarter period later.
     needed = amplitude[:, None] * np.hypot(stiffness - omega**2, damping * omega)
@@ -200,7 +202,7 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
             statements[k] = statement.replace("z''", f"(z'' - {name})")
             break
     text = ";".join(statements)
-    changes: dict[str, Any] = {"start": None, "swing_form": None, "inputs": (*law.inputs, name)}
+    changes: dict[str, Any] = {"start": None, "inputs": (*law.inputs, name)}
     driven = dataclasses.replace(law, name=f"{law.name}, driven", equation=text, **changes)
     _ = driven.parsed_equation  # which refuses a name that is none
     return driven

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
 from reduced_models.least_squares.residuals import BLOWN_UP, record_on_grid
 from reduced_models.least_squares.samples import grid_over_record
@@ -98,8 +97,9 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         return _along_stroke(model, record)
     guess = first_guesses(total.time, total.height)
     law, (unknowns, theta) = model.law, search_vector_of_model(model, guess)
-    theta[unknowns.parameter_and_map_count :] = 0.0
-    theta[unknowns.parameter_and_map_count : unknowns.parameter_and_map_count + 2] = (
+    first = len(law.parameters)  # of the state at the start
+    theta[first:] = 0.0
+    theta[first : first + 2] = (
         (guess.height - guess.rest) / guess.amplitude,
         guess.velocity / unknowns.speed,
     )
@@ -118,14 +118,14 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     steps = grid_over_record(total, law.inputs, guess.period, _STEPS * law.step_ratio)
     grid = record_on_grid(unknowns, total, steps, model.input_interpolation)
     held = np.ones(len(theta), dtype=bool)
-    held[unknowns.parameter_and_map_count : unknowns.parameter_and_map_count + 2] = False
+    held[first : first + 2] = False
     for name in law.other_coordinates:
-        held[unknowns.parameter_and_map_count + 2 + law.hidden.index(name)] = False
+        held[first + 2 + law.hidden.index(name)] = False
     held[len(held) - unknowns.sensor_entry_count :] = False
     bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
-    first = max(4, int(np.searchsorted(total.time, START_PERIODS * guess.period)))
-    prior = Prior(unknowns.prior, float(first))
-    theta = levenberg_marquardt(grid.normal_equations(first), theta[None], prior, 1e-9, bounds)[0][0]
+    seen = max(4, int(np.searchsorted(total.time, START_PERIODS * guess.period)))
+    prior = Prior(unknowns.prior, float(seen))
+    theta = levenberg_marquardt(grid.normal_equations(seen), theta[None], prior, 1e-9, bounds)[0][0]
     residuals = grid.residuals(theta)
     lost = ~(np.abs(residuals) < BLOWN_UP)
     unit = unknowns.residual_unit
@@ -164,9 +164,8 @@ def search_vector_of_model(
     if unknowns is None:
         assert guess is not None
         units = tuple(1.0 if log else abs(value) or 1.0 for log, value in zip(logs, values, strict=True))
-        given = HeightMap(model.map.shift, model.map.scale)
         speed = guess.amplitude * guess.frequency
-        unknowns = Unknowns(law, given, units, guess.rest, guess.amplitude, speed)
+        unknowns = Unknowns(law, units, guess.rest, guess.amplitude, speed)
     start = [
         math.log(value) if log else value / unit
         for log, value, unit in zip(logs, values, unknowns.units, strict=True)

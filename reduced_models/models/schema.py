@@ -203,13 +203,9 @@ _MODEL = _keyed_table_checker(
         "parameters": _table_checker(_number_checker()),
         "units": _table_checker(_text_checker(200)),
         "positive": _list_checker(_text_checker(200)),
-        "mapped": _check_flag,
         "source": _text_checker(),
         "intervals": _table_checker(_check_pair),
         "confidence": _number_checker(0.0, 1.0),
-        "map": _keyed_table_checker(
-            {"shift": _number_checker(), "scale": _number_checker(), "fitted": _check_flag}
-        ),
         "initial": _list_checker(_number_checker(), 2),
         "at_rest": _null_or_checker(
             _keyed_table_checker(
@@ -284,6 +280,7 @@ _MODEL = _keyed_table_checker(
 def check_plain_model(data: object) -> dict[str, Any]:
     """Check that plain data are those of a model, and put infinite ends in place of null."""
     if isinstance(data, Mapping):  # models of earlier versions
+        data = _with_map_in_law(data)
         since = {"observation": "", "quantile": 1.96, "cycles": [], "qualities": {}}
         data = {"sensor": None, "untold": [], "conventions": {}, **since, **data}
         if isinstance(data.get("quality"), Mapping):
@@ -298,17 +295,40 @@ def check_plain_model(data: object) -> dict[str, Any]:
     for name in result["positive"]:
         if not every.get(name, 0.0) > 0.0:
             raise _wrong_value_error(f"model.parameters.{name}", every.get(name), "a number above 0")
-    fitted = ("shift", "scale") if result["map"]["fitted"] else ()
-    for name in (*parameters, *fitted):
+    for name in parameters:
         if name not in result["intervals"]:
             raise _wrong_value_error(f"model.intervals.{name}", None, "a pair")
-    if not result["map"]["scale"]:
-        raise _wrong_value_error("model.map.scale", 0.0, "another number")
     size = len(result["covariance_names"])
     if [len(row) for row in result["covariance"]] != [size] * size:
         raise _wrong_value_error("model.covariance", result["covariance"], "a row and a column for each name")
     if len(result["initial"]) != 2:
         raise _wrong_value_error("model.initial", result["initial"], "a pair")
+    return result
+
+
+_MAP = _keyed_table_checker({"shift": _number_checker(), "scale": _number_checker(), "fitted": _check_flag})
+_MAP_IN_LAW = "read from an earlier version's file: the map of the height is now part of the law, {0}"
+
+
+def _with_map_in_law(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return plain data with the map of the height, which stood beside the law, as two of its parameters."""
+    result = {key: value for key, value in data.items() if key not in ("map", "mapped")}
+    if data.get("map") is None:
+        return result
+    line = _MAP("model.map", data["map"])
+    values = {name: line[name] for name in ("shift", "scale")}
+    if not values["scale"]:
+        raise _wrong_value_error("model.map.scale", 0.0, "another number")
+    if not line["fitted"] and values == {"shift": 0.0, "scale": 1.0}:
+        return result
+    text = "height = shift + scale*z"
+    given = {name: (value, value) for name, value in values.items()}
+    for key, more in (("parameters", values), ("intervals", given), ("units", dict.fromkeys(values, "m"))):
+        kept = _table_checker(lambda _, value: value)(f"model.{key}", result.get(key))
+        result[key] = {**more, **kept} if key == "intervals" else {**kept, **more}
+    result["equation"] = f"{result.get('equation')}; {text}"
+    result["positive"] = [*(result.get("positive") or ()), *(["scale"] if values["scale"] > 0.0 else [])]
+    result["notes"] = [*(result.get("notes") or ()), _MAP_IN_LAW.format(text)]
     return result
 
 
@@ -344,7 +364,6 @@ def law_from_plain(plain: Mapping[str, Any]) -> Law:
         equation=plain["equation"],
         positive=tuple(plain["positive"]),
         units=plain["units"],
-        mapped=plain["mapped"],
         source=plain["source"],
         inputs=tuple(plain["inputs"]),
         resolution=plain["resolution"],

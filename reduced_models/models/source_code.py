@@ -143,11 +143,10 @@ static const double model_longest_step = {step};  /* [s] */
 static void model_rates(const double *parameters, const double *state, const double *inputs,
                         double *rates)
 {{
-    const double shift = {shift}, scale = {scale};  /* height = shift + scale z */
-    const double z = (state[0] - shift) / scale, z_first = state[1] / scale;
+    const double z = state[0], z_first = state[1];
 {locals}    (void)z; (void)z_first; (void)parameters; (void)inputs;
     rates[0] = state[1];
-    rates[1] = scale * ({acceleration});
+    rates[1] = {acceleration};
 {hidden}}}
 
 /* A state after a step [s], by Runge-Kutta of fourth order; the inputs are held. */
@@ -201,8 +200,6 @@ def c_source(model: FittedLaw) -> str:
         parameters=c_array_initialiser(parts.values),
         initial=c_array_initialiser(parts.initial),
         step=repr(parts.step),
-        shift=repr(float(model.map.shift)),
-        scale=repr(float(model.map.scale)),
         locals="".join(_local_variable_lines(parts)),
         acceleration=c_expression(parts.acceleration),
         hidden="".join(rates),
@@ -265,9 +262,8 @@ function state = advanced(state, inputs, step)
 end
 
 function found = rates(state, inputs)
-  shift = {shift}; scale = {scale};  % height = shift + scale z
-  z = (state(1) - shift) / scale; z_first = state(2) / scale;
-{locals}  found = [state(2); scale * ({acceleration}){hidden}];
+  z = state(1); z_first = state(2);
+{locals}  found = [state(2); {acceleration}{hidden}];
 end
 """
 
@@ -284,8 +280,6 @@ def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
         initial="; ".join(map(repr, parts.initial)),
         inputs=len(parts.inputs),
         step=repr(parts.step),
-        shift=repr(float(model.map.shift)),
-        scale=repr(float(model.map.scale)),
         locals="".join(f"  {line}\n" for line in lines),
         acceleration=matlab_expression(parts.acceleration),
         hidden="".join(f"; {matlab_expression(rate)}" for rate in parts.rates),
@@ -304,16 +298,14 @@ _MODELICA = """\
 model {name} "{title}"
 {comments}
 {parameters}
-  parameter Real shift(unit = "{unit}") = {shift} "height = shift + scale z";
-  parameter Real scale(unit = "{unit}") = {scale};
 {inputs}  Real height(start = {height}, fixed = true, unit = "{unit}");
   Real velocity(start = {velocity}, fixed = true, unit = "{unit}/s");
 {hidden}protected
-  Real z = (height - shift) / scale;
-  Real z_first = velocity / scale;
+  Real z = height;
+  Real z_first = velocity;
 equation
   der(height) = velocity;
-  der(velocity) = scale * ({acceleration});
+  der(velocity) = {acceleration};
 {rates}end {name};
 """
 
@@ -331,8 +323,6 @@ def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
             for own, safe, value in names
         ),
         unit=model.unit,
-        shift=repr(float(model.map.shift)),
-        scale=repr(float(model.map.scale)),
         inputs="".join(f"  input Real {name};\n" for name in parts.inputs),
         height=repr(parts.initial[0]),
         velocity=repr(parts.initial[1]),

@@ -53,6 +53,10 @@ class FirstGuesses:
     rivals : tuple of float
         Other angular frequencies [rad/s], where they are clearly others: that of the first swings,
         which may be larger than the later ones, and the strongest one in the spectrum.
+    fastest : float
+        Half the sampling rate, as an angular frequency [rad/s].
+    time, heights : float64 (n,)
+        Times [s] from 0 on and heights [m] of the record.
     """
 
     rest: float
@@ -64,35 +68,8 @@ class FirstGuesses:
     crossings: int
     rivals: tuple[float, ...] = ()
     fastest: float = math.inf
-
-    def rescaled_to_law(self, shift: float, scale: float) -> FirstGuesses:
-        """Return the same guesses for z = (height - shift)/scale.
-
-        Parameters
-        ----------
-        shift : float
-            Height at z = 0 [m].
-        scale : float
-            Height per unit of z [m], not zero.
-
-        Returns
-        -------
-        FirstGuesses
-            Guesses in z, velocity in z over s; frequencies [rad/s] and decay [1/s] as they were. Of a
-            negative scale the amplitude is negative too.
-
-        Raises
-        ------
-        ZeroDivisionError
-            If the scale is zero.
-        """
-        return dataclasses.replace(
-            self,
-            rest=(self.rest - shift) / scale,
-            amplitude=self.amplitude / scale,
-            height=(self.height - shift) / scale,
-            velocity=self.velocity / scale,
-        )
+    time: Float[np.ndarray, "n"] = dataclasses.field(default_factory=lambda: np.empty(0), compare=False)
+    heights: Float[np.ndarray, "n"] = dataclasses.field(default_factory=lambda: np.empty(0), compare=False)
 
     @property
     def is_poor(self) -> bool:
@@ -246,7 +223,8 @@ def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
     decay = _decay_rate(time, swing, half)
     rivals = _alternative_frequencies(time, swing, passages, frequency)
     fastest = math.pi / float(np.median(np.diff(time)))
-    guess = FirstGuesses(rest, amplitude, frequency, decay, start, speed, len(passages), rivals, fastest)
+    motion = (rest, amplitude, frequency, decay, start, speed)
+    guess = FirstGuesses(*motion, len(passages), rivals, fastest, time, height)
     return _without_oscillation(time, height, guess) if guess.is_poor else guess
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.shared.errors import GranularError
-from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.height_line import HeightLine
 from research.discovery.judging import worth
 from research.discovery.peers import pyoperon_law, pysindy_law
 from research.discovery.systems import INPUT, SYSTEMS, System, made_record, system_named
@@ -86,7 +86,7 @@ def measured(case: Case) -> dict[str, Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is doubted is counted here
-            law, height_map = _law(case, system, record)
+            law, line = _law(case, system, record)
     except GranularError as error:
         seconds = time.process_time() - begun
         return result | {"seconds": seconds, "equation": "", "failure": str(error)}
@@ -94,23 +94,23 @@ def measured(case: Case) -> dict[str, Any]:
         seconds = time.process_time() - begun
         return result | {"seconds": seconds, "equation": "", "crash": f"{type(error).__name__}: {error}"}
     seconds = time.process_time() - begun
-    judged = worth(law, system, height_map)
+    judged = worth(law, system, line)
     return result | {
         "exact": judged.exact,
         "usable": judged.usable,
         "error": judged.error,
         "seconds": seconds,
-        "equation": equation_text(law, height_map),
+        "equation": equation_text(law, line),
     }
 
 
-def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, HeightMap]:
+def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, HeightLine]:
     named = case.library == "named"
     tuned = case.method in TUNED
     if case.method in (SINDY, SINDY_TUNED):
-        return pysindy_law(record, system, named, tuned), HeightMap()
+        return pysindy_law(record, system, named, tuned), HeightLine()
     if case.method in (OPERON, OPERON_TUNED):
-        return pyoperon_law(record, system, named, case.seed, tuned), HeightMap()
+        return pyoperon_law(record, system, named, case.seed, tuned), HeightLine()
     from reduced_models.discovery.discover import discover
 
     column = INPUT if system.driven else None
@@ -118,14 +118,14 @@ def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, 
         result = discover(record, library=system.library, input=column, seed=case.seed)
     else:
         result = discover(record, input=column, seed=case.seed)
-    return result.expression, result.map
+    return result.expression, result.line
 
 
-def equation_text(law: sympy.Expr, height_map: HeightMap) -> str:
+def equation_text(law: sympy.Expr, line: HeightLine) -> str:
     import sympy
 
     from reduced_models.discovery.terms import expression_text
 
     numbers = {item: sympy.Float(item, 4) for item in law.atoms(sympy.Float)}
     text = f"z'' = {expression_text(law.xreplace(numbers))}"
-    return text if height_map == HeightMap() else f"{text}, {height_map}"
+    return text if line == HeightLine() else f"{text}; {line.text}"

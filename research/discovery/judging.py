@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from reduced_models.discovery.terms import split_terms
-from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.height_line import HeightLine
 from research.discovery.systems import System, right_structures, solved, unseen_motion, unseen_push
 
 if TYPE_CHECKING:
@@ -41,23 +41,23 @@ class Worth(NamedTuple):
 def worth(
     law: sympy.Expr,
     system: System,
-    height_map: HeightMap = HeightMap(),  # noqa: B008  frozen
+    line: HeightLine = HeightLine(),  # noqa: B008  frozen
 ) -> Worth:
-    """What a law z'' = f(z, v, u) is worth, where z is ``height_map`` of the height."""
-    return Worth(_is_exact(law, system, height_map), _free_run_error(law, system, height_map))
+    """What a law z'' = f(z, v, u) is worth, where z is ``line`` of the height."""
+    return Worth(_is_exact(law, system, line), _free_run_error(law, system, line))
 
 
-def _is_exact(law: sympy.Expr, system: System, height_map: HeightMap) -> bool:
-    if height_map.shift != 0.0:
+def _is_exact(law: sympy.Expr, system: System, line: HeightLine) -> bool:
+    if line.shift != 0.0:
         return False
     terms = split_terms(law)
     return terms is not None and frozenset(item.text for item in terms) in right_structures(system)
 
 
-def _free_run_error(law: sympy.Expr, system: System, height_map: HeightMap) -> float | None:
+def _free_run_error(law: sympy.Expr, system: System, line: HeightLine) -> float | None:
     time, truth = unseen_motion(system.name)
     height, velocity = system.unseen
-    start = float(height_map.to_law(height)), velocity / height_map.scale
-    result = height_map.shift + height_map.scale * solved(law, time, start, unseen_push)
+    start = float(line.coordinate(height)), velocity / line.scale
+    result = line.shift + line.scale * solved(law, time, start, unseen_push)
     error = float(np.sqrt(((result - truth) ** 2).mean()) / truth.std())
     return error if np.isfinite(error) else None

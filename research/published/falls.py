@@ -72,9 +72,7 @@ def fall_errors() -> dict[str, float]:
                 law="elastoplastic-bed",
                 test_fraction=0.0,
                 parameters={name: Parameter(value, fixed=name in fixed) for name, value in theory.items()},
-                options=FitOptions(
-                    map="fitted", initial={"height": float(record.height[0]), "velocity": 0.0}
-                ),
+                options=FitOptions(initial={"height": float(record.height[0]), "velocity": 0.0}),
             )
         errors = 100.0 * np.array([fall_prediction_error(model, other, level) for other in others])
         numbers |= _named(words, errors)

@@ -16,7 +16,6 @@ from reduced_models.fitting.options import STARTS, TEST_FRACTION
 from reduced_models.fitting.problem import split_training_data
 from reduced_models.fitting.start_values import scale_unknowns, start_vectors
 from reduced_models.laws.equation import compile_rates
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.records.inputs import TIME, input_column
@@ -89,7 +88,7 @@ class Problem(NamedTuple):
 def problem(record: PistonRecord, law: Law, starts: int) -> Problem:
     """The first of the random starts that ``fit(record, law)`` searches from."""
     data = split_training_data(record, TEST_FRACTION)
-    unknowns = scale_unknowns(law, HeightMap(), data)
+    unknowns = scale_unknowns(law, data)
     random = np.random.default_rng(0)
     result = start_vectors(unknowns, data, STARTS, random)
     return Problem(record, unknowns, result[:starts])
@@ -121,7 +120,7 @@ def _attempt(given: Problem, theta: np.ndarray) -> Attempt:
 
     samples = len(given.record)
     calls = _Calls(MOST_CALLS * samples, _MOST_OF_A_SOLUTION * samples)
-    held = np.arange(len(theta)) >= given.unknowns.parameter_and_map_count + 2  # hidden states at the start
+    held = np.arange(len(theta)) >= len(given.unknowns.law.parameters) + 2  # hidden states at the start
     solved = _residuals(given, calls)
     best = np.inf
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
+from reduced_models.laws.height_map import HeightMap
 
 from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch
@@ -20,7 +21,6 @@ from reduced_models.commands.records import parse_reading_options
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.fitting.parameter import parameter_settings
 from reduced_models.laws import LAWS
-from reduced_models.laws.height_map import HeightMap
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from reduced_models.laws.height_map import HeightMap
 from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
@@ -13,7 +14,6 @@ from reduced_models.discovery.parametric_terms import ParametricTerms, split_par
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.terms import parse_term_expressions, split_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
-from reduced_models.laws.height_map import HeightMap
 
 TIME = np.linspace(0.0, 40.0, 2000)
 FREQUENCY = 1.7

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
+from reduced_models.laws.height_map import HeightMap
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
@@ -19,7 +20,6 @@ from reduced_models.discovery.structure_proposals import _prune_expression
 from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
 from reduced_models.discovery.terms import physical_library_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
-from reduced_models.laws.height_map import HeightMap
 
 TIME = np.linspace(0.0, 20.0, 400)
 RECORD = PistonRecord(TIME, np.cos(TIME))

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reduced_models.laws.height_map import HeightMap
 
 from granular.shared.errors import InputError
 from reduced_models import ReducedModel, load_model
 from reduced_models.derived.continuation import HeldState
 from reduced_models.derived.polynomial_law import polynomial_law
 from reduced_models.laws.catalogue import law_named
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import law_from_text
 from reduced_models.models.source_code import (
     ascii_names,

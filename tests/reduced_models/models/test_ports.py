@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reduced_models.laws.height_map import HeightMap
 
 from granular import PistonRecord, Scene, load_scene, simulate
 from granular.shared.errors import InputError
 from reduced_models import fit
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.machines import export_bed
 from reduced_models.machines.bed_element import bed_force_port, mass_matrix
 from reduced_models.machines.response import CoupledSystem, fill_rates
