@@ -331,7 +331,10 @@ def parse_parameters(
         help="acceleration (default); height for a formula of the time; force, along a prescribed stroke",
     ),
     option(
-        "--height", metavar="LINE", help="height as a line in z [m], as '0.06 + 0.01*z'; by itself without"
+        "--height",
+        metavar="LINE",
+        default="auto",
+        help="height as a straight line in z [m], as '0.06 + 0.01*z'; by default chosen by the record",
     ),
     option(
         "--effort",

@@ -13,7 +13,7 @@ from granular.run.trajectory import Trajectory
 from granular.studies.cases import keep_measure_name
 
 LAW = "polynomial-spring"
-"""The law that predicts the damper's swings best among those without a fitted height map; its
+"""The law that predicts the damper's swings best among those whose z is the height; its
 coefficients are the spring's Taylor series about rest."""
 STARTS = 8
 SHOWN_EVERY = 5

@@ -152,7 +152,7 @@ def fit(
     seed : int
         Seed of the random starts, from 0 on.
     options : FitOptions, optional
-        The map, the drift of the zero, the interpolation of inputs, the sensor and the start of the
+        The drift of the zero, the interpolation of inputs, the sensor and the start of the
         motion, where they are not as usual.
 
     Returns

@@ -39,7 +39,7 @@ _FIRST = 1.0  # longest first reach: further out, the linearisation is no guide
 def profile_intervals(
     joint: JointRecords, theta: Float[np.ndarray, "q"], covariance: Float[np.ndarray, "q q"], quantile: float
 ) -> list[dict[str, Interval]]:
-    """Profile intervals of each record's parameters and map."""
+    """Profile intervals of each record's parameters."""
     # The profile is measured by the variance with which the linearisation has its covariance, so that both
     # agree where the law is linear (profile t: Bates and Watts 1988, ch. 6).
     unknowns = joint.unknowns

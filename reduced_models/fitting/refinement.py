@@ -211,7 +211,8 @@ def _collocation_fit(
 ) -> np.ndarray | None:
     """Fit that starts from accelerations in the leading record; None where there are none."""
     unknowns, largest_swing_record = joint.unknowns, problem.largest_swing_record
-    if unknowns.law.hidden or unknowns.law.prescribed or problem.own:
+    law = unknowns.law
+    if law.hidden or law.prescribed or problem.own or law.parsed_equation.line is not None:
         return None
     values = np.array(unknowns.physical_values(theta[joint.entries[0]])[0])
     matched = fit_to_accelerations(

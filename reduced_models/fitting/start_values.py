@@ -62,7 +62,7 @@ def start_values(
 ) -> dict[str, np.ndarray]:
     """Random start values (count,) of a law's parameters, and of further coordinates by their names."""
     if law.start is not None:
-        return law.start(guess, random, count)
+        return law.start(dataclasses.replace(guess, given=_fixed_by_bounds(bounds)), random, count)
     if law.hidden:
         draws = _hidden_starts(
             law,

@@ -43,7 +43,7 @@ class ComparisonRow:
     models : tuple of ReducedModel
         One a record; empty where the fit failed.
     parameters : int
-        Free numbers of the law and its map, the initial states not counted.
+        Free numbers of the law, the initial states not counted.
     stretches : tuple of float
         Error of the simulation over the test swings of each record, in rms swings of the record;
         infinite where it diverges. Empty without any.

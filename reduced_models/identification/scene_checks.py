@@ -331,7 +331,7 @@ def add_check_errors(
     tuple[QuantityWithError, ...], tuple[QuantityWithError, ...], MeasuredSwing | None, list[CheckFailure]
 ]:
     """Return figures, parameters and own swing with errors of step and start, as far as there are runs."""
-    # By the same law and map over the same duration [s], so that what differs is the run.
+    # By the same law over the same duration [s], so that what differs is the run.
     check, derived = outcomes.step_check, outcomes.derived
     every = (*figures, *model.parameter_quantities())
     fits = [

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _UNEXPLAINED = 0.3
 """Fraction of the record that its quadratic damping may leave over before it says nothing."""
-_SPREADS = 0.003, 0.2
+_SPREADS = 0.003, 0.1
 """Spreads of the start values, in the size of the damping: of the first start and of the last."""
 _LEAST = 1e-3  # of curvature and depth of a damping, in its size
 _WIDTH = 0.6  # half-width of a bump, in periods
@@ -43,7 +43,7 @@ def _draw_start_values(
     size = float(np.abs(result.damping).sum())
     damping = result.damping[:, None] + spread * size * random.normal(size=(3, count))
     k = result.stiffness * np.exp(spread * random.uniform(-1.0, 1.0, count))
-    return _law_with_quadratic_damping(guesses, damping, k, result.force)
+    return law_with_quadratic_damping(guesses, damping, k, result.force)
 
 
 def _draw_about_guesses(
@@ -64,7 +64,7 @@ def _draw_about_guesses(
     }
 
 
-def _law_with_quadratic_damping(
+def law_with_quadratic_damping(
     guesses: FirstGuesses, damping: Float[np.ndarray, "3 n"], k: Float[np.ndarray, "n"], f: float
 ) -> dict[str, np.ndarray]:
     """Law with the damping c0 + c1 u + c2 u^2 of the height u about rest, in amplitudes."""
@@ -80,13 +80,14 @@ def _law_with_quadratic_damping(
     double_alpha = np.maximum(c1**2 / (4.0 * c2) - c0, np.maximum(-c0, least))
     q = np.sqrt(c2 / double_alpha)
     p = 1.0 + np.where(c1 < 0.0, -1.0, 1.0) * np.sqrt(np.maximum(1.0 + c0 / double_alpha, 0.0))
-    return {
-        "alpha": 0.5 * double_alpha,
-        "omega": np.sqrt(k),
-        "g0": k * p + f * q,
-        "shift": guesses.rest - guesses.amplitude * p / q,
-        "scale": guesses.amplitude / q,
-    }
+    line = {"shift": guesses.rest - guesses.amplitude * p / q, "scale": guesses.amplitude / q}
+    given = {name: np.full_like(k, guesses.given[name]) for name in line if name in guesses.given}
+    if given:
+        line |= given
+        p, q = (guesses.rest - line["shift"]) / line["scale"], guesses.amplitude / line["scale"]
+        shape = np.stack([(p - 1.0) ** 2 - 1.0, 2.0 * q * (p - 1.0), q**2])
+        double_alpha = np.maximum((shape * damping).sum(axis=0) / (shape**2).sum(axis=0), least)
+    return {"alpha": 0.5 * double_alpha, "omega": np.sqrt(k), "g0": k * p + f * q, **line}
 
 
 VAN_DER_POL_LIKE = Law(

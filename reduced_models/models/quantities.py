@@ -61,7 +61,7 @@ class QuantityWithError(NamedTuple):
     def text_with_error(self) -> str:
         """Text of the value, its total error and its unit, with the decimals that the error is worth."""
         value, error = format_fixed(self.value, self.decimals), self.total_error
-        if error < 0.5 * 10.0**-self.decimals:  # of a law, of a map, or of a record without noise
+        if error < 0.5 * 10.0**-self.decimals:  # of a law, or of a record without noise
             return f"{format_shortest(self.value)} {self.unit}".rstrip()
         if not math.isfinite(error):
             return f"{value} {self.unit}".rstrip() + " (not determined)"

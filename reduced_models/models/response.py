@@ -195,11 +195,13 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
         raise InputError(f"the law {quote(law.name)} has a {quote(name)} already; give another name")
     if law.prescribed:
         raise InputError(f"a record prescribes the stroke of the law {quote(law.name)}; no force drives it")
+    line = law.parsed_equation.line
+    push = name if line is None else f"{name}/({line[1]})"  # in the coordinate of the text
     statements = law.equation.split(";")
     for k, statement in enumerate(statements):
         # What is observed is of the whole acceleration.
         if "z''" in statement and not _OBSERVATION_OR_RATE.match(statement):
-            statements[k] = statement.replace("z''", f"(z'' - {name})")
+            statements[k] = statement.replace("z''", f"(z'' - {push})")
             break
     text = ";".join(statements)
     changes: dict[str, Any] = {"start": None, "inputs": (*law.inputs, name)}

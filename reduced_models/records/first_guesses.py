@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,6 +58,8 @@ class FirstGuesses:
         Half the sampling rate, as an angular frequency [rad/s].
     time, heights : float64 (n,)
         Times [s] from 0 on and heights [m] of the record.
+    given : mapping of str to float
+        Parameters of the law that are known, in their units.
     """
 
     rest: float
@@ -70,6 +73,7 @@ class FirstGuesses:
     fastest: float = math.inf
     time: Float[np.ndarray, "n"] = dataclasses.field(default_factory=lambda: np.empty(0), compare=False)
     heights: Float[np.ndarray, "n"] = dataclasses.field(default_factory=lambda: np.empty(0), compare=False)
+    given: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def is_poor(self) -> bool:

@@ -14,7 +14,7 @@ from reduced_models.laws.solution import solve_law
 TIME = np.linspace(0.0, 40.0, 2000)
 TRUE = {
     "linear": ({"lam": 0.05, "omega": 1.05, "g0": -1.0}, 1.0),
-    "van-der-pol-like": ({"alpha": 0.17, "omega": 1.05, "g0": -1.0}, 1.0),
+    "van-der-pol-like": ({"alpha": 0.17, "omega": 1.05, "g0": -1.0, "shift": 0.0, "scale": 1.0}, 1.0),
     "van-der-pol": ({"mu": 0.5, "rest": 0.3, "width": 1.0, "omega": 1.05}, 0.5),
     "duffing": ({"lam": 0.05, "k": 1.1025, "rest": 0.5, "beta": 0.8}, 2.0),
     "polynomial-spring": ({"lam": 0.05, "k1": 1.1, "rest": 0.5, "k2": -0.3, "k3": 0.3}, 2.5),

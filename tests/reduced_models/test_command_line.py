@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
-from reduced_models.laws.height_map import HeightMap
 
 from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch
@@ -21,6 +20,7 @@ from reduced_models.commands.records import parse_reading_options
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.fitting.parameter import parameter_settings
 from reduced_models.laws import LAWS
+from reduced_models.laws.height_line import HeightLine
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_json_is_strict(
     """Also where an interval has no end: JSON has no infinity."""
     monkeypatch.chdir(files)
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-    words = ["identify", "lab.csv", "--law", "van-der-pol-like", "--json", "--quiet"]
+    words = ["identify", "lab.csv", "--law", "relaxing-column", "--json", "--quiet"]
     assert launch(main, words) == 0
     printed = capsys.readouterr().out
 
@@ -107,8 +107,8 @@ def test_json_is_strict(
         raise AssertionError(f"{word} is not JSON")
 
     plain = json.loads(printed, parse_constant=refuse)
-    assert plain["best"] == "van-der-pol-like"
-    assert None in plain["models"][0]["intervals"]["alpha"]
+    assert plain["best"] == "relaxing-column"
+    assert None in plain["models"][0]["intervals"]["weight"]
 
 
 def test_numbers_that_json_does_not_know_become_null() -> None:
@@ -211,7 +211,7 @@ def test_a_discovery_without_a_model_is_shown_before_it_is_refused(
     """Its front took minutes; that none of it could be polished is no reason to lose it."""
     z = sympy.Symbol("z", real=True)
     candidate = CandidateEquation(-2 * z, 3, 1.0, 0.0, note="the fit failed")
-    found = Discovery("sindy", (candidate,), 0, HeightMap())
+    found = Discovery("sindy", (candidate,), 0, HeightLine())
     monkeypatch.setattr("reduced_models.discovery.discover.discover", lambda *_, **__: found)
     monkeypatch.chdir(files)
     assert launch(main, ["discover", "lab.csv", "--json", "-o", "found.json"]) == BAD_INPUT

@@ -12,9 +12,9 @@ import pytest
 import sympy
 
 from granular.shared.errors import InputError
-from reduced_models import HeightMap
 from reduced_models.discovery.term_libraries import library_terms
 from reduced_models.discovery.terms import state_symbols
+from reduced_models.laws.height_line import HeightLine
 from research.campaign import read_results
 from research.discovery import runner
 from research.discovery.__main__ import CAMPAIGN
@@ -50,7 +50,7 @@ def test_a_law_of_the_swing_about_a_level_is_judged_as_a_height() -> None:
     z, v, _ = state_symbols()
     system = system_named("linear")
     moved = -1.1 * (z + sympy.Float(0.5)) - 0.1 * v
-    found = worth(moved, system, HeightMap(1.0, 2.0))  # z = (height - 1)/2
+    found = worth(moved, system, HeightLine(1.0, 2.0))  # z = (height - 1)/2
     assert found.error == pytest.approx(0.0, abs=1e-6)
     assert not found.exact
 

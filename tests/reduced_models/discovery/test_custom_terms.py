@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import DiscoveryOptions, HeightMap, discover, fit
+from reduced_models import DiscoveryOptions, discover, fit
 from reduced_models.discovery.candidate_choice import polish_and_choose_candidate
 from reduced_models.discovery.polishing import name_candidate_law
 from reduced_models.discovery.result import CandidateEquation
@@ -32,6 +32,7 @@ from reduced_models.discovery.terms import (
     state_symbols,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
+from reduced_models.laws.height_line import HeightLine
 
 TIME = np.linspace(0.0, 40.0, 2000)
 UNPOLISHED = DiscoveryOptions(polish=0)
@@ -358,8 +359,8 @@ def test_a_sum_is_taken_apart() -> None:
 def test_custom_terms_are_of_the_height_itself() -> None:
     """Powers of the swing about rest would mean something else by z."""
     record = PistonRecord(TIME, 2.0 + 0.1 * np.cos(TIME))
-    assert discover(record, "sindy", options=UNPOLISHED).map != HeightMap()
-    assert discover(record, "sindy", library="rational", options=UNPOLISHED).map == HeightMap()
+    assert discover(record, "sindy", options=UNPOLISHED).line != HeightLine()
+    assert discover(record, "sindy", library="rational", options=UNPOLISHED).line == HeightLine()
 
 
 def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:

@@ -14,7 +14,7 @@ import sympy
 from granular import PistonRecord
 from granular.shared import progress_bars
 from granular.shared.errors import InputError, RecordError
-from reduced_models import DiscoveryOptions, HeightMap, discover
+from reduced_models import DiscoveryOptions, discover
 from reduced_models.discovery.options import Method
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
@@ -255,11 +255,11 @@ def test_noise_free_records_keep_their_structure() -> None:
 def test_a_height_in_metres_is_centred_and_scaled() -> None:
     record = PistonRecord(TIME[::4], 0.06 + 0.002 * made("duffing", 0).height[::4])
     found = discover(record, "sindy", options=DiscoveryOptions(polish=1))
-    assert found.map.shift == pytest.approx(0.06, abs=2e-4)
-    assert found.map.scale == pytest.approx(0.003, rel=0.1)
+    assert found.line.shift == pytest.approx(0.06, abs=2e-4)
+    assert found.line.scale == pytest.approx(0.003, rel=0.1)
     assert set(LAWS["duffing"][3]) <= set(found.best.terms or ())
-    assert found.model.map == found.map
-    given = discover(record, "sindy", options=DiscoveryOptions(map=HeightMap(0.06, 0.002), polish=0))
+    assert found.model.height_line == pytest.approx(found.line, rel=1e-12)
+    given = discover(record, "sindy", options=DiscoveryOptions(height="0.06 + 0.002*z", polish=0))
     assert is_exact(given, "duffing")
 
 
@@ -399,8 +399,10 @@ def test_bad_arguments_are_refused(arguments: dict[str, Any], words: str) -> Non
     ("options", "words"),
     [
         ({"polish": -1}, "from 0 on"),
-        ({"map": "no"}, "HeightMap"),
-        ({"map": HeightMap(0.06, 0.0)}, r"scale 0 m; give finite ones"),
+        ({"height": "no"}, "straight line in z"),
+        ({"height": "0.06 + 0*z"}, "straight line in z"),
+        ({"height": "0.06 + scale*z"}, "straight line in z"),
+        ({"height": 0.06}, "straight line in z"),
         ({"effort": 0.0}, r"effort = 0\.0; give a number above 0"),
         ({"functions": 3}, r"functions = 3; give a text, or several"),
     ],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reduced_models.laws.height_map import HeightMap
 from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
@@ -14,6 +13,7 @@ from reduced_models.discovery.parametric_terms import ParametricTerms, split_par
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.terms import parse_term_expressions, split_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
+from reduced_models.laws.height_line import HeightLine
 
 TIME = np.linspace(0.0, 40.0, 2000)
 FREQUENCY = 1.7
@@ -78,7 +78,7 @@ def test_a_free_swing_has_no_drive() -> None:
 
 def test_a_known_time_is_a_term() -> None:
     (term,) = split_terms(parse_term_expressions(["sin(2*t)*z'"])[0]) or ()
-    motion = estimate_motion(driven(0), HeightMap())
+    motion = estimate_motion(driven(0), HeightLine())
     assert not term.is_total_derivative
     expected = np.sin(2.0 * motion.time) * motion.velocity
     np.testing.assert_allclose(term.values(motion.smooth_state), expected)
@@ -93,7 +93,7 @@ FREE = PistonRecord(
 @pytest.mark.parametrize("term", ["1/(z - p)", "z'/(z - p)", "(z - p)**1.5", "sqrt(p)*sin(p*z)"])
 def test_a_number_that_makes_a_pole_is_dropped(term: str) -> None:
     """Numbers within the record's range leave less than those outside, and are no terms."""
-    motion = estimate_motion(FREE, HeightMap())
+    motion = estimate_motion(FREE, HeightLine())
     library = split_terms(parse_term_expressions(["z + z'"])[0]) or {}
     _, opened = split_parametric_terms([term], None, ())
     terms = ParametricTerms()

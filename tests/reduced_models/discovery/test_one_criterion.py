@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from reduced_models import HeightMap
 from reduced_models.discovery.candidate_choice import (
     StructureEvidence,
     polish_and_choose_candidate,
@@ -18,6 +17,7 @@ from reduced_models.discovery.structure_proposals import ProposedStructures, Stu
 from reduced_models.discovery.subset_selection import EquationScorer, score_subsets, score_terms
 from reduced_models.discovery.terms import Term, physical_library_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
+from reduced_models.laws.height_line import HeightLine
 
 TIME = np.linspace(0.0, 40.0, 1000)
 SPRING, DRAG, SQUARE, CUBE = Term(1), Term(0, 1, True), Term(2), Term(3)
@@ -33,13 +33,13 @@ def record() -> PistonRecord:
 @pytest.fixture(scope="module")
 def scorer(record: PistonRecord) -> EquationScorer:
     """Scorer of the record's integrals."""
-    weak = weak_form(estimate_motion(record, HeightMap()))
+    weak = weak_form(estimate_motion(record, HeightLine()))
     library = physical_library_terms(3)
     return score_subsets(weak, library, library, [np.array([[0]])])[1]
 
 
 def polished(record: PistonRecord, candidate: CandidateEquation) -> CandidateEquation:
-    return polish_candidate(candidate, [record], HeightMap())
+    return polish_candidate(candidate, [record], HeightLine())
 
 
 def test_no_term_is_chosen_that_the_printed_criterion_does_not_call_for(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sympy
 
-from reduced_models import HeightMap
 from reduced_models.discovery.result import CandidateEquation, Discovery
+from reduced_models.laws.height_line import HeightLine
 
 
 def test_a_long_front_is_printed_on_one_screen() -> None:
@@ -15,7 +15,7 @@ def test_a_long_front_is_printed_on_one_screen() -> None:
         CandidateEquation(sum(1.5 * z**power for power in range(1, terms + 1)), terms, 1.0, 0.0)
         for terms in range(1, 30)
     ]
-    lines = str(Discovery("sindy", tuple(front), 20, HeightMap())).splitlines()
+    lines = str(Discovery("sindy", tuple(front), 20, HeightLine())).splitlines()
     (chosen,) = (line for line in lines if line.startswith(" * "))
     assert chosen.endswith(front[20].text)
     assert len(lines) <= 20

@@ -11,10 +11,11 @@ from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import DiscoveryOptions, HeightMap, discover
+from reduced_models import DiscoveryOptions, discover
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.term_libraries import cause_text, parse_custom_terms
 from reduced_models.discovery.terms import Term, physical_library_terms
+from reduced_models.laws.height_line import HeightLine
 
 TIME = np.linspace(0.0, 40.0, 1000)
 UNPOLISHED = DiscoveryOptions(polish=0)
@@ -95,7 +96,7 @@ def test_a_plain_swing_speaks_for_no_other_library() -> None:
     assert not any("library" in note for note in found.notes)
     lifted = PistonRecord(TIME, 5.0 + 0.1 * plain.height)
     found = discover(lifted, "sindy", options=UNPOLISHED)
-    assert found.map != HeightMap()
+    assert found.line != HeightLine()
     assert {"z", "z'", "z**3"} <= {term.text for term in found.best.terms or ()}
 
 
@@ -123,7 +124,7 @@ def test_custom_terms_mean_the_height_beside_the_proposed_library() -> None:
     time = TIME[:400]
     lifted = PistonRecord(time, 5.0 + 0.1 * np.cos(time))
     found = discover(lifted, "sindy", terms=["sin(3*z)"], options=UNPOLISHED)
-    assert found.map == HeightMap()
+    assert found.line == HeightLine()
 
 
 def test_terms_have_their_price() -> None:

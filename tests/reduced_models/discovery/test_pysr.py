@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
-from reduced_models.laws.height_map import HeightMap
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
@@ -20,6 +19,7 @@ from reduced_models.discovery.structure_proposals import _prune_expression
 from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
 from reduced_models.discovery.terms import physical_library_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
+from reduced_models.laws.height_line import HeightLine
 
 TIME = np.linspace(0.0, 20.0, 400)
 RECORD = PistonRecord(TIME, np.cos(TIME))
@@ -291,7 +291,7 @@ def test_a_crowded_sum_is_pruned_and_stands_beside_sparse_sums(monkeypatch: pyte
 
 
 def test_addends_that_hold_numbers_are_pruned_too() -> None:
-    weak = weak_form(estimate_motion(RECORD, HeightMap()))
+    weak = weak_form(estimate_motion(RECORD, HeightLine()))
     library = physical_library_terms(1)
     _, scorer = score_subsets(weak, library, library, all_index_subsets(2))
     z, v = (sympy.Symbol(name, real=True) for name in ("z", "v"))

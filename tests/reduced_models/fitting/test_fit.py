@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import warnings
 from pathlib import Path
@@ -14,7 +13,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from reduced_models import FitOptions, HeightMap, ReducedModel, fit, load_model
+from reduced_models import Parameter, ReducedModel, fit, load_model
 from reduced_models.fitting.options import STARTS
 from reduced_models.fitting.refinement import FINEST, SOLVER_LIMIT, _refine_grid
 from reduced_models.laws import LAWS, law_named
@@ -28,7 +27,9 @@ from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
 TRUE = {"alpha": 0.17, "omega": 1.05, "g0": -1.0}
 TIME = np.linspace(0.0, 40.0, 2000)
-CLEAN = solve_law(LAWS["van-der-pol-like"], TIME, 1.0, 0.0, tuple(TRUE.values()), 1.0).z
+CLEAN = solve_law(LAWS["van-der-pol-like"], TIME, 1.0, 0.0, (*TRUE.values(), 0.0, 1.0), 1.0).z
+LINE = {"shift": Parameter(0.0, fixed=True), "scale": Parameter(1.0, fixed=True)}
+"""The height is z."""
 
 
 def noisy(seed: int, level: float = 0.01) -> PistonRecord:
@@ -48,12 +49,12 @@ def test_a_table_is_a_record() -> None:
     record = noisy(0)
     series = pandas.Series(record.height, index=pandas.to_timedelta(TIME, unit="s"))
     array = xarray.DataArray(record.height, dims="time", coords={"time": TIME}, name="height")
-    alone: Any = fit(series, "van-der-pol-like", starts=1)
+    alone: Any = fit(series, "van-der-pol-like", parameters=LINE, starts=1)
     given: list[Any] = [record, array]
-    listed = [fit([one], "van-der-pol-like", starts=1) for one in given]
+    listed = [fit([one], "van-der-pol-like", parameters=LINE, starts=1) for one in given]
     assert [len(models) for models in listed] == [1, 1]
     same = listed[0][0].parameters
-    assert same == pytest.approx(TRUE, rel=0.02)
+    assert same == pytest.approx(TRUE | {"shift": 0.0, "scale": 1.0}, rel=0.02)
     for model in (alone, listed[1][0]):
         assert model.parameters == pytest.approx(same, rel=1e-6)
 
@@ -73,7 +74,7 @@ def test_clean_data_give_the_parameters_back() -> None:
     model = fit(PistonRecord(TIME, CLEAN), "van-der-pol-like")
     assert errors(model).max() < 1e-6
     assert model.quality.converged >= 0.9 * STARTS
-    assert not model.map.fitted
+    assert model.height_line == pytest.approx((0.0, 1.0), abs=1e-6)
     assert model.quality.test_error < 1e-6
     assert model.undetermined == ()
     swing = model.at_rest
@@ -82,7 +83,7 @@ def test_clean_data_give_the_parameters_back() -> None:
 
 
 def test_noisy_data_give_the_parameters_back() -> None:
-    models = [fit(noisy(seed), "van-der-pol-like") for seed in range(4)]
+    models = [fit(noisy(seed), "van-der-pol-like", parameters=LINE) for seed in range(4)]
     assert np.median([errors(model) for model in models], axis=0).max() < 0.01
     assert all(model.quality.converged >= 0.9 * STARTS for model in models)
 
@@ -91,9 +92,8 @@ def test_noisy_data_give_the_parameters_back() -> None:
 @pytest.mark.parametrize(("records", "least"), [(30, 0.8), (60, 0.85)])
 def test_intervals_cover_the_truth(records: int, least: float) -> None:
     """95 % intervals, over records with noise of their own: a right one fails in less than 1 of 300."""
-    given = HeightMap()
     models = [
-        fit(noisy(seed), "van-der-pol-like", starts=1, test_fraction=0.0, options=FitOptions(map=given))
+        fit(noisy(seed), "van-der-pol-like", starts=1, test_fraction=0.0, parameters=LINE)
         for seed in range(100, 100 + records)
     ]
     for name, value in TRUE.items():
@@ -101,17 +101,16 @@ def test_intervals_cover_the_truth(records: int, least: float) -> None:
         assert least <= np.mean(covered) <= 1.0
 
 
-def test_the_height_map_is_found() -> None:
-    """The same motion seen as a height in metres: the map comes out, up to what noise allows."""
+def test_the_line_to_the_height_is_found() -> None:
+    """The same motion seen as a height in metres: shift and scale come out, up to what noise allows."""
     model = fit(PistonRecord(TIME, 0.06 + 0.002 * CLEAN), "van-der-pol-like")
-    assert model.map.fitted
     assert errors(model).max() < 1e-5
-    assert model.map.shift == pytest.approx(0.06, rel=1e-6)
-    assert model.map.scale == pytest.approx(0.002, rel=1e-5)
+    assert model.parameters["shift"] == pytest.approx(0.06, rel=1e-6)
+    assert model.parameters["scale"] == pytest.approx(0.002, rel=1e-5)
     given = fit(
         PistonRecord(TIME, 0.06 + 0.002 * CLEAN),
         "van-der-pol-like",
-        options=FitOptions(map=HeightMap(0.06, 0.002)),
+        parameters={"shift": Parameter(0.06, fixed=True), "scale": Parameter("2 mm", fixed=True)},
     )
     assert errors(given).max() < 1e-6
 
@@ -129,16 +128,14 @@ def test_map_and_law_are_found_together_in_noise(
 ) -> None:
     """Records in metres at 1 % noise, also of a motion whose rest is unstable."""
     shift, scale = 0.06, 0.002
-    clean = solve_law(LAWS["van-der-pol-like"], TIME, start, 0.0, tuple(true.values()), 1.0).z
+    clean = solve_law(LAWS["van-der-pol-like"], TIME, start, 0.0, (*true.values(), 0.0, 1.0), 1.0).z
     truth = true | {"shift": shift, "scale": scale}
     covered, wrong = [], []
     for seed in range(seeds):
         noise = np.random.default_rng(seed).normal(0.0, 0.01 * clean.std(), len(clean))
         model = fit(PistonRecord(TIME, shift + scale * (clean + noise)), "van-der-pol-like", starts=starts)
-        assert model.map.fitted
         assert model.quality.converged >= 0.9 * starts
-        found = dict(model.parameters) | {"shift": model.map.shift, "scale": model.map.scale}
-        wrong.append([abs(found[name] / value - 1.0) for name, value in truth.items()])
+        wrong.append([abs(model.parameters[name] / value - 1.0) for name, value in truth.items()])
         covered += [
             model.intervals[name][0] <= value <= model.intervals[name][1] for name, value in truth.items()
         ]
@@ -388,7 +385,7 @@ def test_equations(linear_model: ReducedModel) -> None:
     assert model.equation.rhs == g0
     assert model.latex == r"\ddot{z} + 2 \lambda \dot{z} + \omega^{2} z = g_{0}"
     assert "475.2" in model.fitted_latex
-    assert law_named("van-der-pol-like").parameters == ("alpha", "omega", "g0")
+    assert law_named("van-der-pol-like").parameters == ("alpha", "omega", "g0", "shift", "scale")
 
 
 @pytest.mark.parametrize(
@@ -433,9 +430,6 @@ def test_custom_law(tmp_path: Path) -> None:
     assert back.to_plain() == model.to_plain()
     times = np.linspace(0.0, 1.0, 50)
     assert np.array_equal(back.simulate(times).height, model.simulate(times).height)
-    mapped = dataclasses.replace(back.law, mapped=True)
-    with pytest.raises(InputError, match="does not say where to start"):
-        fit(linear_record(), mapped, options=FitOptions(map="fitted"))
     plain = model.to_plain() | {"equation": "z'' = -k*z"}
     with pytest.raises(InputError, match="not those of a reduced model"):
         ReducedModel.from_plain(plain)

@@ -10,7 +10,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import FitOptions, HeightMap, Parameter, compare, fit
+from reduced_models import FitOptions, Parameter, compare, fit
 from reduced_models.fitting.parameter import as_parameters, parameter_settings
 from reduced_models.laws import FORCE_LAWS, LAWS
 
@@ -70,6 +70,3 @@ def test_options_that_are_none() -> None:
     wrong: Any = "cubic"
     with pytest.raises(InputError, match="'spline', 'linear', 'previous' or 'band-limited'"):
         FitOptions(input_interpolation=wrong)
-    with pytest.raises(InputError, match="'auto', 'fitted' or a HeightMap"):
-        FitOptions(map=wrong)
-    assert FitOptions(map=HeightMap(0.1, 0.2)).map == HeightMap(0.1, 0.2)

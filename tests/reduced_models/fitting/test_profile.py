@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import t as student
 
 from granular import PistonRecord
-from reduced_models import FitOptions, HeightMap, Parameter, ReducedModel, fit
+from reduced_models import Parameter, ReducedModel, fit
 from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
 
@@ -101,7 +101,7 @@ def test_what_the_data_leave_open_has_no_end() -> None:
     swing = 1.2e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time)
     noise = np.random.default_rng(1).normal(0.0, 1e-5, len(time))
     record = PistonRecord(time, 0.059 + swing + noise)
-    model = quiet(record, "van-der-pol-like", intervals="profile", options=FitOptions(map="fitted"))
+    model = quiet(record, "van-der-pol-like", intervals="profile")
     assert model.intervals["alpha"][0] == 0.0
     assert model.intervals["alpha"][1] == math.inf
     low, high = model.intervals["omega"]
@@ -129,18 +129,10 @@ def test_the_sum_of_squares_of_several_records_rises_to_the_quantile() -> None:
 
 @pytest.mark.long  # quick: the shared interval above, several records in `test_several`
 def test_several_records_share_an_interval(made: Any) -> None:
-    """Shared parameters have one interval; own ones have their own; maps that are given none."""
+    """Shared parameters have one interval; own ones have their own."""
     records = [made("linear", seed=seed, start=start) for seed, start in ((1, 1.0), (2, 2.0))]
-    models = quiet(
-        records,
-        "linear",
-        intervals="profile",
-        parameters={"g0": Parameter(per_record=True)},
-        options=FitOptions(map=HeightMap()),
-    )
-    linear = quiet(
-        records, "linear", parameters={"g0": Parameter(per_record=True)}, options=FitOptions(map=HeightMap())
-    )
+    models = quiet(records, "linear", intervals="profile", parameters={"g0": Parameter(per_record=True)})
+    linear = quiet(records, "linear", parameters={"g0": Parameter(per_record=True)})
     assert models[0].intervals["omega"] == models[1].intervals["omega"]
     for mine, other in zip(models, linear, strict=True):
         for name, (low, high) in other.intervals.items():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene
-from reduced_models import FitOptions, Law, fit, jax_setup, predict
+from reduced_models import Law, fit, jax_setup, predict
 from reduced_models.fitting.residual_diagnostics import (
     diagnose_residuals,
     fit_autoregression,
@@ -139,26 +139,6 @@ def test_noise_that_remembers_is_not_said_to_swing(made: Callable[..., PistonRec
     assert "swing with the motion" not in str(model)
 
 
-def test_a_hopeless_rival_is_given_up_after_two_swings(
-    made: Callable[..., PistonRecord], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The law without a map, of a record in millimetres: one horizon shows that it is far off."""
-    from reduced_models.fitting import search as module
-
-    swings: list[float] = []
-
-    def seen(*given: object) -> object:
-        swings.append(float(str(given[-1])))
-        return coarse_normal_equations(*given)
-
-    coarse_normal_equations = module.coarse_normal_equations
-    monkeypatch.setattr(module, "coarse_normal_equations", seen)
-    clean = made("van-der-pol-like", level=0.001)
-    fit(PistonRecord(clean.time, 0.06 + 0.01 * clean.height), "van-der-pol-like")
-    assert len(swings) > 1
-    assert swings[-1] == module.FIRST_SWINGS
-
-
 def quadratic(fraction: float) -> PistonRecord:
     """A linear swing with a little drag that grows with the speed squared."""
     law = Law("mixed", "z'' + 2*lam*z' + c*abs(z')*z' + omega**2*z = g0")
@@ -241,18 +221,13 @@ def test_programs_that_are_compiled_ahead_are_those_of_the_fit(
     load_or_compile = jax_setup._load_or_compile
     monkeypatch.setattr(jax_setup, "_load_or_compile", follow)
     law = law_named(name)
-    for expected in (["normal_equations"] * (1 + law.mapped) + ["solve"], []):
+    for expected in (["normal_equations", "solve"], []):
         forget_programs()
         compiled.clear()
         compile_fit_ahead(law, 4)
         assert compiled == expected
     forget_programs()
-    fit(
-        PistonRecord(TIME, np.exp(-0.05 * TIME) * np.cos(TIME)),
-        law,
-        starts=4,
-        options=FitOptions(map="fitted"),
-    )
+    fit(PistonRecord(TIME, np.exp(-0.05 * TIME) * np.cos(TIME)), law, starts=4)
     assert compiled == ["linear"]
     forget_programs()
 

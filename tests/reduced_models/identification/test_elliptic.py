@@ -11,7 +11,7 @@ import pytest
 from scipy.special import ellipj, ellipk
 
 from granular import PistonRecord
-from reduced_models import HeightMap, identify, law_named, load_model
+from reduced_models import identify, law_named, load_model
 from reduced_models.identification.elliptic_averaging import average_elliptically
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
@@ -59,8 +59,7 @@ def test_averaging_says_where_it_does_not_hold(alpha: float, held: bool) -> None
     model = dataclasses.replace(
         load_model(SAVED),
         law=law_named("van-der-pol-like"),
-        map=HeightMap(0.0, 1.0),
-        parameters={"alpha": alpha, "omega": 1.05, "g0": 1.05**2},
+        parameters={"alpha": alpha, "omega": 1.05, "g0": 1.05**2, "shift": 0.0, "scale": 1.0},
         initial=(2.6, 0.0),
     )
     time = np.linspace(0.0, 40.0, 2000)

@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
-from reduced_models import HeightMap, fit, identify, load_model
+from reduced_models import fit, identify, load_model
 from reduced_models.fitting.residual_diagnostics import count_release_transient_samples, diagnose_residuals
 from reduced_models.identification.measured_swing import measure_swing
 from reduced_models.identification.residual_tests import ResidualTests, residual_tests
@@ -174,7 +174,6 @@ def test_the_own_swing_of_a_driven_record() -> None:
     model = dataclasses.replace(
         load_model(SAVED),
         law=law_from_text("z'' + c*z' + k*z = b*push", ["push"]),
-        map=HeightMap(0.0, 1.0),
         parameters={"c": 1.6, "k": 400.0, "b": 0.5},
         initial=(0.0, 0.0),
     )

@@ -11,7 +11,7 @@ import pytest
 
 from granular import formulas
 from granular.shared.errors import InputError
-from reduced_models import HeightMap, Law, law_named, law_with_force_input
+from reduced_models import Law, law_named, law_with_force_input
 from reduced_models.jax_setup import jax
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates, parse_equation
@@ -183,12 +183,35 @@ def test_a_name_that_means_two_things_is_asked_about() -> None:
         parse_equation("z'' + k*z = 0", ("push",))
 
 
-def test_texts_of_maps_take_numbers_alone() -> None:
-    assert HeightMap(0.05, 0.006).text() == "z = (height - 0.05 m)/(0.006 m)"
-    with pytest.raises(InputError, match="digits = -1"):
-        HeightMap().text(-1)
+def test_a_name_that_is_no_text_is_refused() -> None:
     with pytest.raises(InputError, match="unknown law"):
         law_named([])  # type: ignore[arg-type]  # what is refused
+
+
+@pytest.mark.parametrize("line", ["shift + scale*z", "(z - a)/b", "2*z"])
+def test_a_law_of_another_coordinate_is_one_of_the_height(line: str) -> None:
+    """Height'' is that of z, times the height per unit of z; a hidden state's rate has z's own motion."""
+    text = "z'' = -k*z**3 - c*z'*z - w; w' = z' - r*w"
+    law, plain = Law("line", f"{text}; height = {line}"), Law("plain", text)
+    values = {"k": 2.0, "c": 0.3, "r": 0.7, "shift": 0.4, "scale": -1.7, "a": 0.2, "b": 0.6}
+    shift, scale = law.height_line({name: values[name] for name in law.parameters})
+    z, v, w = 0.9, -0.4, 0.2
+    rates = compile_rates(plain.equation, (), "numpy")(z, v, w, *(values[name] for name in plain.parameters))
+    found = compile_rates(law.equation, (), "numpy")(
+        shift + scale * z, scale * v, w, *(values[name] for name in law.parameters)
+    )
+    assert found == pytest.approx((scale * rates[0], rates[1]), rel=1e-12)
+    assert law.observes_height
+    assert law.observations == ()
+    assert law.sympy_hidden() == plain.sympy_hidden()
+
+
+@pytest.mark.parametrize("line", ["z**2", "z + w", "shift + scale*z'"])
+def test_a_height_that_is_no_line_is_only_observed(line: str) -> None:
+    law = Law("observed", f"z'' = -k*z - w; w' = z' - w; height = {line}")
+    assert not law.observes_height
+    assert law.observations == ("height",)
+    assert law.height_line({}) == (0.0, 1.0)
 
 
 def test_a_text_holds_equations_of_states_and_observations() -> None:

@@ -12,7 +12,7 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import FitOptions, ReducedModel, fit, load_model
-from reduced_models.laws import LAWS, law_named
+from reduced_models.laws import LAWS
 from reduced_models.laws.equation import compile_jacobian, parse_equation
 from reduced_models.laws.law import law_from_text
 from reduced_models.laws.linearization import harmonic_cycles, law_rates
@@ -208,32 +208,34 @@ def test_slopes_where_sympy_sees_complex_numbers(text: str, wanted: tuple[float,
     assert found == pytest.approx(wanted, nan_ok=True)
 
 
-def test_the_swing_form_is_the_same_law() -> None:
-    """There and back, also for a motion whose rest is unstable and for the mirrored map."""
-    form = law_named("van-der-pol-like").swing_form
-    alpha, omega, g0 = 0.17, np.array([1.05, 1.2, 0.9]), np.array([-1.0, 1.1, 0.4])
+GUESSES = FirstGuesses(0.0, 1.0, 1.0, 0.1, 1.0, 0.0, 10)
+"""A motion about 0 of amplitude 1."""
+
+
+def test_a_quadratic_damping_is_that_of_the_law() -> None:
+    """There and back, also of a motion whose equilibrium is unstable and of the mirrored line."""
+    alpha, omega, g0 = 0.17, np.array([1.05, 1.2, 0.9]), 0.4
     shift, scale = np.array([0.4, -0.7, 1.3]), np.array([0.6, 0.9, 1.7])
-    p, q, k = -shift / scale, 1.0 / scale, omega**2
-    swing = {
-        "c0": 2.0 * alpha * ((p - 1.0) ** 2 - 1.0),
-        "c1": 4.0 * alpha * q * (p - 1.0),
-        "c2": 2.0 * alpha * q**2,
-        "k": k,
-        "f": (g0 - k * p) / q,
-    }
-    assert min(swing["c0"]) < 0.0 < max(swing["c0"])
-    found = form.mapped(swing)
-    expected = {"alpha": alpha, "omega": omega, "g0": g0, "shift": shift, "scale": scale}
-    for name, value in expected.items():
-        np.testing.assert_allclose(found[name], value * np.ones(3), rtol=1e-12)
+    p, q = -shift / scale, 1.0 / scale
+    damping = 2.0 * alpha * np.stack([(p - 1.0) ** 2 - 1.0, 2.0 * q * (p - 1.0), q**2])
+    assert min(damping[0]) < 0.0 < max(damping[0])
+    for k in range(3):
+        force = float((g0 - omega[k] ** 2 * p[k]) / q[k])
+        found = law_with_quadratic_damping(GUESSES, damping[:, [k]], omega[[k]] ** 2, force)
+        expected = {"alpha": alpha, "omega": omega[k], "g0": g0, "shift": shift[k], "scale": scale[k]}
+        for name, value in expected.items():
+            assert found[name] == pytest.approx([value], rel=1e-12)
+        known = dataclasses.replace(GUESSES, given={"shift": shift[k], "scale": scale[k]})
+        again = law_with_quadratic_damping(known, damping[:, [k]], omega[[k]] ** 2, force)
+        for name, value in expected.items():
+            assert again[name] == pytest.approx([value], rel=1e-12)
 
 
 def test_a_damping_that_the_law_cannot_have_keeps_its_value_at_rest() -> None:
     """Parabolas that open downwards, or are positive at their vertex, or are straight lines."""
-    form = law_named("van-der-pol-like").swing_form
     c0 = np.array([0.8, 0.8, 0.8, -0.3])
     c1, c2 = np.array([0.3, 0.2, 0.0, 0.5]), np.array([-0.4, 0.9, 0.0, 0.0])
-    found = form.mapped({"c0": c0, "c1": c1, "c2": c2, "k": np.ones(4), "f": np.zeros(4)})
+    found = law_with_quadratic_damping(GUESSES, np.stack([c0, c1, c2]), np.ones(4), 0.0)
     assert all(np.isfinite(values).all() for values in found.values())
     assert (found["alpha"] > 0.0).all()
     assert (found["scale"] > 0.0).all()

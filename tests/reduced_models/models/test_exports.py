@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reduced_models.laws.height_map import HeightMap
 
 from granular.shared.errors import InputError
 from reduced_models import ReducedModel, load_model
@@ -32,27 +31,17 @@ from reduced_models.models.source_code import (
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 TIMES = np.linspace(0.0, 2.0, 101)
 LAWS = {
-    "linear": ({"lam": 0.8, "omega": 21.0, "g0": 26.0}, (0.062, 0.0), HeightMap()),
-    "power-law-spring": (
-        {"lam": 0.8, "weight": 11.0, "rest": 0.059, "power": 2.54},
-        (0.061, 0.01),
-        HeightMap(),
-    ),
+    "linear": ({"lam": 0.8, "omega": 21.0, "g0": 26.0}, (0.062, 0.0)),
+    "power-law-spring": ({"lam": 0.8, "weight": 11.0, "rest": 0.059, "power": 2.54}, (0.061, 0.01)),
     "van-der-pol-like": (
-        {"alpha": 4.0, "omega": 21.0, "g0": -20.0},
+        {"alpha": 4.0, "omega": 21.0, "g0": -20.0, "shift": 0.06, "scale": 0.02},
         (0.061, 0.0),
-        HeightMap(0.06, 0.02, True),
     ),
-    "quadratic-drag": ({"c": 90.0, "omega": 21.0, "g0": 26.0}, (0.062, -0.02), HeightMap()),
-    "bouc-wen": (
-        {"omega": 21.0, "friction": 0.1, "rho": 2000.0, "sigma": 0.8, "g0": 26.0},
-        (0.061, 0.0),
-        HeightMap(),
-    ),
+    "quadratic-drag": ({"c": 90.0, "omega": 21.0, "g0": 26.0}, (0.062, -0.02)),
+    "bouc-wen": ({"omega": 21.0, "friction": 0.1, "rho": 2000.0, "sigma": 0.8, "g0": 26.0}, (0.061, 0.0)),
     "rubbing-bed": (
         {"lam": 0.8, "omega": 21.8, "rest": 0.0591, "bend": -30.0, "travel": 2.6e-3},
         (0.0651, 0.0),
-        HeightMap(),
     ),
 }
 HELD = [
@@ -66,15 +55,14 @@ def model_of(name: str) -> ReducedModel:
     """A law with numbers, as a model."""
     if name == "derived":
         law, parameters, _ = polynomial_law(HELD, 8, None)
-        initial, height_map = (0.0615, 0.0), HeightMap()
+        initial = (0.0615, 0.0)
     else:
-        law, (parameters, initial, height_map) = law_named(name), LAWS[name]
+        law, (parameters, initial) = law_named(name), LAWS[name]
     return dataclasses.replace(
         load_model(SAVED),
         law=law,
         parameters=parameters,
         initial=initial,
-        map=height_map,
         at_rest=None,
         hidden={},
         provenance={},

@@ -12,9 +12,10 @@ import pytest
 import sympy
 
 from granular import PistonRecord
-from reduced_models import HeightMap, ReducedModel, fit
+from reduced_models import ReducedModel, fit
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates
+from reduced_models.laws.height_line import HeightLine
 from reduced_models.laws.linearization import (
     NoSwing,
     Rates,
@@ -102,13 +103,10 @@ def test_letters_of_a_product_stay_together_on_pages() -> None:
 
 
 def test_a_law_with_a_map_as_it_is_printed(record: PistonRecord) -> None:
-    """The map of the height is printed next to the equation, with as many digits."""
+    """The height as a line in z is printed next to the equation, with as many digits."""
     model = fit(record, "van-der-pol-like")
-    digits = max(5, model.printed_digits)
-    match = re.fullmatch(rf"z = \(height ([-+]) {NUMBER} m\)/\({NUMBER} m\)", model.map.text(digits))
-    assert match is not None
-    shift = float(match[2]) * (1.0 if match[1] == "-" else -1.0)
-    scale = float(match[3])
+    line = sympy.Poly(model.printed_height.rhs, sympy.Symbol("z"))
+    scale, shift = map(float, line.all_coeffs())
     pattern = (
         rf"\\ddot{{z}} \+ {NUMBER} \\dot{{z}} \\left\(z\^\{{2\}} - 2 z\\right\)"
         rf" \+ {NUMBER} z = {NUMBER}"
@@ -137,13 +135,11 @@ def test_every_law_as_it_is_printed(name: str, level: float, made: Any) -> None:
     rest = model.at_rest
     assert rest is not None
     digits = max(5, model.printed_digits)
-    printed = HeightMap(
-        round_significant(model.map.shift, digits), round_significant(model.map.scale, digits)
-    )
-    swing = small_swing_of_equation(model.printed_equation, printed.to_law(rest.height))
+    printed = HeightLine(*(round_significant(value, digits) for value in model.height_line))
+    swing = small_swing_of_equation(model.printed_equation, printed.coordinate(rest.height))
     assert swing is not None
     figures = {
-        "height": printed.to_height(swing.z),
+        "height": printed.height(swing.z),
         "period": swing.period,
         "damping_ratio": damping_ratio(rest, equation_rates(model.printed_equation), swing),
     }
@@ -175,11 +171,11 @@ def assert_memory_as_printed(model: ReducedModel) -> None:
     values = {key: float(match[1]) for key, match in found.items() if match is not None}
     rest = model.at_rest
     assert rest is not None
-    swing = small_swing(law, [values[key] for key in law.parameters], model.map.to_law(rest.height))
+    swing = small_swing(law, [values[key] for key in law.parameters], rest.height)
     assert not isinstance(swing, NoSwing)
     rates = law_rates(law, [values[key] for key in law.parameters])
     figures = {
-        "height": model.map.to_height(swing.z),
+        "height": swing.z,
         "period": swing.period,
         "damping_ratio": damping_ratio(rest, rates, swing, len(law.hidden)),
     }
