@@ -165,6 +165,28 @@ def test_a_refusal_names_the_entry(path: tuple[str, ...], value: Any, words: str
     assert str(caught.value).startswith(str(file))
 
 
+@pytest.mark.parametrize("fitted", [True, False])
+def test_a_map_beside_the_law_becomes_part_of_it(fitted: bool) -> None:
+    """Of files of an earlier version; the motion stays as it was, and a note says what changed."""
+    law = "z'' + 2*lam*z' + omega**2*z = 0"
+    plain = json.loads(SAVED.read_text()) | {"law": "own", "equation": law, "mapped": True}
+    plain |= {"parameters": {"lam": 0.8, "omega": 21.0}, "positive": ["lam", "omega"], "inputs": []}
+    plain |= {"map": {"shift": 0.06, "scale": 0.002, "fitted": fitted}, "initial": [0.062, 0.0]}
+    plain["intervals"] = {"lam": [0.7, 0.9], "omega": [20.0, 22.0]}
+    if fitted:
+        plain["intervals"] |= {"shift": [0.05, 0.07], "scale": [0.001, 0.003]}
+    model = ReducedModel.from_plain(plain)
+    assert model.law.equation == f"{law}; height = shift + scale*z"
+    assert model.height_line == (0.06, 0.002)
+    assert model.intervals["shift"] == ((0.05, 0.07) if fitted else (0.06, 0.06))
+    assert "now part of the law" in model.notes[-1]
+    time = np.linspace(0.0, 1.0, 50)
+    fast = np.sqrt(21.0**2 - 0.8**2)
+    swing = np.exp(-0.8 * time) * (np.cos(fast * time) + 0.8 / fast * np.sin(fast * time))
+    np.testing.assert_allclose(model.simulate(time).height, 0.06 + 0.002 * swing, atol=1e-10)
+    assert ReducedModel.from_plain(model.to_plain()).to_plain() == model.to_plain()
+
+
 def test_python_of_a_model_holds_no_code_of_its_names(tmp_path: Path) -> None:
     """The name, source and data of a law stand in a docstring, and nothing ends it early."""
     seen = tmp_path / "seen"
