@@ -193,7 +193,7 @@ def _planned_source(source: Any, options: Any) -> Any:
     ),
     option(
         "--start",
-        dest="begun",
+        dest="start_values",
         action="append",
         default=[],
         metavar="NAME=VALUE",
@@ -251,7 +251,7 @@ def fit(options: Any) -> None:
     models = fit_law(
         load_records(options.sources, options),
         options.law,
-        parameters=parse_parameters(**pick_options(options, "bounds", "own", "fixed", "begun")),
+        parameters=parse_parameters(**pick_options(options, "bounds", "own", "fixed", "start_values")),
         options=FitOptions(
             drift=options.drift, measured=None if options.measured is None else parse_sensor(options.measured)
         ),
@@ -265,7 +265,7 @@ def fit(options: Any) -> None:
 
 
 def parse_parameters(
-    bounds: Sequence[str], own: Sequence[str], fixed: Sequence[str] = (), begun: Sequence[str] = ()
+    bounds: Sequence[str], own: Sequence[str], fixed: Sequence[str] = (), start_values: Sequence[str] = ()
 ) -> dict[str, Parameter]:
     """Read limits ``NAME=LOW:HIGH``, names that each record has for itself, and values ``NAME=VALUE``."""
     from reduced_models.fitting.parameter import Parameter
@@ -284,7 +284,7 @@ def parse_parameters(
         add(name, low=low.strip() or None, high=high.strip() or None)
     for name in own:
         add(name, per_record=True)
-    for word, items in (("--start", begun), ("--fix", fixed)):
+    for word, items in (("--start", start_values), ("--fix", fixed)):
         for item in items:
             name, _, value = item.partition("=")
             if not value.strip():

@@ -324,8 +324,8 @@ def _with_map_in_law(data: Mapping[str, Any]) -> dict[str, Any]:
     text = "height = shift + scale*z"
     given = {name: (value, value) for name, value in values.items()}
     for key, more in (("parameters", values), ("intervals", given), ("units", dict.fromkeys(values, "m"))):
-        kept = _table_checker(lambda _, value: value)(f"model.{key}", result.get(key))
-        result[key] = {**more, **kept} if key == "intervals" else {**kept, **more}
+        present = _table_checker(lambda _, value: value)(f"model.{key}", result.get(key))
+        result[key] = {**more, **present} if key == "intervals" else {**present, **more}
     result["equation"] = f"{result.get('equation')}; {text}"
     result["positive"] = [*(result.get("positive") or ()), *(["scale"] if values["scale"] > 0.0 else [])]
     result["notes"] = [*(result.get("notes") or ()), _MAP_IN_LAW.format(text)]
