@@ -32,6 +32,7 @@ from granular.run.work_precision import FLOORS, SceneWorkPrecision, starts_for_t
 from granular.run.work_precision import load_work_precision_scenes as prices
 from granular.schema.natural_units import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
+from granular.studies.silo import silo
 from reduced_models import fit, predict, whole_fall
 from reduced_models.falls.predicted_law import lattice_at_rest
 from reduced_models.machines import design_for, predicted_response
@@ -457,6 +458,23 @@ def write_whole_falls() -> None:
                 f"| {one:.2f} J | {whole:.2f} J |"
             )
     write_block("whole-fall", "\n".join([*rows, ""]), DOCS / "guide" / "design.md")
+
+
+def draw_silo() -> None:
+    """Flow rates of the packaged silo over its opening with the fitted law, and a picture of the flow."""
+    scene = load_scene("silo")
+    result = silo(scene, [k * DIAMETER for k in (2, 3, 4, 6, 8, 10, 12)])
+    with figure(width=5.5) as (drawing, axes):
+        result.plot(axes)
+        keep(drawing, "silo-law")
+    keep(still(simulated(scene, dt="auto*4", t_end=0.6), -1, colour="speed"), "silo")
+    head = ["opening", "flow rate [grains/s]", "sd over three starts", "fitted law", "clogged"]
+    rows = [head, ["---"] * len(head), *result.rows()]
+    factor, margin = result.law
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    unit = math.sqrt(GRAVITY / DIAMETER)
+    law = f"Fitted: Q = {factor:.3g} √(g/D) (b/D - {margin:.3g})^(3/2), with √(g/D) = {unit:.3g} /s."
+    write_block("silo", f"{table}\n\n{law}", DOCS / "guide" / "silo.md")
 
 
 def draw_first_bed() -> None:
@@ -939,6 +957,7 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "fall": draw_fall,
     "theory": draw_theory,
     "first-bed": draw_first_bed,
+    "silo": draw_silo,
     "effects": draw_effects,
     "eddy": draw_eddy,
     "methods": draw_methods,

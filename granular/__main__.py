@@ -12,6 +12,7 @@ from granular.commands.render import render
 from granular.commands.response import response
 from granular.commands.run import run, sweep
 from granular.commands.scenes import scenes, schema, show
+from granular.commands.silo import silo
 from granular.commands.tolerances import tolerances
 
 PROGRAM = Program(
@@ -23,7 +24,7 @@ a first run, looked at:
   %(prog)s show bed
   %(prog)s run bed --t-end 0.5 -o runs/bed
   %(prog)s render runs/bed -o speed.png --colour speed""",
-    (scenes, show, schema, run, observe, defects, export, render, sweep, modes, tolerances, response),
+    (scenes, show, schema, run, observe, defects, export, render, sweep, modes, tolerances, response, silo),
 )
 parser, main = PROGRAM.parser, PROGRAM.main
 

@@ -27,6 +27,9 @@ INK, WALL = "#22292f", "#8a949c"
 DPI = 120
 """Pixels an inch of movies."""
 
+FALL = 5.0
+"""Room below an opening, where grains fall out [D]."""
+
 WIDEST, TALLEST = 5.6, 6.6
 """Greatest width and height of the bed in a picture [inch]."""
 
@@ -49,8 +52,9 @@ def new_figure_to_scale(
     """Make axes to scale that hold the bed [mm], and axes next to them; top [m], below, widest [inch]."""
     from matplotlib.figure import Figure
 
-    edge = 1.5 * wall_thickness_mm(scene)
-    width, height = 1e3 * scene.cell.width + 2.0 * edge, 1e3 * top + 2.0 * edge
+    edge, walls = 1.5 * wall_thickness_mm(scene), scene.effects.walls
+    fall = 0.0 if walls is None or not walls.has_gap else FALL * 1e3 * scene.grains.species[0].diameter
+    width, height = 1e3 * scene.cell.width + 2.0 * edge, 1e3 * top + fall + 2.0 * edge
     inch = min(widest / width, TALLEST / height)
     size = [
         # Even numbers of pixels, as H.264 wants them.
@@ -62,7 +66,7 @@ def new_figure_to_scale(
     bed = (LEFT / size[0], low, width * inch / size[0], height * inch / size[1])
     axes = figure.add_axes(bed)
     axes.set_xlim(-edge, width - edge)
-    axes.set_ylim(-edge, height - edge)
+    axes.set_ylim(-edge - fall, height - edge - fall)
     axes.set_aspect("equal", anchor="SW")
     axes.set(xlabel="x [mm]", ylabel="y [mm]")
     axes.spines[["top", "right", "left", "bottom"]].set_visible(False)

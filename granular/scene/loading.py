@@ -26,7 +26,7 @@ def scene_names() -> tuple[str, ...]:
     --------
     >>> from granular import scene_names
     >>> scene_names()
-    ('bed', 'damper', 'damper-source', 'machine', 'magnets', 'single-particle', 'workshop')
+    ('bed', 'damper', 'damper-source', 'machine', 'magnets', 'silo', 'single-particle', 'workshop')
     """
     return tuple(sorted(path.stem for path in SCENES.glob("*.toml")))
 

@@ -1,0 +1,260 @@
+"""Flow of magnets out of a silo through openings of several widths.
+
+The bed settles over the closed opening, once for each random start. Then the opening is there, and grains
+fall out. The flow rate is that of the middle of the discharge: from the time at which a tenth of the grains
+has left to that at which a half has, or to the last one of the run. If no grain leaves for `STILL` seconds
+before, the opening is clogged.
+
+The fitted law is Beverloo's in two dimensions, Q = C sqrt(g/D) (b/D - k)^(3/2): grains fall freely from an
+arch over the opening b, of which a margin k D is not used (Beverloo, Leniger and van de Velde 1961,
+doi:10.1016/0009-2509(61)85030-6). Repelling magnets flow by about that power of the width, and clog
+without contact (Lumay et al. 2015, doi:10.4279/pip.070013).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from granular.linear.equilibrium import settled_state
+from granular.run.simulation import simulate
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+from granular.shared.text_tables import align_columns
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+    from matplotlib.axes import Axes
+
+    from granular.run.trajectory import Trajectory
+
+FIRST, LAST = 0.1, 0.5
+"""Fractions of the grains that have left between which the flow rate is taken."""
+
+STILL = 1.0
+"""Time without a grain that leaves after which an opening counts as clogged [s]."""
+
+
+STEP = "auto*4"
+"""Step of the discharge: the energy ledger closes to 1e-5 of the energy turned over."""
+
+SETTLING = [{"kind": "hold", "name": "settle", "until": "rest", "duration": "60 s", "tolerance": "1e-2 D"}]
+"""Protocol in which the bed comes to rest over the closed opening."""
+
+
+class SiloFlow(NamedTuple):
+    """Flow rates of a silo.
+
+    Attributes
+    ----------
+    diameter : float
+        Diameter D of the first species [m].
+    gravity : float
+        [m/s^2]
+    openings : float64 (b,)
+        Widths of the opening [m].
+    rates : float64 (b, s)
+        Flow rate through each opening from each start [grains/s]; NaN if too few grains left.
+    clogged : bool (b, s)
+        Whether the opening was clogged before half of the grains had left.
+    left : int64 (b, s)
+        Number of grains that left.
+    """
+
+    diameter: float
+    gravity: float
+    openings: Float[np.ndarray, "b"]
+    rates: Float[np.ndarray, "b s"]
+    clogged: np.ndarray
+    left: np.ndarray
+
+    @property
+    def law(self) -> tuple[float, float]:
+        """Factor C and margin k of the fitted law, by least squares over all flows that did not clog."""
+        # Linear in sqrt(g/D) C: (Q / sqrt(g/D))^(2/3) = C^(2/3) (b/D - k).
+        flows = ~self.clogged & np.isfinite(self.rates)
+        if len(set(np.nonzero(flows)[0])) < 2:
+            raise InputError("fewer than two openings flow to the end; give wider ones")
+        widths = np.broadcast_to(self.openings[:, None] / self.diameter, self.rates.shape)[flows]
+        roots = (self.rates[flows] / np.sqrt(self.gravity / self.diameter)) ** (2.0 / 3.0)
+        slope, intercept = np.polyfit(widths, roots, 1)
+        return float(slope**1.5), float(-intercept / slope)
+
+    def predict(self, openings: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        """Flow rates of the fitted law.
+
+        Parameters
+        ----------
+        openings : float (n,)
+            Widths of the opening [m].
+
+        Returns
+        -------
+        float64 (n,)
+            Flow rates [grains/s].
+        """
+        factor, margin = self.law
+        free = np.maximum(openings / self.diameter - margin, 0.0)
+        return np.asarray(factor * np.sqrt(self.gravity / self.diameter) * free**1.5)
+
+    def rows(self) -> list[list[str]]:
+        """Return opening, mean rate, its scatter over the starts, the law's rate and clogs, in texts.
+
+        Returns
+        -------
+        list of lists of str
+            One list for each opening.
+        """
+        rows = []
+        for index, opening in enumerate(self.openings):
+            rates = self.rates[index][np.isfinite(self.rates[index])]
+            mean = f"{rates.mean():.1f}" if len(rates) else "-"
+            scatter = f"{rates.std(ddof=1):.1f}" if len(rates) > 1 else "-"
+            law = f"{self.predict(np.array([opening]))[0]:.1f}"
+            clogs = f"{self.clogged[index].sum()} of {len(self.clogged[index])}"
+            rows.append([f"{opening / self.diameter:g} D", mean, scatter, law, clogs])
+        return rows
+
+    def __str__(self) -> str:
+        factor, margin = self.law
+        head = ["opening", "grains/s", "sd", "law", "clogged"]
+        return f"{align_columns([head, *self.rows()])}\nQ = {factor:.3f} sqrt(g/D) (b/D - {margin:.2f})^(3/2)"
+
+    def to_plain(self) -> dict[str, Any]:
+        """Figures as plain data, in SI.
+
+        Returns
+        -------
+        dict
+            Fields by their names, with ``factor`` and ``margin`` of the law.
+        """
+        factor, margin = self.law
+        arrays = {name: value.tolist() for name, value in self._asdict().items() if hasattr(value, "tolist")}
+        return arrays | {"factor": factor, "margin": margin}
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the flow rates over the openings, and the law; clogged flows as crosses.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes to draw on; new ones if not given.
+
+        Returns
+        -------
+        Axes
+            Axes that hold the drawing.
+        """
+        from granular.shared.plotting import COLOURS, axes_or_new
+
+        ax = axes_or_new(ax)
+        widths = self.openings / self.diameter
+        for mask, mark, words in ((~self.clogged, "o", "flows to the end"), (self.clogged, "x", "clogs")):
+            index = np.nonzero(mask & np.isfinite(self.rates))
+            ax.plot(widths[index[0]], self.rates[index], mark, color=COLOURS[0], label=words)
+        across = np.linspace(0.0, 1.05 * float(widths.max()), 200)
+        ax.plot(across, self.predict(across * self.diameter), color=COLOURS[1], label="fitted law")
+        ax.set(xlabel="opening [D]", ylabel="flow rate [grains/s]")
+        ax.legend()
+        return ax
+
+
+def with_opening(scene: Scene, width: float) -> Scene:
+    """Return a silo with another opening between the lowest ends of its sides; width [m].
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene whose cell has two free ends at the height 0.
+    width : float
+        Distance of these ends [m]; 0 closes the silo.
+
+    Returns
+    -------
+    Scene
+        Silo with both ends moved evenly.
+
+    Raises
+    ------
+    InputError
+        If the scene has no such opening.
+    """
+    ends = [tuple(end) for line in scene.cell.lines for end in line.ends(0.0, 0.0) if scene.cell.is_polygon]
+    free = sorted(end for end in ends if ends.count(end) == 1 and end[1] == 0.0)
+    if len(free) != 2:
+        raise InputError(f"scene {scene.name!r} is no silo: give cell.sides with one opening at the height 0")
+    middle = 0.5 * (free[0][0] + free[1][0])
+    moved = {end: (middle + sign * 0.5 * width, 0.0) for end, sign in zip(free, (-1.0, 1.0), strict=True)}
+    sides = scene.to_plain()["cell"]["sides"]
+    for side in sides:
+        side["ends"] = [moved.get(tuple(end), tuple(end)) for end in side["ends"]]
+    return scene.replace(**{"cell.sides": sides})
+
+
+def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: bool = False) -> SiloFlow:
+    """Measure the flow of magnets out of a silo through several openings, from several random starts.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with one opening at the bottom; the packaged ``silo`` is one.
+    openings : sequence of float
+        Widths of the opening [m].
+    starts : int
+        Number of settled beds: seeds of the arrangement from 1 on.
+    progress : bool
+        Whether to show the runs' progress.
+
+    Returns
+    -------
+    SiloFlow
+        Rates, clogs and the fitted law.
+
+    Raises
+    ------
+    InputError
+        If the scene is no silo, or a width is negative.
+
+    References
+    ----------
+    Lumay et al., Papers in Physics 7 (2015) 070013, doi:10.4279/pip.070013.
+
+    Examples
+    --------
+    >>> from granular import load_scene
+    >>> from granular.studies.silo import with_opening
+    >>> with_opening(load_scene("silo"), 0.06).cell.lines[1].ends(0.0, 0.0)[1]
+    (0.09, 0.0)
+    """
+    gravity = scene.effects.gravity
+    if gravity is None or min(openings, default=0.0) <= 0.0 or starts < 1:
+        raise InputError("a silo needs effects.gravity, openings above 0 m and at least one start")
+    flows = [
+        [_measured_flow(run) for run in _discharges(scene, openings, seed, progress)]
+        for seed in range(1, starts + 1)
+    ]
+    rates, clogged, left = (np.array([[flow[k] for flow in row] for row in flows]).T for k in range(3))
+    diameter = scene.grains.species[0].diameter
+    return SiloFlow(diameter, gravity.acceleration, np.array(openings), rates, clogged, left)
+
+
+def _discharges(scene: Scene, openings: Sequence[float], seed: int, progress: bool) -> list[Trajectory]:
+    """Run the flows out of one settled bed."""
+    closed = with_opening(scene.replace(**{"arrangement.seed": seed, "protocol": SETTLING}), 0.0)
+    positions = settled_state(closed)[1]
+    resting = scene.replace(arrangement={"positions": positions.tolist()})
+    flows = [with_opening(resting, width) for width in openings]
+    return [simulate(flow, dt=STEP, progress=progress) for flow in flows]
+
+
+def _measured_flow(run: Trajectory) -> tuple[float, bool, int]:
+    """Flow rate [1/s], whether the opening clogged, and number of grains that left."""
+    times, count = run.dataset["departure_time"].values, run.scene.grains.count
+    first, last = round(FIRST * count), round(LAST * count)
+    end = float(run.dataset["time"].values[-1])
+    clogged = len(times) < last and end - float(times[-1] if len(times) else 0.0) > STILL
+    last = min(last, len(times) - 1)
+    rate = (last - first) / (times[last] - times[first]) if last > first + 5 else np.nan
+    return float(rate), clogged, len(times)

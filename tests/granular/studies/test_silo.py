@@ -1,0 +1,67 @@
+"""Flow out of a silo: its fitted law, its opening, and the rates of a small one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granular import Scene, load_scene
+from granular.shared.errors import InputError
+from granular.studies.silo import SiloFlow, silo, with_opening
+
+D, G = 6e-3, 9.8
+
+
+def made_flow(factor: float, margin: float, clogged: int = 0) -> SiloFlow:
+    """Rates of an exact law through six openings, of which the narrowest do not flow to the end."""
+    widths = np.arange(3.0, 15.0, 2.0)
+    rates = factor * np.sqrt(G / D) * np.outer((widths - margin) ** 1.5, np.ones(2))
+    stuck = np.arange(6)[:, None] < clogged + np.zeros(2, dtype=int)
+    return SiloFlow(D, G, widths * D, np.where(stuck, 1.0, rates), stuck, np.full((6, 2), 200))
+
+
+@pytest.mark.parametrize("clogged", [0, 2])
+def test_fit_finds_the_law_that_rates_follow(clogged: int) -> None:
+    flow = made_flow(0.2, 1.5, clogged)
+    np.testing.assert_allclose(flow.law, [0.2, 1.5], rtol=1e-9)
+    np.testing.assert_allclose(flow.predict(flow.openings[-1:]), flow.rates[-1, 0], rtol=1e-9)
+
+
+def test_law_needs_two_openings_that_flow() -> None:
+    with pytest.raises(InputError, match="give wider ones"):
+        made_flow(0.2, 1.5, 5).law  # noqa: B018 (it raises)
+
+
+def small_silo() -> Scene:
+    """40 grains in a silo of 20 D, on inclined floors."""
+    slopes = [[[0.0, 40.0 * D], [0.0, 6.0 * D]], [[0.0, 6.0 * D], [7.0 * D, 0.0]]]
+    slopes += [[[13.0 * D, 0.0], [20.0 * D, 6.0 * D]], [[20.0 * D, 6.0 * D], [20.0 * D, 40.0 * D]]]
+    names = ("left", "left-floor", "right-floor", "right")
+    sides = [{"name": name, "ends": ends} for name, ends in zip(names, slopes, strict=True)]
+    return load_scene("silo").replace(
+        **{
+            "cell.sides": sides,
+            "grains.count": 40,
+            "arrangement.height": "30 D",
+            "effects.drag.coefficient": 0.05,
+        }
+    )
+
+
+def test_opening_has_the_width_that_is_asked_for_and_closes() -> None:
+    scene = small_silo()
+    ends = [line.ends(0.0, 0.0) for line in with_opening(scene, 3.0 * D).cell.lines]
+    assert ends[2][0][0] - ends[1][1][0] == pytest.approx(3.0 * D)
+    assert ends[2][0][0] + ends[1][1][0] == pytest.approx(20.0 * D)
+    assert scene.effects.walls.has_gap  # type: ignore[union-attr]
+    assert not with_opening(scene, 0.0).effects.walls.has_gap  # type: ignore[union-attr]
+    with pytest.raises(InputError, match="is no silo"):
+        with_opening(load_scene("bed"), D)
+
+
+def test_wider_opening_lets_more_grains_out() -> None:
+    flow = silo(small_silo(), [8.0 * D, 14.0 * D], 1)
+    assert not flow.clogged.any()
+    assert 0.0 < 1.2 * flow.rates[0, 0] < flow.rates[1, 0]
+    assert (flow.left > 20).all()
+    assert "grains/s" in str(flow)
