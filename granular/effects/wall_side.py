@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import call_hook
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import HEIGHT, SPEED, Bed
@@ -189,11 +189,27 @@ class Side(NamedTuple):
 def view_of_side(side: Side, bed: Bed) -> WallView:
     """Return the grains of a bed as a side sees them now."""
     state = bed.state
-    offset, begin = side.offset, side.begin
-    if side.body != CELL:
-        offset += side.ny * state.bodies[side.body, HEIGHT]
-        begin += side.ty * state.bodies[side.body, HEIGHT]
-    return WallView(state.x, state.y, state.fx, state.fy, side.nx, side.ny, offset, side.tx, side.ty, begin)
+    height = state.bodies[side.body, HEIGHT] if side.body != CELL else 0.0
+    return _view(side, state.x, state.y, state.fx, state.fy, height)
+
+
+@compiled(inline=True)
+def _view(side: Side, x: Array, y: Array, fx: Array, fy: Array, height: float) -> WallView:
+    offset, begin = side.offset + side.ny * height, side.begin + side.ty * height
+    return WallView(x, y, fx, fy, side.nx, side.ny, offset, side.tx, side.ty, begin)
+
+
+@entry
+def evaluate_wall_forces(
+    side: Side,
+    x: Float[Array, "n"],
+    y: Float[Array, "n"],
+    height: float,
+    moments: Float[Array, "n"],
+    forces: Float[Array, "3 n"],
+) -> int:
+    """Add a wall's forces on grains: along x, along y, and away from it [F*]; x, y, body's height [D]."""
+    return _forces(side.law, x.size, moments, _view(side, x, y, forces[0], forces[1], height), forces[2])
 
 
 @compiled

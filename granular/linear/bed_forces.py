@@ -167,14 +167,10 @@ class BedForces:
         """Smallest overlap or gap of two grains [m]."""
         from scipy.spatial import cKDTree
 
-        grains, periods = self.scene.grains, self.scene.cell.periods
-        radius = 0.5 * grains.diameters()
-        points = self.positions(q)
-        tree = cKDTree(points if periods is None else points % periods, boxsize=periods)
+        cell, radius, points = self.scene.cell, 0.5 * self.scene.grains.diameters(), self.positions(q)
+        tree = cKDTree(cell.wrap_positions(points), boxsize=cell.periods)
         i, j = tree.query_pairs(2.1 * float(radius.max()), output_type="ndarray").T
-        apart = points[i] - points[j]
-        if periods is not None:
-            apart -= periods * np.round(apart / periods)
+        apart = cell.nearest_image_displacements(points[i] - points[j])
         gaps = np.abs(np.hypot(*apart.T) - radius[i] - radius[j])
         return float(gaps.min(initial=np.inf))
 

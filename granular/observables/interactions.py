@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.effects.dipole import discs_unless_dipoles
+from granular.effects.wall_side import evaluate_wall_forces
 from granular.observables.frame import check_vectors, is_present
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
+from granular.schema.cell import CELL
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -57,13 +59,13 @@ def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> It
     """Yield branches (k, m, 2) [m] and forces [N] of all m grains on k at a time; positions [m]."""
     positions, here, system = _positions_and_natural_system(scene, positions)
     scales = system.scales
-    points = positions[here] / scales.length
+    points = positions[here]
     moments = relative_magnetic_moments(scene)[here]
     contact = _law_in_natural_units(system, "contact")
     discs, species = discs_unless_dipoles(scene.grains, scales.length), scene.grains.species_indices()[here]
     for start in range(0, len(here), BLOCK):
         some = np.arange(start, min(start + BLOCK, len(here)))
-        branch = _nearest_image_branches(points[some, None] - points[None], scene, scales.length)
+        branch = scene.cell.nearest_image_displacements(points[some, None] - points[None]) / scales.length
         r = np.linalg.norm(branch, axis=2)
         r[np.arange(len(some)), some] = np.inf
         push = np.zeros_like(r)
@@ -78,14 +80,6 @@ def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> It
         yield BranchesAndForces(here[some], branch * scales.length, forces * scales.force)
 
 
-def _nearest_image_branches(branches: np.ndarray, scene: Scene, unit: float) -> np.ndarray:
-    """In a periodic cell, displacements from the nearest images; in units of a length [m]."""
-    if scene.cell.periods is None:
-        return branches
-    periods = np.array(scene.cell.periods) / unit
-    return np.asarray(branches - periods * np.round(branches / periods))
-
-
 def iterate_wall_forces(
     scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: float | None = None
 ) -> BranchesAndForces:
@@ -95,16 +89,18 @@ def iterate_wall_forces(
     if piston_height is None:
         piston_height = np.nan if scene.piston is None else scene.piston.height
     sides = zip(scene.cell.lines, system.constants.acting.sides, strict=True)
-    acting = [(line, side.law) for line, side in sides if side.law is not None]
-    moments = relative_magnetic_moments(scene)[here]
+    acting = [(line, side) for line, side in sides if side.law is not None]
+    moments, (x, y) = relative_magnetic_moments(scene)[here], np.array(points.T / scales.length)
     branches, forces = np.zeros((2, len(here), len(acting), 2))
-    for k, (line, law) in enumerate(acting):
-        w = line.distances(points, piston_height)
-        along = (points - line.origin(piston_height)) @ line.tangent / scales.length
-        normal, tangential = _wall_force_components(law, w / scales.length, along, system.species[here])
-        branches[:, k] = w[:, None] * line.normal
-        forces[:, k] = normal[:, None] * line.normal + tangential[:, None] * line.tangent
-    forces *= moments[:, None, None]
+    for k, (line, side) in enumerate(acting):
+        law = side.law
+        if getattr(law, "species", None) is not None:
+            law = law._replace(species=system.species[here])
+        pushes, seen = np.zeros((3, len(here))), side._replace(law=law)
+        height = 0.0 if line.body == CELL else piston_height / scales.length
+        evaluate_wall_forces(seen, x, y, height, moments, pushes)
+        branches[:, k] = line.distances(points, piston_height)[:, None] * line.normal
+        forces[:, k] = pushes[:2].T
     return BranchesAndForces(here, branches, forces * scales.force)
 
 
@@ -183,28 +179,6 @@ def _contact_pair_forces(law: Any, r: np.ndarray, first: np.ndarray, second: np.
         )
         push[i, j] = _callable_kernel(contact.hertz_force)(spring, overlap[i, j])
     return push
-
-
-def _wall_force_components(
-    law: Any, w: np.ndarray, along: np.ndarray, species: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Force on grains of moment 1 away from the wall, and along it."""
-    from granular.effects import wall_discs, wall_slab
-
-    if isinstance(law, wall_discs.DiscWall):
-        seen = zip(species.tolist(), w.tolist(), along.tolist(), strict=True)
-        forces = [wall_discs.energy_and_forces(law.tables, *grain)[1:] for grain in seen]
-        normal, tangential = np.array(forces).reshape(-1, 2).T
-        return normal, tangential
-    if not isinstance(law, wall_slab.SlabWall):
-        force = _callable_kernel(type(law).force)
-        return np.array([force(law, width) for width in w], dtype=float), np.zeros(len(w))
-    normal, tangential = np.zeros((2, len(w)))
-    for start, end in zip(law.starts, law.ends, strict=True):
-        for k, (width, position) in enumerate(zip(w, along, strict=True)):
-            normal[k] += wall_slab.normal_force(width, position - start, end - position)
-            tangential[k] += wall_slab.tangential_force(width, position - start, end - position)
-    return normal, tangential
 
 
 @cache

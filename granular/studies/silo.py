@@ -135,7 +135,7 @@ class SiloFlow(NamedTuple):
         return arrays | {"factor": factor, "margin": margin}
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the flow rates over the openings, and the law; clogged flows as crosses.
+        """Draw the flow rates over the openings, and the law; clogged flows as crosses at 0.
 
         Parameters
         ----------
@@ -151,9 +151,10 @@ class SiloFlow(NamedTuple):
 
         ax = axes_or_new(ax)
         widths = self.openings / self.diameter
-        for mask, mark, words in ((~self.clogged, "o", "flows to the end"), (self.clogged, "x", "clogs")):
-            index = np.nonzero(mask & np.isfinite(self.rates))
-            ax.plot(widths[index[0]], self.rates[index], mark, color=COLOURS[0], label=words)
+        rates = np.where(self.clogged, 0.0, self.rates)
+        for mask, mark, words in ((~self.clogged, "o", "flows"), (self.clogged, "x", "clogged")):
+            index = np.nonzero(mask)
+            ax.plot(widths[index[0]], rates[index], mark, color=COLOURS[0], label=words)
         across = np.linspace(0.0, 1.05 * float(widths.max()), 200)
         ax.plot(across, self.predict(across * self.diameter), color=COLOURS[1], label="fitted law")
         ax.set(xlabel="opening [D]", ylabel="flow rate [grains/s]")
