@@ -87,12 +87,37 @@ def add_normal_wall_forces(
     law: Any, count: int, moments: Float[Array, "m"] | None, view: WallView, normal: Float[Array, "m"]
 ) -> int:
     """Add the forces of a wall by a law of the distance alone; fill in ``normal`` [F*]."""
+    # Upright and level walls by one coordinate: with both, a step of 92 grains took some 2 % longer.
+    if view.ny == 0.0:
+        return _add_forces_along_axis(law, count, moments, view.x, view.fx, view.nx, view.offset, normal)
+    if view.nx == 0.0:
+        return _add_forces_along_axis(law, count, moments, view.y, view.fy, view.ny, view.offset, normal)
     outside = 0
     for i in range(count):
         w = distance_from_wall(view, i)
         normal[i] = force_at_distance(law, w) * value_or_one(moments, i)
         view.fx[i] += view.nx * normal[i]
         view.fy[i] += view.ny * normal[i]
+        outside += _is_behind(law, w)
+    return outside
+
+
+@compiled(inline=True)
+def _add_forces_along_axis(
+    law: Any,
+    count: int,
+    moments: Array | None,
+    position: Array,
+    force: Array,
+    sign: float,
+    offset: float,
+    normal: Array,
+) -> int:
+    outside = 0
+    for i in range(count):
+        w = sign * position[i] - offset
+        normal[i] = force_at_distance(law, w) * value_or_one(moments, i)
+        force[i] += sign * normal[i]
         outside += _is_behind(law, w)
     return outside
 
