@@ -253,12 +253,15 @@ def _solve_dashpots(
 ) -> float:
     """Fill in the mean forces of dashpots in a cell of the acceleration ``push``; that on the whole [F*]."""
     changes, drags, matrix, links = scratch.changes, scratch.drags, scratch.matrix, law.links
-    drags[:] = 0.0
+    for b in range(drags.size):
+        drags[b] = 0.0
     if not law.dashed:
         return 0.0
     own = dt * (push - base) if law.moves else 0.0
-    matrix[:] = 0.0
-    changes[:] = 0.0
+    for b in range(changes.size):
+        changes[b] = 0.0
+        for other in range(changes.size):
+            matrix[b, other] = 0.0
     for b in range(PISTON, changes.size):
         matrix[b, b] = 1.0
         if b > PISTON or free:
@@ -309,16 +312,22 @@ def _solve_in_place(matrix: Float[Array, "b b"], values: Float[Array, "b"]) -> N
 
 
 @compiled
-def _kick_in_cell(
-    law: BodyLaw, scratch: BodyScratch, push: float, dt: float, bed: Bed, free: bool, opens_step: bool
-) -> None:
-    """Kick grains and bodies in a cell of the acceleration ``push``; fill in the forces of guides."""
-    state, constants, rows = bed.state, bed.constants, law.rows
+def _kick_grains_in_cell(scratch: BodyScratch, push: float, dt: float, bed: Bed, opens_step: bool) -> None:
+    state, constants = bed.state, bed.constants
     for i in range(constants.grains):
         state.fy[i] = scratch.push[i] - value_or_one(constants.masses, i) * push
     kick_grains(dt, bed, opens_step)
     for i in range(constants.grains):
         state.fy[i] = scratch.push[i]
+
+
+@compiled
+def _kick_in_cell(
+    law: BodyLaw, scratch: BodyScratch, push: float, dt: float, bed: Bed, free: bool, opens_step: bool
+) -> None:
+    """Kick grains and bodies in a cell of the acceleration ``push``; fill in the forces of guides."""
+    _kick_grains_in_cell(scratch, push, dt, bed, opens_step)
+    state, rows = bed.state, law.rows
     for b in range(PISTON, rows.masses.size):
         if b == PISTON and not free:
             continue
@@ -345,9 +354,10 @@ def _secant_factor(first: float, second: float) -> float:
 @compiled
 def _store_velocities(scratch: BodyScratch, bed: Bed) -> None:
     state, constants = bed.state, bed.constants
-    scratch.before[:] = state.bodies[:, SPEED]
-    scratch.guides[:] = 0.0
-    scratch.ledger[:] = state.ledger
+    for b in range(scratch.before.size):
+        scratch.before[b], scratch.guides[b] = state.bodies[b, SPEED], 0.0
+    for k in range(state.ledger.size):
+        scratch.ledger[k] = state.ledger[k]
     for i in range(constants.grains):
         scratch.push[i] = state.fy[i]
         scratch.speeds[0, i], scratch.speeds[1, i] = state.vx[i], state.vy[i]
@@ -356,8 +366,10 @@ def _store_velocities(scratch: BodyScratch, bed: Bed) -> None:
 @compiled
 def _restore_velocities(scratch: BodyScratch, bed: Bed) -> None:
     state, constants = bed.state, bed.constants
-    state.bodies[:, SPEED] = scratch.before
-    state.ledger[:] = scratch.ledger
+    for b in range(scratch.before.size):
+        state.bodies[b, SPEED] = scratch.before[b]
+    for k in range(state.ledger.size):
+        state.ledger[k] = scratch.ledger[k]
     for i in range(constants.grains):
         state.vx[i], state.vy[i] = scratch.speeds[0, i], scratch.speeds[1, i]
 
