@@ -152,7 +152,7 @@ def _residuals(given: Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarr
     ]
 
     def residuals(theta: np.ndarray) -> np.ndarray:
-        values, _, _, z0, v0, hidden = unknowns.physical_values(theta)
+        values, z0, v0, hidden = unknowns.physical_values(theta)
         calls.of_a_solution = 0
 
         def rates(t: float, state: np.ndarray) -> list[Any]:

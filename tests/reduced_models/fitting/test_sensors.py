@@ -122,7 +122,7 @@ def test_a_filter_is_exact_between_grid_points(derivative: int, kind: str, order
     sample = np.linspace(0.0, 1.99, 777)
     point = (sample / step).astype(int)
     tables = sensor_signal_tables(sensor, StepGrid(step, 128), sample / step - point, np.zeros(777))
-    result = solution_signal(motion, step, point, derivative, tables, np.zeros((order, 1)), 0.0, 1.0)
+    result = solution_signal(motion, step, point, derivative, tables, np.zeros((order, 1)))
     corner = 2.0 * math.pi * 9.0
     bottom = [1.0, corner] if order == 1 else [1.0, 0.8 * corner, corner**2]
     top = [corner**order] if kind == "low_pass" else [1.0] + [0.0] * order
