@@ -321,6 +321,9 @@ class Host(MovingFrameEffect):
                 raise FieldError(unknown_word_message(other.side, tuple(sides), "side of the cell"), *path)
             if other.side is not None and [further.side for further in self.pistons].count(other.side) > 1:
                 raise FieldError("moves with another one already; give another side", *path)
+            line = next((line for line in cell.lines if line.name == other.side), None)
+            if line is not None and not line.is_level:
+                _check_inclined_side(line.name, others, *path)
         walls: Any = others.get("walls")
         if walls is not None and walls.has_gap:
             raise FieldError("cannot carry a cell with a gap", "effects", self.key)
@@ -404,3 +407,17 @@ class Host(MovingFrameEffect):
             entry=LOSSES + context.indices[self.key],
             laws=1 + max(context.indices.values()),
         )
+
+
+def _check_inclined_side(side: str, others: Mapping[str, Effect], *path: str) -> None:
+    """Refuse forces along a side that moves with a further piston, which its balance does not have."""
+    walls: Any = others.get("walls")
+    wall = None if walls is None else getattr(walls, side)
+    if wall is not None and (wall.own is not None or wall.law in ("slab", "discs")):
+        raise FieldError(
+            f"is not level, and its wall {wall.law!r} pushes along itself; take 'infinite' or "
+            "'experimental', or a level side",
+            *path,
+        )
+    if "wall_friction" in others:
+        raise FieldError("is not level, and nothing may rub at it; take effects.wall_friction away", *path)

@@ -72,11 +72,14 @@ class SiloFlow(NamedTuple):
 
     @property
     def law(self) -> tuple[float, float]:
-        """Factor C and margin k of the fitted law, by least squares over all flows that did not clog."""
+        """Factor C and margin k of the fitted law, by least squares over all flows that did not clog.
+
+        Not numbers if fewer than two openings flow.
+        """
         # Linear in sqrt(g/D) C: (Q / sqrt(g/D))^(2/3) = C^(2/3) (b/D - k).
         flows = ~self.clogged & np.isfinite(self.rates)
         if len(set(np.nonzero(flows)[0])) < 2:
-            raise InputError("fewer than two openings flow to the end; give wider ones")
+            return np.nan, np.nan
         widths = np.broadcast_to(self.openings[:, None] / self.diameter, self.rates.shape)[flows]
         roots = (self.rates[flows] / np.sqrt(self.gravity / self.diameter)) ** (2.0 / 3.0)
         slope, intercept = np.polyfit(widths, roots, 1)
@@ -112,7 +115,8 @@ class SiloFlow(NamedTuple):
             rates = self.rates[index][np.isfinite(self.rates[index])]
             mean = f"{rates.mean():.1f}" if len(rates) else "-"
             scatter = f"{rates.std(ddof=1):.1f}" if len(rates) > 1 else "-"
-            law = f"{self.predict(np.array([opening]))[0]:.1f}"
+            predicted = self.predict(np.array([opening]))[0]
+            law = f"{predicted:.1f}" if np.isfinite(predicted) else "-"
             clogs = f"{self.clogged[index].sum()} of {len(self.clogged[index])}"
             rows.append([f"{opening / self.diameter:g} D", mean, scatter, law, clogs])
         return rows
@@ -120,7 +124,10 @@ class SiloFlow(NamedTuple):
     def __str__(self) -> str:
         factor, margin = self.law
         head = ["opening", "grains/s", "sd", "law", "clogged"]
-        return f"{align_columns([head, *self.rows()])}\nQ = {factor:.3f} sqrt(g/D) (b/D - {margin:.2f})^(3/2)"
+        law = f"Q = {factor:.3f} sqrt(g/D) (b/D - {margin:.2f})^(3/2)"
+        if not np.isfinite(factor):
+            law = "no law: fewer than two openings flow"
+        return f"{align_columns([head, *self.rows()])}\n{law}"
 
     def to_plain(self) -> dict[str, Any]:
         """Figures as plain data, in SI.
@@ -132,7 +139,8 @@ class SiloFlow(NamedTuple):
         """
         factor, margin = self.law
         arrays = {name: value.tolist() for name, value in self._asdict().items() if hasattr(value, "tolist")}
-        return arrays | {"factor": factor, "margin": margin}
+        known = np.isfinite(factor)
+        return arrays | {"factor": factor if known else None, "margin": margin if known else None}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the flow rates over the openings, and the law; clogged flows as crosses at 0.
@@ -255,7 +263,8 @@ def _measured_flow(run: Trajectory) -> tuple[float, bool, int]:
     times, count = run.dataset["departure_time"].values, run.scene.grains.count
     first, last = round(FIRST * count), round(LAST * count)
     end = float(run.dataset["time"].values[-1])
-    clogged = len(times) < last and end - float(times[-1] if len(times) else 0.0) > STILL
+    pauses = np.diff([0.0, *times[:last], *([] if len(times) >= last else [end])])
+    clogged = bool(pauses.max() > STILL)
     last = min(last, len(times) - 1)
     rate = (last - first) / (times[last] - times[first]) if last > first + 5 else np.nan
     return float(rate), clogged, len(times)

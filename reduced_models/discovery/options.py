@@ -75,9 +75,12 @@ class DiscoveryOptions:
         if self.height == "auto":
             return None
         wrong = f"height = {quote(self.height)}; give 'auto' or a straight line in z, as '0.06 + 1e-3*z'"
-        if not isinstance(self.height, str):
+        if not isinstance(self.height, str) or not self.height.strip() or ";" in self.height:
             raise InputError(wrong)
-        parsed = parse_equation(f"z'' = 0; height = {self.height}")
+        try:
+            parsed = parse_equation(f"z'' = 0; height = {self.height}")
+        except InputError:
+            raise InputError(wrong) from None
         line = (0, 1) if parsed.line is None else parsed.line
         if parsed.parameters or (parsed.line is None and parsed.observations["height"] != parsed.symbol_z):
             raise InputError(wrong)

@@ -139,10 +139,12 @@ def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
 
     def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         assert own is not None
-        strength = guesses.amplitude * guesses.frequency**2 / size
+        draws = own(guesses, random, count)
+        # In the coordinate of the law's text.
+        strength = guesses.amplitude * guesses.frequency**2 / (size * draws.get("scale", 1.0))
         logarithm = random.uniform(-2.0 * _SPREAD, 0.0, count)
         sign = np.where(random.uniform(size=count) < 0.5, -1.0, 1.0)
-        return {**own(guesses, random, count), gain: sign * strength * np.exp(logarithm)}
+        return {**draws, gain: sign * strength * np.exp(logarithm)}
 
     return dataclasses.replace(
         law,

@@ -93,7 +93,7 @@ def _duffing_oscillator(values: Mapping[str, float]) -> DuffingVanDerPolOscillat
 
 
 def _van_der_pol_like_oscillator(values: Mapping[str, float]) -> DuffingVanDerPolOscillator:
-    alpha, square, scale = values["alpha"], values["omega"] ** 2, values["scale"]
+    alpha, square, scale = values["alpha"], values["omega"] ** 2, values.get("scale", 1.0)
     level = values["g0"] / square
     decay, tilt = alpha * (level**2 - 2.0 * level), 2.0 * alpha * (level - 1.0) / scale
     return DuffingVanDerPolOscillator(square, 0.0, decay, tilt, alpha / scale**2)

@@ -140,7 +140,8 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
     left, right = motion[0] if motion else (None, None)
     names = {"z", *hidden, *inputs, TIME}
     parameters = tuple(name for name in trees.names if name not in names)
-    line, written = _height_line(observations.get("height"), parameters), hidden
+    line = _height_line(observations.get("height"), parameters) if motion else None
+    written = hidden
     if line is not None:
         shift, scale = line
         inverse = {z: (z - shift) / scale, v: v / scale}
@@ -159,7 +160,7 @@ def _height_line(height: Any, parameters: Collection[str]) -> tuple[Any, Any] | 
     import sympy
 
     z = sympy.Symbol("z")
-    if height is None or height == z:
+    if height is None or height == z or not height.has(z):
         return None
     line = height.subs(z, 0), height.diff(z)
     known = {sympy.Symbol(name) for name in parameters}

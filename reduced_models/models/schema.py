@@ -321,6 +321,11 @@ def _with_map_in_law(data: Mapping[str, Any]) -> dict[str, Any]:
         raise _wrong_value_error("model.map.scale", 0.0, "another number")
     if not line["fitted"] and values == {"shift": 0.0, "scale": 1.0}:
         return result
+    if set(values) & {*(result.get("parameters") or ())}:
+        raise InputError(
+            "the data are those of an earlier version's model whose law has a parameter shift or scale "
+            "beside its map; fit the law again"
+        )
     text = "height = shift + scale*z"
     given = {name: (value, value) for name, value in values.items()}
     for key, more in (("parameters", values), ("intervals", given), ("units", dict.fromkeys(values, "m"))):

@@ -367,3 +367,19 @@ def natural_far(scene: Scene) -> FarFieldSettings:
 
 def test_the_packaged_scenes_name_no_host() -> None:
     assert load_scene("damper").effects.host is None
+
+
+@pytest.mark.parametrize(
+    ("effects", "words"),
+    [
+        ({"walls": {"left": {"law": "slab", "length": "20 D"}}}, "its wall 'slab' pushes along itself"),
+        ({"walls": {"left": {"law": "discs", "pitch": "1.3 D"}}}, "its wall 'discs' pushes along itself"),
+        ({"wall_friction": {"coefficient": 0.2}}, "nothing may rub at it"),
+    ],
+)
+def test_a_further_piston_takes_no_force_along_an_inclined_side(effects: dict[str, Any], words: str) -> None:
+    host = {"mount": "base", "pistons": [{"name": "ram", "mass": 0.3, "side": "left"}]}
+    host["springs"] = [{"upper": "ram", "stiffness": 2000.0}]
+    scene = load_scene("bed")
+    with pytest.raises(SceneError, match=words):
+        scene.replace(**{f"effects.{key}": value for key, value in effects.items()}, **{"effects.host": host})

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from granular import Scene, load_scene
 from granular.shared.errors import InputError
-from granular.studies.silo import SiloFlow, silo, with_opening
+from granular.studies.silo import SiloFlow, _measured_flow, silo, with_opening
 
 D, G = 6e-3, 9.8
 
@@ -27,9 +29,26 @@ def test_fit_finds_the_law_that_rates_follow(clogged: int) -> None:
     np.testing.assert_allclose(flow.predict(flow.openings[-1:]), flow.rates[-1, 0], rtol=1e-9)
 
 
-def test_law_needs_two_openings_that_flow() -> None:
-    with pytest.raises(InputError, match="give wider ones"):
-        made_flow(0.2, 1.5, 5).law  # noqa: B018 (it raises)
+def test_rates_are_shown_where_too_few_openings_flow_for_a_law() -> None:
+    flow = made_flow(0.2, 1.5, 5)
+    assert np.isnan(flow.law).all()
+    assert "no law: fewer than two openings flow" in str(flow)
+    assert f"{flow.rates[-1, 0]:.1f}" in str(flow)
+    assert flow.to_plain()["factor"] is None
+
+
+def test_a_stop_of_a_second_is_a_clog_also_if_the_flow_goes_on() -> None:
+    early, late = np.arange(30) / 20.0, 5.0 + np.arange(100) / 20.0
+    for times, clogged in ((np.concatenate([early, late]), True), (late - 5.0, False), (early[:20], True)):
+        run = SimpleNamespace(
+            dataset={name: SimpleNamespace(values=values) for name, values in _dataset(times).items()},
+            scene=SimpleNamespace(grains=SimpleNamespace(count=200)),
+        )
+        assert _measured_flow(run)[1] == clogged  # type: ignore[arg-type]
+
+
+def _dataset(times: np.ndarray) -> dict[str, np.ndarray]:
+    return {"departure_time": times, "time": np.array([0.0, times[-1] + 2.0])}
 
 
 def small_silo() -> Scene:

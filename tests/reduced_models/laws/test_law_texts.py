@@ -206,6 +206,12 @@ def test_a_law_of_another_coordinate_is_one_of_the_height(line: str) -> None:
     assert law.sympy_hidden() == plain.sympy_hidden()
 
 
+def test_a_prescribed_stroke_has_no_line_to_the_height() -> None:
+    law = law_from_text("force = c*z' + k*z; height = a + b*z")
+    assert law.parsed_equation.line is None
+    assert law.observations == ("force", "height")
+
+
 @pytest.mark.parametrize("line", ["z**2", "z + w", "shift + scale*z'"])
 def test_a_height_that_is_no_line_is_only_observed(line: str) -> None:
     law = Law("observed", f"z'' = -k*z - w; w' = z' - w; height = {line}")

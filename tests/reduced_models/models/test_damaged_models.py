@@ -185,6 +185,9 @@ def test_a_map_beside_the_law_becomes_part_of_it(fitted: bool) -> None:
     swing = np.exp(-0.8 * time) * (np.cos(fast * time) + 0.8 / fast * np.sin(fast * time))
     np.testing.assert_allclose(model.simulate(time).height, 0.06 + 0.002 * swing, atol=1e-10)
     assert ReducedModel.from_plain(model.to_plain()).to_plain() == model.to_plain()
+    plain["parameters"] = plain["parameters"] | {"scale": 1.0}
+    with pytest.raises(InputError, match="a parameter shift or scale beside its map"):
+        ReducedModel.from_plain(plain)
 
 
 def test_python_of_a_model_holds_no_code_of_its_names(tmp_path: Path) -> None:
