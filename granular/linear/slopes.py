@@ -144,8 +144,9 @@ def _number_keys(plain: Any, path: str) -> list[str]:
     if isinstance(plain, list):
         return [key for index, part in enumerate(plain) for key in _number_keys(part, f"{path}.{index}")]
     # Magnets of a row that touch leave no room for a smaller pitch.
+    # One corner of a polygon alone would leave its neighbours behind.
     counts = isinstance(plain, float) and plain != 0.0 and not path.endswith((".share", ".pitch"))
-    return [path] if counts and ".excitation." not in path else []
+    return [path] if counts and ".excitation." not in path and not path.startswith("cell.sides.") else []
 
 
 def _relative_change(rest: Equilibrium, key: str) -> float:

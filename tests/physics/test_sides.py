@@ -11,6 +11,7 @@ import pytest
 
 from granular import Scene, evaluate, load_scene, simulate
 from granular.linear.equilibrium import equilibrium_from
+from granular.linear.slopes import number_keys
 from granular.observables.interactions import iterate_wall_forces
 from granular.schema.natural_units import Scales
 from granular.shared.errors import SceneError
@@ -186,6 +187,9 @@ def test_force_on_a_wedge_shaped_piston_is_the_slope_of_the_energy() -> None:
     ]
     slope = (energies[0] - 8.0 * energies[1] + 8.0 * energies[2] - energies[3]) / (12.0 * step)
     assert evaluate(scene, places).piston_force == pytest.approx(-slope, rel=1e-8)
+    keys = number_keys(scene)  # of slopes: no corner alone
+    assert "cell.separation" in keys
+    assert not any(key.startswith("cell.sides") for key in keys)
 
 
 def funnel(opening: float, count: int, law: Any = "slab", **changes: Any) -> Scene:
