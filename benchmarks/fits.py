@@ -32,7 +32,7 @@ class Truth(NamedTuple):
 
 
 TRUTHS = {
-    "van-der-pol-like": Truth({"alpha": 0.17, "omega": 1.05, "g0": -1.0}, 1.0),
+    "van-der-pol-like": Truth({"alpha": 0.17, "omega": 1.05, "g0": -1.0, "shift": 0.0, "scale": 1.0}, 1.0),
     "linear": Truth({"lam": 0.05, "omega": 1.05, "g0": -1.0}, 1.0),
     "duffing": Truth({"lam": 0.05, "k": 1.1025, "rest": 0.5, "beta": 0.8}, 2.0),
     "polynomial-spring": Truth({"lam": 0.05, "k1": 1.1, "rest": 0.5, "k2": -0.3, "k3": 0.3}, 2.5),

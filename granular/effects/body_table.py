@@ -13,9 +13,8 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.excitation import ExcitationLaw
-from granular.kernel_data.state import HEIGHT, LOSSES, SPEED, Bed, State
+from granular.kernel_data.state import CELL, HEIGHT, LOSSES, PISTON, SPEED, Bed, State
 from granular.pairs.grain_arrays import value_or_one
-from granular.schema.cell import CELL, PISTON
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int

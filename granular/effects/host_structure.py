@@ -21,9 +21,9 @@ from granular.effects.effect import Effect, EffectContext, RecordedVariable, ene
 from granular.effects.excitation import Excitation
 from granular.effects.force_effect import ForceEffect
 from granular.effects.moving_frame_effect import MovingFrameEffect
-from granular.kernel_data.state import LOSSES
+from granular.kernel_data.state import CELL, LOSSES, PISTON
 from granular.schema.apparatus import Grains, Piston
-from granular.schema.cell import CELL, PISTON, Cell
+from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError, unknown_word_message
 from granular.schema.natural_units import Scales
 from granular.schema.sections import (

@@ -24,10 +24,10 @@ from granular.effects.slide import drag_flow_coefficients, move_with_drag, slide
 from granular.effects.wall_side import PARALLEL, Side
 from granular.effects.walls import natural_sides
 from granular.kernel_data.constants import relative_moments
-from granular.kernel_data.state import LOSSES, Bed
+from granular.kernel_data.state import CELL, LOSSES, Bed
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Grains, Piston
-from granular.schema.cell import CELL, Cell, SideLine
+from granular.schema.cell import Cell, SideLine
 from granular.schema.field_kinds import FieldError
 from granular.schema.sections import quantity
 

@@ -24,8 +24,9 @@ from granular.effects.wall_infinite import InfiniteWall
 from granular.effects.wall_kernels import WallLaws
 from granular.effects.wall_side import Side
 from granular.effects.wall_slab import SlabWall
+from granular.kernel_data.state import CELL
 from granular.schema.apparatus import Grains, Piston
-from granular.schema.cell import CELL, ROUNDING, Cell, SideLine
+from granular.schema.cell import Cell, SideLine
 from granular.schema.field_kinds import FieldError, FieldKind, NestedSectionKind, at_key, unknown_word_message
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section, quantity, section_field, text_field
@@ -308,7 +309,7 @@ def _check_slab(wall: Wall, line: SideLine, height: float) -> None:
 
 def _check_leaves_opening_free(wall: Wall, line: SideLine) -> None:
     """Check that the force of a wall ends with its side, if its line may cross an opening."""
-    if line.body == CELL and wall.law != "slab" and abs(line.normal[1]) > ROUNDING:
+    if line.body == CELL and wall.law != "slab" and not line.is_upright:
         raise FieldError(
             f"{wall.law!r} has no end, and would close the opening of the cell; take 'slab', or let the "
             "sides meet",

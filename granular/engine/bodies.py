@@ -41,8 +41,10 @@ from granular.engine.grain_kicks import kick_grains
 from granular.kernel_data.compensated_summation import compensated_sum
 from granular.kernel_data.constants import BodyResistance
 from granular.kernel_data.state import (
+    CELL,
     HEIGHT,
     HEIGHT_ROUNDING,
+    PISTON,
     PISTON_LOSS,
     SPEED,
     SPEED_ROUNDING,
@@ -52,7 +54,6 @@ from granular.kernel_data.state import (
 )
 from granular.pairs.grain_arrays import value_or_one
 from granular.protocol.piston_motion import TABLE, Motion, driven_height_and_velocity, outer_force_on_piston
-from granular.schema.cell import CELL, PISTON
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -13,11 +13,10 @@ from granular.compiled.hook_calls import greatest_of_hooks
 from granular.effects.body_table import BodyLaw
 from granular.effects.wall_kernels import add_body_stiffness
 from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import Bed, Measurement
+from granular.kernel_data.state import CELL, PISTON, Bed, Measurement
 from granular.pairs.dipole_law import head_on_frequency_squared
 from granular.pairs.near_law import NearLaw, squared_collision_frequency
 from granular.protocol.piston_motion import Motion
-from granular.schema.cell import CELL, PISTON
 
 _squared_impact_frequency = greatest_of_hooks("squared_head_on_impact_frequency", "speed constants")
 

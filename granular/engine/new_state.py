@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.kernel_data.constants import EffectLaws
-from granular.kernel_data.state import HEIGHT, LOSSES, Measurement, StageSlopes, State
+from granular.kernel_data.state import HEIGHT, LOSSES, PISTON, Measurement, StageSlopes, State
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_coordinates, partial_sum_buffers
 from granular.pairs.mesh_far_field import far_field_state
 from granular.pairs.near_law import near_law_workspace
 from granular.pairs.stripes import stripes_workspace
 from granular.pairs.verlet_list import verlet_list_workspace
-from granular.schema.cell import PISTON
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -11,10 +11,22 @@ from granular.compiled import Array, compiled
 from granular.effects.wall_kernels import force_on_body
 from granular.engine.bodies import piston_energy, record_external_work, upward_acceleration
 from granular.engine.forces import compute_and_measure_forces, compute_forces
-from granular.kernel_data.state import HEIGHT, SPEED, VX, VY, WORK, Bed, Measurement, StageSlopes, State, X, Y
+from granular.kernel_data.state import (
+    HEIGHT,
+    PISTON,
+    SPEED,
+    VX,
+    VY,
+    WORK,
+    Bed,
+    Measurement,
+    StageSlopes,
+    State,
+    X,
+    Y,
+)
 from granular.pairs.grain_arrays import value_or_one
 from granular.protocol.piston_motion import Motion, driven_height_and_velocity, outer_force_on_piston
-from granular.schema.cell import PISTON
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -29,6 +29,7 @@ from granular.kernel_data.state import (
     HEIGHT,
     LONGEST,
     LOSSES,
+    PISTON,
     PISTON_LOSS,
     SHORTEST,
     SPEED,
@@ -40,7 +41,6 @@ from granular.kernel_data.state import (
     State,
 )
 from granular.protocol.piston_motion import Motion
-from granular.schema.cell import PISTON
 
 if TYPE_CHECKING:
     from jaxtyping import Float

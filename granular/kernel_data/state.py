@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 X, Y, VX, VY = range(4)
 """Rows of what is kept of the grains: positions and velocities together."""
 
+CELL, PISTON = range(2)
+"""Rows of a state's bodies, as `granular.schema.cell` counts them; further pistons follow."""
+
 HEIGHT, SPEED, HEIGHT_ROUNDING, SPEED_ROUNDING = range(4)
 """Entries of a body; the first rows are `granular.schema.cell.BODIES`, behind them follow all others."""
 

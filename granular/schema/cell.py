@@ -72,6 +72,11 @@ class SideLine:
         """True if the side is horizontal."""
         return abs(self.normal[0]) < ROUNDING
 
+    @property
+    def is_upright(self) -> bool:
+        """True if the side is vertical."""
+        return abs(self.normal[1]) <= ROUNDING
+
     def origin(self, height: float) -> Point:
         """Point from which places along the side count, with the piston at a height [m]."""
         return (self.point[0], self.point[1] + (height if self.body == PISTON else 0.0))

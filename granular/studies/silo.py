@@ -30,12 +30,13 @@ if TYPE_CHECKING:
 
     from granular.run.trajectory import Trajectory
 
+__all__ = ["SiloFlow", "silo", "with_opening"]
+
 FIRST, LAST = 0.1, 0.5
 """Fractions of the grains that have left between which the flow rate is taken."""
 
 STILL = 1.0
 """Time without a grain that leaves after which an opening counts as clogged [s]."""
-
 
 STEP = "auto*4"
 """Step of the discharge: the energy ledger closes to 1e-5 of the energy turned over."""
