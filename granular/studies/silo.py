@@ -239,8 +239,12 @@ def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: 
     (0.09, 0.0)
     """
     gravity = scene.effects.gravity
-    if gravity is None or min(openings, default=0.0) <= 0.0 or starts < 1:
-        raise InputError("a silo needs effects.gravity, openings above 0 m and at least one start")
+    if gravity is None:
+        raise InputError("the scene has no effects.gravity, which a silo needs; add it")
+    if min(openings, default=0.0) <= 0.0:
+        raise InputError(f"openings = {list(openings)} m; give one or more, each above 0 m")
+    if starts < 1:
+        raise InputError(f"starts = {starts}; give 1 or more")
     flows = [
         [_measured_flow(run) for run in _discharges(scene, openings, seed, progress)]
         for seed in range(1, starts + 1)
