@@ -123,9 +123,9 @@ def entry(function: Any = None, *, inline: bool = False) -> Any:
 
 
 def _compile_kernel(function: Any, **options: Any) -> Any:
-    # ``contract`` allows a b + c in one rounding and nothing else: with reordered sums one thread and several
-    # would not have the same bits, and compensated sums would be lost.
-    kernel = numba.njit(error_model="numpy", nogil=True, fastmath={"contract"}, **options)(function)
+    # No ``fastmath``: with reordered sums one thread and several would not have the same bits, and compensated
+    # sums would be lost; a b + c in one rounding would depend on which calls were put into their callers first.
+    kernel = numba.njit(error_model="numpy", nogil=True, **options)(function)
     # What stands elsewhere is not in the digest of the sources, and is compiled in every process.
     if isinstance(kernel, CPUDispatcher) and function.__module__.startswith(f"{PACKAGE.name}."):
         cache_kernel(kernel)

@@ -26,7 +26,6 @@ Kernel = Callable[..., Any]
 OPTIONS: dict[str, Any] = {
     "error_model": "numpy",
     "nogil": True,
-    "fastmath": {"contract"},
     "forceinline": True,
 }
 """Options for a user's functions: those of `granular.compiled.compiled` with ``inline``."""

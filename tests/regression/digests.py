@@ -2,7 +2,7 @@
 
 ``python -m tests.regression.digests`` computes them and writes tests/data/digests.json, with the
 processor and the versions that they were made with. Another processor rounds differently (one
-without fused multiplications, for instance, by 1e-14 of the positions), and then only the figures
+without vectors of eight numbers, for instance, by 1e-14 of the positions), and then only the figures
 next to the digests are compared.
 """
 
