@@ -123,8 +123,8 @@ def entry(function: Any = None, *, inline: bool = False) -> Any:
 
 
 def _compile_kernel(function: Any, **options: Any) -> Any:
-    # No ``fastmath``: with reordered sums one thread and several would not have the same bits, and compensated
-    # sums would be lost; a b + c in one rounding would depend on which calls were put into their callers first.
+    # No ``fastmath``: with reordered sums one thread and several would not have the same bits, and
+    # compensated sums would be lost; a b + c in one rounding would depend on the order of inlining.
     kernel = numba.njit(error_model="numpy", nogil=True, **options)(function)
     # What stands elsewhere is not in the digest of the sources, and is compiled in every process.
     if isinstance(kernel, CPUDispatcher) and function.__module__.startswith(f"{PACKAGE.name}."):
